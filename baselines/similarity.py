@@ -1,8 +1,8 @@
 """The scale of a scenario's motion, by which controllers that were tuned on the paper's experiment drive any robots.
 
 Two scenarios that differ only in the units of length and time are the same task, so a controller must drive them alike:
-each of its numbers that has a unit is its value in the experiment times powers of the two factors that are found here.
-In the paper's own scenarios both are exactly 1.
+each of its numbers that has a unit is its value in the experiment times powers of the two factors that are computed
+here. In the paper's own scenarios both are exactly 1.
 """
 
 import math

@@ -46,12 +46,12 @@ Table = Mapping[str, Sequence[Any]]
 
 
 def load() -> dict[str, Table]:
-    """Tables by name."""
+    """Return the stored tables by name."""
     return json.loads(STORE.read_text(encoding="utf-8")) if STORE.exists() else {}
 
 
 def made_now() -> dict[str, Table]:
-    """Tables that are not stored: entries of an observation, terms of the reward, columns of the score, the gist."""
+    """Return the tables that are not stored: observation entries, reward terms, score columns, and the gist."""
     from lissajous_env.parameters.scenario import Task
     from lissajous_env.settings.checks import meanings
     from lissajous_env.world import columns, observation, reward

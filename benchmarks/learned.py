@@ -45,7 +45,7 @@ COLUMNS = {"detection_time_mean": "detection [s]", "collisions": "collisions", "
 
 
 def candidates(scenario: str, worlds: int) -> dict[str, Policy]:
-    """Policies that play a scenario, by their names in the table."""
+    """Return the policies that play a scenario, by their names in the table."""
     made = lissajous_env.scenario(scenario)
     found = {LEARNED[scenario]: baselines.make(LEARNED[scenario], made, worlds)}
     found |= {name: baselines.make(name, made, worlds) for name in OTHERS[scenario]}

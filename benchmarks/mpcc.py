@@ -55,7 +55,7 @@ class Model:
         return r, d, ca.sqrt(ca.sumsqr(d))
 
     def rates(self, z, u):
-        """Time derivative (5,) of a state under a control, (12) and (14)."""
+        """Return the time derivative (5,) of a state under a control, (12) and (14)."""
         p = self.p
         return ca.vertcat(
             z[3] * ca.cos(z[2]),
@@ -66,7 +66,7 @@ class Model:
         )
 
     def advanced(self, z, u):
-        """State (5,) a stage later: one Runge-Kutta step."""
+        """Return the state (5,) a stage later: one Runge-Kutta step."""
         h = self.p.step
         k1 = self.rates(z, u)
         k2 = self.rates(z + h / 2 * k1, u)
@@ -75,13 +75,13 @@ class Model:
         return z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
     def errors(self, z, rate):
-        """Errors (3,) of a state whose weighted squares are its cost: of the phase rate, lag and lateral."""
+        """Return the errors (3,) of a state whose weighted squares are its cost: of the phase rate, lag and lateral."""
         r, d, speed = self._curve(z[4])
         off, t = z[:2] - r, d / speed
         return ca.vertcat(rate - z[3] / speed, t[0] * off[0] + t[1] * off[1], t[0] * off[1] - t[1] * off[0])
 
     def summed(self, X, U, rate):
-        """(11a) of states (5, M + 1) and controls (2, M)."""
+        """Return (11a) of states (5, M + 1) and controls (2, M)."""
         weights = ca.vertcat(1, self.p.weight_lag, self.p.weight_lateral)
         cost = sum(ca.dot(weights, self.errors(X[:, i], rate) ** 2) for i in range(X.shape[1]))
         return cost + self.p.weight_steering * ca.sumsqr(U[0, :]) + self.p.weight_throttle * ca.sumsqr(U[1, :])
@@ -130,7 +130,7 @@ class Ipopt(Model):
         }
 
     def solve(self, state, phase_rate, guess):
-        """Cost and controls (M, 2) that IPOPT finds from the guess."""
+        """Return cost and controls (M, 2) of IPOPT from the guess."""
         M = self.p.stages
         x0 = np.r_[self.rollout(state, guess).ravel(), np.ravel(guess)]
         found = self.solver(x0=x0, p=np.r_[state, phase_rate], **self.bounds)

@@ -14,7 +14,7 @@ Times = list[float]
 
 
 def microseconds(step: Callable[[], object], calls: int) -> float:
-    """Mean time of a call."""
+    """Return the mean time of a call [us]."""
     begin = time.perf_counter()
     for _ in range(calls):
         step()

@@ -54,7 +54,7 @@ def two_level_interval(
     seed: int = 0,
     cut: float = CUT,
 ) -> tuple[float, float]:
-    """Percentile bootstrap interval of the interquartile mean over trainings and the seeds that they all played.
+    """Return the percentile bootstrap interval of the interquartile mean over trainings and the seeds that all played.
 
     Trainings and seeds are both samples. If only one of them were drawn again, the interval would be too short: A. B.
     Owen, "The Pigeonhole Bootstrap" (Annals of Applied Statistics, 2007).

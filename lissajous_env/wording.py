@@ -60,7 +60,7 @@ def where_raised(error: BaseException) -> str:
     user's code is among the callers.
     """
     words = str(error).strip().partition("\n")[0]
-    frames = [] if isinstance(error, SyntaxError) else traceback.extract_tb(error.__traceback__)  # says where
+    frames = [] if isinstance(error, SyntaxError) else traceback.extract_tb(error.__traceback__)  # names the place
     others = [frame for frame in frames if not siblings.is_ours(frame.filename) and _IMPORTS not in frame.filename]
     own = [frame for frame in others if not frame.filename.startswith(_INSTALLED)] or others
     place = f" ({os.path.basename(own[-1].filename)}, line {own[-1].lineno})" if own else ""

@@ -27,9 +27,10 @@ def train(
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
-    """Train a policy, or with `--side rogues` targets that hide from the robots of a policy, or both in turn.
+    """Train a policy of the robots; with `--side rogues`, train targets that hide from robots; with `--league`, both.
 
-    A training may be interrupted or killed at any moment; the same command resumes it from its last checkpoint.
+    A *rogue* is a target that is controlled by an adversary. A training may be interrupted or killed at any moment; the
+    same command resumes it from its last checkpoint.
 
     Example:
         lissajous train --scenario intruders --out runs/intruders
@@ -56,14 +57,16 @@ def train(
             options scenario, set, seed, out, layers, activation, gamma, evaluation_episodes, device, threads, and
             those of this group except rogues.
         rogues: rogues that move the targets while robots are trained: names, or folders of learned rogues. Of several,
-            one is drawn at random for each target; one that is given twice has two shares.
+            one is drawn at random for each target; one that is given twice is drawn twice as often.
         against: policies of the robots from which rogues learn to hide: names, or folders of checkpoints. The
-            environments are divided among several; one that is given twice has two shares.
-        rogue_rounds: rounds of imitation of a rogue with foresight, 48 by default.
-        rogue_steps: rogue steps of PPO after the imitation, none by default.
+            environments are divided among several policies; one that is given twice has two shares.
+        rogue_rounds: rounds in which rogues imitate a rogue that knows the robots' future; more rounds make better
+            rogues, 48 take some minutes and are the default.
+        rogue_steps: rogue steps of PPO after the imitation; none by default, because they gain less than more rounds.
         rogue_starts: rogues per episode, each with a start of its own, 96 by default.
-        league: rounds in which rogues learn against a mixture of all teams so far, then a team against a mixture of all
-            rogues so far; the first ones are those of `against` and `rogues`. The other options apply to each training.
+        league: number of rounds; in each, rogues learn against a mixture of all teams so far, then a team against a
+            mixture of all rogues so far. `against` and `rogues` name those before the first round. The other options
+            apply to each training.
         output: Console output.
         overrides: fields changed in the scenario, as in --set task.reward_collision=-5 targets.count=5
     """

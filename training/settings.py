@@ -64,7 +64,8 @@ class TrainingSettings:
     episodes of a group end, it plays the next scenario. By default 32 or, if that does not divide `worlds`, the largest
     smaller number that does. Used only for a space."""
     short: float = 0.0
-    """Fraction of the worlds whose episodes end after `short_time`: the beginning of an episode is learned better."""
+    """Fraction of the worlds whose episodes end after `short_time`; a larger one trains the beginning of episodes more
+    often."""
     short_time: float = 3.0
     """Duration of the episodes of these worlds [s]."""
     seed: int = 0
@@ -79,16 +80,17 @@ class TrainingSettings:
     of harmonics), kuramoto for points; for a space of scenarios, sweep for cars. The policy then starts as good as the
     base."""
     base_parameters: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE ...", help_behavior_hint="")] = ()
-    """Parameters of the base that are not to be its defaults, as in cruise=1.9 inset=0.1; by default those of the base
-    of `start`, if that is used."""
+    """Changed parameters of the base, as in cruise=1.9 inset=0.1; by default those of the base of `start`, if the base
+    is that one."""
     residual: float = 0.5
     """Factor of the network's output if there is a base: 0.5 lets it change an action by half of its range."""
     initial_output: tuple[float, ...] = ()
     """Mean of the network's output at the start, a number for each component of an action; about 0 by default. A base
-    that regulates a speed compensates small outputs, so that a policy that starts there does not learn to drive faster.
+    that controls a speed compensates small outputs, so from 0 a policy does not learn to drive faster than the base.
     """
     residual_penalty: float = 0.0
-    """Penalty per step and mean square of the network's output if there is a base: a large one keeps it close."""
+    """Penalty per step and mean square of the network's output if there is a base; a large one makes the policy act
+    almost like the base."""
     teacher: str | None = None
     """Policy to imitate; `none` disables imitation. By default none with `start` or a base, otherwise kuramoto for
     points and arc-mpcc (arc-gvf on a curve of harmonics) for cars."""
@@ -137,8 +139,8 @@ class TrainingSettings:
     log_std: float = -0.7
     """Logarithm of the initial standard deviation of the exploration noise."""
     log_std_end: float | None = -1.2
-    """The same at the end of the training, to which it decreases linearly; None: it is learned. Less noise at the end
-    matters because a saved policy acts without noise."""
+    """Logarithm of this standard deviation at the end of the training, to which it decreases linearly; None: the
+    deviation is learned. Less noise at the end matters because a saved policy acts without noise."""
     noise_steps: int | None = None
     """Steps for which a robot uses the same random function of its inputs as noise (gSDE); 1: independent noise in
     each step. By default 30 with a base, otherwise 1; always 1 with ray."""

@@ -1,4 +1,4 @@
-"""Bounds of theory on the scores of a scenario, and the best that is known to be reached."""
+"""Theoretical bounds on the scores of a scenario, and the best known values."""
 
 import math
 from contextlib import suppress

@@ -24,12 +24,12 @@ def summarize_censored(
     unbounded: Sequence[bool] | np.ndarray,
     seed: int = 0,
 ) -> Statistics:
-    """Return statistics of times; of a censored or unbounded time it is only known that it is at least this long.
+    """Return statistics of times; a censored or unbounded time is at least this long.
 
-    `iqm`, `low` and `high` are those of the censored estimate. Where the middle half of the episodes is not known to
-    its upper end, `at_least` is true and `iqm` is the interquartile mean of the times as they are, a lower bound; where
-    that holds for 2.5 % of the bootstrap resamples or more, `high` is infinite. The other statistics are of the times
-    as they are.
+    `iqm`, `low` and `high` are those of the censored estimate. If the upper end of the middle half of the episodes is
+    not known, `at_least` is true and `iqm` is the interquartile mean of the observed times, a lower bound; if this is
+    so in 2.5 % of the bootstrap resamples or more, `high` is infinite. The other statistics are of the times as they
+    are.
 
     Args:
         times: Times, by episode; NaN for none.

@@ -61,10 +61,10 @@ class Clairvoyant:
         self._simulation = simulation
 
     def reset(self, worlds: Any = None) -> None:
-        """Forget nothing: all that it knows is the state of this moment."""
+        """Forget nothing: it reads only the state of this moment."""
 
     def act(self, observation: Any) -> Any:
-        """Actions (W, N, action_size) for the state of the simulation that it watches."""
+        """Return the actions (W, N, action_size) for the state of the simulation that it observes."""
         seen = self._simulation
         if seen is None:
             raise ValueError(f"{NAME} must watch a simulation before it acts")
@@ -85,12 +85,12 @@ class Clairvoyant:
         return self._action
 
     def _waiting(self, places: np.ndarray) -> np.ndarray:
-        """Goals (W, N, 2) of cars that wait, each at the place that is nearest [m]."""
+        """Return the goals (W, N, 2) of waiting cars, for each the nearest place to wait [m]."""
         chosen = assigned(np.linalg.norm(places[:, :, None] - self._homes, axis=-1))
         return self._homes[chosen]
 
     def _along_the_curve(self, goals: np.ndarray, has_goal: np.ndarray, phase: np.ndarray) -> np.ndarray:
-        """Phase rates (W, N, 1) to the nearest place of the curve that has the goal in sight, or else comes nearest."""
+        """Return phase rates (W, N, 1) to the nearest place of the curve with the goal in sight, or closest to it."""
         made = self.scenario
         rate_max = float(made.robot.phase_rate_max or 1.0)
         action = np.full((*phase.shape, 1), made.formation.phase_rate / made.alpha / rate_max, np.float32)

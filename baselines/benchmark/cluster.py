@@ -2,7 +2,7 @@
 
 The driver alone writes the journal, a batch at a time, when it has come back whole. So the loss of a worker, of a node
 or of the driver itself costs the batches that were being played, and these are played again: no episode is lost or
-doubled. Machines of one kind give the rows of the engine `local`, bit for bit.
+doubled. Machines of one kind return the rows of the engine `local`, bit for bit.
 """
 
 import contextlib
@@ -82,10 +82,10 @@ def _join(ray: Any, address: str) -> None:
 def play_all(
     settings: Benchmark, work: list[tuple[Cell, list[int]]], kept: results_folder.Episodes, progress: Progress
 ) -> list[Failure]:
-    """Play what is left over a cluster and keep each batch when it comes; return the policies that failed.
+    """Play the remaining episodes on a cluster, and store each batch when it arrives; return the policies that failed.
 
     A policy that raises, or whose batch has lost its worker again and again, fails; its other batches that ended are
-    kept, and the other policies go on.
+    stored, and the other policies continue.
 
     Args:
         settings: What is played.

@@ -112,7 +112,7 @@ def seed_by_seed(rows: Iterable[dict[str, Any]], against: str | None = None) -> 
     """Compare all policies of each scenario with its reference, on the seeds that both have played.
 
     A worst-case undetected time of an open episode is worse than any other, and two of them are equal. A time that was
-    still growing at the end is only known to be worse than a shorter one; otherwise the two count as equal.
+    still growing at the end counts as worse than a shorter one; otherwise the two count as equal.
     """
     found: Against = {}
     for scenario, policies in grouped(rows).items():

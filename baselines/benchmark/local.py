@@ -25,7 +25,7 @@ class _Stopped(BaseException):
 def play_all(
     settings: Benchmark, work: list[tuple[Cell, list[int]]], kept: results_folder.Episodes, progress: Progress
 ) -> list[Failure]:
-    """Play what is left and keep each batch when it has ended; return the policies that failed.
+    """Play the remaining episodes, and store each batch when it has ended; return the policies that failed.
 
     Args:
         settings: What is played.
@@ -63,7 +63,7 @@ def play_all(
             while left and not stopped.is_set():
                 try:
                     cell, numbers = left.popleft()
-                except IndexError:  # another thread has taken the last
+                except IndexError:  # another thread plays the last one
                     return
                 play_cell(cell, numbers)
         except _Stopped:  # the thread that stopped this one raises its own error

@@ -3,9 +3,9 @@
 R. Gorsane et al., "Towards a Standardised Performance Evaluation Protocol for Cooperative MARL" (NeurIPS 2022). A
 policy that is not trained has one evaluation, `step_0`, and its runs are its episodes, each named by its seed.
 
-marl-eval wants the same policies, runs and metrics throughout an environment. So each scenario is an environment of its
-own, with all its policies; and where there is more than one scenario of a kind of robot, these are an environment too,
-of the policies that played all of them.
+marl-eval requires the same policies, runs and metrics throughout an environment. So each scenario is an environment of
+its own, with all its policies; and where there is more than one scenario of a kind of robot, these are an environment
+too, of the policies that played all of them.
 """
 
 import json
@@ -29,7 +29,8 @@ def as_marl_eval(rows: Rows, scenarios: Mapping[str, Scenario]) -> str:
 
 
 def _environment(played: Mapping[str, Mapping[str, Rows]]) -> dict[str, Any]:
-    """An environment of the seeds that all policies have on all scenarios; `played` has rows by policy and scenario."""
+    """Return an environment of the seeds that all policies played on all scenarios; `played` has rows by policy,
+    scenario."""
     seeds = set.intersection(*({row["seed"] for row in rows} for of in played.values() for rows in of.values()))
     kept = [row for of in played.values() for rows in of.values() for row in rows if row["seed"] in seeds]
     names = numbers_of(kept[0]) if kept else ()

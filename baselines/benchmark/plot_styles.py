@@ -77,8 +77,8 @@ def style_at(place: int) -> PlotStyle:
 def styles_of(played: Iterable[str]) -> dict[str, PlotStyle]:
     """Return how each policy is drawn; one with a filter is drawn as the same without.
 
-    The standard policies always have the same style. Any other has a place by its name, and takes a later one only if
-    the style, or while some are free the colour, is that of another policy that is drawn.
+    The standard policies always have the same style. Any other policy has a style by its name, and a later one only if
+    another policy in the picture has that style or, while some colours are free, that colour.
     """
     policies = list(played)
     plain = dict.fromkeys(unwrapped(policy)[0] for policy in policies)

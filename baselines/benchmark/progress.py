@@ -13,14 +13,14 @@ from rich.text import Text
 _EVERY = 0.1
 """Time between two updates of the bar [s]; drawing it more often would slow down short steps."""
 _FIRST = 2.0
-"""Time after which a guess of the time left is worth a word [s]."""
+"""Time after which the remaining time is shown [s]."""
 
 
 class Clock(bars.ProgressColumn):
-    """Time gone and time left, in words; what is left is said once there is something to judge by."""
+    """Elapsed and remaining time, in words; the remaining time is shown as soon as it can be estimated."""
 
     def render(self, task: bars.Task) -> Text:
-        """Words for a task; its field `left` says what is left where the pace so far does not tell."""
+        """Return words for a task; its field `left` is the remaining work if the pace so far does not determine it."""
         gone, done, left = task.elapsed or 0.0, task.completed, task.fields.get("left")
         words = in_words(gone)
         if left is not None:
@@ -43,7 +43,7 @@ def in_words(seconds: float) -> str:
 
 
 def bar(console: Console, name: bars.ProgressColumn | None, *numbers: bars.ProgressColumn) -> bars.Progress:
-    """Bar in a terminal, nothing elsewhere; where it is narrow the bar itself goes first, then the name."""
+    """Return a bar for a terminal, and none elsewhere; a narrow terminal omits first the bar itself, then the name."""
     shown = [name] if name is not None and console.width >= 80 else []
     shown += [bars.BarColumn(bar_width=None)] if console.width >= 100 else []
     return bars.Progress(
@@ -120,7 +120,7 @@ class Progress:
             self._bar.update(self._task, completed=self._gone(), done=self._done)
 
     def end(self, cell: Any, word: str = "") -> None:
-        """Show that a cell is over; a word says how, if not well."""
+        """Show that a cell is over; a word states how, if not well."""
         with self._lock:
             this = self._cells[id(cell)]
             self._total -= (this.left - this.played) * this.steps
@@ -132,7 +132,7 @@ class Progress:
                 self._console.print(f"{this.name}: {word or counted}, {took:.1f} s", highlight=False, soft_wrap=True)
 
     def _gone(self) -> int:
-        """Return the steps taken so far in all worlds."""
+        """Return the number of steps so far in all worlds."""
         return sum(cell.played * cell.steps + cell.steps_done for cell in self._cells.values())
 
     def __enter__(self) -> "Progress":

@@ -14,21 +14,21 @@ _HOST_AND_PORT = re.compile(r"(?P<client>ray://)?(?P<host>\[[\w.:%]+\]|[\w.-]+):
 
 
 def check(address: str | None) -> None:
-    """Refuse what no cluster can be found by; None starts one.
+    """Reject an address that cannot be one of a cluster; None starts one.
 
     Raises:
-        ValueError: it is neither a word that Ray knows nor a host and a port.
+        ValueError: it is neither a word that Ray accepts nor a host and a port.
     """
     if address not in (None, "auto", "local"):
         _parts(address)
 
 
 def knock(address: str) -> None:
-    """Return when the cluster at an address has answered, which takes 10 s at most.
+    """Wait until the cluster at an address has answered, for 10 s at most.
 
     Raises:
-        ValueError: `auto` stands for what `RAY_ADDRESS` says, and that is no address.
-        ConnectionError: nobody is there, someone who is no Ray cluster, or one that asks for a token.
+        ValueError: it is `auto`, which stands for `RAY_ADDRESS`, and that is not an address.
+        ConnectionError: nothing answers, another program answers, or the cluster requires a token.
     """
     until = time.monotonic() + _PATIENCE
     if address == "auto":
@@ -40,13 +40,13 @@ def knock(address: str) -> None:
 
     is_client = address.startswith("ray://")
     try:
-        # Of this machine Ray takes another of its addresses.
+        # For this machine, Ray uses another of its addresses.
         asked = address.removeprefix("ray://") if is_client else canonicalize_bootstrap_address(address) or address
         socket.create_connection(_parts(asked if address == "auto" else address), _PATIENCE).close()
     except (OSError, UnicodeError) as error:
         raise ConnectionError(f"no Ray cluster answers at {address}: {error}") from error
     answer = _ask(asked, is_client, max(until - time.monotonic(), 1.0))
-    if answer is _WANTS_TOKEN and address != "auto":  # for a cluster that Ray finds itself, it finds the token as well
+    if answer is _WANTS_TOKEN and address != "auto":  # for a cluster that Ray selects itself, it also reads the token
         raise ConnectionError(f"the Ray cluster at {address} requires a token: set RAY_AUTH_MODE to token")
     if isinstance(answer, str):
         raise ConnectionError(f"a server answers at {address}, but it is not a Ray cluster: {answer}")
@@ -90,6 +90,6 @@ def _ask(address: str, is_client: bool, patience: float) -> object:
 
 
 def _generated(name: str) -> tuple[Any, Any]:
-    """Modules that gRPC has generated of one of Ray's interfaces: its messages, its services."""
+    """Return the modules that gRPC has generated for one of Ray's interfaces: its messages, its services."""
     messages, services = (importlib.import_module(f"ray.core.generated.{name}_{kind}") for kind in ("pb2", "pb2_grpc"))
     return messages, services

@@ -21,11 +21,11 @@ from lissajous_env.world.simulation import Simulation, fold_seed
 
 WORDS = ("none", "few", "each", "all")
 FEW_SECONDS = 6.0
-"""Time after which no further replays are begun where `few` are asked for [s]."""
+"""Time after which no further replays are begun with `few` [s]."""
 FEW_BYTES = 11e6
 """Size from which on none are added to those."""
 _TOGETHER = 4
-"""Episodes that are recorded together: each holds tens of megabytes while it is."""
+"""Episodes that are recorded together: each requires tens of megabytes meanwhile."""
 
 _T = TypeVar("_T")
 Key = tuple[str, str, int]
@@ -45,7 +45,7 @@ class Played:
 
 
 def check(asked: Sequence[str], cells: Iterable[Cell], seeds: range) -> None:
-    """Raise ValueError for a word that asks for nothing that is played."""
+    """Raise ValueError for a word that selects no episode."""
     names = {(cell.scenario.name, cell.policy) for cell in cells}
     for word in asked:
         if word in WORDS or (word.isascii() and word.isdecimal()):
@@ -58,7 +58,7 @@ def check(asked: Sequence[str], cells: Iterable[Cell], seeds: range) -> None:
 
 
 def chosen(asked: Sequence[str], ranked: Sequence[Mapping[str, Any]]) -> list[list[Key]]:
-    """Episodes to replay, in rounds: those of a round matter more than those of the next.
+    """Return the episodes to replay, in rounds; those of a round matter more than those of the next.
 
     Args:
         asked: As `Benchmark.replays` has them.
@@ -163,7 +163,8 @@ def _called(function: Callable[..., _T], *given: Any) -> Future[_T]:
 def record_together(
     cell: Cell, seeds: Sequence[int], device: Any = "cpu"
 ) -> list[tuple[Recording, witness.Played | None]]:
-    """Play some episodes of a cell side by side and record them, for rogues that know the future where they matter."""
+    """Play some episodes of a cell side by side and record them; where the rogue with foresight matters, with its
+    data."""
     policy = cell.factory(cell.scenario, len(seeds), device)
     simulation = Simulation(cell.scenario, policy.num_worlds, device=device)
     if isinstance(policy, Clairvoyant):
@@ -202,7 +203,7 @@ def _missed(cell: Cell, episodes: Sequence[witness.Played | None]) -> list[witne
 def _batches(
     keys: Sequence[Key], references: Mapping[str, str], rows: Mapping[Key, Any]
 ) -> Iterator[tuple[tuple[str, str], list[int]]]:
-    """Put episodes of a cell together, a few at a time after those that they stand beside; scenario by scenario."""
+    """Group episodes of a cell, a few at a time, after those beside which they are shown; scenario by scenario."""
     queues = []
     for scenario in dict.fromkeys(key[0] for key in keys):
         of, reference, queue = [key for key in keys if key[0] == scenario], references.get(scenario), []
@@ -232,7 +233,7 @@ def _agree(score: Mapping[str, Any], row: Mapping[str, Any]) -> bool:
 
 
 def _size(value: Any) -> int:
-    """About how many bytes something takes as JSON."""
+    """Return the approximate size of an object as JSON [bytes]."""
     if isinstance(value, str):
         return len(value) + 2
     if isinstance(value, Mapping):

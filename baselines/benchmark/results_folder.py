@@ -31,7 +31,7 @@ _ENTRIES = {"policies": dict, "episodes": int, "seed": int, "device": str, "vers
 
 
 NAMES = ("settings.json", "episodes.jsonl", detections.NAME)
-"""Files that are kept."""
+"""Files that are preserved."""
 _ROBOTS, _ROGUES = "robots of kind ", "rogues "
 _ADVICE = "choose another --out, or delete the folder"
 
@@ -43,7 +43,7 @@ def keep_settings(folder: Folder, settings: Benchmark, cells: Sequence[Cell]) ->
     a policy may change as long as the folder has no episode of it, so a policy that failed can be mended.
 
     Raises:
-        ValueError: the folder holds results of other settings (the message shows where they differ), or is damaged.
+        ValueError: the folder contains results of other settings (the message shows the differences), or is damaged.
     """
     path = folder.path / "settings.json"
     now = as_settings(settings, cells)
@@ -103,7 +103,7 @@ def as_settings(settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
 
 
 def _begun(folder: Folder) -> set[str]:
-    """Return the names of the policies of which the folder holds episodes."""
+    """Return the names of the policies of which the folder contains episodes."""
     with contextlib.closing(folder.journal("episodes.jsonl")) as journal:
         return {str(row.get("policy")) for row in journal.entries}
 
@@ -119,16 +119,16 @@ def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
 
 
 def scenarios_of(folder: Path, held: Mapping[str, Any]) -> dict[str, Scenario]:
-    """Make the scenarios that a folder's settings hold, by name.
+    """Make the scenarios in a folder's settings, by name.
 
     Raises:
-        ValueError: they are damaged: they cannot be made, or are not those whose digests stand beside them.
+        ValueError: they are damaged: they cannot be made, or do not match the stored digests.
     """
     made = {}
     for name, fields in held["scenarios"].items():
         try:
             made[name] = scenario_of(fields)
-            # What a scenario brings is told apart by what stands here; it is not imported.
+            # Extensions are identified by the stored entries; they are not imported.
             digest = digest_of(made[name].to_dict() | {"extensions": fields["extensions"]})
         except (TypeError, ValueError, KeyError, AttributeError, RecursionError) as error:
             raise _damaged(folder / "settings.json", f"scenarios.{name}: {error}") from error
@@ -141,7 +141,7 @@ class Episodes:
     """The score rows of the episodes that have ended, each on the disk once; `detections`, the times of their targets.
 
     Raises:
-        ValueError: the file is damaged or holds an episode that does not belong; file, line and value are named.
+        ValueError: the file is damaged or contains an episode of other settings; file, line and value are named.
     """
 
     def __init__(self, folder: Folder, held: Mapping[str, Any]):
@@ -165,7 +165,7 @@ class Episodes:
         return len(self._rows)
 
     def missing(self, cell: Cell, episodes: int) -> list[int]:
-        """Those of the first so many episodes of a cell that are not there yet, by number."""
+        """Return the numbers of those of the first `episodes` episodes of a cell that have not been played."""
         name = cell.scenario.name
         return [k for k in range(episodes) if (name, cell.policy, k) not in self._rows]
 
@@ -177,18 +177,18 @@ class Episodes:
         self._rows |= {_key(row): row for row in batch.rows}
 
     def of(self, cells: Iterable[Cell], episodes: int) -> list[dict[str, Any]]:
-        """Rows of the first so many episodes of some cells, by scenario, policy and episode."""
+        """Return the rows of the first episodes of some cells, by scenario, policy and episode."""
         keys = [(c.scenario.name, c.policy, k) for c in cells for k in range(episodes)]
         return [self._rows[key] for key in keys if key in self._rows]
 
     def all(self) -> list[dict[str, Any]]:
-        """All rows, by scenario, policy and episode, in the order of the folder's settings."""
+        """Return all rows, by scenario, policy and episode, in the order of the folder's settings."""
         places = [(s, p) for s, policies in self._held["policies"].items() for p in policies]
         order = {place: k for k, place in enumerate(places)}
         return [self._rows[key] for key in sorted(self._rows, key=lambda key: (order[key[:2]], key[2]))]
 
     def _brought(self, row: Any) -> list[str]:
-        """Columns that the scenario of a row brings."""
+        """Return the columns that the scenario of a row adds."""
         name = row.get("scenario") if isinstance(row, dict) else None
         held = self._held["scenarios"].get(name, {}) if isinstance(name, str) else {}
         return [each["name"] for each in held.get("extensions", ()) if each["kind"] == "score column"]
@@ -212,7 +212,7 @@ class Episodes:
 
 
 def read_settings(path: Path) -> dict[str, Any]:
-    """Read the settings that a folder holds.
+    """Read the settings in a folder.
 
     Raises:
         ValueError: they are damaged; the message names the entry.
@@ -248,7 +248,7 @@ def _key(row: Mapping[str, Any]) -> tuple[str, str, int]:
 
 
 def _differences(there: Any, now: Any, name: str = "") -> list[tuple[str, str, str]]:
-    """Entries that differ, as (dotted name, there, now); a scenario's words do not count."""
+    """Return the entries that differ, as (dotted name, stored, now); a scenario's description does not count."""
     if isinstance(there, dict) and isinstance(now, dict):
         names = [*there, *(key for key in now if key not in there)]
         names = [key for key in names if key != "description" or "played." in name or name.endswith(".parts")]

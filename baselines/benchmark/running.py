@@ -1,4 +1,5 @@
-"""The benchmark: any policies on any scenarios, the same seeds for all; it can be killed and goes on where it stopped.
+"""The benchmark: any policies on any scenarios, the same seeds for all; it can be killed at any time, and the same
+command resumes it.
 
 `episodes.jsonl` is the source of truth: a batch of episodes is on the disk before the next begins. All other files are
 made from it at the end.
@@ -49,13 +50,13 @@ def run(
     Args:
         settings: What to play.
         policies: Policies of your own by name, each a `factory(scenario, num_worlds, device)` or a policy that was made
-            for the one scenario. They are played on every scenario, beside those that `settings.policies` names.
-            Their names are kept with the results, and what tells their code from other code: `lissajous_env.identity`.
+            for the one scenario. They are played on every scenario, beside those that `settings.policies` names. Their
+            names are stored with the results, and data that identify their code: `lissajous_env.identity`.
         scenarios: Scenarios instead of the named ones.
         console: Where to print; `Console(quiet=True)` prints nothing.
 
     Raises:
-        ValueError: settings that cannot be played, or a folder that holds the results of others.
+        ValueError: settings that cannot be played, or a folder with the results of other settings.
     """
     return measure(settings or Benchmark(), policies, scenarios, console).rows
 
@@ -67,7 +68,7 @@ def measure(
     console: Console | None = None,
     progress: Console | None = None,
 ) -> Outcome:
-    """Do the same as `run`, and tell which policies failed as well; `progress` is shown on a console of its own."""
+    """Do the same as `run`, and also return the policies that failed; `progress` is shown on a console of its own."""
     settings.check()
     if scenarios is None:
         scenarios = [standard.as_played(each, settings.overrides) for each in settings.scenarios]
@@ -122,7 +123,7 @@ def plan(
     ]
     for name in others:
         if not any(name in registry.names(scenario) for scenario in made):
-            registry.make(name, made[0])  # says what is wrong with it
+            registry.make(name, made[0])  # names the defect
     cells = []
     for scenario in made:
         fitting = registry.names(scenario)
@@ -154,7 +155,7 @@ def plan(
 
 
 def _kind_of(folder: str) -> str | None:
-    """Kind of robot that the policy in a folder drives; None where the folder does not say, which playing it tells."""
+    """Return the kind of robot of a folder's policy; None if only playing the policy shows it."""
     try:
         return registry.home(folder).robot.kind
     except ValueError:
@@ -169,7 +170,7 @@ def _usual(names: Sequence[str], scenario: Scenario) -> list[str]:
 
 
 def _all(names: Sequence[str], scenario: Scenario) -> list[str]:
-    """Return the policies that are played where all are asked for.
+    """Return the policies that are played for `all`.
 
     Of those with the collision filter, the paper's method alone and what was made for this very scenario.
     """

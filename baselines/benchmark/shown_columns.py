@@ -30,7 +30,7 @@ OVER_LOWER_BOUND = Column(
     place=2,
     main=True,
 )
-"""Derived column; the bound holds for an expectation, so that the mean counts."""
+"""Derived column; the bound is one of an expectation, so that the mean counts."""
 TIME_OVER_BOUND = Column(
     "time_over_bound", "mean detection time of an episode over T_max", title="detection / T_max", better=-1
 )
@@ -63,7 +63,7 @@ RATIOS = (OVER_LOWER_BOUND, DETECTION_OVER_BEST, WORST_CASE_OVER_BOUND, WORST_CA
 OVER_SCENARIOS = RATIOS[1:]
 """Columns whose statistics are over scenarios, each with the mean over its seeds."""
 OVERALL = (OVER_LOWER_BOUND, TIME_OVER_BOUND, WITHIN_BOUND, COLLISIONS, SPACING, *OVER_SCENARIOS)
-"""Columns with the same meaning on every scenario, so that their episodes can be taken together."""
+"""Columns with the same meaning on every scenario, so that episodes of all scenarios can be combined."""
 SHOWN = tuple(
     sorted((each for each in (*COLUMNS.values(), OVER_LOWER_BOUND) if each.place), key=lambda each: each.place)
 )

@@ -1,6 +1,6 @@
 """The standard comparison: what `lissajous benchmark` plays where nothing is named, and what the README's table shows.
 
-The command, its report, the table of the documentation and the figures for papers all take it from here.
+The command, its report, the table of the documentation and the figures for papers all read it here.
 """
 
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ SCENARIOS = (
     "evaders", "evaders-failure", "evaders-lost", "evaders-fast", "team", "intruders", "intruders-inside", "rough",
     "redundant",
 )  # fmt: skip
-"""Those on which policies differ."""
+"""Scenarios on which policies differ."""
 
 POLICIES = (
     "kuramoto-mpcc", "kuramoto-mpcc-close", "open-loop-mpcc", "consensus-mpcc", "partition", "partition-repair",
@@ -28,7 +28,7 @@ their steps slower: a benchmark has a number for the guarantee on all of them.""
 
 
 def overrides_of(scenario: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields that a benchmark changes in a scenario, given by name: those asked for, and its grid."""
+    """Return the fields that a benchmark changes in a scenario, given by name: those of the settings, and its grid."""
     grid = {"task.contamination": GRIDS[scenario]} if scenario in GRIDS else {}
     return grid | dict(overrides)
 

@@ -67,7 +67,7 @@ class Paired:
 
 
 def interquartile_mean(values: Sequence[float] | np.ndarray) -> float:
-    """Mean of the middle half: of n sorted values, int(n / 4) are cut off at either end. NaN for no values."""
+    """Return the mean of the middle half: int(n / 4) of n sorted values are cut off at each end; NaN for no values."""
     ordered = np.sort(np.asarray(values, dtype=float))
     cut = int(CUT * len(ordered))
     return float(ordered[cut : len(ordered) - cut].mean()) if len(ordered) else np.nan
@@ -80,7 +80,7 @@ def bootstrap_interval(
     seed: int = 0,
     cut: float = CUT,
 ) -> tuple[float, float]:
-    """Percentile bootstrap interval of the interquartile mean of all values together.
+    """Return the percentile bootstrap interval of the interquartile mean of all values together.
 
     Episodes are drawn again within each stratum (a scenario), so that each keeps its share. NaN below two values.
     `cut` is the share that is left out at either end: with 0 the interval is that of the mean.
@@ -178,7 +178,7 @@ def middle_of(values: np.ndarray, confidence: float = 0.95) -> tuple[float, floa
 
 
 def summarize(*strata: Sequence[float] | np.ndarray) -> Statistics:
-    """Statistics of one score, over the episodes of one scenario or, stratified, of several."""
+    """Return the statistics of one score over the episodes of one scenario or, stratified, of several."""
     samples = [np.asarray(stratum, dtype=float) for stratum in strata]
     finite = [sample[np.isfinite(sample)] for sample in samples]
     values = np.concatenate(finite) if finite else np.empty(0)

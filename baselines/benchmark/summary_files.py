@@ -30,7 +30,7 @@ NAMES = ("episodes.csv", "summary.json", MARKDOWN, marl_eval.NAME, report_page.N
 
 
 def write_files(folder: Folder, outcome: Outcome, comparisons: Comparisons) -> None:
-    """Write episodes.csv, marl-eval.json, summary.json and table.md of all that the folder holds."""
+    """Write episodes.csv, marl-eval.json, summary.json and table.md of all episodes in the folder."""
     rows, scenarios = outcome.held_rows, outcome.held_scenarios
     folder.write("episodes.csv", as_csv(rows))
     summary = summarized(outcome, rows, comparisons)

@@ -103,7 +103,7 @@ def print_policies(
 
 
 def best_known_cell(column: Column, best_known: float) -> str:
-    """Return what the row `BEST_KNOWN` has in a column: the worst-case undetected time alone is known [s]."""
+    """Return what the row `BEST_KNOWN` has in a column: only its worst-case undetected time is stored [s]."""
     return number(best_known) if column is WORST_CASE else ""
 
 

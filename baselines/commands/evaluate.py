@@ -44,7 +44,8 @@ def evaluate(
 
     Args:
         names: scenarios (names, .toml files, module:attribute); then the policy: a name, the folder of a checkpoint or
-            of a plan, or module:factory. A folder alone is played on the scenario that its policy was made for.
+            of a plan, or module:factory. If only a folder is given, its policy is played on the scenario for which it
+            was made.
         episodes: number of episodes on each scenario; more of them narrow the intervals.
         seed: seed of episode 0; episode k has seed + k.
         batch: number of episodes that are played together; it changes the speed, not the results.

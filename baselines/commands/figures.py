@@ -40,7 +40,7 @@ def figures(
         Paths of the files.
 
     Raises:
-        ValueError: the folder holds no results, or a policy that was not played.
+        ValueError: the folder contains no results, or the policy was not played.
     """
     from baselines.benchmark import paper_figures, results_folder
     from baselines.benchmark.comparison import compare, with_derived

@@ -46,8 +46,8 @@ def guarantee(
 ) -> None:
     """Compute how fast a target must be to evade a formation for ever, and the worst-case undetected time of policies.
 
-    The critical speed is printed and drawn for a range of sensing radii. It holds for targets that know the robots'
-    future and are anywhere at the start.
+    The critical speed is printed and drawn for a range of sensing radii. It is the speed of targets that know the
+    robots' future and may start anywhere.
 
     Example:
         lissajous guarantee evaders --policies kuramoto-mpcc open-loop-mpcc

@@ -123,7 +123,7 @@ def _named_format(format: Format) -> list[str]:
 
 
 def _chosen(figures: Sequence[str]) -> list[str]:
-    """Names of the parts, in the order of the table."""
+    """Return the names of the parts, in the order of the table."""
     for name in figures:
         if name not in PARTS and name != "all":
             known = [*PARTS, "all"]

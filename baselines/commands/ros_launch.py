@@ -73,7 +73,7 @@ def launch(
         world = ["--seed", str(seed), "--pace", str(pace), *(["--out", str(out.resolve())] if out is not None else [])]
         world += [flag for flag, given in (("--json", output.json), ("--quiet", output.quiet)) if given]
         loss = 0.0 if lockstep else made.noise.message_loss
-        # A busy machine must not be taken for a jump of the clock.
+        # A delay on a busy machine must not count as a jump of the clock.
         robots = ["--policy", policy, "--message-loss", str(loss), "--clock-jump", "2", "--quiet"]
         robots += [] if pace == 1 else ["--ros-args", "-p", "use_sim_time:=true"]
         team = Team(made.num_robots, [*shared, *world], [*shared, *robots])

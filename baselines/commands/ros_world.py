@@ -1,4 +1,4 @@
-"""The command `lissajous ros world`: the simulation as stand-in for the robots' hardware, over ROS 2."""
+"""The command `lissajous ros world`: the simulation in place of the robots' hardware, over ROS 2."""
 
 from dataclasses import replace
 

@@ -31,8 +31,8 @@ def run(
 
     Args:
         scenario: name of a scenario, .toml file, or module:attribute.
-        policy: name of a policy, folder of a checkpoint or of a plan, or module:factory. A folder alone is played on
-            the scenario that its policy was made for.
+        policy: name of a policy, folder of a checkpoint or of a plan, or module:factory. If only a folder is given, its
+            policy is played on the scenario for which it was made.
         seed: seed of the episode; the same seed repeats it.
         device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf, .npz (a recording) or .mcap (a log of

@@ -45,7 +45,7 @@ wp.set_module_options(CONTRACTED)
 
 EARLY, SHIFT, KEEP, CLOSE = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
 """Initial guesses of the inputs: along the curve braking early, the last control shifted by the time since then, the
-control as it stands, close along the curve."""
+last control unchanged, close along the curve."""
 
 PROBE = wp.constant(0.13)
 """Share of the throttle's range by which `probe` opens it."""

@@ -37,7 +37,7 @@ class Speeds:
 class Table:
     """1 / ||r'(gamma)|| as cubic pieces over equal cells of gamma; their number is a power of two, `last` + 1.
 
-    The Runge-Kutta stages of gamma depend on one another, and a piece takes less time than sines, a root and a
+    The Runge-Kutta stages of gamma depend on one another, and evaluating a piece is faster than sines, a root and a
     quotient.
     """
 
@@ -92,7 +92,7 @@ class Stage:
 
 @wp.func
 def speeds_of(p: MpccStruct) -> Speeds:
-    """Runge-Kutta stages of v' = -c v + f over one step, per unit of v and of f."""
+    """Return the Runge-Kutta stages of v' = -c v + f over one step, per unit of v and of f."""
     h = p.step
     s = Speeds()
     s.weight = wp.vec4(h / 6.0, h / 3.0, h / 3.0, h / 6.0)
@@ -124,7 +124,8 @@ def frame_at(curve: CurveStruct, gamma: float) -> Frame:
 
 @wp.func
 def errors_at(frame: Frame, state: vec5, phase_rate: float) -> wp.vec3:
-    """Error of the phase rate, gamma' - v / ||r'|| of (15), lag error and lateral error (left of the curve above 0)."""
+    """Return the phase-rate error gamma' - v / ||r'|| of (15), lag error and lateral error (above 0 left of the
+    curve)."""
     off = wp.vec2(state[0], state[1]) - frame.point
     t = frame.tangent
     return wp.vec3(phase_rate - state[3] * frame.inverse, wp.dot(t, off), t[0] * off[1] - t[1] * off[0])
@@ -188,7 +189,7 @@ def cos_sin_4(heading: float, turned: wp.vec4):
 
 @wp.func
 def advance(p: MpccStruct, rk: Speeds, table: Table, state: vec5, control: wp.vec2) -> vec5:
-    """One Runge-Kutta step of (12), gamma' = v / ||r'(gamma)|| by (14) as its last row.
+    """Return the state after one Runge-Kutta step of (12), with gamma' = v / ||r'(gamma)|| by (14) as its last row.
 
     The model is smooth, so v may fall below 0; full braking leads to up to 0.13 m/s below it.
     """
@@ -218,7 +219,7 @@ def advance(p: MpccStruct, rk: Speeds, table: Table, state: vec5, control: wp.ve
 
 @wp.func
 def rate_by(v: float, inverse: wp.vec2, from_speed: float, from_push: float, by: wp.vec3) -> wp.vec3:
-    """Derivative of v / ||r'(gamma)|| by the start's gamma, speed and push, where `by` is that of gamma."""
+    """Return the derivative of v / ||r'(gamma)|| by gamma, speed and push at the start; `by` is that of gamma."""
     along = v * inverse[1]
     return wp.vec3(along * by[0], along * by[1] + from_speed * inverse[0], along * by[2] + from_push * inverse[0])
 

@@ -19,7 +19,7 @@ class Quadratic:
 
 @wp.func
 def times(q: Quadratic, u: vec5) -> vec5:
-    """V u."""
+    """Return V u."""
     return vec5(
         q.x[0] * u[0] + q.x[1] * u[1] + q.x[2] * u[2] + q.x[3] * u[3] + q.x[4] * u[4],
         q.x[1] * u[0] + q.y[0] * u[1] + q.y[1] * u[2] + q.y[2] * u[3] + q.y[3] * u[4],
@@ -31,7 +31,7 @@ def times(q: Quadratic, u: vec5) -> vec5:
 
 @wp.func
 def times3(q: Quadratic, u: wp.vec3) -> vec5:
-    """V (u, 0, 0)."""
+    """Return V (u, 0, 0)."""
     return vec5(
         q.x[0] * u[0] + q.x[1] * u[1] + q.x[2] * u[2],
         q.x[1] * u[0] + q.y[0] * u[1] + q.y[1] * u[2],
@@ -43,14 +43,14 @@ def times3(q: Quadratic, u: wp.vec3) -> vec5:
 
 @wp.func
 def transposed(stage: Stage, v: vec5) -> vec5:
-    """A^T v, where A is the stage's derivative by its state."""
+    """Return A^T v, where A is the stage's derivative by its state."""
     h = stage.by_heading
     return vec5(v[0], v[1], h[0] * v[0] + h[1] * v[1] + v[2], wp.dot(stage.by_speed, v), stage.by_gamma * v[4])
 
 
 @wp.func
 def pulled_back(q: Quadratic, stage: Stage) -> Quadratic:
-    """The same function of the stage's start: A^T s and A^T V A."""
+    """Return A^T s and A^T V A: the same function, of the stage's start."""
     h = stage.by_heading
     by_heading = times3(q, wp.vec3(h[0], h[1], 1.0))
     by_speed = transposed(stage, times(q, stage.by_speed))
@@ -67,7 +67,7 @@ def pulled_back(q: Quadratic, stage: Stage) -> Quadratic:
 
 @wp.func
 def add_outer(q: Quadratic, u: vec5, w: vec5) -> Quadratic:
-    """V + u w^T, where u w^T is one term of a symmetric sum."""
+    """Return V + u w^T, where u w^T is one term of a symmetric sum."""
     r = Quadratic()
     r.s = q.s
     r.x = q.x + u[0] * w

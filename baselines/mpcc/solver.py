@@ -9,10 +9,10 @@ gamma' = v / ||r'(gamma)|| by (14) as the last row:
 
 The errors are those of (x, y) relative to r(gamma), along and across the tangent there. Heading and gamma are not
 wrapped, and no point is projected on the curve, which crosses itself. The model is smooth and may predict a speed
-slightly below 0 (down to -0.13 m/s at the smallest throttle), where the simulated car would stand still.
+slightly below 0 (down to -0.13 m/s at the smallest throttle), where the simulated car would not move.
 
-Differs from the paper: gamma replaces the arc length s, which gives the same model without inverting (14); the inputs
-are summed up to M - 1, since those of stage M have no effect.
+Differs from the paper: gamma replaces the arc length s; this is the same model without inverting (14); the inputs are
+summed up to M - 1, since those of stage M have no effect.
 """
 
 from typing import Any, NamedTuple
@@ -120,7 +120,7 @@ class Mpcc(Copyable):
         self._work()
 
     def reset(self, mask: Any = None) -> None:
-        """Forget the warm starts of the problems in `mask`, (K,) booleans; None is all of them."""
+        """Delete the warm starts of the problems in `mask`, (K,) booleans; None deletes all of them."""
         if mask is None:
             self._begin.fill_(EARLY)
             return

@@ -1,4 +1,4 @@
-"""Commands of a car in physical units, made of an action by the functions by which the simulated car takes it."""
+"""Commands of a car in physical units, computed from an action by the functions of the simulated car."""
 
 from typing import Any, NamedTuple
 

@@ -58,10 +58,10 @@ class Message(NamedTuple):
 
 
 def seen_rows(name: str, given: Any, width: int) -> np.ndarray:
-    """Return what a sensor sees as rows (K, width).
+    """Return the objects that a sensor detects as rows (K, width).
 
     Raises:
-        ValueError: it has another shape, or does not hold numbers.
+        ValueError: it has another shape, or does not contain numbers.
     """
     try:
         rows = np.asarray(given, dtype=np.float32)

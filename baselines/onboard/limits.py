@@ -27,7 +27,7 @@ class Limits(Checked):
     a car needs to come back."""
     clock_jump: float | None = _limit("s")
     """Deviation of the time between two calls from a control step, and how far ahead of the own clock a time stamp may
-    be [s]; None means 2.5 control steps. A clock that stands still or goes back has jumped."""
+    be [s]; None means 2.5 control steps. A clock that stops or goes back counts as a jump."""
     silence: float | None = _limit("s")
     """Age of the last message of a ring neighbour [s], for policies that use messages; None means the age from which
     policies ignore a message, `Scenario.time_unit`. From the first call on, a neighbour that was not heard yet counts

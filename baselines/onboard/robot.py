@@ -21,7 +21,7 @@ from lissajous_env.wording import shown
 from lissajous_env.world.row_outside import RowOutside
 
 _MOST_STEPS = 10
-"""Largest number of steps that a policy takes in a call."""
+"""Largest number of a policy's steps in one call."""
 
 
 class Output(NamedTuple):
@@ -133,7 +133,7 @@ class Onboard:
 
         Args:
             odometry: The new pose and speed.
-            phase: Cosine and sine of the robot's phase, where it is known.
+            phase: Cosine and sine of the robot's phase, if it is known.
 
         Returns:
             The message; None for a pose that is not finite.

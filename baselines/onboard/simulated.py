@@ -38,9 +38,10 @@ def see_others(w: int, i: int, robots: Robots, others_out: wp.array(dtype=wp.vec
 
 
 def inputs_of(simulation: Simulation, robot: int, world: int = 0) -> Inputs:
-    """Return what a robot of a simulation on the CPU measures, hears and sees now; times count from the reset.
+    """Return the measurements, received messages and detections of a robot in a simulation on the CPU now; times count
+    from the reset.
 
-    `Onboard.act(*inputs_of(simulation, robot))` decides on the action that the policy takes in the simulation.
+    `Onboard.act(*inputs_of(simulation, robot))` computes the policy's action in the simulation.
 
     Raises:
         ValueError: a robot or a world that is not there, or a robot that has been removed.

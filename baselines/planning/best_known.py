@@ -1,9 +1,9 @@
-"""The best known plans of the included scenarios, from where these place the robots: folders in `known`.
+"""The best known plans of the included scenarios, with robots that start as in the scenario: folders in `known`.
 
 A folder is that of a plan, with the scenario as a benchmark plays it, and `found.toml`: the command that found the plan
-and its figures, those of its final episodes. The folder `NAME` has the shortest worst-case undetected time of whole
-episodes of the scenario NAME that is known without collisions; `NAME-settled` has that of their second halves, if it is
-another plan. `benchmarks/known.py` writes them.
+and its figures, those of its final episodes. The folder `NAME` contains the plan with the shortest known worst-case
+undetected time of whole episodes of the scenario NAME without collisions; `NAME-settled` has that of their second
+halves, if it is another plan. `benchmarks/known.py` writes them.
 """
 
 import math

@@ -23,7 +23,7 @@ def names(count: int) -> list[str]:
 
 
 def open_folder(path: Path) -> Folder:
-    """Open a folder for plans, so that it is known before the search that it can be written to.
+    """Open a folder for plans, to test before the search whether it can be written to.
 
     Raises:
         ValueError: it cannot be written to, or a file of a user has the name of one of the plans.

@@ -94,7 +94,7 @@ class Planned:
 
 
 def top_speed(task: Scenario) -> float:
-    """Return the top speed of the robots of a task [m/s]; NaN for models that do not tell."""
+    """Return the top speed of the robots of a task [m/s]; NaN for models that do not define it."""
     cars = like_cars(task)
     return robot_speed_limit(task) if cars is None else cars.robot.top_speed
 

@@ -121,7 +121,7 @@ class Search:
 
     @property
     def _is_met(self) -> bool:
-        """Return whether a plan was found that is enough."""
+        """Return whether a plan satisfies the required guarantee."""
         return any(self._is_enough(each) for each in self.finals)
 
     @property
@@ -131,7 +131,7 @@ class Search:
         return min(safe, default=math.inf)
 
     def _play_defaults(self, threads: ThreadPoolExecutor) -> None:
-        """Play the defaults to the end, except those that are found to be worse than another one before."""
+        """Play the defaults to the end, except those that turn out to be worse than another plan before."""
         tried = self._tried.get(DEFAULTS)
         if tried is None:
             return
@@ -277,7 +277,7 @@ class Search:
                 self.finals += [] if found is None else [found]
 
     def _may_begin(self) -> bool:
-        """Return whether there is time for final episodes that take as long as the longest so far."""
+        """Return whether there is time for final episodes of the longest duration so far."""
         if self._is_met:
             return False
         few = len(self.finals) < _FEWEST_FINALS and (self.interrupted or not self.finals)

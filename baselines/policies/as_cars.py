@@ -101,7 +101,7 @@ def as_car_of(scenario: Scenario) -> AsCar:
     """Return how the robots of a scenario move like cars.
 
     Raises:
-        ValueError: their model does not say.
+        ValueError: their model does not define this.
     """
     model = model_of(scenario.robot.kind)
     if model.as_car is None:

@@ -1,7 +1,7 @@
 """The base class of policies.
 
-A policy sees the observation and nothing else: what the action of a robot uses is that robot's own row, its own memory
-and the scenario. So any of them could run on a robot, and classical and learned ones are compared fairly.
+A policy receives the observation and nothing else: what the action of a robot uses is that robot's own row, its own
+memory and the scenario. So any of them could run on a robot, and classical and learned ones are compared fairly.
 """
 
 from collections.abc import Mapping
@@ -190,7 +190,7 @@ class Policy(Copyable):
             raise ValueError(f"observation must be finite, got {rows[w, i, k]} for {name} of robot_{i} in world {w}")
 
     def _let_decide(self, given: wp.array) -> None:
-        """Let the subclass decide on an array of its type, and keep in `action` what it returns."""
+        """Let the subclass decide on an array of its type, and store the result in `action`."""
         observation: Any = given
         if self.arrays == "numpy":
             observation = np.array(given.numpy())
@@ -214,7 +214,7 @@ def _copy(values: np.ndarray, rows_out: np.ndarray) -> None:
     if values.dtype == np.float32:
         np.copyto(rows_out, values)
     else:
-        with np.errstate(over="ignore"):  # beyond float32 is infinite, and found to be
+        with np.errstate(over="ignore"):  # a value beyond float32 is infinite, and rejected as such
             np.copyto(rows_out, values, casting="unsafe")
 
 

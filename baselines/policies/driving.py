@@ -42,13 +42,13 @@ def motor_rate(scenario: Scenario, rate: float) -> float:
 
 @wp.func
 def steady_speed(robot: RobotStruct) -> float:
-    """Steady speed of a car at full throttle [m/s], the unit of its observed speed."""
+    """Return the steady speed of a car at full throttle [m/s], the unit of its observed speed."""
     return (robot.drive * robot.throttle_max - robot.offset) / robot.drag
 
 
 @wp.func
 def throttle_for(robot: RobotStruct, speed: float, wanted_speed: float, rate: float) -> float:
-    """Throttle (c wanted + beta + rate (wanted - v)) / alpha, by (12): a proportional law, `rate` in [1/s]."""
+    """Return (c wanted + beta + rate (wanted - v)) / alpha, a throttle by (12): a proportional law, `rate` in [1/s]."""
     return (robot.drag * wanted_speed + robot.model_offset + rate * (wanted_speed - speed)) / robot.drive
 
 
@@ -62,7 +62,7 @@ def drive_towards(
     goal: wp.vec2,
     wanted_speed: float,
 ) -> wp.vec2:
-    """Action of a car towards a goal [m]: pure pursuit, delta = atan(2 l sin(e) / d), and a proportional speed law."""
+    """Return an action towards a goal [m]: pure pursuit, delta = atan(2 l sin(e) / d), and a proportional speed law."""
     away = goal - position
     distance = wp.max(wp.length(away), 2.0 * robot.wheelbase)
     bearing = wrap(wp.atan2(away[1], away[0]) - heading)
@@ -74,7 +74,7 @@ def drive_towards(
 
 @wp.func
 def twist_reached(robot: RobotStruct, steering: float, tau: float, speed: float, step: float) -> wp.vec2:
-    """Speed [m/s] of a car at the end of a step [s], and its yaw rate [rad/s] then, by (12)."""
+    """Return the speed [m/s] of a car at the end of a step [s], and its yaw rate [rad/s] at that time, by (12)."""
     push = motor_push(robot, robot.drive, tau)
     curvature = wp.tan(steering) / robot.wheelbase
     moved = car_step(robot, wp.vec4(0.0, 0.0, 0.0, speed), curvature, push, step)

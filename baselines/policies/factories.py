@@ -1,4 +1,4 @@
-"""Policies by what a person gives for one: a name, a folder, `module:factory`, or an object of Python."""
+"""Policies by the words with which a user names them: a name, a folder, `module:factory`, or an object of Python."""
 
 import contextlib
 import functools
@@ -20,7 +20,7 @@ Factory = Callable[[Scenario, int, Any], ActingPolicy]
 
 
 def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], str]:
-    """Scenarios and the one policy among some names, whatever their order; what names a scenario is one.
+    """Return the scenarios, and the one policy, of some names in any order; a name of both is a scenario.
 
     `module:attribute` can be either: where nothing else is the policy, the last of these is.
 
@@ -64,7 +64,7 @@ def as_factory(policy: Any, name: str) -> Factory:
     if not isinstance(policy, type) and _acts(policy):
         made_already = cast(ActingPolicy, policy)
         with contextlib.suppress(Exception):  # which is told when it is played
-            made_already.reset()  # what it remembers of earlier episodes does not make it another policy
+            made_already.reset()  # its memory of earlier episodes does not make it another policy
         return lambda *_: made_already
     if not callable(policy):
         raise ValueError(
@@ -94,7 +94,7 @@ def named(name: str) -> Factory:
 
 
 def parts(factory: Factory) -> dict[str, str]:
-    """Name the parts of a policy's factory that tell it from another one: `lissajous_env.identity.parts_of`."""
+    """Name the parts that identify a policy's factory: `lissajous_env.identity.parts_of`."""
     if isinstance(factory, functools.partial) and factory.func is _registered:
         return registry.parts(factory.args[0])
     return parts_of(factory)

@@ -1,10 +1,10 @@
 """Worst-case undetected time of evading targets while robots move ideally, on a coarse grid.
 
-A short computation in NumPy, for policies that compare many motions before an episode: each cell holds the earliest
-time at which a target can have been introduced that may be there now and was never detected. Where a cell is sensed
-there is none, and targets hop to neighbouring cells when they can have driven as far. The hops go to the four and to
-the eight nearest cells in turn, so that the reached octagon differs from a disc by 6 % at most. The contamination field
-of the simulation (`lissajous_env.world.contamination.field`) is finer, and is what scores are made of.
+A short computation in NumPy, for policies that compare many motions before an episode: each cell contains the earliest
+time at which a target that may be there now, undetected, can have appeared. Where a cell is sensed there is none, and
+targets hop to neighbouring cells when they can have driven as far. The hops go to the four and to the eight nearest
+cells in turn, so that the reached octagon differs from a disc by 6 % at most. The contamination field of the simulation
+(`lissajous_env.world.contamination.field`) is finer, and is what scores are made of.
 """
 
 import math
@@ -39,7 +39,8 @@ def worst_undetected_time(
         longest = field.longest
         if longest * step > limit:
             return math.inf
-        # Once all targets of the start are detected, the motion has to go on for the longest that others can hide.
+        # Once all targets of the start are detected, the motion must continue for the longest time for which others can
+        # hide.
         if field.cleared and now >= field.cleared_at + 2 * len(seen):
             return longest * step
     return math.inf
@@ -52,7 +53,7 @@ def coverage(loop: np.ndarray, half: tuple[float, float], radius: float, coarse:
         loop: (N, K, 2) places of the robots at each control step of a period [m].
         half: Half width and half height of the rectangle [m].
         radius: Sensing radius [m].
-        coarse: True to look at a quarter of the places at every second control step.
+        coarse: True to test only a quarter of the places, at every second control step.
     """
     field = _Field(half, radius, 0.0, field_cells=_MOST_CELLS // (4 if coarse else 1))
     every = 2 if coarse else 1

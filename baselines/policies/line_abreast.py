@@ -60,7 +60,8 @@ def choose_ways(
 
 
 def best_plan(scenario: Scenario, parameters: LineParameters) -> LinePlan:
-    """Return the plan of the given number of lines, or of that with the best guarantee once they have formed."""
+    """Return the plan of the given number of lines, or of the number with the best guarantee after the lines have
+    formed."""
     check(scenario, parameters)
     if parameters.lines is not None:
         return line_plan(scenario, parameters, parameters.lines)
@@ -113,14 +114,14 @@ class LineAbreast(TimedPaths):
     regard to others: `line-abreast-safe` avoids collisions then. Where the boundary is closed, the turns lie inside of
     it, and a line is no barrier while it turns: rogues can slip past at the walls.
 
-    Lines of searchers that sweep a region of rogues with a known largest speed: Y. Altshuler, V. Yanovsky,
-    I. A. Wagner, A. M. Bruckstein, "Efficient cooperative search of smart targets using UAV swarms", Robotica 26
-    (2008); R. M. Francos, A. M. Bruckstein, "Search for smart evaders with sweeping agents", arXiv:1905.04006 (2019).
-    Sweeps as an action of robot teams in pursuit and evasion: A. Kolling, S. Carpin, "Pursuit-evasion on trees by robot
-    teams", IEEE Transactions on Robotics 26 (2010). A patrol that repeats itself is predictable, which a rogue that
-    knows it can use to enter a perimeter undetected: N. Agmon, G. A. Kaminka, S. Kraus, "Multi-robot adversarial
-    patrolling: facing a full-knowledge opponent", Journal of Artificial Intelligence Research 42 (2011). Such a rogue
-    is the one that the guarantee is about: it may enter at any moment, but it is detected within that time.
+    Lines of searchers that sweep a region in which rogues have a known top speed: Y. Altshuler, V. Yanovsky, I. A.
+    Wagner, A. M. Bruckstein, "Efficient cooperative search of smart targets using UAV swarms", Robotica 26 (2008); R.
+    M. Francos, A. M. Bruckstein, "Search for smart evaders with sweeping agents", arXiv:1905.04006 (2019). Sweeps as an
+    action of robot teams in pursuit and evasion: A. Kolling, S. Carpin, "Pursuit-evasion on trees by robot teams", IEEE
+    Transactions on Robotics 26 (2010). A periodic patrol is predictable, so a rogue with knowledge of it can cross the
+    perimeter undetected: N. Agmon, G. A. Kaminka, S. Kraus, "Multi-robot adversarial patrolling: facing a
+    full-knowledge opponent", Journal of Artificial Intelligence Research 42 (2011). Such a rogue is the one that the
+    guarantee is about: it may enter at any moment, but it is detected within that time.
 
     Args:
         scenario: The scenario, of cars.
@@ -157,7 +158,7 @@ class LineAbreast(TimedPaths):
         self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget what is kept of these worlds."""
+        """Reset the memory of these worlds."""
         super().forget(mask)
         clear_worlds(self._remembered, mask)
 

@@ -54,7 +54,7 @@ def closing_of(scenario: Scenario, plan: LinePlan, lead_in: int) -> Any:
 def closes_up(scenario: Scenario, plan: LinePlan) -> bool:
     """Return whether one robot less can still span the rectangle at the speed of the line; one of several lines cannot.
 
-    Several lines are interleaved: the lanes between those of a line are taken.
+    Several lines are interleaved: the lanes between those of a line belong to other lines.
     """
     cars = scenario.num_robots
     spacing = largest_spacing(plan.speed, scenario.sensing_radius, rogue_speed(scenario), plan.step)
@@ -84,7 +84,7 @@ def sweeps(place: wp.vec2, heading: float, closing: Closing) -> bool:
 
 @wp.func
 def is_missing(known: wp.array(dtype=float), is_heard: bool, place: wp.vec2, age: float, closing: Closing) -> bool:
-    """Return whether a neighbour is missing, and remember its message."""
+    """Return whether a neighbour is missing, and store its message."""
     if is_heard:
         note_message(known, place, age, 0.2 * closing.speed * closing.step, closing.step)
     known[AGE] = age

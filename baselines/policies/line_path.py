@@ -35,7 +35,7 @@ class LineParameters(Checked):
     speed: float | None = number(None, 1e-3, 1e4, "m/s")
     """Largest speed of the lines [m/s]; None means 0.96 of the top speed of the slowest car, at most the formation's
     where the curve is fastest. The speed is at most 0.98 of that top speed and what `speed_limit` allows, and a little
-    less, so that a sweep takes whole steps."""
+    less, so that a sweep lasts whole steps."""
     lines: int | None = whole(None, 1, 1024)
     """Number of lines; None means the number with the best guarantee."""
     grip: float = number(_GRIP, 0.05, 1)

@@ -1,8 +1,8 @@
 """Lines of cells that are shared out anew among the robots of a line that work.
 
-The cells of a partition lie in lines, along x or along y. Where all robots of a line know which of them have failed
-(`baselines.policies.news`), those that work share the line evenly: each drives a loop in the middle of its share, and
-all loops have the period and the phase of the plan, so that robots of a line never come nearer than their shares.
+The cells of a partition lie in lines, along x or along y. If all robots of a line have received which of them have
+failed (`baselines.policies.news`), the others divide the line evenly: each drives a loop in the middle of its share,
+and all loops have the period and the phase of the plan, so that robots of a line never come nearer than their shares.
 """
 
 import math

@@ -1,9 +1,9 @@
 """Ways from the formation into the lines of `line-abreast`, chosen so that no two cars meet.
 
-A car's place in the lines is fixed, by its place on the communication ring. Where the formation begins an episode
-turned by a random angle, each car derives this angle from its own phase, and so only nearly knows that of the others.
-So a way is chosen for each car and each of many angles such that it stays clear of the ways that the others have chosen
-for the same angle and for the nearest ones: whichever of these each car believes in, no two meet.
+A car's place in the lines is fixed, by its place on the communication ring. If the formation is rotated by a random
+angle at the start, each car derives this angle from its own phase, so the angles of different cars agree only
+approximately. So a way is chosen for each car and each of many angles such that it stays clear of the ways that the
+others have chosen for the same angle and for the nearest ones: whichever of these each car believes in, no two meet.
 
 A way is a shortest path of a car that turns by a given radius, an arc, a straight stretch and an arc
 (`baselines.policies.dubins`), with a speed that makes it end in time. Float64 NumPy.
@@ -26,7 +26,7 @@ _ENDS = ((0.0, 1.0), (0.5, 1.0), (1.0, 1.0), (0.0, 1.5), (0.5, 1.5))
 _TILTS = (0.0, -0.5, 0.5)
 """Changes of the speed between, from the middle to the ends of a way, in the speed."""
 _SLACK = 1.13
-"""Time that ways take, in that of the slowest shortest way."""
+"""Duration of the ways, relative to that of the slowest shortest way."""
 _SLOWEST, _HASTY = 0.3, 0.92
 """Speeds that a way avoids: below this share of the last one, and above this share of the fastest."""
 _LATE, _POOR, _SLOW, _HURRY = 1e4, 1e3, 0.01, 0.01
@@ -68,7 +68,7 @@ def effort_of(num_robots: int, steps: int) -> Effort:
 
 
 def angle_steps(scenario: Scenario, angles: int) -> np.ndarray:
-    """Return which of so many angles of a turn ways are chosen for (P,), rising: all, or those near 0."""
+    """Return the indices (P,), ascending, of the angles of a turn for which ways are chosen: all, or those near 0."""
     if scenario.formation.start != "equilibrium":
         return np.arange(angles)
     near = min(math.ceil(4 * scenario.formation.start_noise * angles / (2 * np.pi)), angles // 2 - 1)
@@ -171,7 +171,7 @@ def distances(pace: Pace, begin: np.ndarray, between: np.ndarray, tilt: np.ndarr
 
 
 def speed_between(pace: Pace, begin: np.ndarray, tilt: np.ndarray, length: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return the speed between (...) at which a way of a length [m] takes the whole time [m/s]."""
+    """Return the speed between (...) at which a way of a length [m] lasts the whole time [m/s]."""
     low, high = np.zeros_like(length), np.full_like(length, 2 * pace.fastest)
     for _ in range(14):
         middle = (low + high) / 2
@@ -208,8 +208,8 @@ def closeness(one: np.ndarray, two: np.ndarray, wanted: float) -> np.ndarray:
 def transit(scenario: Scenario, effort: Effort, poses: np.ndarray, radius: float, pace: Pace) -> np.ndarray:
     """Return places (P, N, K, 2) [m] of ways from the formation, turned by any of P angles, to poses (N, 3).
 
-    Each takes as many steps as the longest of the ways needs that is the shortest of its car. The last place is a step
-    before the pose: x, y [m], heading [rad].
+    Each lasts as many steps as the longest of the cars' shortest ways. The last place is a step before the pose: x, y
+    [m], heading [rad].
     """
     angles = 2 * np.pi * angle_steps(scenario, effort.angles) / effort.angles
     begin, speed = formation_states(scenario, angles)
@@ -281,7 +281,8 @@ class _Choice:
         self.taken = faults.argmin(axis=2)
 
     def cost(self, at: np.ndarray, i: int, others: Iterable[int], shifts: Iterable[int]) -> np.ndarray:
-        """Return the cost (len(at), C) of car i's choices for some angles, given what others chose for those beside."""
+        """Return the cost (len(at), C) of car i's choices for some angles, given the others' choices for the adjacent
+        angles."""
         cost = np.zeros(self.faults[at, i].shape, dtype=np.float32)
         for j in others:
             for shift in shifts:
@@ -298,10 +299,10 @@ class _Choice:
 
 
 def _chosen(places: np.ndarray, faults: np.ndarray, effort: Effort, wanted: float) -> np.ndarray:
-    """Return which of the choices (P, N, C), at places (2, P, N, C, K), each car takes (P, N).
+    """Return the choice (P, N) of each car among (P, N, C), which lead to places (2, P, N, C, K).
 
-    Each car chooses in turn, given the others' choices: the way of the fewest faults that stays clear of the ways of
-    the others for the same angle and the nearest ones.
+    Each car chooses in turn, for the current choices of the others: the way of the fewest faults that stays clear of
+    the ways of the others for the same angle and the nearest ones.
     """
     choice = _Choice(places, faults, effort.nearest, wanted)
     cars = range(choice.robots)

@@ -5,7 +5,7 @@ import warp as wp
 
 
 def clear_worlds(memory: wp.array, mask: np.ndarray) -> None:
-    """Zero what is kept, (W, ...), of the worlds in a mask (W,)."""
+    """Zero the memory (W, ...) of the worlds in a mask (W,)."""
     kept = memory.numpy().copy()
     kept[mask] = 0
     memory.assign(kept)

@@ -1,8 +1,8 @@
-"""Estimate the states of a robot's ring neighbours, by the messages that it hears from them.
+"""Estimates of the states of a robot's ring neighbours, from the messages that it receives from them.
 
 A robot that has failed still sends its place, which does not move; a robot that has been removed sends nothing, so the
-age of its last message grows. Nobody tells a robot more: of robots that are not its ring neighbours it knows nothing
-unless they are in its disc.
+age of its last message grows. A robot receives nothing else: it has no information about robots that are not its ring
+neighbours unless they are in its disc.
 """
 
 import warp as wp
@@ -30,12 +30,13 @@ WORKS, STANDS, SILENT = (wp.constant(k) for k in range(3))
 STATE, HEARD_X, HEARD_Y, AGE, STILL = (wp.constant(k) for k in range(5))
 WATCH = 5
 PLACES = wp.constant(4)
-"""Places of robots that stand: of the two ring neighbours, then of two that were seen."""
+"""Places of robots that have stopped: of the two ring neighbours, then of two that were seen."""
 
 
 @wp.struct
 class Watch:
-    """Constants: the displacement in a step below which a robot stands [m], in how many steps, and scales."""
+    """Constants: the displacement in a step below which a robot counts as stopped [m], the number of such steps, and
+    scales."""
 
     still: float
     patience: int
@@ -48,7 +49,7 @@ class Watch:
 
 @wp.func
 def note_message(known: wp.array(dtype=float), place: wp.vec2, age: float, still: float, step: float):
-    """Remember the place in a ring neighbour's message, and count those in a row that are nearly equal.
+    """Store the place in a ring neighbour's message, and count the consecutive ones that are nearly equal.
 
     A message that was heard before is older by a step [s] and does not count. Places that differ by less than `still`
     [m] are nearly equal.
@@ -69,7 +70,8 @@ def watch_neighbours(
     memory: wp.array4d(dtype=float),
     standing: wp.array3d(dtype=wp.vec3),
 ):
-    """Update what robot i believes of its ring neighbours, and where robots stand: x, y and 1 where there is one."""
+    """Update robot i's estimates of its ring neighbours, and the places of stopped robots: x, y and 1 if it is in
+    use."""
     w, i = wp.tid()
     position = own_position(w, i, curve, observation)
     for side in range(2):
@@ -105,7 +107,7 @@ def watch_disc(
     observation: wp.array3d(dtype=float),
     standing: wp.array3d(dtype=wp.vec3),
 ):
-    """Update where robots stand that are, or were, in the disc."""
+    """Update the places of stopped robots that are, or were, in the disc."""
     # Where a robot that stood should be seen but is not, there is none any more.
     for k in range(2, PLACES):
         known = standing[w, i, k]

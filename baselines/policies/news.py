@@ -1,11 +1,11 @@
 """News of robots that have failed, which travel along the ring in the messages that policies define.
 
 A message has a component for each robot k (`messages.size` of at least N): the last control step in which robot k is
-known to have worked, or, with a minus, the one in which it was found to have failed. Each robot sends the present step
-for itself, so a neighbour whose messages still arrive with an old step, as those of a failed robot do, or arrive no
-more, has failed. Of two steps for the same robot the later one counts. So the news pass a robot that has itself failed
-by the other way around the ring: of any two failures all working robots learn. Of three that cut the ring in three
-parts, each part learns of the two that it lies between.
+known to have worked, or, negative, the one in which its failure was noticed. Each robot sends the present step for
+itself, so a neighbour whose messages still arrive with an old step, as those of a failed robot do, or arrive no more,
+has failed. Of two steps for the same robot the later one counts. So the news pass a robot that has itself failed by the
+other way around the ring: of any two failures all working robots learn. If three failures cut the ring into three
+parts, each part learns of the two failures at its ends.
 """
 
 import warp as wp
@@ -18,7 +18,7 @@ from lissajous_env.device.compilation import OPTIONS
 wp.set_module_options(OPTIONS)
 
 _RANGE = wp.constant(1048576.0)
-"""Control steps that messages in [-1, 1] can tell apart, in exact float32: 29 hours of 0.1 s."""
+"""Number of control steps that messages in [-1, 1] can distinguish, in exact float32: 29 hours of 0.1 s."""
 
 
 @wp.kernel
@@ -34,7 +34,7 @@ def exchange_news(
     standing: wp.array3d(dtype=wp.vec3),
     action_out: wp.array3d(dtype=float),
 ):
-    """Update what robot i knows of all robots, where its ring neighbours stand, and the message that it sends.
+    """Update robot i's news of all robots, the places of its ring neighbours, and its message.
 
     `start` is `lissajous_env.world.observation.message_start` of the scenario.
     """
@@ -77,7 +77,7 @@ def share_line(
     cases: wp.array2d(dtype=int),
     home: wp.array2d(dtype=wp.vec2),
 ):
-    """Share each line of cells evenly among its robots that work: count those that do not, and place each robot.
+    """Divide each line of cells evenly among its working robots: count the others, and place each robot.
 
     `reach` is half of the rectangle's extent along the lines [m], `along` their direction, `lines` (N, L) the robots
     of each robot's line in order, -1 for none, `home` how far the middle of its share is from that of its cell [m].

@@ -6,7 +6,7 @@ from lissajous_env.device import randomness
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.world.observation import LINK, OWN, ROBOT
 
-# Places of the entries, by the names that `lissajous_env.world.observation.layout` gives them.
+# Places of the entries, by their names in `lissajous_env.world.observation.layout`.
 X, Y = wp.constant(0), wp.constant(1)
 COS_HEADING, SIN_HEADING = wp.constant(2), wp.constant(3)
 SPEED = wp.constant(4)
@@ -24,25 +24,25 @@ X_VELOCITY, Y_VELOCITY = wp.constant(3), wp.constant(4)
 
 @wp.func
 def own_position(w: int, i: int, curve: CurveStruct, observation: wp.array3d(dtype=float)) -> wp.vec2:
-    """Measured x, y [m]."""
+    """Return the measured x, y [m]."""
     return wp.vec2(observation[w, i, X] * curve.half_width, observation[w, i, Y] * curve.half_height)
 
 
 @wp.func
 def own_heading(w: int, i: int, observation: wp.array3d(dtype=float)) -> float:
-    """Measured heading [rad]."""
+    """Return the measured heading [rad]."""
     return wp.atan2(observation[w, i, SIN_HEADING], observation[w, i, COS_HEADING])
 
 
 @wp.func
 def own_speed(w: int, i: int, speed_unit: float, observation: wp.array3d(dtype=float)) -> float:
-    """Measured speed [m/s]; `speed_unit` is the top speed of a car [m/s]."""
+    """Return the measured speed [m/s]; `speed_unit` is the top speed of a car [m/s]."""
     return observation[w, i, SPEED] * speed_unit
 
 
 @wp.func
 def own_phase(w: int, i: int, observation: wp.array3d(dtype=float)) -> float:
-    """Measured phase theta in [-pi, pi] [rad]."""
+    """Return the measured phase theta in [-pi, pi] [rad]."""
     return wp.atan2(observation[w, i, SIN_PHASE], observation[w, i, COS_PHASE])
 
 
@@ -54,7 +54,7 @@ def own_works(w: int, i: int, observation: wp.array3d(dtype=float)) -> bool:
 
 @wp.func
 def own_key(w: int, i: int, observation: wp.array3d(dtype=float)) -> int:
-    """Key of a robot's random draws, made of where it is: the same in any batch, at any place in it."""
+    """Return the key of a robot's random draws, computed from its position: the same in any batch, at any index."""
     x = int(observation[w, i, X] * 1.0e6)
     y = int(observation[w, i, Y] * 1.0e6)
     return randomness.step_key(x, y)
@@ -69,13 +69,13 @@ def hears(w: int, i: int, side: int, observation: wp.array3d(dtype=float)) -> bo
 
 @wp.func
 def message_age(w: int, i: int, side: int, unit: float, observation: wp.array3d(dtype=float)) -> float:
-    """Time since a ring neighbour sent its message [s]; `unit` is `Scenario.time_unit` [s]."""
+    """Return the time since a ring neighbour sent its message [s]; `unit` is `Scenario.time_unit` [s]."""
     return observation[w, i, OWN + LINK * side + AGE] * unit
 
 
 @wp.func
 def lead(w: int, i: int, side: int, observation: wp.array3d(dtype=float)) -> float:
-    """Phase that a ring neighbour sent less one's own, theta_j - theta_i in [-pi, pi] [rad]."""
+    """Return the phase of a ring neighbour relative to the robot's own, theta_j - theta_i in [-pi, pi] [rad]."""
     start = OWN + LINK * side
     return wp.atan2(observation[w, i, start + SIN_LEAD], observation[w, i, start + COS_LEAD])
 
@@ -106,7 +106,7 @@ def offset_heard(w: int, i: int, side: int, curve: CurveStruct, observation: wp.
 def message_heard(
     w: int, i: int, side: int, m: int, start: int, size: int, observation: wp.array3d(dtype=float)
 ) -> float:
-    """Component `m` of the last message of `size` numbers that a ring neighbour's policy sent; 0 if none was heard.
+    """Return component `m` of a ring neighbour's last message of `size` numbers; 0 if none was received.
 
     `start` is `lissajous_env.world.observation.message_start` of the scenario.
     """
@@ -128,7 +128,7 @@ def offset_seen(w: int, i: int, k: int, radius: float, observation: wp.array3d(d
 
 @wp.func
 def velocity_seen(w: int, i: int, k: int, speed_unit: float, observation: wp.array3d(dtype=float)) -> wp.vec2:
-    """Velocity of the k-th nearest robot in the disc less one's own [m/s]; `speed_unit` as for `own_speed`."""
+    """Return the relative velocity of the k-th nearest robot in the disc [m/s]; `speed_unit` as for `own_speed`."""
     start = OWN + 2 * LINK + ROBOT * k
     relative = wp.vec2(observation[w, i, start + X_VELOCITY], observation[w, i, start + Y_VELOCITY])
     return relative * (2.0 * speed_unit)

@@ -1,10 +1,10 @@
 """Area partition: one cell of the rectangle for each car, and synchronised loops in the cells.
 
-That each robot patrols a part of its own is among the oldest strategies of multi-robot patrolling: D. Portugal,
-R. Rocha, "A survey on multi-robot patrolling algorithms" (2011). Parts of equal measure balance the work: M. Pavone,
-A. Arsie, E. Frazzoli, F. Bullo, "Distributed algorithms for environment partitioning in mobile robotic networks", IEEE
-Transactions on Automatic Control 56 (2011). Against an adversary that knows the strategy, a deterministic patrol is as
-good as its weakest moment: N. Agmon, G. A. Kaminka, S. Kraus, "Multi-robot adversarial patrolling: facing a
+That each robot patrols a part of its own is among the oldest strategies of multi-robot patrolling: D. Portugal, R.
+Rocha, "A survey on multi-robot patrolling algorithms" (2011). Parts of equal measure balance the work: M. Pavone, A.
+Arsie, E. Frazzoli, F. Bullo, "Distributed algorithms for environment partitioning in mobile robotic networks", IEEE
+Transactions on Automatic Control 56 (2011). Against an adversary with knowledge of the strategy, a deterministic patrol
+is as good as its weakest moment: N. Agmon, G. A. Kaminka, S. Kraus, "Multi-robot adversarial patrolling: facing a
 full-knowledge opponent", Journal of Artificial Intelligence Research 42 (2011). So the plan is the one with the least
 worst-case undetected time (`baselines.policies.partition_plan`).
 """
@@ -53,7 +53,7 @@ def take_filtered(
 
 
 class FilteredPaths(TimedPaths):
-    """Cars that follow timed paths, at first under the collision filter if they do not know where the others start.
+    """Cars that follow timed paths, at first with the collision filter if the starts of the others are unknown.
 
     Args:
         scenario: The scenario, of cars.
@@ -80,7 +80,7 @@ class FilteredPaths(TimedPaths):
         self.communicates = "nothing" if self._filter is None else self._filter.communicates
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget the time, and what the cars have learned of themselves and seen of others."""
+        """Reset the time, the cars' models of themselves, and their observations of others."""
         super().forget(mask)
         if self._filter is not None:
             self._filter.forget(mask)
@@ -99,8 +99,8 @@ class Partition(FilteredPaths):
 
     Robots that are neighbours on the ring have neighbouring cells where the start leaves the choice. From a start in
     the equilibrium, whose places are known, each car follows a planned transit (`baselines.policies.transit`) without
-    collisions. From other starts a robot does not know where the others are: it drives to its cell at once, under the
-    collision filter until all of them have had the time to arrive.
+    collisions. From other starts, a robot has no information on where the others are: it drives to its cell at once,
+    under the collision filter until all of them have had the time to arrive.
 
     Args:
         scenario: The scenario, of cars.

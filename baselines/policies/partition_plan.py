@@ -2,8 +2,8 @@
 
 Everything that a plan may be made of is compared by the worst-case undetected time of the ideal motion, on a coarse
 grid (`baselines.policies.ideal_motion`): the division, the extent of the loops, their corners, the number of lanes, and
-then the directions and phases of neighbouring loops. All loops take the same time, as fast as the cars can drive the
-longest one.
+then the directions and phases of neighbouring loops. All loops last the same time, the shortest in which cars can drive
+the longest one.
 """
 
 import itertools
@@ -24,7 +24,7 @@ from lissajous_env.theory.geometry import turning_radius
 _RESERVE = 0.75
 """Share of the top speed and of the grip that the loops use."""
 _TURN = 0.4
-"""Largest turn in a control step [rad], over which steering is held."""
+"""Largest turn in a control step [rad], in which steering is constant."""
 _ROOM = 1.02
 """Corners are wider than the tightest turn of the widest-turning car by this factor."""
 _EXTENTS = (0.0, 0.3, 0.6, 0.9)

@@ -1,10 +1,10 @@
 """A partition whose cars drive around their loops at a random rate, which an observer cannot predict.
 
-A patrol that adversaries know is unpredictable only if it is random: N. Agmon, G. A. Kaminka, S. Kraus, "Multi-robot
-adversarial patrolling: facing a full-knowledge opponent", Journal of Artificial Intelligence Research 42 (2011). The
-loops of `partition` are synchronised, and cars that drive at rates of their own would collide, so all cars share one
-random rate: in control step t each is at its place of time tau(t) on its loop, and tau grows by at most 1 per step.
-Places are visited later than by `partition`, so the worst-case undetected time is longer.
+For adversaries with knowledge of the strategy, a patrol is unpredictable only if it is random: N. Agmon, G. A. Kaminka,
+S. Kraus, "Multi-robot adversarial patrolling: facing a full-knowledge opponent", Journal of Artificial Intelligence
+Research 42 (2011). The loops of `partition` are synchronised, and cars that drive at rates of their own would collide,
+so all cars share one random rate: in control step t each is at its place of time tau(t) on its loop, and tau grows by
+at most 1 per step. Places are visited later than by `partition`, so the worst-case undetected time is longer.
 
 All robots draw the same numbers from a seed that is set before the mission. So the motion is the same in each episode,
 and an adversary that knows the seed can predict it.
@@ -59,7 +59,7 @@ class RandomPartitionParameters(PartitionParameters):
 
 @register("partition-random", on_request=True)
 class PartitionRandom(FilteredPaths):
-    """`partition` with a random rate of all cars on their loops, which only the robots know in advance.
+    """`partition` with a random rate of all cars on their loops, which only the robots can compute in advance.
 
     Args:
         scenario: The scenario, of cars.
@@ -114,7 +114,7 @@ def random_times(scenario: Scenario, plan: Plan, parameters: RandomPartitionPara
     rates = np.random.default_rng(parameters.seed).uniform(parameters.slowest, parameters.fastest, knots)
     rates[0] = parameters.fastest  # the cars come from their transit at about this rate
     tau = np.cumsum(np.interp(np.arange(int(hold * (knots - 1))) + 0.5, hold * np.arange(knots), rates))
-    # A whole number of periods, which takes a whole number of steps when the rates change by a very small share.
+    # A whole number of periods; a very small change of the rates makes it last a whole number of steps.
     around = math.ceil(tau[steps - 1] / period) * period
     count = int(np.searchsorted(tau, around - 1e-9)) + 1
     return np.concatenate([[0.0], tau[: count - 1]]) * (around / tau[count - 1])

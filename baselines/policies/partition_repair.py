@@ -1,4 +1,4 @@
-"""Area partition whose robots take over the cells of ring neighbours that have failed.
+"""Area partition in which robots take over the cells of ring neighbours that have failed.
 
 Robustness, that the work is completed as long as a robot can move, is the second reason for a team beside efficiency:
 N. Hazon, G. A. Kaminka, "On redundancy, efficiency, and robustness in coverage for multiple robots", Robotics and
@@ -40,7 +40,7 @@ from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.world.observation import message_start
 
 _SPARSE = 0.1
-"""Most distance of two places on a loop that are compared with those of robots that stand, in required distances."""
+"""Most distance of two places on a loop that are compared with those of stopped robots, in required distances."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ class RepairParameters(Checked):
     reserve: float = number(1.35, 1, 10)
     """Factor by which the period is longer than the shortest, so that cars can drive longer loops in the same time."""
     avoidance: float | None = number(None, 0, 1e4, "m")
-    """Distance of a loop from the body of a robot that stands, besides its own [m]; None is 0.15 radii, and
-    two deviations of noise."""
+    """Distance of a loop from the body of a stopped robot, besides its own [m]; None is 0.15 radii, and two deviations
+    of noise."""
     drift: float = number(1.0, 0.01, 10)
     """Speed at which a loop moves to another place, as a share of that of the cars on it. Where loops of different
     cells cross, a robot returns to its own loop at once."""
@@ -64,21 +64,21 @@ class PartitionRepair(TimedPaths):
     """A partition whose robots take over the cells of ring neighbours that have failed, and drive around those.
 
     The loops are those of a partition with all of them in phase, driven slower (`RepairParameters.reserve`), and ring
-    neighbours have neighbouring cells. A robot that hears from a ring neighbour that this does not move, or hears
-    nothing, drives a loop in both cells (`baselines.policies.repair_plan`). It selects the loop, and where to move it,
-    so that it is clear of robots that stand: beside them or around them. A robot that resumes waits on its loop until
-    its reference comes by. From starts that the robots do not know of one another, the collision filter is under the
-    transit, as in `partition`.
+    neighbours have neighbouring cells. If the messages of a ring neighbour show that it does not move, or if none
+    arrive, a robot drives a loop in both cells (`baselines.policies.repair_plan`). It selects the loop, and the place
+    of the loop, such that it is clear of stopped robots: beside them or around them. A robot that resumes waits on its
+    loop until its reference comes by. If the robots have no information on each other's starts, the transit uses the
+    collision filter, as in `partition`.
 
-    Where the loops of different cells lie apart, collision filters keep cars clear of robots that stand, and a car that
-    is off its place clear of all others, and a loop moves slowly to another place. Loops that cross, as in `evaders`,
-    keep cars apart by their common phase alone, which a filter that expects the others to go straight on does not see:
+    If the loops of different cells do not overlap, collision filters move cars around stopped robots, and a car that is
+    off its place around all others; a loop moves slowly to another place. If loops cross, as in `evaders`, only their
+    common phase separates the cars. A filter that expects the others to drive straight on does not account for this:
     there a robot that stops dead at once before another one is not always avoided in time.
 
-    A robot knows of failures what its own row shows (`baselines.policies.neighbour_watch`): of others than its ring
-    neighbours it knows nothing, so a cell may stay open whose ring neighbours have failed too, or lie in another line.
-    Where `messages.size` is at least the number of robots and the loops lie apart, robots pass on the news of failures
-    (`baselines.policies.news`), and those of a line of cells that work share the line evenly
+    A robot learns of failures only from its own row (`baselines.policies.neighbour_watch`): the row shows only those of
+    its ring neighbours. So a cell may remain uncovered if the ring neighbours of its robot have failed too, or are in
+    another line. Where `messages.size` is at least the number of robots and the loops lie apart, robots pass on the
+    news of failures (`baselines.policies.news`), and those of a line of cells that work share the line evenly
     (`baselines.policies.line_shares`).
 
     Args:
@@ -152,7 +152,7 @@ class PartitionRepair(TimedPaths):
             self._avoidance = Safe(still, free, fastest=self._watch.still / self.scenario.task.step)
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget the time, what is known of others, and what the cars have learned of themselves."""
+        """Reset the time, the estimates of others, and the cars' models of themselves."""
         super().forget(mask)
         if self._filter is not None:
             self._filter.forget(mask)
@@ -210,7 +210,7 @@ class PartitionRepair(TimedPaths):
 
 
 def _avoided_distance(scenario: Scenario, repair: RepairParameters) -> float:
-    """Return the least distance of a loop from a robot that stands [m]."""
+    """Return the smallest distance of a loop from a stopped robot [m]."""
     radius = scenario.robot.radius
     avoidance = 0.15 * radius + 2 * scenario.noise.position if repair.avoidance is None else repair.avoidance
     return 2 * radius + avoidance
@@ -218,7 +218,7 @@ def _avoided_distance(scenario: Scenario, repair: RepairParameters) -> float:
 
 def _watch_of(scenario: Scenario, plan: Plan, repair: RepairParameters) -> Any:
     watch, step = Watch(), scenario.task.step
-    # A robot that stands seems to move where its measurements are noisy.
+    # With noisy measurements, a stopped robot seems to move.
     watch.still = max(0.1 * plan.speed * step, 3 * math.sqrt(2) * scenario.noise.position)
     watch.patience, watch.step, watch.time_unit = repair.patience, step, scenario.time_unit
     watch.speed_unit, watch.radius = scenario.robot.top_speed, scenario.sensing_radius
@@ -240,7 +240,7 @@ def timed_repair(
 ) -> tuple[Plan, Takeover, Lines | None, PathTables, float]:
     """Return the plan, the loops for takeovers, the lines, the timed paths, and how long the filter is needed [step].
 
-    Lines are None where robots know of their ring neighbours' failures alone, or their loops cross.
+    Lines are None if robots learn only of their ring neighbours' failures, or if their loops cross.
     """
     plan = slowed(partition_plan(scenario, parameters), repair.reserve)
     order = tour(plan.cells)

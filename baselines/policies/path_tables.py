@@ -98,7 +98,7 @@ def _tables(places: np.ndarray, velocity: np.ndarray, step: float, lead_in: int,
     speed = np.hypot(velocity[..., 0], velocity[..., 1])
     heading = np.arctan2(velocity[..., 1], velocity[..., 0])
     size = places.shape[2]
-    after = np.arange(1, size + FINE)  # a control step beyond the end, which goes on at the start of the loop
+    after = np.arange(1, size + FINE)  # a control step beyond the end, which continues at the start of the loop
     after = np.where(after < size, after, FINE * lead_in + (after - FINE * lead_in) % (FINE * loop))
     whole = np.concatenate([np.arange(1), after])
     turn = np.diff(heading[:, :, whole], axis=2)

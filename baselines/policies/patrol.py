@@ -1,4 +1,4 @@
-"""Simple policies: patrol a loop in file, drive to random places, stand still."""
+"""Simple policies: patrol a loop in single file, drive to random places, do not move."""
 
 import dataclasses
 from typing import Any
@@ -53,7 +53,7 @@ def slot_of(
 ) -> float:
     """Return the index on the loop where robot i's place in the file begins.
 
-    The robots of the file have the order of the formation's places along the loop, which a robot knows from its own
+    The robots of the file have the order of the formation's places along the loop, which a robot computes from its own
     phase.
     """
     n = equilibrium.shape[0]
@@ -286,7 +286,7 @@ class Sweep(Policy):
 class Laps(Policy):
     """Cars that drive around the loop of `Sweep` from their positions, each on its own, at the formation's top speed.
 
-    They do not keep a distance, so cars that reach the loop together stay together.
+    They do not control the distance between them, so cars that reach the loop together stay together.
     """
 
     kind = "car"
@@ -330,10 +330,10 @@ class Laps(Policy):
 
 
 class RandomWaypoint(Policy):
-    """Cars that drive to one random place after another; points that take a random phase rate in each step.
+    """Cars that drive to one random place after another; points move at a random phase rate in each step.
 
     The mean rate of points is omega / alpha, so that the policy has no advantage in speed. Robots of any other model
-    take a random action in each step.
+    apply a random action in each step.
     """
 
     arrays = "warp"
@@ -360,7 +360,7 @@ class RandomWaypoint(Policy):
 
 
 class Still(Policy):
-    """Robots that stand still; cars coast to rest at the least throttle."""
+    """Robots that do not move; cars coast to rest at the least throttle."""
 
     arrays = "warp"
 

@@ -1,10 +1,10 @@
-"""Loops by which the ring neighbours of a robot that has failed take over its cell.
+"""Loops on which the ring neighbours of a failed robot cover its cell.
 
 Every robot has loops for four cases: none of its ring neighbours has failed, the previous one, the next one, or both.
-In each case it has the rectangle around its own cell and those of the failed neighbours, and a few loops of different
-shapes in it, the best first, of which one is driven that is clear of the robots that stand there. All of them have the
-period and the phase of the plan, so that what they differ by is small: two robots on equal loops in phase never
-come nearer than the centres of these.
+In each case there is the rectangle around the robot's own cell and those of the failed neighbours, with a few loops of
+different shapes in it, the best first. The robot drives one that is clear of the stopped robots. All of them have the
+period and the phase of the plan, so that what they differ by is small: two robots on equal loops in phase never come
+nearer than the centres of these.
 """
 
 import itertools
@@ -41,7 +41,7 @@ class Takeover(NamedTuple):
     away: np.ndarray
     """(4 SHAPES, N, 2) middle of each loop less the place that is best for it [m]."""
     cost: np.ndarray
-    """(4 SHAPES, N, OFFSETS, OFFSETS) cost of a loop whose middle lies k, l times `offset` from that place."""
+    """(4 SHAPES, N, OFFSETS, OFFSETS) cost of a loop whose middle is k, l times `offset` from that place."""
     offset: float
     """Spacing of these distances [m]."""
     corners: np.ndarray
@@ -50,7 +50,7 @@ class Takeover(NamedTuple):
 
 
 def slowed(plan: Plan, reserve: float) -> Plan:
-    """Return a plan whose loops take longer by a factor, so that the cars can drive longer loops in the same time."""
+    """Return a plan whose loops last longer by a factor, so that the cars can drive longer loops in the same time."""
     count = math.ceil(plan.loop.shape[1] * reserve - 1e-9)
     loop = np.stack([_at_even_distances(each, count) for each in plan.loop])
     return replace(plan, loop=loop, speed=plan.speed * plan.loop.shape[1] / count, worst=math.nan)
@@ -135,9 +135,9 @@ class LoopSearch:
     def beside(self, half: np.ndarray, middle: np.ndarray, towards: np.ndarray) -> list:
         """Return loops by which robots in phase, side by side, watch what none of them could alone.
 
-        In phase they keep their distances; where these are below two sensing radii, nothing passes between the discs.
-        A loop that is as long as the rectangle across the row can go around a robot that stands there. The middle is
-        the best place, whose cost grows with the distance.
+        In phase, their distances are constant; where these are below two sensing radii, nothing passes between the
+        discs. A loop that is as long as the rectangle across the row can lead around a robot that has stopped there.
+        The middle is the best place, whose cost grows with the distance.
         """
         room, along_x = self.room, abs(towards[0]) >= abs(towards[1])
         found = []

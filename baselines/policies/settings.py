@@ -1,8 +1,8 @@
 """Policies with parameters by name: the settings of a registered policy, and the policy that they make.
 
 The parameters of a policy are the fields of the dataclass that its argument `parameters` has. A coordinator over a
-tracker has two: `parameters` are the tracker's, `coordinator` are the coordinator's. What is not given is as by
-default, which a dataclass with a method `of(scenario, **overrides)` scales to the scenario.
+tracker has two: `parameters` are the tracker's, `coordinator` are the coordinator's. Omitted parameters have their
+defaults, which a dataclass with a method `of(scenario, **overrides)` scales to the scenario.
 """
 
 import dataclasses
@@ -21,7 +21,7 @@ from lissajous_env.settings.checks import Checked
 from lissajous_env.wording import few_of, nearest, shown
 
 ARGUMENT = "parameters"
-"""Name of the argument that takes the parameters of a policy or of a coordinator."""
+"""Name of the argument for the parameters of a policy or of a coordinator."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The choice of a loop, and of a place for it, by what a robot knows of those that have failed."""
+"""The choice of a loop, and of a place for it, from a robot's information on failed robots."""
 
 import warp as wp
 
@@ -15,7 +15,7 @@ FINE = wp.constant(SAMPLES)
 SIDE = wp.constant(12)
 """Shifts that are compared to each side, along x and y."""
 FINER = 10
-"""Share of the distance from a robot that stands by which these differ."""
+"""Share of the distance from a stopped robot by which these differ."""
 
 SEEN = 0.98
 """Share of the sensing radius within which a loop passes by corners, for cars that do not follow it exactly."""
@@ -25,7 +25,7 @@ SEEN = 0.98
 def clearance_of(
     path: wp.array(dtype=wp.vec4), first: int, every: int, shift: wp.vec2, standing: wp.array(dtype=wp.vec3)
 ) -> float:
-    """Return the smallest distance of a shifted loop from the robots that stand [m]."""
+    """Return the smallest distance of a shifted loop from the stopped robots [m]."""
     least = float(wp.inf)
     for k in range(standing.shape[0]):
         if standing[k][2] > 0.0:
@@ -113,11 +113,11 @@ def take_over(
     plan: wp.array2d(dtype=int),
     shift: wp.array2d(dtype=wp.vec2),
 ):
-    """Choose each robot's loop and shift for its case, clear of robots that stand, and move towards that shift.
+    """Choose each robot's loop and shift for its case, clear of stopped robots, and move towards that shift.
 
     Of those that are clear it is the one of the least cost (`Takeover`), in which a corner of the rectangle that the
     robot alone watches counts for more than any place if the loop never senses it. Then it is the nearest to `home`,
-    the shift that is best if nobody stands there. The middle of the loop drifts by up to `drift` [m] in a control step,
+    the shift that is best without stopped robots. The middle of the loop drifts by up to `drift` [m] in a control step,
     and by up to `back` towards the robot's own loop, so that the car stays in phase with the others.
 
     `every` is how many samples of a path are passed over at a time, `margins` how far a loop can be moved to the left,
@@ -192,7 +192,7 @@ def take_clear(
     clear_of_standing: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
-    """Take the actions of collision filters instead: of one that sees all robots, or only those that stand.
+    """Take the actions of collision filters instead: of one for all robots, or only for stopped ones.
 
     The first counts up to control step `until`, and for a robot that is farther from its reference than `tolerance`
     [m], for others do not expect it there. `count` is 0 where the second leaves the action as it is.
@@ -214,7 +214,7 @@ def take_clear(
 def rest_after_failure(
     rest: float, observation: wp.array3d(dtype=float), resting: wp.array2d(dtype=float), action: wp.array3d(dtype=float)
 ):
-    """Let a robot that resumes stand for `rest` more control steps, in which the others return to their own shares."""
+    """Let a robot that resumes wait for `rest` more control steps, in which the others return to their own shares."""
     w, i = wp.tid()
     if not own_works(w, i, observation):
         resting[w, i] = rest

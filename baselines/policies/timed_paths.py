@@ -1,7 +1,7 @@
 """Cars that follow timed paths: the shared base of policies that plan the motion of the team beforehand.
 
 A car is a flat system: its place as a function of time determines its heading, speed, steering and throttle. The tables
-(`baselines.policies.path_tables`) hold these; the kernel adds a feedback of the errors along and across the path, so
+(`baselines.policies.path_tables`) contain these; the kernel adds a feedback of the errors along and across the path, so
 that uneven cars, noise, and a stop are made up for.
 
 The reference of a robot is the sample of its table at the present time. Its *progress* is the sample nearest to it,
@@ -16,8 +16,8 @@ path, h the control step and d = v h,
 These are the gains that place both poles of a double integrator with a held input at p = exp(-h / settling), per
 control step. A car that is far from its path drives straight towards it, and one that is late drives a share faster
 than the path, or slower where it is early (`catch_up`); neither vanishes. a and b are what the robot has learned of its
-own car: the ratio of the curvature that it drives to the one it commands, and the acceleration that its motor gives
-beyond the model's.
+own car: the ratio of the curvature that it drives to the one it commands, and the acceleration of its motor beyond the
+model's.
 
 On flatness: M. Fliess, J. Levine, P. Martin, P. Rouchon, "Flatness and defect of non-linear systems: introductory
 theory and examples", International Journal of Control 61 (1995).
@@ -67,9 +67,9 @@ class TrackingParameters(Checked):
     catch_up: float = number(0.5, 0.01, 10)
     """Largest share of the path's speed by which a car that is late drives faster, or one that is early slower."""
     learning: float = number(0.1, 0, 1)
-    """Share of an error of its prediction that a car takes over into its model of itself in each control step."""
+    """Share of its prediction error by which a car corrects its model of itself in each control step."""
     waits: bool = flag(False)
-    """True if a car that stands beside its loop waits until its reference comes by, instead of going after it."""
+    """True if a car that has stopped beside its loop waits until its reference passes, instead of following it."""
 
 
 @wp.struct
@@ -100,14 +100,14 @@ def tracking_of(scenario: Scenario, tables: PathTables, parameters: TrackingPara
 
 @wp.func
 def on_table(sample: int, tracking: Tracking) -> int:
-    """Return the sample of a table that stands for one beyond its end, which goes on at the start of the loop."""
+    """Return the sample of a table for one beyond its end, where the table continues at the start of the loop."""
     begin = tracking.lead_in * _FINE
     return wp.where(sample < begin, wp.max(sample, 0), begin + (sample - begin) % (tracking.loop * _FINE))
 
 
 @wp.func
 def lateness(sample: float, steps: float, tracking: Tracking) -> float:
-    """Return how far a sample lies behind the reference after some control steps [control steps].
+    """Return how far a sample is behind the reference after some control steps [control steps].
 
     On the loop a robot that is more than half a round late is early.
     """
@@ -164,7 +164,7 @@ def learned(memory: wp.array(dtype=float), heading: float, speed: float, trackin
     if memory[NEXT_SPEED] > 0.0:
         share = tracking.learning
         memory[PUSH_BIAS] += share * (speed - memory[NEXT_SPEED]) / tracking.step
-        # Least mean squares, normalised: a turn of less than 0.1 rad tells little.
+        # Least mean squares, normalised: a turn of less than 0.1 rad contains little information.
         missed = wrap(heading - memory[NEXT_HEADING])
         ratio = memory[TURN_RATIO] + share * missed * turn / (turn * turn + 0.01)
         memory[TURN_RATIO] = wp.clamp(ratio, -0.3, 0.3)
@@ -314,7 +314,7 @@ class TimedPaths(Policy):
         self._memory = wp.zeros((*self.shape, MEMORY), dtype=wp.float32, device=self.device)
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget the time, the progress and what the cars have learned of themselves; restore the plan."""
+        """Reset the time, the progress and the cars' models of themselves; restore the plan."""
         clear_worlds(self._memory, mask)
         clear_worlds(self.shift, mask)
         plan = self.plan.numpy().copy()

@@ -1,4 +1,4 @@
-"""The table of the claims: what the paper says, what we find, and whether the two agree."""
+"""The table of the claims: the number in the paper, ours, and whether the two agree."""
 
 import csv
 import dataclasses
@@ -16,7 +16,7 @@ from lissajous_env.console.terminal import Column, print_left_out, print_table
 
 _STYLE = {"yes": "green", "no": "bold red", "-": "dim"}
 SILENT = "not stated"
-"""In place of the paper's number where it gives none."""
+"""Text in place of a number that the paper does not state."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Claim:
     agrees: bool | None
     """None where the paper has nothing to compare with."""
     why: str = ""
-    """Choices where the paper gives no value, or the reason for a difference."""
+    """Choices where the paper states no value, or the reason for a difference."""
     numbers: Mapping[str, float] = field(default_factory=dict)
     """Numbers behind `ours` and `why`, by name; the helpers below document their names."""
     part: str = ""
@@ -72,7 +72,7 @@ def near(
 def within_range(
     claim: str, paper: float, ours: np.ndarray, unit: str = "", why: str = "", digits: str = ".3f"
 ) -> Claim:
-    """Claim that the paper's number is one that we see: it must lie between our `low`est and our `high`est."""
+    """Claim that the paper's number is in our range: it must be between our `low`est and our `high`est."""
     low, high = float(ours.min()), float(ours.max())
     space = " " if unit else ""
     words = f"{low:{digits}} to {high:{digits}}{space}{unit}"
@@ -89,7 +89,7 @@ def all_of(
     why: str = "",
     numbers: Mapping[str, float] | None = None,
 ) -> Claim:
-    """Claim that something holds every time: `holds` times `of` so many; `numbers` are further ones that `why` says."""
+    """Claim that something is true every time: `holds` of `of` times; `numbers` are further ones, in `why`."""
     each = [bool(value) for value in holds]
     counted = {"holds": sum(each), "of": len(each), **(numbers or {})}
     return Claim(claim, paper, f"{sum(each)} of {len(each)} {what}", "all", all(each), why, counted)
@@ -106,12 +106,12 @@ def at_most(
 
 
 def reported(claim: str, paper: str, ours: str, why: str = "", numbers: Mapping[str, float] | None = None) -> Claim:
-    """Report what the paper gives no number for."""
+    """Report a quantity for which the paper states no number."""
     return Claim(claim, paper, ours, "reported only", None, why, numbers or {})
 
 
 def verdict(claim: Claim) -> str:
-    """Say yes, no, or a dash where there is nothing to compare with."""
+    """Return yes, no, or a dash if there is nothing to compare with."""
     return {True: "yes", False: "no", None: "-"}[claim.agrees]
 
 
@@ -137,7 +137,7 @@ def print_claims(console: Console, claims: Sequence[Claim]) -> None:
 
 
 def summary(claims: Sequence[Claim]) -> str:
-    """Say how many of the claims agree, and which parts hold one that does not."""
+    """State how many of the claims agree, and which parts contain one that does not."""
     judged = [each for each in claims if each.agrees is not None]
     differ = [each for each in judged if not each.agrees]
     words = f"{len(judged) - len(differ)} of {len(judged)} claims agree"

@@ -42,7 +42,7 @@ class _Ratios:
 
 
 def bounds(player: Player) -> Part:
-    """Conditions (6), (7), (8) and T_max against what is measured."""
+    """Compare conditions (6), (7), (8) and T_max with measurements."""
     ratios = _measured()
     body, sensor, links = _on_every_curve(ratios)
     simulated_body, simulated_sensor, simulated_links = _simulated(player)
@@ -89,7 +89,7 @@ def _picture(ratios: _Ratios) -> Picture:
 
 
 def _draw(axes: Axes, name: str, robots: np.ndarray, ratios: np.ndarray, word: str, above: bool) -> None:
-    """Draw one panel; `word` stands on the side of the line at 1 that a ratio should be on."""
+    """Draw one panel; `word` is written on the side of the line at 1 on which a ratio should be."""
     axes.plot(robots, ratios, "o", color=BLUE, ms=2.6, alpha=0.6, mew=0)
     axes.axhline(1, color=DARK, lw=1, ls="--")
     axes.set_xlabel("N")

@@ -18,7 +18,7 @@ from lissajous_env.world.columns import COLLISIONS, SEPARATION
 
 
 def printed(player: Player) -> Part:
-    """Section VII as printed: beta = 0.94, and the order of q1 and q2."""
+    """Simulate Section VII as printed: beta = 0.94, and the order of q1 and q2."""
     ours = player.play("kuramoto-mpcc", undisturbed(), worlds=SEEDS)
     beta = player.play("kuramoto-mpcc", scenario("experiment-printed", **{"faults.schedule": ()}), worlds=4)
     weights = MpccParameters()

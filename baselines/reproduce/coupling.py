@@ -1,4 +1,4 @@
-"""The window of K: with which gain of (1) five cars keep the formation and their distance."""
+"""The window of K: the gains of (1) with which five cars preserve the formation and their distances."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -45,7 +45,7 @@ class _Sweep:
 
 
 def window(player: Player) -> Part:
-    """The window of K: collisions and distances of five cars against the gain of (1)."""
+    """Compute the range of K: collisions and distances of five cars as a function of the gain of (1)."""
     runs = [player.play("kuramoto-mpcc", undisturbed(**{"formation.coupling": K}), worlds=SEEDS) for K in _GAINS]
     columns = (COLLISIONS, SEPARATION, SPACING, PHASE_ERROR)
     sweep = _Sweep(*(np.array([played.score(column) for played in runs]) for column in columns))

@@ -1,4 +1,4 @@
-"""Fig. 2 and 3: the formation on the curve, and how it finds every moving target."""
+"""Fig. 2 and 3: the formation on the curve, and its detection of every moving target."""
 
 from typing import Any
 

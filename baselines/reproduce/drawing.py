@@ -38,14 +38,14 @@ class Picture:
     """Name of its file, without the suffix, which is its `format`."""
     title: str
     caption: str
-    """Description, with the choices where the paper gives no value."""
+    """Description, with the choices where the paper states no value."""
     content: bytes
     """Content of the file."""
     format: str = "png"
 
 
 class Sheet:
-    """A figure under work, in the style; `picture` ends it, in the format that `drawn_as` says. Use as a context."""
+    """A figure under work, in the style; `picture` ends it, in the format set by `drawn_as`. Use as a context."""
 
     def __init__(self, name: str, title: str, width: float = 7.2, height: float = 3.2):
         self.name, self.title = name, title
@@ -70,7 +70,7 @@ class Sheet:
 
 
 def drawn_as(suffix: Format) -> AbstractContextManager[None]:
-    """Have pictures made in a format."""
+    """Make pictures in a format."""
     return rc_context({"savefig.format": suffix})
 
 

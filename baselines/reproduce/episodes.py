@@ -1,4 +1,4 @@
-"""Episodes of a batch of worlds, kept as arrays over time; the same one is played once, whoever asks for it."""
+"""Episodes of a batch of worlds, stored as arrays over time; the same one is played once, for all callers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from lissajous_env.world.state import STUCK
 from lissajous_env.world.tally import RECOVERED
 
 SEEDS = 16
-"""Episodes that a claim about one run of the paper is made of, where it does not say."""
+"""Default number of episodes for a claim about one run of the paper."""
 
 BARE: dict[str, Any] = {
     "targets.count": 0,
@@ -27,7 +27,7 @@ BARE: dict[str, Any] = {
     "faults.schedule": (),
     "robot.phase_rate_max": 10.0,
 }
-"""Overrides that leave robots and dynamics (1) alone, with points as fast as it may ask for."""
+"""Overrides that leave only robots and dynamics (1), with points as fast as (1) may require."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Played:
     heading: np.ndarray
     """(F, W, N) [rad]."""
     stuck: np.ndarray
-    """(F, W, N) whether a robot stands still."""
+    """(F, W, N) whether a robot has stopped."""
     deviation: np.ndarray
     """(F, W) largest deviation from the equilibrium of the scenario [rad], the common rotation removed."""
     waited: list[np.ndarray]

@@ -18,7 +18,7 @@ _PALE = "#9cc7e4"
 
 
 def theorem1(player: Player) -> Part:
-    """Theorem 1: equilibria reached from random starts."""
+    """Test Theorem 1: equilibria reached from random starts."""
     claims = []
     with Sheet("theorem1", f"Theorem 1   Equilibria reached from {_STARTS} random starts", 7.2, 3.9) as sheet:
         panels = sheet.figure.subplots(2, 3, sharey=True)
@@ -74,7 +74,7 @@ def theorem1(player: Player) -> Part:
 
 
 def theorem2(player: Player) -> Part:
-    """Theorem 2: stable equilibria with one robot to a place."""
+    """Test Theorem 2: stable equilibria with one robot at each place."""
     numbers = [n for n in range(3, 201) if n not in (4, 6)]
     # Not by the rule of Theorem 1 but by the eigenvalues of the Jacobian, as numbers.
     small = [n for n in range(3, 41) if n not in (4, 6)]
@@ -104,7 +104,7 @@ def theorem2(player: Player) -> Part:
 
 
 def lemmas(player: Player) -> Part:
-    """Lemma 1 and 2: clusters, and equilibria made of others."""
+    """Test Lemma 1 and 2: clusters, and equilibria made of others."""
     shared = []
     for n in _NUMBERS:
         played = _random_starts(player, n)
@@ -143,10 +143,10 @@ def lemmas(player: Player) -> Part:
 
 
 def _random_starts(player: Player, n: int) -> Played:
-    """Uniform random phases of N points, played to rest."""
+    """Return the phases of N points, simulated from uniform random ones until they rest."""
     bare = BARE | {"formation.start": "random", "formation.alpha": 1, "formation.p": None, "robot.count": n}
     bare |= {"task.step": 0.25, "task.duration": 150.0}
-    # Theorem 1 is of (1) as it is, without a bound on the speed: omega + 2 K is the most that it asks for.
+    # Theorem 1 is of (1) as it is, without a bound on the speed: omega + 2 K is the highest rate that (1) requires.
     bare |= {"robot.phase_rate_max": 0.3 + 2 * 1.0}
     bare |= {"sensing.radius": 1.0, "sensing.robots_seen": 0, "sensing.targets_seen": 0}
     return player.play("kuramoto", scenario("failure", **bare), worlds=_STARTS, only_ends=True)

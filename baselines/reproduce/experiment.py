@@ -121,7 +121,7 @@ def fig8(player: Player) -> Part:
 
 
 def _chosen(played: Played) -> str:
-    """Return the choices where the paper gives no value."""
+    """Return the choices where the paper states no value."""
     made = played.scenario
     first, last = made.faults.schedule[0][1:]
     return (
@@ -132,7 +132,7 @@ def _chosen(played: Played) -> str:
 
 
 def _spans(played: Played) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Masks (F,) of the time before, in and 8 s or more after the failure."""
+    """Return masks (F,) of the time before the failure, in it, and 8 s or more after it."""
     first, last = played.scenario.faults.schedule[0][1:]
     time = played.time
     return time < first, (time >= first) & (time < last), time >= last + 8

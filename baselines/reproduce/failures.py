@@ -99,7 +99,7 @@ def fig6(player: Player) -> Part:
 
 
 def theorem4(player: Player) -> Part:
-    """Theorem 4: failures during which the condition holds, and failures during which it does not."""
+    """Test Theorem 4: failures during which the condition is met, and failures during which it is not."""
     held: list[bool] = []
     broken: list[bool] = []
     stuck_pair = None

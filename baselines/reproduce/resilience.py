@@ -91,7 +91,7 @@ def fig4(player: Player) -> Part:
 
 
 def theorem3(player: Player) -> Part:
-    """Theorem 3: whoever is displaced inside (9) comes back."""
+    """Test Theorem 3: a robot that is displaced within (9) returns."""
     random = np.random.default_rng(player.seed)
     returned: list[bool] = []
     unmet, tried = 0, 0

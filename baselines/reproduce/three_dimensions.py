@@ -18,7 +18,7 @@ _SHOWN = (1, 3, 5, 7, 11, 13)
 
 
 def branch_radius(curve: Curve) -> float:
-    """Half of the smallest distance between two branches of the curve (10) [m]; 0 where it crosses itself.
+    """Return half of the smallest distance between two branches of the curve (10) [m]; 0 if it crosses itself.
 
     Bodies below it cannot touch wherever they are, unless one runs into the one before it on its own branch. Every
     local minimum over u and v of the distance between r(u - v) and r(u + v), v away from 0 and pi, is such a place.
@@ -132,7 +132,7 @@ def fig5(player: Player) -> Part:
 
 
 def knot(player: Player) -> Part:
-    """Section IV-A: a transient that collides in the plane and not on a knot."""
+    """Simulate a transient of Section IV-A that collides in the plane and not on a knot."""
     turned = {"formation.start": "rotated"}
     flat = player.play("kuramoto", scenario("failure", **turned), worlds=SEEDS)
     deep = player.play("kuramoto", scenario("knot", **turned), worlds=SEEDS)

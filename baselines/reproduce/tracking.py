@@ -1,4 +1,4 @@
-"""Fig. 9 and the first experiment: how well cars keep the formation, with feedback and without."""
+"""Fig. 9 and the first experiment: how well cars preserve the formation, with feedback and without."""
 
 from typing import Any
 
@@ -57,7 +57,7 @@ def fig9(player: Player) -> Part:
 
 
 def _picture_of_distances(played: Played, seed: int) -> Picture:
-    """Draw Fig. 9: the distances of one run, and where the paper's run lies among ours."""
+    """Draw Fig. 9: the distances of one run, and the rank of the paper's run among ours."""
     made = played.scenario
     spacing, body = 2 * made.detection_radius, 2 * made.robot.radius
     series = (
@@ -104,7 +104,7 @@ def _picture_of_distances(played: Played, seed: int) -> Picture:
 
 
 def experiment1(player: Player) -> Part:
-    """First experiment: without feedback the formation is lost."""
+    """Simulate the first experiment: without feedback the formation is lost."""
     lost = player.play("open-loop-mpcc", undisturbed(**{"task.duration": _LONG}), worlds=SEEDS)
     kept = player.play("kuramoto-mpcc", undisturbed(**{"task.duration": _LONG}), worlds=SEEDS)
     alike = player.play("open-loop-mpcc", undisturbed(**_ALIKE | {"task.duration": _LONG}), worlds=SEEDS)
@@ -189,7 +189,7 @@ def _picture_of_drift(kept: Played, lost: Played, alike: Played) -> Picture:
 
 
 def _at_the_end(played: Played) -> np.ndarray:
-    """Deviation from the equilibrium at the end of each episode, (W,) [rad]."""
+    """Return the deviation from the equilibrium at the end of each episode, (W,) [rad]."""
     return played.deviation[-round(_SETTLED / played.scenario.task.step) :].mean(axis=0)
 
 
@@ -200,7 +200,7 @@ def _smooth(played: Played, values: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def _moving_mean(played: Played, values: np.ndarray) -> np.ndarray:
-    """Mean of (F, W) values over the 5 s around each moment, (F, W)."""
+    """Return the mean of (F, W) values over the 5 s around each moment, (F, W)."""
     width = round(_SETTLED / played.scenario.task.step)
     padded = np.pad(values, ((width // 2, width - 1 - width // 2), (0, 0)), mode="edge")
     sums = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), padded]), axis=0)
@@ -208,11 +208,11 @@ def _moving_mean(played: Played, values: np.ndarray) -> np.ndarray:
 
 
 def _time_above(played: Played, limit: float) -> np.ndarray:
-    """Time from which on the deviation, as a mean of 5 s, is first above a limit, (W,) [s]; NaN if it never is."""
+    """Return the first time at which the mean deviation over 5 s is above a limit, (W,) [s]; NaN if it never is."""
     above = _moving_mean(played, played.deviation) > limit
     return np.where(above.any(axis=0), played.time[np.argmax(above, axis=0)], np.nan)
 
 
 def _each_minute(played: Played) -> np.ndarray:
-    """Collisions a minute (W,)."""
+    """Return the collisions per minute (W,)."""
     return 60 * played.score(COLLISIONS) / played.time[-1]

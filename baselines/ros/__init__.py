@@ -1,1 +1,1 @@
-"""ROS 2: robots as nodes, the simulation as stand-in for their hardware, and both launched together."""
+"""ROS 2: robots as nodes, the simulation in place of their hardware, and both launched together."""

@@ -13,7 +13,7 @@ RING = ("cos_phase", "sin_phase", "x", "y")
 """Names in a message to the ring neighbours, before `number_0`, `number_1` ... of the policy."""
 
 SIMULATED = ("cos_phase", "sin_phase", "works", "heard_before", "heard_after")
-"""Names in a message of what a simulated robot knows besides its pose, in lock-step."""
+"""Names in a message of the data that a simulated robot has besides its pose, in lock-step."""
 
 
 class Simulated(NamedTuple):
@@ -28,13 +28,13 @@ class Simulated(NamedTuple):
 
 
 def simulated_message(simulated: Simulated, time: float) -> Any:
-    """Return what a simulated robot knows at a time [s] as sensor_msgs/JointState."""
+    """Return the data of a simulated robot at a time [s] as sensor_msgs/JointState."""
     numbers = (*simulated.phase, float(simulated.works), *simulated.heard_at)
     return named_numbers(SIMULATED, numbers, time)
 
 
 def simulated_of(message: Any) -> Simulated | None:
-    """Return what a simulated robot knows; None if the message is of something else."""
+    """Return the data of a simulated robot; None if the message is of something else."""
     if tuple(message.name) != SIMULATED or len(message.position) != len(SIMULATED):
         return None
     cos_phase, sin_phase, works, before, after = message.position
@@ -131,7 +131,7 @@ def cloud_message(rows: np.ndarray, time: float, frame: str) -> Any:
 
 
 def cloud_rows(message: Any, width: int) -> np.ndarray:
-    """Return the rows (K, width) of a point cloud: x, y [m] and, if they are asked for and there, vx, vy [m/s].
+    """Return the rows (K, width) of a point cloud: x, y [m] and, if requested and present, vx, vy [m/s].
 
     Raises:
         ValueError: the cloud has no x and y as 32-bit floats.

@@ -58,7 +58,7 @@ class SpeedOfPoses:
 
 
 def relative(rows: np.ndarray, frame: str, own: str, pose: Odometry, origin: Origin) -> np.ndarray:
-    """Return what a sensor sees (K, 2 or 4) relative to the robot, in the directions of the scenario's axes.
+    """Return a sensor's detections (K, 2 or 4) relative to the robot, in the directions of the scenario's axes.
 
     Args:
         rows: x, y [m], and velocities [m/s] if there are two more.

@@ -21,7 +21,7 @@ from lissajous_env.console.terminal import CommandError
 _PDEATHSIG = 1
 """Option of prctl: the signal that a process receives when its parent dies."""
 _GRACE = 5.0
-"""Time for which a process may take to end [s]."""
+"""Time in which a process must end [s]."""
 
 
 class Team:

@@ -8,7 +8,7 @@ import numpy as np
 from baselines.onboard import Message, Odometry, Onboard, Output
 
 _HISTORY = 64
-"""Number of messages of each neighbour that are kept."""
+"""Number of messages of each neighbour that are stored."""
 
 
 class Pilot:
@@ -105,7 +105,7 @@ class Pilot:
 
 
 class LockstepPilot:
-    """The same in lock-step with a simulation, which says of which times the messages have arrived.
+    """The same in lock-step with a simulation, which announces the times of the messages that have arrived.
 
     Args:
         onboard: The robot's policy.

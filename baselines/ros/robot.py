@@ -23,7 +23,7 @@ from baselines.ros.telemetry import RobotMarkers, diagnostics, percentile
 NAME = "policy"
 _WAITS = "waits for the service start"
 _TICK = 0.01
-"""Period in which the node looks whether it has to act [s]."""
+"""Period in which the node tests whether it must act [s]."""
 
 
 class RobotNode(ros.Node):

@@ -1,4 +1,4 @@
-"""Run nodes until they are told to end."""
+"""Run nodes until they are requested to end."""
 
 import faulthandler
 import os
@@ -11,7 +11,7 @@ from typing import Any
 from baselines.ros import library as ros
 
 _GRACE = 3.0
-"""Time for which ROS 2 may take to end [s]."""
+"""Time in which ROS 2 must end [s]."""
 
 
 @dataclass
@@ -37,7 +37,7 @@ class RosProcess:
             executor.shutdown()
 
     def note_end(self, *_: Any) -> None:
-        """Note SIGTERM."""
+        """Record SIGTERM."""
         self.ended = True
 
 
@@ -61,8 +61,8 @@ def started(interrupts: bool = False) -> Iterator[RosProcess]:
 def _ended_in_time() -> Iterator[None]:
     """End the process with code 1 if a block of code takes too long.
 
-    Fast DDS waits for itself for ever where a participant ends while it discovers that another one has ended. It holds
-    the lock of the interpreter meanwhile, so no thread of Python can end the process.
+    Fast DDS waits for itself for ever where a participant ends while it discovers that another one has ended. The code
+    blocks the interpreter's lock meanwhile, so no thread of Python can end the process.
     """
     with open(os.devnull, "w") as nowhere:
         faulthandler.dump_traceback_later(_GRACE, exit=True, file=nowhere)

@@ -1,4 +1,4 @@
-"""The base of a simulated robot: it takes commands from the network, and stops without them."""
+"""The base of a simulated robot: it receives commands from the network, and stops without them."""
 
 import math
 from collections import deque

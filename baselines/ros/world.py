@@ -1,4 +1,4 @@
-"""The node of the simulation, which stands in for the hardware of all robots: poses out, commands in."""
+"""The node of the simulation, in place of the hardware of all robots: poses out, commands in."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -21,7 +21,7 @@ from lissajous_env.world.state import REMOVED
 
 NAME = "world"
 START = 1.0
-"""Time of the reset in lock-step [s]; ROS takes 0 for no time."""
+"""Time of the reset in lock-step [s]; ROS interprets 0 as no time."""
 _AGAIN = 0.25
 """Period in which a state is sent again while robots are waited for [s]."""
 _PATIENCE = 30.0
@@ -155,7 +155,8 @@ class WorldNode(ros.Node):
         self.loop.spin_once(timeout_sec=max(timeout, 0.0))
 
     def _spin_until(self, holds: Callable[[], bool], limit: float, every: Callable[[], None] | None = None) -> bool:
-        """Receive messages until a condition holds, and call a function regularly; False where it takes too long."""
+        """Receive messages until a condition is true, and call a function regularly; return False after a time
+        limit."""
         begun = again = monotonic()
         while not holds():
             now = monotonic()
@@ -230,7 +231,7 @@ class WorldNode(ros.Node):
             yield
 
     def _publish(self, time: float) -> None:
-        """Publish what each robot measures and sees at a time [s]."""
+        """Publish the measurements and detections of each robot at a time [s]."""
         lockstep, frame = self.settings.lockstep, self.settings.frame
         if lockstep:
             self._send_clock(ros.Clock(clock=stamp_of(time)))

@@ -1,4 +1,4 @@
-"""The decisions of the proved filter: each robot in its turn takes an action only if a tail remains after it.
+"""The decisions of the proved filter: each robot in its turn applies an action only if a tail remains after it.
 
 `baselines.safety.proved` states the theorem, whose conditions this module enforces.
 """
@@ -16,7 +16,7 @@ from lissajous_env.device.part_structs import RobotStruct
 wp.set_module_options(OPTIONS)
 
 OLD, NEW = wp.constant(0), wp.constant(1)
-"""Plans of a robot for a step: it continues its old tail, or it takes an action and a new tail follows."""
+"""Plans of a robot for a step: it continues its old tail, or it applies an action, followed by a new tail."""
 PLANS = wp.constant(2)
 THERE, GONE = wp.constant(1), wp.constant(2)
 """Presence of a robot: it has heard a ring neighbour; it was removed."""
@@ -58,7 +58,7 @@ class Plans:
     reach: wp.array3d(dtype=wp.float32)
     """Largest distance of the plan from the position of the robot [m]."""
     decided: wp.array2d(dtype=wp.int32)
-    """(W, N) 1 where the robot has taken a new action, in its turn of this step; its old tail is void."""
+    """(W, N) 1 where the robot has selected a new action, in its turn of this step; its old tail is void."""
 
 
 @wp.func
@@ -79,7 +79,7 @@ def begin(
     memory: Memory,
     observation: wp.array3d(dtype=float),
 ) -> bool:
-    """Bring a robot's memory to the step that begins; return whether it is where its tail says (condition 6).
+    """Advance a robot's memory to the step that begins; return whether the robot is on its tail (condition 6).
 
     A robot that is elsewhere, as at the beginning of an episode, begins a tail at its position.
     """
@@ -209,7 +209,7 @@ def decide(
 ) -> wp.vec2:
     """Take the first of the changed actions after which a tail has room, or continue the old tail.
 
-    If the old tail has no room either, which can happen outside of the conditions, the plan with most room is taken.
+    If the old tail has no room either, which can happen if conditions are violated, the plan with most room is used.
     """
     known = memory.known[w, i]
     chosen = wp.vec2(memory.steering[w, i][1], -1.0)

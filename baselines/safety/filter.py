@@ -1,15 +1,15 @@
-"""A filter under any car policy that changes its actions as little as keeps the cars apart.
+"""A filter under any car policy that changes its actions by the smallest amount that separates the cars.
 
 The paper's Section IV-A (i), "implement a lower level controller for collision avoidance", at the cost that it names,
 "deviating from the Lissajous path or from the desired velocity": a car that swerves leaves the curve by decimetres, the
-formation opens for a while, and targets between two cars are found later. `SafetyParameters` holds the constants.
+formation opens for a while, and targets between two cars are detected later. `SafetyParameters` contains the constants.
 
-The car has no brakes: from 1.1 m/s it coasts 1.2 m, so it must steer, and in time. The filter therefore judges an
-action u by the manoeuvres that remain after it. The car takes u for one step and then one of nine
-ways out b (full right, straight on, full left; each coasting, at its speed, or driving on). Another car k goes
-straight on. It is a car within the sensing radius, whose position and velocity are observed, or, where that radius is
-too short for the speed of the formation (`speed_in_sight`), a ring neighbour beyond it, whose messages contain its
-position and, by their difference, its velocity. With d_k(t) their distance and D = 2 r + clearance,
+The car has no brakes: from 1.1 m/s it coasts 1.2 m, so it must steer, and in time. The filter therefore evaluates an
+action u by the manoeuvres that remain after it. The car applies u for one step and then one of nine ways out b (full
+right, straight on, full left; each coasting, at its speed, or driving on). Another car k goes straight on. It is a car
+within the sensing radius, whose position and velocity are observed, or, where that radius is too short for the speed of
+the formation (`speed_in_sight`), a ring neighbour beyond it, whose messages contain its position and, by their
+difference, its velocity. With d_k(t) their distance and D = 2 r + clearance,
 
     m_k(u; b) = min over t in [0, horizon) of d_k(t) - D - growth t        [m]
     V(u)      = max_b min_k m_k(u; b)
@@ -20,8 +20,8 @@ the wanted action w is not below 0, w passes unchanged, bit for bit. Elsewhere a
     minimise   (u_0 - w_0)^2 + throttle_weight (u_1 - w_1)^2
     subject to m_k(v; b) + dm_k/du(v; b) (u - v) >= 0 for every k,  u_0 in [-1, 1],  u_1 in [-1, top]
 
-is solved exactly, by active sets, for v = w and up to `passes` times, v being the last solution; where the rows
-contradict one another, all give way by the same least amount. `top` is the throttle that leads to `speed_limit`.
+is solved exactly, by active sets, for v = w and up to `passes` times, v being the last solution; if the rows contradict
+each other, all are relaxed by the same smallest amount. `top` is the throttle that leads to `speed_limit`.
 
 The limit is above the formation's speed (`HEADROOM`): otherwise a car that gave way could not catch up, and the
 worst-case undetected time would be several times as long. With the parameters `CLOSE` (policies with `-close` in their
@@ -31,10 +31,10 @@ it with both.
 Two cars that avoid each other must not choose the same side, so both compute the same best pair of ways out
 (`agreed_way_out`). A symmetric pair passes on the right.
 
-Limits: the filter takes `sensing.robots_seen` robots into account and, beyond the sensing radius, only ring neighbours,
-as long as their messages arrive without delay. Other cars that approach at 2 m/s in `intruders` are sensed too late. A
-car that stops abruptly less than about 0.45 m ahead cannot be avoided. There are only nine ways out, so a car between
-two others may find none. Of three cars, two may agree on ways out that do not suit the third.
+Limits: the filter accounts for `sensing.robots_seen` robots and, beyond the sensing radius, only ring neighbours, as
+long as their messages arrive without delay. Other cars that approach at 2 m/s in `intruders` are sensed too late. A car
+that stops abruptly less than about 0.45 m ahead cannot be avoided. There are only nine ways out, so a car between two
+others may have none. Of three cars, two may agree on ways out that do not suit the third.
 """
 
 import dataclasses
@@ -102,7 +102,7 @@ class Safe(Policy):
         self.top = wp.zeros(self.shape, dtype=wp.float32, device=self.device)
 
     def filter(self, observation: wp.array, wanted: wp.array) -> wp.array:
-        """Actions for wanted ones (W, N, A) and observations (W, N, D): Warp arrays, the result the filter's own.
+        """Return the actions for wanted ones (W, N, A) and observations (W, N, D), as a Warp array of the filter.
 
         Messages, the entries after steering and throttle, pass unchanged.
         """
@@ -138,11 +138,11 @@ def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
 
 
 def speed_in_sight(scenario: Scenario, parameters: SafetyParameters) -> float:
-    """Speed [m/s] up to which two cars that meet head on can still pass each other once they see each other.
+    """Speed [m/s] up to which two cars that drive towards each other can still pass when they sense each other.
 
-    On its tightest circle, of radius R = l / tan(delta_max), a car moves aside by half of D = 2 r + clearance within
-    s = sqrt(R^2 - (R - D / 2)^2), whatever its speed. A step may pass before either sees the other, so
-    r_s - 2 s = 2 v step.
+    On its tightest circle, of radius R = l / tan(delta_max), a car moves aside by half of D = 2 r + clearance within s
+    = sqrt(R^2 - (R - D / 2)^2), whatever its speed. A step may pass before either senses the other, so r_s - 2 s = 2 v
+    step.
     """
     robot = scenario.robot
     tightest = turning_radius(robot.wheelbase, robot.steering_max)

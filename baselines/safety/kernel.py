@@ -109,7 +109,7 @@ def margin(
 ) -> float:
     """m(action; way_out) = min over the horizon of distance - (2 r + clearance + growth t) [m].
 
-    The car takes the action for one step and the way out from then on; the other (x, y, x', y') goes straight on.
+    The car applies the action for one step and then follows the way out; the other (x, y, x', y') goes straight on.
     """
     least = float(_NONE)
     now = car
@@ -161,8 +161,8 @@ def agreed_way_out(
 ) -> int:
     """Return the manoeuvre b that two cars agree on if both compute the best pair of manoeuvres.
 
-    b = argmax min_k max_{b'} min(m_k(b, b'), ample) - price(b) - price(b'), where m_k(b, b') is the margin when this
-    car takes b and the other b' from now on. Both cars of a pair observe the same two states, so they find the same
+    b = argmax min_k max_{b'} min(m_k(b, b'), ample) - price(b) - price(b'), where m_k(b, b') is the margin if this car
+    follows b and the other b' from now on. Both cars of a pair observe the same two states, so they compute the same
     pair.
     """
     keep = 2.0 * robot.radius + safety.clearance

@@ -1,6 +1,6 @@
 """Motion of a robot's own car over a step, with bounds on where it can be after an action.
 
-Every number is an interval: the errors of measured positions, headings and speeds are within `Bounds`. A robot knows
+Every number is an interval: the errors of measured positions, headings and speeds are within `Bounds`. A robot stores
 bounds on the factors of its own curvature and drive, which are as wide as the scenario allows at first and narrow with
 each step (`learn`).
 """

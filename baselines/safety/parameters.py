@@ -37,7 +37,7 @@ class SafetyParameters(Checked):
     passes: int = whole(3, 1, 20)
     """Largest number of linearisations of the margins, each of which is a quadratic program."""
     resting: float = number(0.05, 0, 1e3, "m/s")
-    """Speed below which another robot is assumed to stand still [m/s]."""
+    """Speed below which another robot is assumed to have stopped [m/s]."""
     unit: float = number(1.0, 1e-9, 1e6, "m")
     """Unit of the margins in the quadratic program [m]."""
     speed_max: float | None = number(None, 1e-9, 1e5, "m/s")

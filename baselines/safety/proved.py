@@ -2,12 +2,12 @@
 
 docs/proved.md has the theorem with its proof; in short:
 
-* The **tail** of a car is its path to rest with the motor off and the steering held (`baselines.safety.tails`).
+* The **tail** of a car is its path to rest with the motor off and constant steering (`baselines.safety.tails`).
 * Two tails are **compatible** if the cars stay 2 r + margin apart at equal times for ever, wherever each is within its
   error bounds.
-* In every step each robot in its turn takes the wanted action only if the tail after it is compatible with the
-  committed tails of all others. Otherwise it takes the least change of the action for which it is, and without one it
-  continues its old tail.
+* In every step each robot in its turn applies the wanted action only if the tail after it is compatible with the
+  committed tails of all others. Otherwise it applies the smallest change of the action for which this is so, and
+  without one it continues its old tail.
 
 **Theorem.** If conditions 1 to 5 hold, and all tails are compatible in some step (6), no robots collide after it.
 
@@ -15,10 +15,10 @@ docs/proved.md has the theorem with its proof; in short:
    way: `own_motion.drive`, `own_motion.within_grip`, `commitment.room_inside`.
 2. Wheelbase, drive and measurements are within their bounds: `bounds_of`, `widest_of`, `own_motion.learn`,
    `tails.error_tube`.
-3. Robots decide one after another and know the committed tails; a robot that misses one does not decide:
+3. Robots decide one after another and have received the committed tails; a robot that misses one does not decide:
    `commitment.commit`, `commitment.hears_all`.
 4. Every robot decides by this filter: `commitment.room_of`, `commitment.decide`.
-5. A robot that fails rolls to rest as it steered last, `faults.stop` = `coast`: `commitment.room_to`.
+5. A robot that fails coasts to rest with constant steering, `faults.stop` = `coast`: `commitment.room_to`.
 6. All tails are compatible once: `commitment.is_compatible`, `Proved.holds`.
 
 `unmet_conditions` names those of 1, 2, 3 and 5 that a scenario does not meet. In such scenarios the
@@ -61,7 +61,7 @@ THROTTLE_CHANGES = (0.0, 0.5, 2.0)
 _ROUNDING = 4e-6
 """Bound on the rounding error of observed numbers, relative to their range."""
 _COARSEST = 0.01
-"""Largest relative error of the integration for which the bounds of the errors hold."""
+"""Largest relative error of the integration for which the bounds of the errors are valid."""
 _SEEN = 3.9
 """Half size of the rectangle of the tails, in half widths; observations are clipped at 4."""
 
@@ -117,7 +117,7 @@ class Proved(Policy):
         return self._memory.holds.numpy() == 1
 
     def filter(self, observation: wp.array, wanted: wp.array) -> wp.array:
-        """Actions for wanted ones (W, N, A) and observations (W, N, D): Warp arrays, the result the filter's own.
+        """Return the actions for wanted ones (W, N, A) and observations (W, N, D), as a Warp array of the filter.
 
         If an action is not finite, the robot continues its old tail. Messages, the entries after steering and throttle,
         pass unchanged.

@@ -33,7 +33,7 @@ def violation(w: int, i: int, n: int, rows: wp.array3d(dtype=wp.vec3), u: wp.vec
 
 @wp.func
 def in_box(u: wp.vec2, top: float) -> bool:
-    """Return whether an action lies in the box, up to rounding."""
+    """Return whether an action is in the box, up to rounding."""
     return wp.abs(u[0]) <= 1.00001 and u[1] >= -1.00001 and u[1] <= top + 0.00001
 
 

@@ -1,8 +1,9 @@
-"""Tails: the paths of cars that roll to rest with the motor off and the steering held, with bounds on their errors.
+"""Tails: the paths of cars that coast to rest with the motor off and constant steering, with bounds on their errors.
 
-A car whose motor is off slows down by v' = -c v, equation (12), whatever its motor and its wheelbase. With its steering
-held it follows an arc of curvature kappa, and with q = 1 - exp(-c t) it has gone q L of the length L = v / c that is
-left to it. All cars have the same c, so for q from 0 to 1 every car moves along its arc at a constant rate. A tail is
+A car whose motor is off slows down by v' = -c v, equation (12), whatever its motor and its wheelbase. With constant
+steering it follows an arc of curvature kappa, and with q = 1 - exp(-c t) it has gone q L of the length L = v / c that
+is left to it. All cars have the same c, so for q from 0 to 1 every car moves along its arc at a constant rate. A tail
+is
 
     tail = (x, y, heading, L)        beginning [m], [rad], and length [m]
     tube = (kappa, w0, w1, w2)       curvature [1/m], and the bound w(q) = w0 + w1 q + w2 q^2 [m]

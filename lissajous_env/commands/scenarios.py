@@ -21,7 +21,7 @@ _Scenarios = Annotated[
 
 
 def scenarios(names: _Scenarios = (), output: OutputOptions = DEFAULT_OUTPUT) -> None:
-    """List the scenarios and their designs; of the scenarios that are named, print every field and violated assumption.
+    """List the scenarios and their designs; for named scenarios, print every field and every violated assumption.
 
     Example:
         lissajous scenarios intruders team

@@ -199,7 +199,7 @@ def _check_text(arguments: list[str]) -> None:
     """Check that no argument is empty or invalid text.
 
     Raises:
-        ValueError: an argument is empty or holds bytes that are no UTF-8.
+        ValueError: an argument is empty or contains bytes that are not UTF-8.
     """
     for number, argument in enumerate(arguments):
         if not argument or re.fullmatch(r"--[\w-]+=", argument):
@@ -232,7 +232,7 @@ def _print_help(known: dict[str, EntryPoint]) -> None:
 
     console = make_console()
     console.print("usage: lissajous [b]COMMAND[/b] ...\n")
-    console.print("Monitor an area with a team of robots on Lissajous curves.\n")
+    console.print("Simulate, compare and train teams of robots that monitor an area and detect targets.\n")
     table = Table(box=None, padding=(0, 2, 0, 0), show_header=False, pad_edge=False)
     table.add_column(no_wrap=True)
     for name, entry in known.items():

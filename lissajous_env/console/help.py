@@ -1,7 +1,7 @@
 """Help of a command, read from its function: signature, docstring and, of a parameter that is a dataclass, its fields.
 
-The docstring's section `Example:` holds a command line and the time that it takes. Its section `Options:` sorts the
-options into groups, `Title: name, name`; those of no group come first.
+The docstring's section `Example:` contains command lines. Its section `Options:` sorts the options into groups, `Title:
+name, name`; those of no group come first.
 """
 
 import dataclasses
@@ -22,7 +22,7 @@ from lissajous_env.settings.checks import meanings
 
 _METAVARS = {int: "INT", float: "FLOAT", str: "TEXT", Path: "PATH", bool: ""}
 _WIDEST = 30
-"""Columns that the names of options take at most."""
+"""Largest number of columns for the names of options."""
 
 
 class _Option(NamedTuple):
@@ -71,7 +71,7 @@ def _sections(doc: str) -> tuple[str, dict[str, str]]:
 
 
 def _entries(section: str) -> dict[str, str]:
-    """Texts of a section by name, each on one line."""
+    """Return the texts of a section by name, each on one line."""
     found = re.findall(r"^ {4}(\w[\w ]*): (.*(?:\n {5,}.*)*)", section, flags=re.MULTILINE)
     return {name: " ".join(text.split()) for name, text in found}
 
@@ -107,7 +107,7 @@ def _sentence(text: str) -> str:
 
 
 def _metavar(kind: Any) -> str:
-    """Return what stands for the value of an option: `INT`, `{a,b}` or `TEXT ...`."""
+    """Return the placeholder for the value of an option: `INT`, `{a,b}` or `TEXT ...`."""
     args = [each for each in typing.get_args(kind) if each not in (types.NoneType, ...)]
     if typing.get_origin(kind) is Literal:
         return f"{{{','.join(map(str, args))}}}"

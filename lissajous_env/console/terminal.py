@@ -136,7 +136,7 @@ def print_line(console: Console, words: str | Text, style: str | None = None) ->
 
 
 def print_left_out(console: Console, names: Sequence[str], where: str) -> None:
-    """Print which columns were omitted, and `where` they can be found."""
+    """Print the titles of omitted columns, and `where` their values are."""
     if names:
         words = f"Columns that do not fit the terminal: {', '.join(dict.fromkeys(names))}. {where}"
         print_line(console, words, "yellow")

@@ -1,15 +1,16 @@
 """Robots side by side: loops that the compiler turns into SIMD instructions.
 
-A kernel of the layout `BLOCKS` goes over the robots of all worlds in a row, in blocks of `width()`. It loads what it
-needs of a block (`floats` and those after it), as it lies in memory: arrays are contiguous, world first, then robot. It
-works on this in loops `for k in range(ABREAST)` whose passes do not depend on each other, and stores the results
-(`put_floats` and those after it) of the robots that have a bit in a mask, of those alone that are in worlds that take
-part. Each robot is worked on in the same way wherever it stands in a block, so a world does not depend on those beside
-it.
+A kernel of the layout `BLOCKS` iterates over the robots of all worlds in blocks of `width()`. Arrays are contiguous,
+world first, then robot, so the kernel loads the values of a block at once (`floats` and the functions after it). It
+computes in loops `for k in range(ABREAST)` whose iterations do not depend on each other, and stores the results
+(`put_floats` and the functions after it) of the robots that have a bit in a mask, by which robots of inactive worlds
+are left out. The result of a robot does not depend on its position in a block, so a world does not depend on the worlds
+beside it.
 
-For a loop to become SIMD it must begin with `if k < width()`, since a thread of a GPU has one robot alone, and
-nothing in it may end early, loop, or choose by anything but `wp.where` and short branches; a function must not take a
-`wp.vec2`, and what it goes over must be vectors of their own, not fields of a struct.
+The compiler turns such a loop into SIMD only if it begins with `if k < width()` (on a GPU a thread processes one
+robot), contains no early exit and no other loop, and branches only by `wp.where` and short conditions. The functions
+that it calls must not have arguments of type `wp.vec2`, and the loop must read separate vectors, not fields of a
+struct.
 """
 
 from typing import Any
@@ -39,7 +40,7 @@ def width() -> int:
 
 
 def width_on(device: Any) -> int:
-    """`width()` on a device, on the host."""
+    """Return `width()` of a device, for the host."""
     return _ON_CPU if device.is_cpu else 1
 
 
@@ -57,7 +58,7 @@ class Block:
 
 @wp.func
 def where_world(block: Block, n: int, values: wp.array(dtype=wp.int32), least: int) -> int:
-    """A bit for each robot of a block whose world, of `n` robots, has at least this value."""
+    """Return a bit for each robot of a block whose world, of `n` robots, has at least this value."""
     found = int(0)
     w = int(block.start / n)
     before = int(0)
@@ -110,25 +111,25 @@ def _load(type: str, each: str = "1", offset: str = "0") -> str:
 
 @wp.func_native(_load("float32"))
 def floats(block: Block, values: wp.array2d(dtype=wp.float32)) -> Floats:
-    """The values (W, N) of a block's robots."""
+    """Return the values (W, N) of a block's robots."""
     ...
 
 
 @wp.func_native(_load("float64"))
 def doubles(block: Block, values: wp.array2d(dtype=wp.float64)) -> Doubles:
-    """The values (W, N) of a block's robots."""
+    """Return the values (W, N) of a block's robots."""
     ...
 
 
 @wp.func_native(_load("float32", "3", "axis"))
 def coordinates(block: Block, values: wp.array2d(dtype=wp.vec3), axis: int) -> Floats:
-    """One coordinate of the vectors (W, N) of a block's robots."""
+    """Return one coordinate of the vectors (W, N) of a block's robots."""
     ...
 
 
 @wp.func_native(_load("float32", "values.shape[2]", "entry"))
 def entries(block: Block, values: wp.array3d(dtype=wp.float32), entry: int) -> Floats:
-    """One entry of the rows (W, N, entries) of a block's robots."""
+    """Return one entry of the rows (W, N, entries) of a block's robots."""
     ...
 
 
@@ -144,7 +145,7 @@ def entries(block: Block, values: wp.array3d(dtype=wp.float32), entry: int) -> F
     return found;
 """)
 def where_equal(block: Block, values: wp.array2d(dtype=wp.int32), value: int) -> int:
-    """A bit for each of a block's robots whose value (W, N) is this."""
+    """Return a bit for each of a block's robots whose value (W, N) equals this one."""
     ...
 
 
@@ -155,7 +156,7 @@ def where_equal(block: Block, values: wp.array2d(dtype=wp.int32), value: int) ->
     return found;
 """)
 def where_above(block: Block, values: Floats, least: float) -> int:
-    """A bit for each of a block's robots whose value is above this."""
+    """Return a bit for each of a block's robots whose value is above this one."""
     ...
 
 

@@ -5,7 +5,7 @@ import warp as wp
 
 @wp.func
 def run_of_bits(word: int, low: int, high: int) -> wp.uint64:
-    """Bits of columns low ... high that fall into the word with columns 64 word ... 64 word + 63."""
+    """Return the bits of columns low ... high in the word of columns 64 word ... 64 word + 63."""
     start = wp.max(low - 64 * word, 0)
     stop = wp.min(high - 64 * word, 63)
     if start > stop:
@@ -15,7 +15,7 @@ def run_of_bits(word: int, low: int, high: int) -> wp.uint64:
 
 @wp.func
 def half_of(bits: wp.uint64, half: int) -> wp.uint32:
-    """Bits of the lower 32 columns of a word where `half` is even, of the upper ones where it is odd."""
+    """Return the lower 32 columns of a word if `half` is even, the upper ones if it is odd."""
     return wp.uint32(bits >> wp.uint64(32 * (half & 1)))
 
 

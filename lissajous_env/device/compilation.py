@@ -1,7 +1,7 @@
 """Compiler options of kernels; a module with kernels calls `wp.set_module_options`, usually with OPTIONS.
 
-They hold for all that its kernels call: a module of functions alone needs none. Options that change how C++ is parsed
-have no place here: all modules share one parsed header (`headers.py`).
+They also apply to all functions that its kernels call, so a module of functions alone needs none. Do not add options
+that change how C++ is parsed, because all modules share one parsed header (`headers.py`).
 """
 
 from typing import Any
@@ -20,8 +20,8 @@ OPTIONS: dict[str, Any] = {
     "cpu_compiler_flags": f"-march=native -fno-slp-vectorize {_LLVM}",
 }
 
-# For motion, where it is worth a tenth of the whole step: the compiler may reorder sums and multiply by reciprocals.
-# It does so when it compiles, for every world alike, so the same machine still gives the same bits.
+# For motion, where it is worth a tenth of the whole step: the compiler may reorder sums and multiply by reciprocals. It
+# does so when it compiles, for every world alike, so the results on one machine are still the same, bit for bit.
 MOTION = OPTIONS | {
     "cpu_compiler_flags": OPTIONS["cpu_compiler_flags"] + " -mreassociate -fno-signed-zeros -freciprocal-math"
 }

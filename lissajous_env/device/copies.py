@@ -1,8 +1,9 @@
 """Objects with Warp arrays that can be copied and pickled at any time: made anew, then filled from the original.
 
-Structs, devices and recorded launches of Warp can be neither copied nor pickled. So a copy is made as the original was,
-by its class with the same arguments, which gives it its own, and then takes over everything else: Warp arrays by
-content, other attributes by value. Functions, work, and what Warp alone can make, stay as the making left them.
+Structs, devices and recorded launches of Warp can be neither copied nor pickled. So a copy is constructed like the
+original, by its class with the same arguments, and thereby has Warp objects of its own. Then everything else is copied
+from the original: the contents of Warp arrays, and other attributes by value. Functions, work, and objects that only
+Warp can create are left as constructed.
 """
 
 import ctypes
@@ -24,7 +25,8 @@ _MADE_WITH = "_made_with"
 
 
 class Copyable:
-    """Base of what `copy.deepcopy` and `pickle` take as the module says; subclasses need not do anything for it."""
+    """Base class of objects that `copy.deepcopy` and `pickle` copy as described above; subclasses need no code for
+    it."""
 
     def __new__(cls, *args: Any, **more: Any) -> Any:
         """Keep the arguments, with which a copy is made again."""
@@ -76,7 +78,7 @@ class _Array(np.ndarray):
 
 
 class _Part(dict):
-    """Contents of an object that Warp's things are a part of."""
+    """Contents of an object that contains objects of Warp."""
 
 
 def _make_again(cls: type, args: tuple, more: dict[str, Any]) -> Any:
@@ -84,7 +86,7 @@ def _make_again(cls: type, args: tuple, more: dict[str, Any]) -> Any:
 
 
 def _contents(owner: Any, within: tuple[int, ...] = ()) -> _Part:
-    """Everything that an object, list, tuple or dict holds, but what stays as it is made."""
+    """Return the contents of an object, list, tuple or dict, without those that the original's class creates."""
     held = _Part()
     for key, value in _entries(owner):
         if _is_warp_array(value):
@@ -120,7 +122,7 @@ def _fill(owner: Any, contents: dict[Any, Any], name: str) -> None:
 
 
 def _arrays(owner: Any, prefix: str = "", within: tuple[int, ...] = ()) -> Iterator[tuple[str, Any]]:
-    """Arrays of an object and of what it is made of, by name: all that can change while it works."""
+    """Return, by name, the arrays of an object and of its contents that can change while it works."""
     for key, value in sorted(_entries(owner), key=lambda entry: str(entry[0])):
         if isinstance(value, (wp.array, np.ndarray)):
             yield f"{prefix}{key}", value

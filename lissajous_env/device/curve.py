@@ -1,6 +1,6 @@
 """The curve on the device: position, derivatives and the local projection of a point onto it.
 
-It is the Lissajous curve or, where harmonics are given, any closed curve as a Fourier series.
+It is the Lissajous curve or, with harmonics, any closed curve as a Fourier series.
 
 Here gamma [rad] is the parameter of the curve; the phase theta of a robot that coordinates by (1) gives
 gamma = alpha theta (Lemma 2).
@@ -53,7 +53,7 @@ def wrap_phase(phase: wp.float64) -> wp.float64:
 
 @wp.func
 def curve_parameter(alpha: float, phase: wp.float64) -> float:
-    """Gamma = alpha theta (Lemma 2), wrapped to one turn [rad].
+    """Return gamma = alpha theta (Lemma 2), wrapped to one turn [rad].
 
     A phase is of double precision: alpha a, which is 4947 in `swarm`, multiplies its last bit.
     """
@@ -68,7 +68,7 @@ def wrap(angle: float) -> float:
 
 @wp.func
 def series(curve: CurveStruct, gamma: float, order: int) -> wp.vec2:
-    """The curve of the harmonics [m], or its first or second derivative [m/rad], [m/rad^2]."""
+    """Return the curve of the harmonics [m], or its first or second derivative [m/rad], [m/rad^2]."""
     total = wp.vec2(0.0, 0.0)
     for k in range(curve.harmonics.shape[0]):
         row = curve.harmonics[k]
@@ -84,7 +84,7 @@ def series(curve: CurveStruct, gamma: float, order: int) -> wp.vec2:
 
 @wp.func
 def series_around(curve: CurveStruct, gamma: float) -> tuple[wp.vec2, wp.vec2, wp.vec2]:
-    """`series` and both of its derivatives at once."""
+    """Return `series` and both of its derivatives."""
     place = wp.vec2(0.0, 0.0)
     tangent = wp.vec2(0.0, 0.0)
     bend = wp.vec2(0.0, 0.0)
@@ -134,7 +134,7 @@ def tangent2(curve: CurveStruct, gamma: float) -> wp.vec2:
 
 @wp.func
 def newton(away: wp.vec2, tangent: wp.vec2, bend: wp.vec2, gamma: float, largest_step: float) -> float:
-    """One step of `project`, from the point at gamma to a place that lies `away` of it [m]."""
+    """Return gamma after one step of `project` towards a place at the offset `away` from the point at gamma [m]."""
     square = wp.dot(tangent, tangent)
     lag = wp.dot(tangent, away) / wp.max(square - wp.dot(bend, away), 0.5 * square)
     return gamma + wp.clamp(lag, -largest_step, largest_step)

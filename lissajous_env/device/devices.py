@@ -24,7 +24,7 @@ def as_device(device: Any) -> Any:
     _start()
     there = ", ".join(str(each) for each in wp.get_devices())
     rule = f"device must be one of those present ({there}), got {shown(device)}"
-    # Warp would take one of its own choice for None, and print errors of its own where there is no driver.
+    # For None, Warp would select a device itself, and print errors of its own if there is no driver.
     if device is None or (str(device).startswith("cuda") and not wp.is_cuda_available()):
         raise ValueError(rule if device is None else f"{rule}; Warp has found no CUDA driver and GPU that it can use")
     try:
@@ -73,7 +73,7 @@ def copy_in(name: str, value: Any, target: Any) -> None:
     """Copy a NumPy array, torch tensor or Warp array of numbers into a Warp array of float32.
 
     Raises:
-        ValueError: the value has another shape than the target, or does not hold real numbers.
+        ValueError: the value has another shape than the target, or does not contain real numbers.
     """
     if is_torch(value):
         if value.is_complex() or str(value.dtype) == "torch.bool":

@@ -1,10 +1,10 @@
 """Points of a grid that discs cover, at one place or on their way, as bits of its rows.
 
-Each cell has one point, which stands for it: `inset` cells from the edges of the rectangle, and as far from each other
-as that allows. 0.5 means the centres of the cells; with 0 the outermost points lie on the edges.
+Each cell is represented by one point. The outermost points are `inset` cells from the edges of the rectangle, and the
+points are evenly spaced: with 0.5 they are the centres of the cells, with 0 the outermost ones are on the edges.
 
-What covers a cell at one place is found in C++, for eight rows at once; what passes over it is rare. The bits of the
-rows stand side by side, (W, words, rows), for the same reason.
+C++ computes the cells that a resting disc covers, for eight rows at once; the cells that a moving disc sweeps are
+rarely required. For the same reason the bits of the rows are adjacent in memory, (W, words, rows).
 """
 
 import warp as wp
@@ -27,7 +27,7 @@ def along(track: wp.array3d(dtype=wp.vec3), w: int, i: int, share: float) -> wp.
 
 @wp.func
 def disc_run(place: wp.vec2, radius: float, y: float) -> wp.vec2:
-    """Least and greatest x of a disc at a height y [m]; nothing where the first is above the second."""
+    """Return the least and greatest x of a disc at a height y [m]; the first is above the second if there is none."""
     square = radius * radius - (y - place[1]) * (y - place[1])
     if square < 0.0 or radius <= 0.0:
         return wp.vec2(1.0e30, -1.0e30)
@@ -37,7 +37,7 @@ def disc_run(place: wp.vec2, radius: float, y: float) -> wp.vec2:
 
 @wp.func
 def swept_run(a: wp.vec2, b: wp.vec2, radius: float, y: float) -> wp.vec2:
-    """Least and greatest x at a height y of what a disc passes over that moves from a to b [m]."""
+    """Return the least and the greatest x [m] at a height y of the area that a disc covers on its way from a to b."""
     first = disc_run(a, radius, y)
     last = disc_run(b, radius, y)
     low = wp.min(first[0], last[0])
@@ -77,7 +77,7 @@ def points_per_metre(count: int, inset: float, half: float) -> float:
 
 @wp.func
 def columns_of(run: wp.vec2, half_width: float, scale: float, inset: float, columns: int) -> wp.vec2i:
-    """First and last column whose point lies in a run of x [m]; the first is above the last where none does.
+    """Return the first and last column with its point in a run of x [m]; the first is above the last if none has.
 
     `scale` is how many columns there are on a metre.
     """
@@ -89,7 +89,7 @@ def columns_of(run: wp.vec2, half_width: float, scale: float, inset: float, colu
 
 
 def _over_runs(met: str, each: str) -> str:
-    """C++ that finds the run of columns of a disc in the rows of a lane, for eight at once; then `each` with them.
+    """Return C++ that computes the runs of columns of a disc, in eight rows of a lane at once, then runs `each`.
 
     `each` knows `at`, where the bits of a row in a word that the disc can meet stand in `mark` and `met`, and `run`,
     the bits of its columns in that word; none where the disc does not meet them.

@@ -1,8 +1,8 @@
 """Warp's C++ header, parsed once for all kernels of this project.
 
-Warp keeps a parsed header for each thread that compiles and each set of compiler flags. To make one takes longer than
-to compile most modules, and ours would differ in their names alone: no flag in `compilation.py` changes how C++ is
-parsed. So the first header is copied for the other flags, and all threads share it.
+Warp stores a parsed header for each compiling thread and each set of compiler flags. Parsing the header takes longer
+than compiling most modules, and our headers would differ only in their names, because no flag in `compilation.py`
+changes how C++ is parsed. So the first header is copied for the other flags, and all threads share it.
 """
 
 import contextlib

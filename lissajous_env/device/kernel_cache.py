@@ -1,7 +1,7 @@
-"""Compiled kernels on the disk: a word before the first are made, a check that they are whole, a place to keep them.
+"""Compiled kernels on the disk: a message before they are compiled, a check for damage, and the folder of the cache.
 
-Warp compiles a module when one of its kernels is first launched, and keeps the result in a folder of its cache. It has
-no hook before that moment, so its `Module.load` is wrapped, for the modules of this project alone.
+Warp compiles a module when one of its kernels is first launched, and stores the result in a folder of its cache. It has
+no hook before that moment, so its `Module.load` is wrapped, for the modules of this project only.
 """
 
 import atexit
@@ -29,7 +29,8 @@ SUMS = "checksums.json"
 _COMPILED = (".o", ".cubin", ".ptx", ".meta")
 
 listener: Callable[[str], None] | None = None
-"""Is told, in a line, what a person would wonder about; the command line prints it."""
+"""Function that receives one-line messages for the user, such as that kernels are compiled; the command line prints
+them."""
 
 
 def start(silence: Callable[[], contextlib.AbstractContextManager[None]]) -> None:
@@ -90,7 +91,7 @@ _together: set[tuple[int, str]] = set()
 
 @contextlib.contextmanager
 def _small_frames() -> Iterator[None]:
-    """Compile kernels that leave out the 256 KiB of stack which Warp keeps for tiles, which ours do not use."""
+    """Compile kernels without the 256 KiB of stack that Warp reserves for tiles, which our kernels do not use."""
     before = wp.config.enable_tiles_in_stack_memory
     wp.config.enable_tiles_in_stack_memory = None  # where the processor can do without
     try:
@@ -100,7 +101,7 @@ def _small_frames() -> Iterator[None]:
 
 
 def _prepare(name: str) -> bool:
-    """Remove the module's files if they are damaged; return whether they must be made, see that they can be, say so."""
+    """Remove damaged files of a module; if it must be compiled, announce this, check the folder, and return True."""
     with _preparing:
         folder = _folder(name)
         if folder.is_dir() and not _is_whole(folder):
@@ -116,12 +117,12 @@ def _prepare(name: str) -> bool:
 
 
 _loading: dict[int, Any] = {}
-"""Each held by the thread that compiles a module: others that need it wait rather than compile it too."""
+"""A lock for each module, which the compiling thread owns; other threads that need the module wait for it."""
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_loading.clear)
 
 _preparing = threading.Lock()
-"""Held by the one thread that looks at the folders of modules."""
+"""Lock of the thread that examines the folders of modules."""
 
 
 def _folder(name: str) -> Path:
@@ -162,7 +163,7 @@ def _forget(folder: Path) -> bool:
 
 
 def _keep_for_this_run(reason: str) -> None:
-    """Let Warp keep what it compiles in a temporary folder, which goes when the process ends."""
+    """Let Warp store compiled kernels in a temporary folder, which is removed when the process ends."""
     where, made_by = wp.config.kernel_cache_dir or "the cache of Warp", os.getpid()
     folder = tempfile.mkdtemp(prefix="lissajous-kernels-")
     wp.config.kernel_cache_dir = folder

@@ -1,6 +1,6 @@
 """Programs: kernels in an order, bound to arrays by the names of their parameters, ready to run.
 
-A stage says by its layout on what a thread works, and its kernel takes the parameters of that layout:
+The layout of a stage determines what each thread processes, and which parameters its kernel has:
 
 | layout   | parameters                       | a thread works on                                                  |
 |----------|----------------------------------|--------------------------------------------------------------------|
@@ -9,13 +9,13 @@ A stage says by its layout on what a thread works, and its kernel takes the para
 | `PARTS`  | `first`, `lanes`, `begin`, `end` | the same, of the entities from `begin` to `end - 1`                |
 | `BLOCKS` | `begin`, `end`                   | entities of all worlds in a row, side by side: `device/abreast.py` |
 
-CPU threads may share the entities of a large world where the layout is `PARTS` or `BLOCKS`. Such a stage begins when
-all threads have done the stages before it, unless it has no `barrier`: then it begins on a part as soon as the stage
-before it is done there, so it must not read of other parts what the stages since the last barrier write. A stage over
-other entities than the one before it always waits. Nor may any stage of these layouts write to entities of other
-parts, but by the functions of `lissajous_env.device.atomic`.
+With the layouts `PARTS` and `BLOCKS`, CPU threads may share the entities of a large world. Such a stage begins when all
+threads have finished the stages before it. Without a `barrier`, it begins on a part as soon as the previous stage has
+finished that part; it must then not read data of other parts that the stages since the last barrier write. A stage over
+other entities than the previous one always waits. Stages of these layouts write to entities of other parts only by the
+functions of `lissajous_env.device.atomic`.
 
-Every other parameter of a kernel is looked up by its name.
+All other parameters of a kernel are matched by name.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -44,7 +44,7 @@ _PLACED = {
     PARTS: ("first", "lanes", "begin", "end"),
     BLOCKS: ("begin", "end"),
 }
-"""Parameters that say which worlds and entities a launch is for, by layout."""
+"""Parameters that select the worlds and entities of a launch, by layout."""
 
 _MOST_LAUNCHES = 64
 """Largest number of recorded launches of a launcher."""
@@ -88,7 +88,7 @@ class Stage:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the kernel's parameters that are found in the state and the constants."""
+        """Names of the kernel's parameters that are matched in the state and the constants."""
         return tuple(name for name in self.labels if name not in _PLACED[self.layout])
 
     @property
@@ -136,19 +136,19 @@ def split_of(work: float, num_worlds: int, device: Any, threads: int) -> Split:
 class Program:
     """Stages in their order, ready to run.
 
-    On a GPU neighbouring kernels are one graph. On a CPU a graph of Warp's would do, but what it looks up for each
-    kernel takes longer than many of them do; there they are `Work`.
+    On a GPU, consecutive kernels are one graph. On a CPU they are `Work`, because the lookups of Warp's own graph take
+    longer than many of the kernels.
 
     Args:
-        stages: What is run; those whose `when` is False, and those over nothing, are left out.
-        values: What the kernels' parameters are bound to, by name.
-        sizes: Number of entities in a world, by what a stage goes over.
+        stages: Stages to run; those whose `when` is False, and those without entities, are left out.
+        values: Values of the kernels' parameters, by name.
+        sizes: Number of entities in a world, by kind of entity.
         num_worlds: W.
         device: Warp device.
-        split: How it is split among CPU threads.
+        split: Division of the work among CPU threads.
 
     Raises:
-        ValueError: a kernel asks for what is not there, by the names of stage and parameter.
+        ValueError: a kernel has a parameter for which there is no value; the message names stage and parameter.
     """
 
     def __init__(
@@ -196,7 +196,7 @@ class Program:
         return "\n".join("  ".join([*map(str.ljust, row[:3], widths), row[3]]).rstrip() for row in rows)
 
     def _shares(self, parts: int) -> list[tuple[int, int, int, int]]:
-        """First world and the one after the last, number of the part and of parts, of each task."""
+        """Return, for each task, its first world, the one after its last, and number and count of its part of these."""
         return [(low, high, part, parts) for low, high in self._blocks for part in range(parts)]
 
     def _lanes(self, stage: Stage) -> int:
@@ -204,7 +204,7 @@ class Program:
         return 1 if self._device.is_cpu else self._sizes.get(stage.over, 1)
 
     def _task(self, stages: Sequence[Stage], *share: int) -> list[Any]:
-        """Launches of some stages, of those that have entities in this share."""
+        """Return the launches of those stages that have entities in this share."""
         return [launch for stage in stages if (launch := self._launch(stage, *share)) is not None]
 
     def _launch(self, stage: Stage, low: int, high: int, part: int, parts: int) -> Any:
@@ -260,7 +260,7 @@ def launcher(device: Any) -> Callable[..., None]:
             recorded = wp.launch(kernel, dim, inputs, outputs=outputs, device=device, record_cmd=True)
             call = Call(recorded) if device.is_cpu else cast(Any, recorded).launch
             structs = [(each, content_of(each)) for each in arguments if is_struct(each)]
-            # The arguments are kept, so that nothing else can get their ids.
+            # The arguments are stored, so that no other object can have their ids.
             known = ready[key] = call, arguments, structs
         known[0]()
 

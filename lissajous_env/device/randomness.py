@@ -24,17 +24,17 @@ _PURPOSES = wp.constant(16)
 
 @wp.func
 def step_key(seed: int, step: int) -> int:
-    """Key of all draws of one world in one step."""
+    """Return the key of all draws of one world in one step."""
     return int(wp.rand_init(seed, step))
 
 
 @wp.func
 def uniform(key: int, entity: int, purpose: int) -> float:
-    """One draw from [0, 1): the hash that would seed a stream, taken as the number itself."""
+    """Return one draw from [0, 1): the hash that would be the seed of a stream, used as the number itself."""
     return float(wp.rand_init(key, entity * _PURPOSES + purpose) >> wp.uint32(8)) * 5.9604645e-08
 
 
 @wp.func
 def stream(key: int, entity: int, purpose: int) -> wp.uint32:
-    """State of the generator for one entity's draws of one purpose in the step of the key."""
+    """Return the generator's state for one entity's draws of one purpose in the step of the key."""
     return wp.rand_init(key, entity * _PURPOSES + purpose)

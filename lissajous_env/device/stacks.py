@@ -1,6 +1,7 @@
-"""Stacks of threads: each kernel that Warp compiles by itself takes 256 KiB of them for tiles.
+"""Stacks of threads: a kernel that is compiled with Warp's defaults uses 256 KiB of stack for tiles.
 
-Ours do without (`lissajous_env.device.kernel_cache`) and run on any stack; kernels of a user may need them.
+The kernels of this package do not use them (`lissajous_env.device.kernel_cache`) and run on any stack; kernels of a
+user may require them.
 """
 
 import ctypes
@@ -8,7 +9,7 @@ import sys
 import threading
 
 LEAST = 384 << 10
-"""Stack of a thread that runs a user's kernels [bytes]: the tiles, and what Python takes."""
+"""Stack of a thread that runs a user's kernels [bytes]: the tiles, and the stack that Python uses."""
 
 
 def require_room() -> None:
@@ -31,7 +32,7 @@ _checked = threading.local()
 
 
 def _size() -> int | None:
-    """Size of the current thread's stack [bytes]; None where the system does not tell."""
+    """Return the size of the current thread's stack [bytes]; None if the system does not report it."""
     if not sys.platform.startswith("linux"):
         return None
     system = ctypes.CDLL(None)

@@ -13,10 +13,10 @@ _KERNEL_TYPE = {float: wp.float32, int: wp.int32, bool: wp.int32}
 
 @functools.cache
 def struct_of(dataclass: type) -> Any:
-    """Make the `wp.struct` that holds the numbers (float, int, bool, each also `| None`) and choices of a dataclass."""
+    """Make the `wp.struct` of the numbers (float, int, bool, each also `| None`) and choices of a dataclass."""
     fields = {name: _KERNEL_TYPE[kind] for name, kind in _kernel_fields(dataclass)}
     name = f"{dataclass.__name__}Struct"
-    # A struct is told apart by module and name, both of which must survive pickling and a second process.
+    # A struct is identified by module and name, both of which must survive pickling and a second process.
     body = {"__annotations__": fields, "__module__": dataclass.__module__, "__qualname__": name}
     return wp.struct(type(name, (), body))
 
@@ -31,7 +31,7 @@ def to_struct(struct: Any, value: Any) -> Any:
 
 
 def place_of(dataclass: type, name: str, option: str) -> int:
-    """Number that stands in kernels for one option of a choice: its place among them."""
+    """Return the number that represents an option of a choice in kernels: its index."""
     field = next(field for field in dataclasses.fields(dataclass) if field.name == name)
     return field.metadata["options"].index(option)
 

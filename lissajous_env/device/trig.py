@@ -12,7 +12,7 @@ _HALF_PI = wp.constant(wp.float64(1.5707963267948966))
 
 @wp.func
 def cos_sin(angle: float) -> wp.vec2:
-    """(cos, sin) of an angle [rad], within 2e-7 for angles up to 10^4 rad in size."""
+    """Return (cos, sin) of an angle [rad], within 2e-7 for absolute angles up to 10^4 rad."""
     quadrants = wp.rint(angle * _TWO_OVER_PI)
     rest = float(wp.float64(angle) - wp.float64(quadrants) * _HALF_PI)
     square = rest * rest
@@ -29,7 +29,7 @@ def cos_sin(angle: float) -> wp.vec2:
 
 @wp.func
 def atan2(y: float, x: float) -> float:
-    """Angle in [-pi, pi] of a place (x, y) [rad], within 4e-7; 0 where both are 0."""
+    """Return the angle in [-pi, pi] of a place (x, y) [rad], within 4e-7; 0 if both are 0."""
     across = wp.abs(x)
     up = wp.abs(y)
     ratio = wp.min(across, up) / wp.max(wp.max(across, up), 1.0e-30)

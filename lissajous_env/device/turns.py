@@ -1,11 +1,11 @@
-"""Turns: what one thread does at a time, and what a fork of the process waits for.
+"""Turns: work that one thread does at a time, and for which a fork of the process waits.
 
-A thread waits for its turn until the one before is done. A thread that has the turn already would wait for itself, as
-where a signal handler steps the simulation that it has interrupted; it gets an error instead.
+A thread waits until the turn of another thread has ended. A thread that already has the turn would wait for itself, for
+example if a signal handler steps the simulation that it has interrupted; an error is raised instead.
 
-Threads do not survive a fork. So a fork waits until nobody has a turn: what the child inherits is whole, and nothing in
-it waits for a thread that is not there. What is still held when the fork's patience ends is left half done in the
-child; it is refused there.
+Threads do not survive a fork. So a fork waits until no thread has a turn: the child then inherits complete states and
+does not wait for threads that do not exist. Work that has not ended when the time limit of the fork ends stays
+unfinished in the child, which rejects it.
 """
 
 import functools
@@ -30,12 +30,12 @@ class Turn:
     """A turn that one thread has at a time.
 
     Args:
-        owner: What takes turns, for messages.
+        owner: Name of the object that is used in turns, for messages.
 
     Attributes:
-        lock: Held by the thread whose turn it is.
-        taken: Whether what the turn is for has begun and not ended.
-        lost: Whether it was begun by a thread of the parent process, so that it never ends in this one.
+        lock: Lock that the thread with the turn owns.
+        taken: True if the work of a turn has begun and not ended.
+        lost: True if a thread of the parent process began it, so that it never ends in this process.
     """
 
     def __init__(self, owner: str):
@@ -43,7 +43,7 @@ class Turn:
         _TURNS[next(_NUMBERS)] = self
 
     def refusal(self) -> RuntimeError:
-        """The error of a turn that cannot begin."""
+        """Return the error of a turn that cannot begin."""
         if self.lost:
             words = "was running in another thread when this process was forked and is incomplete; make another one"
         else:
@@ -92,7 +92,7 @@ def with_own_locks(cls: _Class) -> _Class:
 
 _forking = threading.RLock()
 _held: list[list[Turn]] = []
-"""Turns that forks under way hold: more than one where a signal handler forks while a fork waits."""
+"""Turns that belong to forks in progress: more than one where a signal handler forks while a fork waits."""
 
 
 def _all() -> list[Turn]:
@@ -101,7 +101,7 @@ def _all() -> list[Turn]:
 
 
 def _take_all() -> None:
-    """Wait until no other thread has a turn, and take them all."""
+    """Wait until no other thread has a turn, and take all turns."""
     _forking.acquire()
     until = time.monotonic() + _PATIENCE
     while True:

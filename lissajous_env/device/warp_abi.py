@@ -1,6 +1,6 @@
-"""Everything that the package uses of Warp beyond its documentation, to mend when a new version breaks it.
+"""Undocumented parts of Warp that the package uses, collected here because a new version of Warp may change them.
 
-`tests/test_warp_abi.py` has a test of each, whose name says what broke.
+`tests/test_warp_abi.py` tests each of them; the name of a failing test names the part that changed.
 """
 
 import ctypes
@@ -24,7 +24,7 @@ def is_struct(value: Any) -> bool:
 
 
 def content_of(struct: Any) -> bytes:
-    """Return the bytes that a launch takes of an instance of a `wp.struct`."""
+    """Return the bytes of an instance of a `wp.struct` as a launch reads them."""
     return bytes(struct._ctype)
 
 
@@ -39,7 +39,7 @@ def name_of(struct: Any) -> str:
 
 
 def replace_load(replacement: Callable[[Callable[..., Any]], Callable[..., Any]]) -> None:
-    """Wrap the method by which Warp compiles or loads a module: `replacement` is given it and returns another."""
+    """Wrap the method by which Warp compiles or loads a module: `replacement` receives it and returns another one."""
     wp.Module.load = replacement(wp.Module.load)  # type: ignore
 
 
@@ -111,6 +111,6 @@ class Call:
 
 @functools.lru_cache(maxsize=1024)
 def _arguments_of(types: tuple[type, ...]) -> type[ctypes.Structure]:
-    """Return the structure of arguments of these types: to make one takes longer than the rest of a `Call`."""
+    """Return the structure of arguments of these types: creating one takes longer than the rest of a `Call`."""
     fields = [(f"argument_{k}", each) for k, each in enumerate(types)]
     return type("Arguments", (ctypes.Structure,), {"_fields_": fields})

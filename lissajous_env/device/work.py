@@ -1,9 +1,9 @@
 """Work that CPU threads share: calls of compiled kernels in an order, without the interpreter between them.
 
-Work is a list of groups, a group a list of tasks, a task a list of launches. Tasks of a group are done side by side;
-those of the next group begin when all are done. The calling thread begins at once and wakes
-helpers, which sleep otherwise. A helper takes the next task as long as there are any. So no thread waits for another
-to wake up, which would take longer than most stages of a step.
+Work is a list of groups, a group a list of tasks, a task a list of launches. Tasks of a group run in parallel; the next
+group begins when all of them have finished. The calling thread begins at once and wakes the helpers, which otherwise
+sleep. A helper executes the next task as long as there are any. So no thread waits for another one to wake up, which
+would take longer than most stages of a step.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ from lissajous_env.device.warp_abi import Call
 from lissajous_env.device.work_kernel import APART, Plan, take_part
 
 TASKS_PER_THREAD = 4
-"""Tasks for each thread: a slower thread takes fewer."""
+"""Number of tasks for each thread; with several, a slower thread can execute fewer of them."""
 
 
 class Work:
@@ -50,7 +50,7 @@ class Work:
             self._bind([*map(len, tasks)], [*map(len, groups)], min(threads, max(map(len, groups))))
 
     def _bind(self, lengths: Sequence[int], sizes: Sequence[int], members: int) -> None:
-        """Make the call by which each member takes part, for tasks of these lengths and groups of these sizes."""
+        """Make the call that each thread executes, for tasks of these lengths and groups of these sizes."""
         addresses = np.array([each.addresses for each in self._calls], dtype=np.uint64).view(np.int64)
         plan: Any = Plan()
         for name, values in {
@@ -62,7 +62,7 @@ class Work:
         }.items():
             setattr(plan, name, wp.array(values, dtype=wp.int64, device=self._device))
         plan.yielding, plan.members = _yielding(), members
-        self._plan = plan  # whose arrays the calls know by their addresses
+        self._plan = plan  # the calls contain the addresses of their arrays
         self._parts = [
             Call(wp.launch(take_part, 1, [plan, member], device=self._device, record_cmd=True))
             for member in range(members)
@@ -97,7 +97,7 @@ class Work:
 
 
 class SideBySide(Work):
-    """Works that are done side by side, the launches of each in their order by one CPU thread.
+    """Works that run in parallel; one CPU thread executes the launches of each in order.
 
     Args:
         works: At least one, on one CPU, without dependencies on each other.
@@ -120,9 +120,9 @@ def shared_launch(
     threads: int,
     smallest: int,
 ) -> Work:
-    """Record launches of a kernel over `size` threads, in shares of `smallest` at least, for CPU threads to take.
+    """Record launches of a kernel over `size` threads, in shares of at least `smallest`, which CPU threads execute.
 
-    `inputs` gives what the kernel takes of the share that begins with a thread.
+    `inputs` returns the kernel's inputs for the share that begins with the given thread.
     """
     shares = min(TASKS_PER_THREAD * threads, max(size // smallest, 1)) if device.is_cpu and threads > 1 else 1
     edges = [size * share // shares for share in range(shares + 1)]
@@ -181,6 +181,6 @@ if hasattr(os, "register_at_fork"):
 
 @cache
 def _yielding() -> int:
-    """Address of the system's function by which a thread leaves the processor to others."""
+    """Return the address of the system's function that lets a thread yield the processor."""
     function = ctypes.CDLL(None).sched_yield
     return ctypes.cast(function, ctypes.c_void_p).value or 0

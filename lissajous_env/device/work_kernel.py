@@ -1,8 +1,8 @@
 """Work shared by threads: compiled code that calls compiled kernels.
 
-One thread leads: it opens group after group of tasks, takes tasks itself as long as there are any, and continues when
-all of the group are done. The others help. Each looks for tasks from a place of its own on, so that it mostly does what
-it did in the run before, of which its cache still holds some.
+One thread leads: it opens one group of tasks after the other, executes tasks itself as long as there are any, and
+continues when all tasks of the group are finished. The other threads help. Each searches for tasks from an index of its
+own, so that it mostly executes the same tasks as in the previous run, whose data are still in its cache.
 """
 
 import warp as wp
@@ -12,16 +12,16 @@ from lissajous_env.device.compilation import OPTIONS
 wp.set_module_options(OPTIONS)
 
 APART = wp.constant(16)
-"""Counters stand so many numbers apart, on cache lines of their own."""
+"""Distance between two counters [numbers], so that each is on a cache line of its own."""
 
 _YIELD = wp.constant(1024)
-"""Spins of a waiting thread after which another program may have the processor."""
+"""Spins of a waiting thread after which it yields the processor to other programs."""
 
 _PATIENCE = wp.constant(1 << 14)
 """Spins after which a helper goes to sleep while another works, half a millisecond or so."""
 
 _LINGER = wp.constant(1 << 10)
-"""Spins for which it waits for the next run, less than it takes to be woken."""
+"""Spins for which a helper waits for the next run; this takes less time than waking it up."""
 
 
 @wp.struct
@@ -35,11 +35,11 @@ class Plan:
     ends: wp.array(dtype=wp.int64)
     """(groups,) number of tasks up to the end of each group."""
     taken: wp.array(dtype=wp.int64)
-    """(T,) in how many runs each task was taken."""
+    """(T,) number of runs in which each task was executed."""
     counters: wp.array(dtype=wp.int64)
-    """(2 APART,) groups that were opened, and tasks that are done."""
+    """(2 APART,) number of opened groups, and of finished tasks."""
     yielding: wp.int64
-    """Address of the function by which a thread leaves the processor to others."""
+    """Address of the function by which a thread yields the processor."""
     members: wp.int32
     """Largest number of threads that take part."""
 
@@ -109,7 +109,8 @@ class Plan:
 #endif
 """)
 def _take_part(plan: Plan, member: int):
-    """Do tasks while there are any: one thread leads, opens group after group, and returns when all are done."""
+    """Execute tasks while there are any; the leading thread opens one group after the other, and returns after the
+    last."""
 
 
 @wp.kernel

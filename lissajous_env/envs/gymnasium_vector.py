@@ -33,7 +33,7 @@ class LissajousVectorEnv(VectorEnv):
 
     **A row is a robot** with `agents_as_rows`: row k N + i of the W N rows is robot i of world k, with the spaces of
     one robot. All rows of a world end together when its time is over. The row of a robot that is removed earlier is
-    terminated in that step. Afterwards it stands still, with reward 0 and actions without effect, until its world
+    terminated in that step. Afterwards it does not move, has reward 0 and its actions have no effect, until its world
     ends, when it is reported as terminated again and restarts with its world.
 
     Infos also contain `invalid`, True if an action in the row's episode was not finite and replaced by zero; when

@@ -3,7 +3,7 @@
 After a time t, m discs of radius r that move at a speed v have swept at most m (pi r^2 + 2 r v t) of an area A, so the
 probability that a uniformly placed target is undetected is at least the remaining share; the mean time is at least the
 integral of that share over time. `mean_time_inside` and `mean_time_on_boundary` are these integrals in closed form, for
-targets that stand still and an episode without end; `mean_time_limit` is the bound for the score of a scenario.
+targets that do not move and an episode without end; `mean_time_limit` is the bound for the score of a scenario.
 
 **On the boundary** a robot senses at most 2 r of a straight side at once and v t more by a time t. At a corner, it
 senses both sides: on its way from one to the other it passes within r of the corner, through a point (x, y) from it
@@ -17,7 +17,7 @@ may move into a disc, but at time t it is within u t of its origin, which discs 
 target that flees from robots within a distance d does not react to them before, so it is detected no earlier than by
 discs of radius d. If two of these bounds apply, the later time is valid.
 
-**A target that appears unseen** is uniform on the area outside all discs, which is at least A - m pi r^2.
+**A target that appears undetected** is uniform on the area outside all discs, which is at least A - m pi r^2.
 """
 
 import math
@@ -35,7 +35,8 @@ _INSTANTS = 40_001
 """Number of times at which the undetected share is computed; between two times the later, smaller value is used."""
 
 _PLACES = 64
-"""Places that are tried for a target that appears unseen; if all are sensed, it is detected at once."""
+"""Number of places that are tried for a target that appears outside all discs; if all are sensed, it is detected at
+once."""
 
 _Swept = Callable[[np.ndarray | float, np.ndarray | float], np.ndarray]
 """Function that returns the largest swept size for discs of a radius [m] that have each moved a distance [m]."""
@@ -125,7 +126,8 @@ def guaranteed_time_limit(scenario: str | Scenario) -> float:
     It is the largest of the bounds that apply; `lissajous_env.theory.worst_case` proves the first two:
 
     * rogues appear inside: the time in which the discs can clear everything of rogues of the top speed `rogue_speed`;
-    * rogues keep appearing: the time in which the robots can revisit each of a number of points that are far apart;
+    * rogues appear again and again: the time in which the robots can revisit each of a number of points that are far
+      apart;
     * rogues appear on the boundary: the time in which the discs sweep it, m (2 r + v T) + 4 sqrt(2) r = P.
 
     If it is the length of an episode, no policy guarantees anything. A score is resolved to a control step and half a

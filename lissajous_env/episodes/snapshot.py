@@ -18,7 +18,7 @@ class Snapshot:
     """State of one world at one time. N robots, T target slots, R rows and C columns of the coverage grid."""
 
     step: int
-    """Control steps taken in the episode."""
+    """Number of control steps in the episode so far."""
     world: int
     """Index of the world in the batch."""
     seed: int

@@ -17,14 +17,14 @@ wp.set_module_options(OPTIONS)
 
 @wp.kernel
 def to_inputs(robot: RobotStruct, action: wp.array(dtype=wp.vec2), input_out: wp.array(dtype=wp.vec2)):
-    """Steering angle [rad] and throttle of each action."""
+    """Return steering angle [rad] and throttle of each action."""
     k = wp.tid()
     input_out[k] = steering_and_throttle(robot, action[k])
 
 
 @wp.kernel
 def to_actions(robot: RobotStruct, given: wp.array(dtype=wp.vec2), action_out: wp.array(dtype=wp.vec2)):
-    """Action of each steering angle [rad] and throttle."""
+    """Return the action of each steering angle [rad] and throttle."""
     k = wp.tid()
     action_out[k] = car_action(robot, given[k][0], given[k][1])
 

@@ -124,7 +124,7 @@ class _Fit:
 
     def _deviations(self, constants: np.ndarray) -> np.ndarray:
         away = self._residuals(constants[None], self._starts[None])[0] * self._scale
-        # A segment's start is fitted too, which takes a degree of freedom of each.
+        # A segment's start is fitted too, which costs one degree of freedom for each.
         free = len(away) / max(len(away) - len(self._starts), 1)
         square = (away**2).mean(axis=0) * free
         place = max(square[:2].mean(), 1e-12)

@@ -87,7 +87,7 @@ class _Reading:
         )
 
     def _expanded(self, topics: tuple[str, ...]) -> tuple[list[str], list[int]]:
-        """Return the topic of each robot, and the number that stands in those of its other messages."""
+        """Return the topic of each robot, and the number in the topics of its other messages."""
         if len(topics) != 1 or "{}" not in topics[0]:
             self._require(topics)
             return list(topics), list(range(len(topics)))

@@ -24,7 +24,7 @@ GAP = 0.5
 _SAME = 1e-6
 """Difference up to which two times are the same [s]."""
 OF_ACTIONS = ("return_mean", "smoothness")
-"""Columns that are not known without the commands."""
+"""Columns that cannot be computed without the commands."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,8 @@ def score(
     """Score a log: its robots' paths are replayed in a simulation of a scenario, whose targets are virtual.
 
     Poses are interpolated at the control steps of the scenario, beginning with the first time at which all robots have
-    one. A robot fails where the log says so, and where it has no pose for longer than `gap`: it then counts as blind.
+    one. A robot fails when its status in the log says so, and when it has no pose for longer than `gap`: it then counts
+    as blind.
 
     Args:
         log: The log.

@@ -31,7 +31,7 @@ from lissajous_env.logs.ros_types import rosbags, type_store
 from lissajous_env.storage.files import replacing
 
 START = 1.0
-"""Time of the reset [s]; ROS takes 0 for no time."""
+"""Time of the reset [s]; ROS interprets 0 as no time."""
 
 
 class _Topics:

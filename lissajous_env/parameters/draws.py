@@ -1,4 +1,4 @@
-"""The sequence of scenarios that each group of a batch is given, from a space and a seed."""
+"""The sequence of scenarios that each group of a batch plays, drawn from a space by a seed."""
 
 import hashlib
 import os

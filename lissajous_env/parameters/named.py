@@ -37,7 +37,7 @@ _reported: set[str] = set()
 _MOST_STEPS = 2**20
 """Limit on the steps of an episode."""
 _SCENARIOS, _MOST_SCENARIOS = 32, 10_000
-"""Number of scenarios that stand for a split by default, and its limit."""
+"""Default number of scenarios that represent a split, and its limit."""
 
 
 def scenarios() -> tuple[str, ...]:
@@ -224,7 +224,7 @@ def unknown_scenario(name: Any, others: Iterable[str] = ()) -> ValueError:
 
 
 def bring_scenario(name: str) -> None:
-    """Import the module in the current folder that registers a scenario, unless the scenario is known already.
+    """Import the module in the current folder that registers a scenario, unless the scenario is already registered.
 
     Raises:
         ValueError: the module cannot be imported.
@@ -249,7 +249,7 @@ def is_scenario_file(name: Any) -> bool:
 
 
 def denotes_scenario(name: str) -> bool:
-    """Return True for a known name, also SPACE-SEED, for the path of a file, and for FILE.toml:SEED."""
+    """Return True for a registered name, also SPACE-SEED, for the path of a file, and for FILE.toml:SEED."""
     return _is_known(name) or is_scenario_file(name) or _SAMPLED.fullmatch(name) is not None
 
 
@@ -311,7 +311,7 @@ def _of_file(path: str) -> Scenario:
 
 
 def _of_space(name: str) -> Scenario | None:
-    """Return the scenario SPACE-SEED of a shipped or registered space; None if that is not what the name says."""
+    """Return the scenario SPACE-SEED of a shipped or registered space; None if the name has another form."""
     space, _, seed = name.rpartition("-")
     found = _known_space(space) if seed.isdecimal() else None
     return None if found is None else found.sample(int(seed))

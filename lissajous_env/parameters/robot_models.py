@@ -20,14 +20,14 @@ def _nothing_to_check(curve: Curve, formation: Formation, robot: Robot, noise: N
 
 @dataclass(frozen=True)
 class AsCar:
-    """How robots of a model move like cars. The classical policies for cars drive a model that has this.
+    """Description of how robots of a model move like cars; classical policies for cars can drive a model that has one.
 
     The policies plan for cars with the model's `speed_unit` as top speed, with this turning radius and acceleration,
     and with its heading, which must be the direction of the motion.
     """
 
     act: Any
-    """Kernel of (W, N) threads that writes the actions with which robots keep a speed and a yaw rate for a step.
+    """Kernel of (W, N) threads that writes the actions for a constant speed and yaw rate in a step.
 
     Its arguments are, in this order: `robot: RobotStruct`; `heading`, `speed` and `yaw_rate` (W, N), the measured
     heading [rad], the desired speed [m/s] and the desired yaw rate [rad/s], float; `action_out` (W, N, action size).
@@ -53,7 +53,7 @@ class RobotModel:
 
     `command` (W, N, len(actions)) is the clipped action with noise. The kernel writes position, heading and speed of
     `robots`, and the track `robots.track` (W, N, S + 1) from the old position to the new one. A robot that is not
-    WORKING stands still.
+    WORKING does not move.
     """
     speed_unit: Callable[[Curve, Formation, Robot], float]
     """Unit of observed speeds [m/s], such as the top speed."""
@@ -71,7 +71,7 @@ class RobotModel:
     keeps_to_curve: bool = False
     """True if robots never leave the curve; `move` then writes the phase, otherwise derived from the position."""
     as_car: AsCar | None = None
-    """How policies for cars drive these robots; None if they cannot."""
+    """Description by which policies for cars drive these robots; None if they cannot."""
 
     @property
     def action_size(self) -> int:

@@ -7,7 +7,7 @@ from lissajous_env.parameters.scenario import Curve, Faults, Formation, Noise, R
 # Section VII prints robots 1 to 5 with R_1 = {2, 4}, R_2 = {1, 5}, R_3 = {4, 5}, R_4 = {1, 3}, R_5 = {2, 3}.
 _EXPERIMENT_RING = (0, 1, 4, 2, 3)
 
-# With all targets there from the start, most would be detected before a fault could tell.
+# If all targets were present from the start, most would be detected before a fault could have an effect.
 _ARRIVING = Targets(count=20, arrival_rate=0.5)
 
 _EXPERIMENT = Scenario(
@@ -18,7 +18,7 @@ _EXPERIMENT = Scenario(
     robot=Robot(kind="car", radius=0.125, model_offset=3.804),
     faults=Faults(schedule=((0, 24.5, 34.5), (4, 24.5, 34.5))),
     targets=_ARRIVING,
-    # Cars that are alike to the last digit would keep the formation without any feedback; real ones do not.
+    # Identical cars would preserve the formation without any feedback; real ones do not.
     noise=Noise(wheelbase_spread=0.02, drive_spread=0.02),
     task=Task(duration=60.0),
 )
@@ -27,7 +27,7 @@ _INTRUDERS = Scenario(
     name="intruders",
     description="Five cars in 10.8 m x 4.8 m with a 0.5 m sensor; targets enter at the boundary, half of them flee.",
     curve=Curve(half_width=5.4, half_height=2.4, a=3, b=2),
-    # omega = 2 m/s / max ||r'||: the fastest stretch of the curve takes the car's top speed.
+    # omega = 2 m/s / max ||r'||: the fastest stretch of the curve requires the car's top speed.
     formation=Formation(phase_rate=0.118, coupling=1.0, start="rotated", start_noise=0.02),
     # The throttle limit makes the steady top speed 2 m/s: (36.81 tau - 3.681) / 0.945 = 2.
     robot=Robot(kind="car", radius=0.125, throttle_max=0.151345, lateral_acceleration_max=4.0, model_offset=3.804),
@@ -156,7 +156,8 @@ SHIPPED = (
         description="Fifteen cars on the curve of Fig. 2; two neighbours stop from 15 s to 25 s.",
         curve=Curve(half_width=5.0, half_height=5.0, a=7, b=8),
         # On this curve 0.02 rad are up to 4.3 m, so without a headway some bodies would overlap at the start. In 0.3 s
-        # two cars of 1.4 m/s or more that meet head on can turn away: they see it within a step, and need 0.28 m.
+        # two cars of 1.4 m/s or more that drive towards each other can turn away: they sense each other within a step,
+        # and need 0.28 m.
         formation=Formation(phase_rate=0.05, coupling=1.0, p=7, start="rotated", start_noise=0.02, start_headway=0.3),
         robot=Robot(kind="car", radius=0.09, model_offset=3.804),
         targets=_ARRIVING,
@@ -173,7 +174,7 @@ SHIPPED = (
         formation=Formation(phase_rate=0.0173, start="rotated", start_noise=0.02),
         # The turning circle is 0.8 m / tan(0.45) = 1.66 m.
         robot=Robot(kind="car", radius=0.5, wheelbase=0.8, steering_max=0.45, speed_max=1.5),
-        # Too short for (8), 10.2 m, and to cover the hall from places of rest, 8.5 m as found by search. The formation
+        # Too short for (8), 10.2 m, and to cover the hall without moving, 8.5 m according to a search. The formation
         # detects rogues of up to 0.75 m/s.
         sensing=Sensing(radius=8.0),
         targets=Targets(
@@ -223,7 +224,8 @@ SHIPPED = (
         name="city",
         description="1,001 points at some 17 m/s on the curve in 4 km x 2.5 km, a million targets on foot.",
         curve=Curve(half_width=2000.0, half_height=1250.0, a=501, b=500),
-        # A robot knows phases to 6e-8 rad, which (1) turns into a rate at its coupling: with 1/s it would drown omega.
+        # A robot measures phases to 6e-8 rad, which (1) turns into a rate at its coupling: with 1/s it would drown
+        # omega.
         formation=Formation(phase_rate=1.5e-5, coupling=1e-4, start="rotated"),
         # By (6): where the ellipse is flat, larger bodies would have to pass each other at different heights.
         robot=Robot(kind="curve", radius=0.006),

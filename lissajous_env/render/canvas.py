@@ -108,7 +108,7 @@ def within(points: np.ndarray, room: pygame.Rect) -> np.ndarray:
 def cut(start: np.ndarray, end: np.ndarray, room: pygame.Rect) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the ends of the part of a line in a rectangle, or None if it is outside.
 
-    pygame walks along the whole of a line, however little of it can be seen.
+    pygame iterates over the whole line, even if only a little of it is visible.
     """
     way, first, last = end - start, 0.0, 1.0
     for axis, (low, high) in enumerate(zip(room.topleft, room.bottomright, strict=True)):

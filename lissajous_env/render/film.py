@@ -125,7 +125,7 @@ def save_sheet(
     Args:
         recording: What to draw.
         path: Where to write, in the format of its suffix; under a temporary name first, then renamed.
-        at: Times [s]; None takes six, from the first moment to the last.
+        at: Times [s]; None selects six, from the first moment to the last.
         columns: Pictures in a row; None makes the sheet about as wide as high.
         size: Width and height of one picture of a PNG [px]; None is as in `Renderer`.
 

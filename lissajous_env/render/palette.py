@@ -1,6 +1,6 @@
 """Colours of the pictures as RGB: a light ground, blue for the team, red for targets.
 
-Things that meet in a film stay apart for readers without red, green or blue cones too.
+Objects that meet in a film are distinguishable for readers without red, green or blue cones, too.
 """
 
 Colour = tuple[int, int, int]

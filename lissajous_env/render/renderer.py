@@ -25,7 +25,7 @@ LONGEST_TRAIL = 60
 """Moments of which a trail is drawn, at most."""
 
 MOST_WORLDS = 64
-"""Worlds of which one renderer keeps trails."""
+"""Number of worlds of which one renderer stores trails."""
 
 
 class Renderer:

@@ -13,7 +13,7 @@ from lissajous_env.render.times import flash_time
 from lissajous_env.world.targets.motion import FLEEING
 
 SHADES = 20
-"""Ages of a detection that look different."""
+"""Number of ages of a detection that are drawn differently."""
 
 SMALL = 2.2 * FINE
 """Radius up to which a dot has no room for anything around it [px of the fine surface]."""

@@ -40,7 +40,7 @@ class Team:
         self._parts = [(fine * outline, getattr(palette, fill) if fill else None) for outline, fill in parts]
 
     def trail_steps(self) -> int:
-        """Length of a trail [step]."""
+        """Return the length of a trail [step]."""
         longest = trail_time(self.scenario) * (0.2 if self.many else 1.0)
         return max(round(min(longest / self.scenario.task.step, 2**20)), 2)
 

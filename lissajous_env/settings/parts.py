@@ -1,7 +1,7 @@
 """The parts of a scenario: frozen dataclasses that declare the meaning, unit and range of each field.
 
-Units are SI, angles radians. The ranges are wide: they keep the kernels within float32, and catch typing errors that
-would exhaust the memory. A field that is None by default is derived from others.
+Units are SI, angles radians. The ranges are wide: they ensure that kernels stay within the range of float32, and reject
+typing errors that would exhaust the memory. A field that is None by default is derived from others.
 """
 
 import math
@@ -254,7 +254,7 @@ class Sensing(Checked):
 
 @dataclass(frozen=True)
 class Targets(Checked):
-    """The targets: number, arrival and motion. Targets outside the four shares of motion stand still."""
+    """The targets: number, arrival and motion. Targets outside the four shares of motion do not move."""
 
     count: int = whole(20, 0, MOST_TARGETS)
     """Targets present from the start."""
@@ -329,7 +329,7 @@ class Faults(Checked):
     lost: int = whole(0, 0, 1024)
     """Number of random robots that are removed at a random time in the middle half of the episode."""
     stop: str = choice("dead", "dead", "coast")
-    """Way in which a failed car stops: at once (`dead`), or rolling on with its motor off and its steering held, until
+    """Way in which a failed car stops: at once (`dead`), or coasting with its motor off and constant steering, until
     drag has stopped it (`coast`). Robots that collide stop at once, as points do."""
 
 

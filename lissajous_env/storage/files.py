@@ -41,8 +41,8 @@ def parse_json(text: bytes | str, source: str | Path) -> Any:
         source: The place where it was found, for the message.
 
     Raises:
-        ValueError: the text is not JSON, holds NaN, infinity or a number that is too large for a float, names an entry
-            of an object twice, or nests more than 100 objects and lists.
+        ValueError: the text is not JSON, contains NaN, infinity or a number that is too large for a float, names an
+            entry of an object twice, or nests more than 100 objects and lists.
     """
     try:
         text = text.decode() if isinstance(text, bytes) else text

@@ -18,7 +18,7 @@ from lissajous_env.settings.parts import Curve
 def robot_radius_bound(curve: Curve, num_robots: int) -> float:
     """r_max = sin(pi / N) A B / sqrt(A^2 a^2 + B^2 b^2) [m], equation (6): smaller robots never collide in formation.
 
-    A sufficient bound; half of the smallest distance ever seen is about 1.5 times as large (pi / 2 for large a, b).
+    A sufficient bound; half of the smallest measured distance is about 1.5 times as large (pi / 2 for large a, b).
     """
     if curve.harmonics:
         return math.nan  # defined for Lissajous curves only
@@ -198,7 +198,7 @@ def equilibrium_eigenvalues(num_robots: int, p: int, coupling: float = 1.0) -> n
 
 
 def curve_point(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
-    """Position (A cos(a gamma), B sin(b gamma)) [m], equation (3); gamma [rad] of any shape gains an axis of 2."""
+    """Return (A cos(a gamma), B sin(b gamma)) [m], equation (3); gamma [rad] of any shape gains an axis of 2."""
     gamma = np.asarray(curve_phase, dtype=float)
     if curve.harmonics:
         return _series(curve, gamma, 0)

@@ -256,7 +256,7 @@ IDENTITY = {
     "episode": "number of the episode, from 0",
     "seed": "seed of the world",
 }
-"""Entries that say which episode a score row is of, with their meanings; they stand before the columns."""
+"""Entries that identify the episode of a score row, with their meanings; they stand before the columns."""
 NAMES = (*IDENTITY, *COLUMNS)
 """All entries of a score row."""
 MEANINGS = IDENTITY | {name: each.described for name, each in COLUMNS.items()}

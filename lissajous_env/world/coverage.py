@@ -1,7 +1,7 @@
-"""Coverage and idleness of the cells of a grid: a cell is sensed when its centre lies in a working robot's disc.
+"""Coverage and idleness of the cells of a grid: a cell is sensed if its centre is in a working robot's disc.
 
-A cell is touched when it comes into the discs and when it leaves them; what stays in them, most of what is sensed, is
-counted by whole words of bits, in the rows of a world side by side.
+The kernel processes a single cell only when it enters or leaves the discs. The cells that stay in them, which are most
+sensed cells, are counted by whole words of bits, for adjacent rows of a world at once.
 """
 
 from typing import Any

@@ -33,7 +33,7 @@ class ExtensionStages:
     """Stages and arrays of a scenario's extensions.
 
     Args:
-        scenario: Whose extensions.
+        scenario: Scenario with the extensions.
         structs: The structs of the state, by name.
         observation: (W, N, D) the rows.
 
@@ -100,7 +100,7 @@ class ExtensionStages:
         return wp.zeros(shape, dtype=dtype, device=self.device)
 
     def _run(self, each: Extension, over: str, value: wp.array) -> list[Stage]:
-        """The stages of an extension's own kernel or function, which writes into `value`."""
+        """Return the stages of an extension's own kernel or function, which writes into `value`."""
         if isinstance(each.run, wp.Kernel):
             runs = [Stage(each.name, each.run, over, own={"value_out": value})]
             # A motion writes places itself; a GPU would have to be waited for.

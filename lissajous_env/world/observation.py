@@ -44,14 +44,14 @@ NEIGHBOUR_ENTRIES = (
     ("y", -4, 4, "relative y [2 half_height]"),
 )
 ROBOT_ENTRIES = (
-    ("present", 0, 1, "1 where there is one: robots in the sensing disc, the nearest first"),
+    ("present", 0, 1, "1 if the sensing disc contains so many robots, else 0; the nearest is the first"),
     ("x", -1, 1, "relative x [sensing radius]"),
     ("y", -1, 1, "relative y [sensing radius]"),
     ("x_velocity", -1, 1, "relative velocity along x [2 top speeds]"),
     ("y_velocity", -1, 1, "relative velocity along y [2 top speeds]"),
 )
 TARGET_ENTRIES = (
-    ("present", 0, 1, "1 where there is one: targets in the sensing disc, the nearest first"),
+    ("present", 0, 1, "1 if the sensing disc contains so many targets, else 0; the nearest is the first"),
     ("x", -1, 1, "relative x [sensing radius]"),
     ("y", -1, 1, "relative y [sensing radius]"),
 )

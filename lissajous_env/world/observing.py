@@ -1,6 +1,6 @@
 """The kernels that fill the observation: `lissajous_env.world.observation` documents its entries.
 
-Where robots or targets are many, those that a robot detects are found through bins: the same, to the last bit.
+With many robots or targets, bins are used to compute those that a robot detects, with the same result to the last bit.
 """
 
 from typing import Any
@@ -40,7 +40,7 @@ def empty(w: int, i: int, start: int, width: int, count: int, observation_out: w
 
 @wp.func
 def velocity(w: int, i: int, robots: Robots) -> wp.vec2:
-    """Velocity of a robot [m/s]."""
+    """Return the velocity of a robot [m/s]."""
     return robots.speed[w, i] * cos_sin(robots.heading[w, i])
 
 
@@ -156,7 +156,7 @@ def in_disc(
     position: wp.array2d(dtype=wp.vec2),
     in_sight: wp.array2d(dtype=wp.int32),
 ) -> wp.uint32:
-    """Bits of the targets, of the 32 from the first, that are in sight and in the disc at a place [m]."""
+    """Return the bits of those of 32 targets, from the first on, that are in sight and in the disc at a place [m]."""
     ...
 
 
@@ -168,7 +168,8 @@ def comes_before(one: wp.vec2, other: wp.vec2) -> bool:
 
 @wp.func
 def keep_nearest(w: int, i: int, kept: int, room: int, offset: wp.vec2, index: int, bins: Bins) -> int:
-    """Enter what a robot sees at `offset` among the nearest that it sees, in their order; returns how many are kept."""
+    """Insert an object at `offset` into the list of the nearest ones that a robot senses, in their order; returns how
+    many are kept."""
     new = wp.vec2(wp.dot(offset, offset), float(index))
     place = int(kept)
     while place > 0:
@@ -206,7 +207,7 @@ def nearest_robots(w: int, i: int, room: int, radius: float, robots: Robots, bin
 
 @wp.func
 def nearest_listed_robots(w: int, i: int, room: int, radius: float, robots: Robots, bins: Bins) -> int:
-    """`nearest_robots` by the list of the robot's bin."""
+    """Compute `nearest_robots` from the list of the robot's bin."""
     kept = int(0)
     entry = bins.entry[w, bins.first[w, bin_of(planar(robots.position[w, i]), bins)]]
     while entry[0] >= 0:
@@ -233,7 +234,7 @@ def nearest_targets(w: int, i: int, room: int, radius: float, robots: Robots, ta
 def nearest_listed_targets(
     w: int, i: int, room: int, radius: float, robots: Robots, targets: Targets, bins: Bins
 ) -> int:
-    """`nearest_targets` by the lists of the bins around the robot."""
+    """Compute `nearest_targets` from the lists of the bins around the robot."""
     here = robots.sensor[w, i]
     kept = int(0)
     left = column_of(here[0] - bins.widened, bins)

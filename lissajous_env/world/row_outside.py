@@ -33,7 +33,7 @@ from lissajous_env.world.state import STUCK, WORKING, Clock, Robots, allocate
 wp.set_module_options(OPTIONS)
 
 MOST_SEEN = 256
-"""Largest number of robots, and of targets, that are taken from a sensor; farther ones are dropped."""
+"""Largest number of robots, and of targets, that are accepted from a sensor; farther ones are dropped."""
 
 
 @wp.struct
@@ -47,9 +47,9 @@ class Outside:
     numbers: wp.array2d(dtype=wp.float32)
     """(2, k) numbers of its policy in it."""
     robots: wp.array(dtype=wp.vec4)
-    """(MOST_SEEN,) relative x, y [m] and relative velocity [m/s] of the robots that the sensor sees."""
+    """(MOST_SEEN,) relative x, y [m] and relative velocity [m/s] of the robots that the sensor detects."""
     targets: wp.array(dtype=wp.vec2)
-    """(MOST_SEEN,) relative x, y [m] of the targets that it sees."""
+    """(MOST_SEEN,) relative x, y [m] of the targets that it detects."""
     count: wp.array(dtype=wp.int32)
     """(2,) number of these robots, and targets."""
     phase: wp.array(dtype=wp.vec3)
@@ -198,7 +198,7 @@ class RowOutside:
         self._phase[0] = phase % (2 * math.pi)
 
     def see(self, robots: np.ndarray, targets: np.ndarray) -> None:
-        """Take what the sensor sees: robots (K, 4) and targets (K, 2), as in `Outside`."""
+        """Store the objects that the sensor detects: robots (K, 4) and targets (K, 2), as in `Outside`."""
         for k, (seen, kept) in enumerate(((robots, self._robots), (targets, self._targets))):
             if len(seen) > MOST_SEEN:
                 seen = seen[np.argsort(np.hypot(seen[:, 0], seen[:, 1]), kind="stable")[:MOST_SEEN]]

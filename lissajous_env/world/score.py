@@ -21,7 +21,7 @@ class Episode:
     seed: int
     """Seed of the world."""
     steps: int
-    """Control steps taken."""
+    """Number of control steps so far."""
     totals: Mapping[str, Any]
     """`EpisodeTotals` of this world, by name."""
     contamination: Mapping[str, Any]

@@ -53,23 +53,21 @@ class Simulation:
 
     Attributes (Warp arrays on the device, the same objects for the life of the simulation; W worlds, N robots):
         observation: (W, N, D) float32, one row a robot; `lissajous_env.world.observation` documents the entries.
-        final_observation: (W, N, D) the rows with which each world's episode before ended.
-        reward: (W, N) float32; `reward_terms` (W, N, terms) contains its terms, named by `reward_term_names`.
-        terminated: (W, N) bool, robots that a collision or the edge of the rectangle removed.
-        truncated: (W, N) bool, True when the time is over.
-        invalid: (W,) int32, 1 where an action of the episode was not finite and zero was taken instead.
-        invalid_at: (W,) int32, the step in which that happened first, counted from 1; 0 for none.
-        rogues: `lissajous_env.world.state.Rogues` of the next six arrays, all None without `targets.rogues`; T slots.
-        rogue_action: (W, T, 2) float32, velocities [speed limit], which a script or `step` writes.
-        rogue_observation: (W, T, D) float32; `lissajous_env.world.rogues.rows` documents the entries.
-        rogue_reward: (W, T) float32, the time of the step for which the rogue was undetected [s].
-        rogue_present: (W, T) bool, True for rogues that act in the next step.
-        rogue_terminated: (W, T) bool, True from a rogue's detection on.
-        rogue_truncated: (W, T) bool, True for rogues that were undetected when the episode ended.
-        split: Not an array: how the work is divided among CPU threads, `lissajous_env.device.program.Split`.
+        final_observation: (W, N, D) the rows with which each world's episode before ended. reward: (W, N) float32;
+        `reward_terms` (W, N, terms) contains its terms, named by `reward_term_names`. terminated: (W, N) bool, robots
+        that a collision or the edge of the rectangle removed. truncated: (W, N) bool, True when the time is over.
+        invalid: (W,) int32, 1 where an action of the episode was not finite and was replaced by zero. invalid_at: (W,)
+        int32, the step in which that happened first, counted from 1; 0 for none. rogues:
+        `lissajous_env.world.state.Rogues` of the next six arrays, all None without `targets.rogues`; T slots.
+        rogue_action: (W, T, 2) float32, velocities [speed limit], which a script or `step` writes. rogue_observation:
+        (W, T, D) float32; `lissajous_env.world.rogues.rows` documents the entries. rogue_reward: (W, T) float32, the
+        time of the step for which the rogue was undetected [s]. rogue_present: (W, T) bool, True for rogues that act in
+        the next step. rogue_terminated: (W, T) bool, True from a rogue's detection on. rogue_truncated: (W, T) bool,
+        True for rogues that were undetected when the episode ended. split: Not an array: how the work is divided among
+        CPU threads, `lissajous_env.device.program.Split`.
 
     World k depends on its own seed and actions alone: it is the same, bit for bit, in any batch, on any number of
-    threads. A world whose episode has ended stands still, with reward 0, until it is reset.
+    threads. A world whose episode has ended does not move, with reward 0, until it is reset.
 
     Args:
         scenario: Name of a scenario, or a `Scenario`.
@@ -154,8 +152,8 @@ class Simulation:
 
         Args:
             action: `action_shape`, a NumPy array, torch tensor or Warp array of numbers in [-1, 1]; values outside are
-                clipped. Where a number is not finite, that robot's action is taken as zero and the world is flagged
-                in `invalid`.
+                clipped. If a number is not finite, that robot's action is replaced by zero and the world is flagged in
+                `invalid`.
             rogue_action: (W, T, 2) the same for rogues, where `targets.rogues` is `agents`.
 
         Returns:
@@ -171,7 +169,7 @@ class Simulation:
 
     @in_turn
     def take(self, action: Any, rogue_action: Any = None) -> None:
-        """Store the actions of the next step, as `step` takes them; `advance` then makes it.
+        """Store the actions of the next step, in the form that `step` accepts; `advance` then simulates the step.
 
         Raises:
             ValueError: as of `step`.
@@ -311,7 +309,7 @@ class Simulation:
         if self.scenario.messages.size == 0:
             del structs["messages"]
         arrays = {f"{name_of(s)}.{name}": array for s in structs.values() for name, array in fields_of(s).items()}
-        del arrays["Clock.active"], arrays["Clock.fresh"]  # each step and reset says anew whom it is for
+        del arrays["Clock.active"], arrays["Clock.fresh"]  # each step and reset sets its worlds anew
         arrays |= self._extended.kept
         arrays |= {"taken": self._taken}
         return arrays | {"observation": self.observation, "final_observation": self.final_observation}

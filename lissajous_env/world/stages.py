@@ -1,7 +1,7 @@
 """The stages of a step and of a reset, in their order.
 
 A stage is a kernel that goes over the worlds of a batch, or the robots, targets or rows of the grid of each world. Its
-arguments are found by the names of its parameters, among the state (`lissajous_env.world.state`) and the constants
+arguments are matched by the names of its parameters, among the state (`lissajous_env.world.state`) and the constants
 (`lissajous_env.world.constants`). It skips worlds in which `clock.active` is 0.
 """
 
@@ -115,7 +115,7 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
 
 
 def _policy_hearing(scenario: Scenario) -> Stage:
-    """Return the stage in which robots hear and observe the messages of policies."""
+    """Return the stage in which robots receive and observe the messages of policies."""
     own = {"start": message_start(scenario)}
     return Stage("policy hearing", hear_policy_messages, ROBOT, when=scenario.messages.size > 0, own=own)
 

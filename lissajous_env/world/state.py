@@ -33,15 +33,15 @@ class Clock:
     seed: wp.array(dtype=wp.int32)
     """Seed of the world's random draws."""
     step: wp.array(dtype=wp.int32)
-    """Control steps taken in this episode."""
+    """Number of control steps in this episode so far."""
     stage: wp.array(dtype=wp.int32)
     """RUNNING, ENDED by the latest step, or IDLE: ended earlier and waiting for a reset."""
     active: wp.array(dtype=wp.int32)
-    """1 where the world takes part in the step, or in the reset, that is being run."""
+    """1 where the world is part of the current step or reset."""
     fresh: wp.array(dtype=wp.int32)
     """1 where a reset begins a new episode."""
     invalid: wp.array(dtype=wp.int32)
-    """1 where an action of this episode was not finite and zero was taken instead."""
+    """1 where an action of this episode was not finite and was replaced by zero."""
     invalid_at: wp.array(dtype=wp.int32)
     """Step in which that happened first, counted from 1; 0 for none."""
 
@@ -166,7 +166,7 @@ class Cells:
     in_discs: wp.array3d(dtype=wp.uint64)
     """(W, B, R) a bit for each cell that is sensed now."""
     coming: wp.array3d(dtype=wp.uint64)
-    """(W, B, R) the same, while it is being found; none between steps."""
+    """(W, B, R) the same, while it is being computed; none between steps."""
     idle_squares: wp.array2d(dtype=wp.int64)
     """(W, R) sum over cells and visits of the squared time since the visit before [step^2]."""
     idle_max: wp.array2d(dtype=wp.int32)
@@ -252,7 +252,7 @@ class StepEvents:
 
 @wp.func
 def planar(position: wp.vec3) -> wp.vec2:
-    """Position on the ground [m]."""
+    """Return the position on the ground [m]."""
     return wp.vec2(position[0], position[1])
 
 

@@ -9,17 +9,17 @@ from lissajous_env.world.simulation import Simulation
 
 
 class Together:
-    """Control steps of a fixed number of simulations, each by one CPU thread if there is one for each thread.
+    """Control steps of a fixed number of simulations, in parallel on CPU threads.
 
-    Simulations that are fewer than the threads, on a GPU or with functions of the user's own take their steps one after
-    another, and share the threads.
+    If there are at least as many simulations as threads, one thread steps each of them. Otherwise, on a GPU, and with
+    functions of the user's own, the simulations are stepped one after another, and the threads share each step.
 
     Args:
         count: Number of simulations.
         threads: CPU threads; all cores by default.
 
     Attributes:
-        threads: CPU threads that each simulation is to be made with.
+        threads: Number of CPU threads with which each simulation must be created.
 
     Raises:
         ValueError: the number of threads is below 1.
@@ -32,7 +32,7 @@ class Together:
         self._joined: SideBySide | None = None
 
     def advance(self, simulations: Sequence[Simulation]) -> None:
-        """Advance all by one control step, with the actions that they have taken."""
+        """Advance all simulations by one control step, with the actions that were stored by `take`."""
         works = [each.stages.work for each in simulations]
         if works != self._works:
             self._works, known = works, [work for work in works if work is not None]

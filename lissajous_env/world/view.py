@@ -33,7 +33,7 @@ class WorldView(_Fixed):
         observation: (W, N, D).
 
     On the CPU they are the simulation's own memory, in which everything is of this very step. On a GPU they are copied
-    when they are asked for. To change one, take a copy: `world.targets.position.copy()`.
+    when they are read. To change one, copy it: `world.targets.position.copy()`.
     """
 
     scenario: Scenario
@@ -58,7 +58,7 @@ class _Views(_Fixed):
 
 
 class _Copies(_Fixed):
-    """Arrays of a struct on a GPU, copied when they are asked for."""
+    """Arrays of a struct on a GPU, copied when they are read."""
 
     def __init__(self, struct: Any):
         self.__dict__["_struct"] = struct

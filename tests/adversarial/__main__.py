@@ -80,7 +80,7 @@ def _replace_table(path: Path, rows: list[tuple[str, str, int, int]], seed: int)
     """Replace the text between the two marks of the table."""
     begin, end = "<!-- table: begin -->", "<!-- table: end -->"
     before, _, rest = path.read_text(encoding="utf-8").partition(begin)
-    lines = ["| attack | what must hold | tries | held |", "|---|---|---:|---:|"]
+    lines = ["| attack | required behaviour | tries | passed |", "|---|---|---:|---:|"]
     lines += [f"| {name} | {promise} | {tries:,} | {held:,} |" for name, promise, tries, held in rows]
     tries, held = sum(row[2] for row in rows), sum(row[3] for row in rows)
     table = "\n".join([*lines, f"| **all**, seed {seed} | | **{tries:,}** | **{held:,}** |"])

@@ -367,14 +367,24 @@ def conservative(draw: np.random.Generator) -> str | None:
 
 
 ATTACKS = [
-    Attack("any value in any field", "runs clean, or a ValueError of a line", 400, fields),
-    Attack("classical policies in any scenario", "actions are finite", 60, policies),
-    Attack("what is no action", "refused, nothing has moved", 60, actions),
-    Attack("what are no worlds or seeds", "refused, nothing has moved", 60, resets),
-    Attack("a world alone and in a batch", "the same, bit for bit", 60, batch_law),
-    Attack("a world with a past", "the same, bit for bit", 60, history_law),
-    Attack("an independent model of the world", "the same score", 40, independent_reference),
-    Attack("hostile extensions", "refused by name, or all is finite and nothing has moved", 150, extensions),
-    Attack("rogues in a moving gap", "unseen for no longer than the conservative figure", 30, conservative),
-    Attack("sums beyond 32 bits", "exact", 30, overflow),
+    Attack(
+        "any value in any field",
+        "A scenario runs with finite results, or a ValueError of one line is raised.",
+        400,
+        fields,
+    ),
+    Attack("classical policies in any scenario", "All actions are finite.", 60, policies),
+    Attack("what is no action", "The input is rejected, and the state does not change.", 60, actions),
+    Attack("what are no worlds or seeds", "The input is rejected, and the state does not change.", 60, resets),
+    Attack("a world alone and in a batch", "The results are the same, bit for bit.", 60, batch_law),
+    Attack("a world with a past", "The results are the same, bit for bit.", 60, history_law),
+    Attack("an independent model of the world", "Both compute the same score.", 40, independent_reference),
+    Attack(
+        "hostile extensions",
+        "An extension is rejected by name, or its results are finite and it does not change the state.",
+        150,
+        extensions,
+    ),
+    Attack("rogues in a moving gap", "No rogue stays undetected for longer than the proved bound.", 30, conservative),
+    Attack("sums beyond 32 bits", "The sums are exact.", 30, overflow),
 ]

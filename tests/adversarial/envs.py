@@ -311,12 +311,19 @@ def _seeds(draw: np.random.Generator) -> str | None:
 
 
 ATTACKS = [
-    Attack("hostile actions", "a step runs, or is refused in a line and nothing has moved; no NaN", 150, _hostile_step),
-    Attack("hostile resets", "seeds and options are taken or refused in a line", 150, _hostile_reset),
-    Attack("hostile keywords", "an environment is made, or a keyword refused in a line", 200, _hostile_keywords),
-    Attack("sizes of pictures", "a picture is drawn in bounded memory, or a setting refused", 60, _picture),
-    Attack("positions in pictures", "anything anywhere can be drawn", 200, _positions),
-    Attack("files of recordings", "a changed file is refused by its name, or can be drawn", 150, _recording_file),
-    Attack("copies of environments", "a copy in mid-episode goes on bit for bit", 60, _copied),
-    Attack("episodes without a seed", "they differ; with a seed they are the same", 40, _seeds),
+    Attack(
+        "hostile actions",
+        "A step runs without NaN, or is rejected in one line and does not change the state.",
+        150,
+        _hostile_step,
+    ),
+    Attack("hostile resets", "Seeds and options are accepted, or rejected in one line.", 150, _hostile_reset),
+    Attack(
+        "hostile keywords", "An environment is created, or a keyword is rejected in one line.", 200, _hostile_keywords
+    ),
+    Attack("sizes of pictures", "A picture is drawn in bounded memory, or a setting is rejected.", 60, _picture),
+    Attack("positions in pictures", "Objects at any position can be drawn.", 200, _positions),
+    Attack("files of recordings", "A changed file is rejected by its name, or can be drawn.", 150, _recording_file),
+    Attack("copies of environments", "A copy in mid-episode continues like the original, bit for bit.", 60, _copied),
+    Attack("episodes without a seed", "Episodes differ; with the same seed they are the same.", 40, _seeds),
 ]

@@ -274,16 +274,29 @@ def _strict_json(draw: np.random.Generator, folder: Path) -> str | None:
     return None if json.loads(json.dumps(found, allow_nan=False)) == found else "it cannot be written again"
 
 
-_SAME = "the same command, called again, ends as if nothing had happened: the same bits"
+_SAME = "The same command, run again, ends with the same bits as an uninterrupted one."
+_SAME_AND_ONE_LINE = f"The error is one line; t{_SAME[1:]}"
 ATTACKS = [
-    Attack("files of the user in --out", "they and what links lead to stay as they are", 20, _files_of_the_user),
+    Attack(
+        "files of the user in --out",
+        "These files, and files to which links in the folder lead, do not change.",
+        20,
+        _files_of_the_user,
+    ),
     Attack("a training killed at each write", _SAME, 143, _AtEachWrite("train")),
     Attack("a benchmark killed at each write", _SAME, 40, _AtEachWrite("benchmark")),
     Attack("a reproduction killed at each write", _SAME, 26, _AtEachWrite("reproduce")),
-    Attack("disk full in a training", _SAME + ", and the error is one line", 20, _AtEachWrite("train", True, 10)),
-    Attack("disk full in a benchmark", _SAME + ", and the error is one line", 14, _AtEachWrite("benchmark", True, 5)),
-    Attack("disk full in a reproduction", _SAME + ", and the error is one line", 8, _AtEachWrite("reproduce", True, 5)),
-    Attack("a checkpoint that was changed", "refused in a line, or it plays finite actions", 500, _changed_checkpoint),
-    Attack("results that were changed", "refused by name, or all episodes are there", 60, _changed_results),
-    Attack("JSON that was changed", "refused in a line, or it can be written again", 3000, _strict_json),
+    Attack("disk full in a training", _SAME_AND_ONE_LINE, 20, _AtEachWrite("train", True, 10)),
+    Attack("disk full in a benchmark", _SAME_AND_ONE_LINE, 14, _AtEachWrite("benchmark", True, 5)),
+    Attack("disk full in a reproduction", _SAME_AND_ONE_LINE, 8, _AtEachWrite("reproduce", True, 5)),
+    Attack(
+        "a checkpoint that was changed",
+        "The checkpoint is rejected in one line, or its actions are finite.",
+        500,
+        _changed_checkpoint,
+    ),
+    Attack(
+        "results that were changed", "The results are rejected by name, or contain all episodes.", 60, _changed_results
+    ),
+    Attack("JSON that was changed", "The file is rejected in one line, or can be written again.", 3000, _strict_json),
 ]

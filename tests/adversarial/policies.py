@@ -208,7 +208,7 @@ ATTACKS = [
     ),
     Attack(
         "policies copied in mid-episode",
-        "A deep copy, a pickle and a loaded state go on as the original, bit for bit.",
+        "A deep copy, a pickle and a loaded state continue like the original, bit for bit.",
         400,
         copied,
     ),
@@ -220,11 +220,14 @@ ATTACKS = [
     ),
     Attack(
         "hostile observations",
-        "Actions are finite and in [-1, 1], or the observation is refused by name.",
+        "Actions are finite and in [-1, 1], or the observation is rejected by name.",
         2000,
         hostile_rows,
     ),
     Attack(
-        "hostile networks", "A network is refused in one line, or does what the formula says.", 2000, hostile_network
+        "hostile networks",
+        "A network is rejected in one line, or computes the result of the formula.",
+        2000,
+        hostile_network,
     ),
 ]

@@ -67,8 +67,8 @@ def rogues(draw: np.random.Generator) -> str | None:
 ATTACKS = [
     Attack(
         "rogues that know the future",
-        "a rogue stays within speed and walls, the simulation detects it at the end of its way, and none exceeds the "
-        "bound of `task.conservative`",
+        "A rogue respects the speed limit and the walls, the simulation detects it at the end of its path, and none "
+        "exceeds the bound of `task.conservative`.",
         24,
         rogues,
     )

@@ -164,13 +164,13 @@ def _server_of_something_else(draw: np.random.Generator) -> str | None:
         return _joined(("", "ray://")[draw.integers(2)] + address)
 
 
-_NEVER = "A pickle in place of any file is never opened; the command works, or says in one line what is wrong."
+_NEVER = "A pickle in place of any file is never opened; the command works, or prints the reason in one line."
 ATTACKS = [
     Attack("pickles in the folder of a training", _NEVER, 20, _with_pickles("training")),
     Attack("pickles in the folder of a policy", _NEVER, 20, _with_pickles("policy")),
     Attack("pickles in the folder of a benchmark", _NEVER, 15, _with_pickles("benchmark")),
     Attack("pickles as a recording", _NEVER, 20, _with_pickles("recording")),
     Attack("pickles in the folder of a training by RLlib", _NEVER, 2, _with_pickles("ray")),
-    Attack("addresses of no Ray cluster", "They are refused in one line, within seconds.", 10, _address_of_no_cluster),
-    Attack("servers that are no Ray cluster", "They are told apart within seconds.", 6, _server_of_something_else),
+    Attack("addresses of no Ray cluster", "They are rejected in one line, within seconds.", 10, _address_of_no_cluster),
+    Attack("servers that are no Ray cluster", "They are recognised within seconds.", 6, _server_of_something_else),
 ]

@@ -118,6 +118,8 @@ def _try_settings(draw: np.random.Generator) -> str | None:
 
 
 ATTACKS = [
-    Attack("rows of episodes.jsonl", "a value that no score has is refused with file and line", 300, _try_row),
-    Attack("settings.json", "damaged or other settings are refused by name", 200, _try_settings),
+    Attack(
+        "rows of episodes.jsonl", "A value that no score can have is rejected with its file and line.", 300, _try_row
+    ),
+    Attack("settings.json", "Damaged or different settings are rejected by name.", 200, _try_settings),
 ]

@@ -347,17 +347,25 @@ def _try_kernels(draw: np.random.Generator) -> str | None:
 
 
 ATTACKS = [
-    Attack("command lines", "whatever is typed, exit code 2 and one to three lines, nothing written", 1500, _try_line),
+    Attack(
+        "command lines",
+        "Every wrong command line ends with exit code 2 and one to three lines, and writes nothing.",
+        1500,
+        _try_line,
+    ),
     Attack(
         "terminals and shells",
-        "closed streams, pipes, locales, homes: no traceback, the right exit code",
+        "With closed streams, pipes, other locales and home folders, there is no traceback and the exit code is right.",
         24,
         _try_process,
     ),
-    Attack("tables at any width", "no number and no name is cut", 200, _try_width),
-    Attack("plans at any width", "no number is cut", 20, _try_plan_width),
+    Attack("tables at any width", "No number and no name is cut.", 200, _try_width),
+    Attack("plans at any width", "No number is cut.", 20, _try_plan_width),
     Attack(
-        "values of --set", "a literal is read as Python reads it, nothing else is, and nothing runs", 2000, _try_literal
+        "values of --set",
+        "A literal is read as in Python; nothing else is accepted, and no code runs.",
+        2000,
+        _try_literal,
     ),
-    Attack("compiled kernels", "damaged ones are made again, and the results stay the same", 5, _try_kernels),
+    Attack("compiled kernels", "Damaged ones are compiled again, and the results stay the same.", 5, _try_kernels),
 ]

@@ -165,8 +165,10 @@ def signals(draw: np.random.Generator) -> str | None:
 
 
 ATTACKS = [
-    Attack("forks under threads", "every child ends, and steps, acts and makes worlds of its own", 12, forks),
-    Attack("threads with small stacks", "a thread of 64 KiB and more makes, acts and steps", 16, stacks),
-    Attack("calls inside a step", "refused by name, and the simulation goes on", 40, calls_inside),
-    Attack("signal handlers that step", "nothing hangs; a call is taken or refused", 12, signals),
+    Attack("forks under threads", "Every child process can step, act and create simulations, and ends.", 12, forks),
+    Attack(
+        "threads with small stacks", "A thread with a stack of 64 KiB or more can create, act and step.", 16, stacks
+    ),
+    Attack("calls inside a step", "The call is rejected by name, and the simulation continues.", 40, calls_inside),
+    Attack("signal handlers that step", "Nothing hangs; a call is executed or rejected.", 12, signals),
 ]

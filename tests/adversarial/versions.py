@@ -183,8 +183,13 @@ def _refused(call: Any) -> str | None:
 
 
 ATTACKS = [
-    Attack("captured values of a results folder", "the same code goes on, other code is refused", 40, captured),
-    Attack("models of robots that cannot be", "refused in a line, and none is added", 200, models),
-    Attack("names of observation entries", "refused, or each name is there once", 60, entries),
-    Attack("places that cannot be written to", "refused in a line before any work, and nothing is made", 100, places),
+    Attack("captured values of a results folder", "The same code resumes, different code is rejected.", 40, captured),
+    Attack("models of robots that cannot be", "The model is rejected in one line, and not registered.", 200, models),
+    Attack("names of observation entries", "The names are rejected, or each exists once.", 60, entries),
+    Attack(
+        "places that cannot be written to",
+        "The command is rejected in one line before any work, and nothing is written.",
+        100,
+        places,
+    ),
 ]

@@ -43,17 +43,18 @@ def choose(
 ) -> None:
     """Play many patrols on scenarios of a space, and learn to choose the best one for a scenario from its numbers.
 
-    The folder is accepted wherever a policy is named. It also keeps the results of the patrols: an interrupted command
-    continues there, and with another seed or more scenarios it plays only what is missing. The defaults take about 20
-    minutes on two cores.
+    The folder is accepted wherever a policy name is. It also stores the results of the patrols: the same command
+    continues after an interruption, and with another seed or more scenarios it plays only what is missing. The defaults
+    take about 20 minutes on two cores.
 
     Example:
         lissajous choose lab.toml --scenarios 200 --out runs/lab
 
     Args:
-        space: space of scenarios of cars, by its name or .toml file; those of its split `train` are played. By default
-            monitoring-v1.
-        objective: what should be short: the mean detection time, or the worst-case undetected time.
+        space: space of scenarios with cars, by its name or .toml file; scenarios of its split `train` are played. By
+            default monitoring-v1.
+        objective: time that the chosen patrol makes short: `detection`, the mean detection time, or `guarantee`, the
+            worst-case undetected time.
         scenarios: number of scenarios of the split `train`.
         evaluation_scenarios: number of scenarios of the split `validation`, on which the choice is compared with each
             patrol alone.

@@ -10,7 +10,7 @@ from lissajous_env.parameters.scenario import Scenario
 
 NAME = "defaults"
 _FIRST = "partition", "line-abreast", "kuramoto-mpcc"
-"""Policies that are usually the best: the others need not be played once they are known to be worse."""
+"""Policies that are usually the best: the others are played only until they are known to be worse."""
 _FILTERED = "kuramoto-mpcc"
 """The policy that is also played with the collision filters."""
 

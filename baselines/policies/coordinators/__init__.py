@@ -1,1 +1,1 @@
-"""Coordinators: the phase rate that each robot asks for."""
+"""Coordinators: the phase rate of each robot."""

@@ -6,9 +6,9 @@ and dynamics (1) act on it:
     psi_i' = 2 pi v / (L alpha) - K sum over j in R_i of sin(psi_j - psi_i)
 
 Its equilibria, their stability and alpha of Lemma 2 are those of the phase, with the places spaced by L / N along the
-curve rather than by 2 pi / N in gamma. The observed phase theta_i and phase difference theta_j - theta_i give psi_j,
-which is carried on at the natural rate for the time its message was under way. The controller is told one phase rate
-for its horizon; here it is the mean one over the next PREVIEW seconds at the ground speed that psi_i' asks for.
+curve rather than by 2 pi / N in gamma. psi_j follows from the observed phase theta_i and phase difference theta_j -
+theta_i, and is advanced at the natural rate by the age of the message. The controller uses one phase rate for its
+horizon; here it is the mean one over the next PREVIEW seconds at the ground speed of psi_i'.
 
 The ground speed v is as fast as the cars can follow (`ground_speed`), where theta' = omega reaches it on the fastest
 stretch of the curve alone.
@@ -56,7 +56,7 @@ class ArcParameters(Checked):
 
 @wp.func
 def interpolate(table: wp.array(dtype=float), angle: float) -> float:
-    """Value at an angle [rad] of a function of period 2 pi, tabulated at equal distances over one turn."""
+    """Return a function of period 2 pi at an angle [rad], from a table at equal distances over one turn."""
     n = table.shape[0]
     x = angle / TWO_PI * float(n)
     cell = wp.floor(x)
@@ -139,17 +139,17 @@ def _speed(curve: Curve, gamma: np.ndarray) -> np.ndarray:
 
 
 def _phases(curve: Curve) -> np.ndarray:
-    """Evenly spaced gamma over a lap, both ends among them [rad]."""
+    """Return evenly spaced gamma over a lap, including both ends [rad]."""
     fastest = max(curve.a, curve.b, curve.c if curve.half_depth > 0 else 1)
     count = 1024 << (fastest - 1).bit_length()
     return 2 * math.pi * np.arange(count + 1) / count
 
 
 def ground_speed(scenario: Scenario) -> float:
-    """Speed along the curve [m/s]: a patrol's cruising speed, less where grip would not let a car turn so fast.
+    """Return the speed along the curve [m/s]: a patrol's cruising speed, less if grip does not allow such a turn.
 
     Grip must let it turn round in half of the rectangle's height, v^2 <= a_lat B / 2. The speed is never below the
-    formation's mean, omega L / (2 pi), and is that one where nothing is said of the grip.
+    formation's mean, omega L / (2 pi), and equal to it if the scenario has no grip.
     """
     mean = scenario.formation.phase_rate * lap_length(scenario.curve) / (2 * math.pi)
     grip = scenario.robot.lateral_acceleration_max

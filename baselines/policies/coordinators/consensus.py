@@ -1,4 +1,4 @@
-"""Yao et al. [16], the coordination: linear consensus on the path parameter, with the spacing given.
+"""Yao et al. [16], the coordination: linear consensus on the path parameter, with a prescribed spacing.
 
 W. Yao, H. Garcia de Marina, Z. Sun, M. Cao, "Guiding vector fields for the distributed motion coordination of mobile
 robots", IEEE Transactions on Robotics 39 (2023). The path parameter of robot i follows those of its ring neighbours,
@@ -6,10 +6,10 @@ robots", IEEE Transactions on Robotics 39 (2023). The path parameter of robot i 
     theta_i' = omega / alpha + k_c sum over j in R_i of (theta_j - theta_i - Delta_ij)
 
 with Delta_ij = +-2 pi p / N, the phase of the neighbour after and before it in equilibrium (2), and k_c the scenario's
-`coupling` [1/s]. So every robot has to know N and p, and another configuration is another Delta; any p is stable, where
-(1) has only those of Theorem 1. `baselines.policies.trackers.vector_field` makes a car follow the parameter.
+`coupling` [1/s]. So every robot requires N and p, and another configuration requires another Delta; any p is stable,
+where (1) has only those of Theorem 1. `baselines.policies.trackers.vector_field` makes a car follow the parameter.
 
-The parameter of the reference is a real number; here the robots only know phases, and a deviation is wrapped to
+The parameter of the reference is a real number; here the robots measure only phases, and a deviation is wrapped to
 [-pi, pi]. Two neighbours that are more than half a lap off their spacing therefore pull the other way around.
 """
 

@@ -1,20 +1,20 @@
 """Borkar et al. [15]: every robot tracks its own reference point, and the points are generated in open loop.
 
 A. V. Borkar et al., as the paper describes it: a distributed and robust tracking of reference points that are computed
-in open loop and centrally. The planner places the references in the formation and gives each the rate omega:
+in open loop and centrally. The planner places the references in the formation, each with the rate omega:
 
     gamma_ref(t) = gamma_ref(0) + omega t_on                 t_on: time for which the robot has worked [s]
     theta_i' = omega / alpha + k wrap(theta_ref - theta_i)   gamma = alpha theta, k = `tracking` [1/s]
 
 with the second term held to [-omega / alpha, `catch_up` omega / alpha], so that a robot does not reverse to meet its
-reference. gamma_ref(0) is where the robot stands when the episode begins, which is its place in the formation; a start
-that is off it is off it for good.
+reference. gamma_ref(0) is the robot's position at the start of the episode, which is its place in the formation; a
+start that is off it is off it for good.
 
-What a failure does depends on the generator of the stopped robot. As `tracked-reference` it stops with its robot and
-goes on with it: Fig. 6(b) shows states that keep their offset after t_2, and Section V names "the desynchronization in
+What a failure does depends on the generator of the stopped robot. As `tracked-reference` it stops and resumes together
+with its robot: Fig. 6(b) shows states that keep their offset after t_2, and Section V names "the desynchronization in
 the reference point generation" as the reason. As `running-reference` it runs on (t_on is the time of the episode) and
-is caught up with: the configuration is recovered, which it is not in the figure, by robots that pass through the
-places of others.
+is caught up with: the configuration is recovered, which it is not in the figure, by robots that pass through the places
+of others.
 
 No message is used. Disturbances of the tracking are corrected, which `open-loop` does not.
 """
@@ -49,7 +49,8 @@ class ReferenceParameters(Checked):
 
 
 RUNNING = ReferenceParameters(runs_on=True, catch_up=1.5)
-"""Those of `running-reference`: cars under MPCC catch up soonest so, and lose their way where more is asked of them."""
+"""Parameters of `running-reference`: cars under MPCC catch up soonest with them; larger ones make cars leave the
+curve."""
 
 
 @wp.kernel
@@ -80,7 +81,7 @@ def track_reference(
 
 
 class TrackedReference:
-    """Coordinator: phase rates (W, N) [rad/s] that keep each robot on its own reference point."""
+    """Coordinator: phase rates (W, N) [rad/s] by which each robot tracks its own reference point."""
 
     communicates = "nothing"
 
@@ -101,5 +102,5 @@ class TrackedReference:
         self._launch(track_reference, self.phase_rate.shape, inputs, [self.phase_rate])
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget the references of the worlds in a mask (W,)."""
+        """Reset the references of the worlds in a mask (W,)."""
         clear_worlds(self._memory, mask)

@@ -13,14 +13,14 @@ from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
 
 PHASES = "phases of ring neighbours"
-"""Content of the messages of a coordinator that does not say otherwise."""
+"""Content of the messages of a coordinator that defines none."""
 
 
 class Coordinator(Protocol):
     """Decides phase rates from observations."""
 
     phase_rate: wp.array
-    """(W, N) theta' that each robot should go on with [rad/s]."""
+    """(W, N) theta' of each robot from now on [rad/s]."""
 
     def coordinate(self, observation: wp.array) -> None:
         """Write `phase_rate`."""
@@ -28,10 +28,10 @@ class Coordinator(Protocol):
 
 @runtime_checkable
 class Remembering(Protocol):
-    """A coordinator that keeps something of the episode."""
+    """A coordinator with a memory of the episode."""
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget the worlds in a mask (W,)."""
+        """Reset the memory of the worlds in a mask (W,)."""
 
 
 class Coordinated(Policy):
@@ -58,6 +58,6 @@ class Coordinated(Policy):
         self._alpha = float(self.scenario.alpha)
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget what is kept of these worlds."""
+        """Reset the memory of these worlds."""
         if isinstance(self.coordinator, Remembering):
             self.coordinator.forget(mask)

@@ -43,7 +43,7 @@ def read_cars(
 
 @wp.kernel
 def scale_controls(robot: RobotStruct, control: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float)):
-    """Action of a car: steering and throttle of the first stage, scaled to [-1, 1]."""
+    """Return a car's action: steering and throttle of the first stage, scaled to [-1, 1]."""
     w, i = wp.tid()
     k = w * action_out.shape[1] + i
     action = car_action(robot, control[k, 0, 0], control[k, 0, 1])
@@ -80,7 +80,7 @@ class WithMpcc(Coordinated):
         self.mpcc.restrict(robot)
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget what is kept of these worlds."""
+        """Reset the memory of these worlds."""
         super().forget(mask)
         self.mpcc.reset(np.repeat(mask, self.num_robots))
 

@@ -11,7 +11,7 @@ wp.set_module_options(OPTIONS)
 
 @wp.kernel
 def follow_as_point(robot: RobotStruct, phase_rate: wp.array2d(dtype=float), action_out: wp.array3d(dtype=float)):
-    """Action of a point on the curve: its phase rate over the largest."""
+    """Return the action of a point on the curve: its phase rate over the largest."""
     w, i = wp.tid()
     action_out[w, i, 0] = wp.clamp(phase_rate[w, i] / robot.phase_rate_max, -1.0, 1.0)
 

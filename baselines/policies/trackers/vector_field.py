@@ -2,10 +2,11 @@
 
 W. Yao, H. Garcia de Marina, Z. Sun, M. Cao, "Guiding vector fields for the distributed motion coordination of mobile
 robots", IEEE Transactions on Robotics 39 (2023). The path parameter is a coordinate of its own, w, which the robot
-keeps; so the path in (x, y, w) does not cross itself, and the field vanishes nowhere, where r(gamma) does cross itself.
+stores; so the path in (x, y, w) does not cross itself, and the field vanishes nowhere, where r(gamma) does cross
+itself.
 
-Here w = gamma L / 2 pi [m], L the length of a lap, so that f(w) = r(gamma) has |f'| near 1. With the robot at q and
-off = q - f(w) the field chi, its sum with the coordination c, and the motion that they ask for are
+Here w = gamma L / 2 pi [m], L the length of a lap, so that f(w) = r(gamma) has |f'| near 1. With the robot at q and off
+= q - f(w) the field chi, its sum with the coordination c, and the desired motion are
 
     chi_xy = f'(w) - k off                         without a unit; k [1/m]
     chi_w  = 1 + k off . f'(w)
@@ -14,16 +15,16 @@ off = q - f(w) the field chi, its sum with the coordination c, and the motion th
 where c = alpha (theta' - omega / alpha) [rad/s] is what the coordinator adds to the natural rate. c moves w alone; the
 robot follows because off then draws it along.
 
-A car takes q' as heading and speed, e [rad] being the angle from its heading to q':
+A car follows q' as heading and speed, e [rad] being the angle from its heading to q':
 
     steering = atan(l TURN e / v)
     wanted speed = |q'| max(cos e, SLOWEST), or 0 where q' points back along the curve
     throttle = (c_drag wanted + beta + SPEED (wanted - v)) / alpha_motor, as a patrol's
 
-Differs from Yao et al.: their unicycle goes on at the speed it is given and turns with the feed-forward of the field's
+Differs from Yao et al.: their unicycle drives at the desired speed and turns with the feed-forward of the field's
 direction, which the limits of this car leave without effect. A car that is ahead of w cannot reverse, and waits.
 
-A robot that is stuck puts w where it stands, so that it goes on from there. On `experiment` without faults the tracking
+A failed robot sets w to its own place, so that it continues from there. On `experiment` without faults the tracking
 error is 0.147 m in the mean, against 0.182 m of `open-loop-mpcc`.
 """
 
@@ -61,9 +62,10 @@ class FieldParameters(Checked):
     turn: float = number(6.0, 1e-6, 1e6, "1/s")
     """TURN, the rate at which a car turns into the field [1/s]."""
     speed: float = number(8.0, 1e-6, 1e6, "1/s")
-    """SPEED, the rate at which a car takes the field's speed [1/s]."""
+    """SPEED, the rate at which a car approaches the field's speed [1/s]."""
     slowest: float = number(0.3, 0, 1)
-    """SLOWEST, the share of the field's speed that a car keeps while it turns: a car that stands does not turn."""
+    """SLOWEST, the smallest share of the field's speed at which a car drives while it turns: a car that has stopped
+    cannot turn."""
 
     @classmethod
     def of(cls, scenario: Scenario, **overrides: Any) -> "FieldParameters":
@@ -117,7 +119,7 @@ def follow_field(
     observation: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
-    """Steer and drive by the field, and let gamma go on. A robot's memory is gamma [rad] and 1 once it is known."""
+    """Steer and drive by the field, and advance gamma. A robot's memory is gamma [rad] and 1 once it is known."""
     w, i = wp.tid()
     known = memory[w, i]
     gamma = known[0]
@@ -159,7 +161,7 @@ class WithVectorField(Coordinated):
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget what is kept of these worlds."""
+        """Reset the memory of these worlds."""
         super().forget(mask)
         clear_worlds(self._memory, mask)
 

@@ -1,4 +1,5 @@
-"""The rogue that a policy misses: the way on which a target that knows the robots' future stays undetected for longest.
+"""The rogue that a policy misses: the path on which a target that knows the robots' future stays undetected for
+longest.
 
 A rogue changes nothing that robots observe before they detect it. So the best answer to an episode can be computed
 after it, from the recorded ways of the sensors:

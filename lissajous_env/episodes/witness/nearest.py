@@ -72,7 +72,7 @@ def _time(way: Way | None) -> int:
 
 
 def _is_left(rogues: Sequence[Rogue], rank: int, longest: Way | None, enough: int) -> bool:
-    """Return whether a rogue of the stage is longer than the way that is known, by more than enough."""
+    """Return whether a rogue of the contamination stage stays undetected for clearly longer than on the known path."""
     if rank >= len(rogues):
         return False
     since, until = rogues[rank]

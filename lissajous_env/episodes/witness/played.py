@@ -1,4 +1,4 @@
-"""Episodes as a rogue that knows the future sees them: the ways of the working sensors, and the actions."""
+"""Episodes as data for a rogue that knows the future: the ways of the working sensors, and the actions."""
 
 import math
 from collections.abc import Sequence
@@ -57,7 +57,7 @@ class Played:
 
 
 class Watcher:
-    """Copies what a rogue that knows the future needs from the episodes of a simulation.
+    """Recorder of the data that a rogue with knowledge of the future requires, from the episodes of a simulation.
 
     Args:
         simulation: The simulation, with `task.contamination` and without `task.conservative`.
@@ -85,7 +85,7 @@ class Watcher:
             kept.setdefault(name, []).append(array)
 
     def episodes(self, seeds: Sequence[int]) -> list[Played]:
-        """Return the episodes that have ended, of the first worlds, with their seeds, and forget them."""
+        """Return the ended episodes of the first worlds, with their seeds, and delete them here."""
         worlds = np.arange(len(seeds))
         steps, rows = self.simulation.clock.step.numpy(), self.simulation.score(worlds)
         arrays = {name: np.stack(self._kept.pop(name), axis=1) for name in list(self._kept)}
@@ -100,7 +100,7 @@ class Watcher:
 def play(policy: ActingPolicy, scenario: Scenario, seeds: list[int], device: Any = "cpu") -> list[Played]:
     """Play an episode in each world of a policy and copy the ways of the sensors and the labels.
 
-    The labels of an episode of `evaders` take 9 MB, those of `hall` 216 MB.
+    The labels of an episode of `evaders` require 9 MB, those of `hall` 216 MB.
 
     Args:
         policy: The policy, with as many worlds as there are seeds.

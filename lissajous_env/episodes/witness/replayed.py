@@ -30,7 +30,7 @@ def replay(episodes: Sequence[Played], ways: Sequence[Way], device: Any = "cpu",
 
     Args:
         episodes: The episodes, of the same length.
-        ways: The way of the rogue in each of them; after its end the rogue stands still.
+        ways: The way of the rogue in each of them; after its end the rogue does not move.
         device: Warp device of the simulation.
         prove: True to compute the bound of `task.conservative`, too, which takes longer than all the rest.
 

@@ -7,7 +7,7 @@ cells.
 
 * At the start, targets that are present have label 0 wherever targets are introduced, and 0 is when they came.
 * A tick is P steps. A target that is in c' at the end of tick n, and was there k ticks ago, was in a cell c with D(c,
-  c') <= k P v dt. It has stayed undetected until then, so L[n - k, c] holds for it. So the least L[n - k, c] of these
+  c') <= k P v dt. It has stayed undetected until then, so L[n - k, c] applies to it. So the least L[n - k, c] of these
   cells is a bound, for each k: the largest bound is one.
 * A target that came since then was introduced in a cell where targets are introduced, at most k P v dt away. To be
   introduced in tick n - k counts as having been there from that tick on: all that follows allows it to be where it is.
@@ -20,7 +20,7 @@ cells.
 * Sensing at other times than at the ends of steps is left out, so is what several discs cover together: a label
   becomes older by either, never younger.
 
-A target that is unseen at the end of step n may be sensed any time later in step n + 1: the age that is kept as the
+A target that is unseen at the end of step n may be sensed any time later in step n + 1: the age that is stored as the
 longest is that at the end of that step (`lissajous_env.world.contamination.undetected_time`).
 
 The labels are those of `Contamination.labels`, times 256 as there.
@@ -47,7 +47,7 @@ _ROUNDING = wp.constant(1e-6)
 
 @wp.struct
 class Reach:
-    """`lissajous_env.parameters.reaches.Reaches` as kernels see it."""
+    """`lissajous_env.parameters.reaches.Reaches` for kernels."""
 
     period: int
     moved: float

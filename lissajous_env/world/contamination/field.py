@@ -1,16 +1,17 @@
-"""Contamination: where a target may be that was never detected, however it moves, and since when.
+"""Contamination: the cells in which an undetected target may be, however it moves, and since when.
 
-Each cell of a grid has e, the earliest time at which a target can have been introduced that may be there now and was in
-no working robot's disc since. In the literature on pursuit and evasion, a cell that may have such a target is
-contaminated, one that has none is cleared: T. D. Parsons, "Pursuit-evasion in a graph" (Theory and Applications of
-Graphs, 1978); L. J. Guibas, J.-C. Latombe, S. M. LaValle, D. Lin, R. Motwani, "A visibility-based pursuit-evasion
-problem" (Int. J. Computational Geometry & Applications 9, 1999). t - min e is the time for which a target can have
-stayed undetected.
+Each cell of a grid has a time e. Consider all targets that may be in the cell now and have not been in the disc of a
+working robot: e is the earliest time at which one of them can have appeared. In the literature on pursuit and evasion,
+a cell that may contain such a target is contaminated, any other cell is cleared: T. D. Parsons, "Pursuit-evasion in a
+graph" (Theory and Applications of Graphs, 1978); L. J. Guibas, J.-C. Latombe, S. M. LaValle, D. Lin, R. Motwani, "A
+visibility-based pursuit-evasion problem" (Int. J. Computational Geometry & Applications 9, 1999). t - min e is the time
+for which a target can have stayed undetected.
 
-A label is e in control steps times 256, plus what share of a tick the target came after the tick before: of two labels
-the smaller one is older or, of one age, came earlier. The labels of the latest ticks are kept of each cell, because a
-target that hops now (`lissajous_env.parameters.spreading`) came to where it hops from some ticks ago. A cell that is
-sensed loses them all: a target on its way is where it came from, until it arrives.
+A label is e in control steps times 256, plus the share of a tick after the previous tick at which the target arrived.
+Of two labels, the smaller one is that of the older target or, at the same age, of the earlier arrival. The labels of
+the latest ticks are stored for each cell, because a target that hops now (`lissajous_env.parameters.spreading`) arrived
+some ticks ago in the cell from which it hops. All labels of a cell that is sensed are deleted: during a hop, a target
+counts as being in the cell from which it hops.
 """
 
 import warp as wp

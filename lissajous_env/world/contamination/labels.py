@@ -1,7 +1,7 @@
 """Labels of the cells of contamination: their storage, and the update of a word of 32 cells.
 
-Two functions are written in C++, which Warp hands to the compiler as it is: what they do for neighbouring cells is laid
-out so that a CPU does it for eight at once.
+Two functions are written in C++, which Warp passes to the compiler unchanged, so that a CPU processes eight
+neighbouring cells at once.
 """
 
 from typing import Any
@@ -25,7 +25,7 @@ _FRACTIONS = wp.constant(TICK_FRACTIONS)
 
 @wp.struct
 class Hops:
-    """`lissajous_env.parameters.spreading.Spreading` as kernels see it."""
+    """`lissajous_env.parameters.spreading.Spreading` for kernels."""
 
     columns: int
     radius: float
@@ -60,7 +60,7 @@ def slot_of(step: int, tick: int, hops: Hops) -> int:
 
 @wp.func
 def ticks_passed(step: int, tick: int, hops: Hops) -> int:
-    """Ticks since the reset, the given one of the latest step with them."""
+    """Return the ticks since the reset, including those of the latest step."""
     if hops.ticks > 1:
         return (step - 1) * hops.ticks + tick + 1
     return step / hops.period

@@ -54,8 +54,8 @@ def take_commands(
 ):
     """Limit the actions to [-1, 1] and add noise; replace one that is not finite by zero, and flag its world.
 
-    Effort and change are those of the commands without the noise, which `taken` stores until the next step. What
-    follows the commands in an action is a message, which `taken` stores too; it has neither noise nor effort.
+    Effort and change are those of the commands without the noise, which `taken` stores until the next step. The
+    components after the commands in an action are a message, which `taken` stores too; it has neither noise nor effort.
     """
     n = action.shape[1]
     size = command_out.shape[2]

@@ -10,7 +10,7 @@ from lissajous_env.world.robots.bins import Bins
 from lissajous_env.world.robots.collisions import PARTED
 
 MANY = 100
-"""Robots from which on bins are faster than to ask every robot, whatever the number of targets."""
+"""Number of robots from which on bins are faster than a test of every robot, for any number of targets."""
 _SOME = 64
 _PAIRS = 10_000
 """Pairs of a robot and a target from which on they are where robots are not many, but some."""
@@ -21,7 +21,7 @@ _FEWEST = 12
 _BINS_PER_ROBOT = 16
 _AT_LEAST = 1024
 _MOST_ENTRIES = 256
-"""Entries for each robot that there is room for at most; those for which there is none stand in every list."""
+"""Entries for each robot that there is room for at most; those for which there is none are in every list."""
 
 
 def has_bins(scenario: Scenario) -> bool:
@@ -34,7 +34,7 @@ def has_bins(scenario: Scenario) -> bool:
 
 
 def _squares(scenario: Scenario) -> tuple[float, float, float, int, int]:
-    """Reach, the same widened, and side of the bins [m]; their columns and rows."""
+    """Return the reach, the widened reach and the side of the bins [m], and the numbers of columns and rows."""
     targets, curve = scenario.targets, scenario.curve
     flight = targets.flee_radius if targets.fleeing > 0 else 0.0
     sight = (scenario.sensing.radius or 0.0) + scenario.task.step * targets.speed_max

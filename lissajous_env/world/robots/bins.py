@@ -1,11 +1,12 @@
 """Bins: squares of the rectangle, each with a list of the robots that come near it in a step.
 
-Where robots are many, the robots near a place are found in the list of its bin. A robot is in the list of each bin that
-its path through the step, widened by `reach` to both sides, touches. So the list of a place's bin has every robot that
-came within `reach` of the place at any time of the step. It may have others, and its order is not defined: kernels
-measure the distance, and take the lower index of two robots that are equally near.
+With many robots, kernels read the robots near a place from the list of its bin instead of testing all robots. A robot
+is in the list of each bin that its path in the step, widened by `reach` to both sides, crosses. So the list of a
+place's bin contains every robot that came within `reach` of the place at any time of the step. It may contain others,
+and its order is not defined: kernels measure the distance, and of two robots at the same distance they use the one with
+the lower index.
 
-A list is read from the first entry of its bin to one without a robot:
+A list is read from the first entry of its bin to an entry without a robot:
 
     entry = bins.entry[w, bins.first[w, k]]
     while entry[0] >= 0:
@@ -32,7 +33,7 @@ class Bins:
     """Side of a bin [m]."""
     columns: wp.int32
     rows: wp.int32
-    """The bins in row k begin with bin k columns; the outermost go on for ever."""
+    """The bins in row k begin with bin k columns; the outermost ones are unbounded."""
     reach: wp.float32
     """Distance up to which lists are complete [m]."""
     widened: wp.float32
@@ -44,9 +45,9 @@ class Bins:
     entry: wp.array2d(dtype=wp.vec2i)
     """(W, room + N + 1) robot, or -1 at the end, and the next entry."""
     used: wp.array(dtype=wp.int32)
-    """(W,) entries that were asked for."""
+    """(W,) number of entries that are required."""
     everywhere: wp.array(dtype=wp.int32)
-    """(W,) robots that stand in every list."""
+    """(W,) number of robots that are in every list."""
     is_everywhere: wp.array2d(dtype=wp.int32)
     """(W, N) 1 for these."""
     first_seen: wp.array2d(dtype=wp.int32)
@@ -55,32 +56,33 @@ class Bins:
     """(W, T) x, y [m], target, and the place of the next one of the same bin, or -1; side by side, as they are read
     many times."""
     seen_used: wp.array(dtype=wp.int32)
-    """(W,) how many places are taken."""
+    """(W,) number of places in use."""
     nearest: wp.array3d(dtype=wp.vec2)
-    """(W, N, entries) squared distance [radius^2] and index of what a robot sees, while it is being listed."""
+    """(W, N, entries) squared distance [radius^2] and index of each object that a robot senses, while the list is
+    built."""
 
 
 @wp.func
 def row_of(y: float, bins: Bins) -> int:
-    """Row of the bins at y [m]."""
+    """Return the row of the bins at y [m]."""
     return int(wp.clamp((y + bins.half_height) / bins.size, 0.0, float(bins.rows - 1)))
 
 
 @wp.func
 def column_of(x: float, bins: Bins) -> int:
-    """Column of the bins at x [m]."""
+    """Return the column of the bins at x [m]."""
     return int(wp.clamp((x + bins.half_width) / bins.size, 0.0, float(bins.columns - 1)))
 
 
 @wp.func
 def bin_of(place: wp.vec2, bins: Bins) -> int:
-    """Bin of a place."""
+    """Return the bin of a place."""
     return row_of(place[1], bins) * bins.columns + column_of(place[0], bins)
 
 
 @wp.func
 def rows_of(w: int, i: int, widened: float, robots: Robots, bins: Bins) -> wp.vec2i:
-    """First and last row that a robot's way through the step, `widened` [m] to both sides, touches."""
+    """Return the first and last row that the robot's path in this step crosses, `widened` [m] to both sides."""
     low = robots.track[w, i, 0][1]
     high = low
     for s in range(1, robots.track.shape[2]):
@@ -91,7 +93,7 @@ def rows_of(w: int, i: int, widened: float, robots: Robots, bins: Bins) -> wp.ve
 
 @wp.func
 def columns_of(w: int, i: int, row: int, widened: float, robots: Robots, bins: Bins) -> wp.vec2i:
-    """First and last column in one of these rows."""
+    """Return the first and last column of this path in one of these rows."""
     bottom = float(row) * bins.size - bins.half_height
     low = wp.where(row == 0, -1.0e30, bottom - widened)
     high = wp.where(row == bins.rows - 1, 1.0e30, bottom + bins.size + widened)

@@ -41,9 +41,9 @@ WALL = wp.constant(place_of(Task, "boundary", "wall"))
 
 @wp.func
 def motor_push(robot: RobotStruct, drive: float, tau: float) -> float:
-    """Acceleration by the motor, alpha tau - beta above the dead zone [m/s^2], equation (12).
+    """Return the motor's acceleration, alpha tau - beta above the dead zone [m/s^2], equation (12).
 
-    Differs from the paper: it knows no dead zone; the authors' plant has one, in which the car coasts.
+    Differs from the paper: it has no dead zone; the authors' plant has one, in which the car coasts.
     """
     return wp.where(tau > robot.dead_zone, drive * tau - robot.offset, 0.0)
 
@@ -64,7 +64,7 @@ def car_rate(robot: RobotStruct, state: wp.vec4, curvature: float, push: float) 
 
 @wp.func
 def car_step(robot: RobotStruct, state: wp.vec4, curvature: float, push: float, h: float) -> wp.vec4:
-    """One step of the classical fourth-order Runge-Kutta method over h [s]."""
+    """Return the state after one step of the classical fourth-order Runge-Kutta method over h [s]."""
     k1 = car_rate(robot, state, curvature, push)
     k2 = car_rate(robot, state + 0.5 * h * k1, curvature, push)
     k3 = car_rate(robot, state + 0.5 * h * k2, curvature, push)
@@ -89,7 +89,7 @@ def stop_at_wall(curve: CurveStruct, car: wp.vec4) -> wp.vec4:
 def take_input(
     block: Block, robot: RobotStruct, command: wp.array3d(dtype=float), robots: Robots
 ) -> tuple[Floats, Floats]:
-    """Curvature of the way [1/m] and acceleration by the motor [m/s^2] of the cars of a block."""
+    """Return the curvature of the path [1/m] and the motor's acceleration [m/s^2] of the cars of a block."""
     steering = entries(block, command, 0)
     throttling = entries(block, command, 1)
     wheelbase = floats(block, robots.wheelbase)
@@ -116,7 +116,8 @@ def move_cars(
     clock: Clock,
     robots: Robots,
 ):
-    """Move cars: steering and throttle are held over the step; a failed car stands, or rolls on as it steered last."""
+    """Move cars: steering and throttle are constant in the step; a failed car stops, or coasts with its last
+    steering."""
     block = block_of(wp.tid(), begin, end, robots.status.shape[1], clock.active)
     if block.count == 0:
         return
@@ -195,7 +196,7 @@ def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: 
 
 
 def shape(robot: Robot) -> list[tuple[np.ndarray, str | None]]:
-    """Outlines of a car's parts for a radius of 1, heading right, with their colours; None is the car's own."""
+    """Return outlines of a car's parts for a radius of 1, heading right, with their colours; None is the car's own."""
     # A body around its axles that stays within the disc of the robot, for any wheelbase.
     half_base = float(np.clip(robot.wheelbase / (2 * robot.radius), 0.4, 0.72))
     length, width = min(half_base + 0.28, 1.0), 0.46
@@ -213,7 +214,7 @@ def shape(robot: Robot) -> list[tuple[np.ndarray, str | None]]:
 
 
 def _rounded(half_length: float, half_width: float, power: float) -> np.ndarray:
-    """Rectangle with round corners: |x / half_length|^power + |y / half_width|^power = 1."""
+    """Return a rectangle with round corners: |x / half_length|^power + |y / half_width|^power = 1."""
     around = np.linspace(0, 2 * np.pi, 48, endpoint=False)
     x, y = np.cos(around), np.sin(around)
     return np.stack(

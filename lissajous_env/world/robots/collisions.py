@@ -90,7 +90,7 @@ def compare_with_all(
     latest: StepEvents,
     tally: EpisodeTotals,
 ) -> float:
-    """`compare_pair` with the robots after this one, of which none goes farther than `way` [m] in the step."""
+    """Run `compare_pair` for the robots after this one; none moves farther than `way` [m] in the step."""
     last = robots.track.shape[2] - 1
     nearest = float(1.0e30)
     apart = beyond + 2.0 * way
@@ -118,7 +118,7 @@ def compare_with_listed(
     latest: StepEvents,
     tally: EpisodeTotals,
 ) -> float:
-    """`compare_with_all` by the lists of the bins on the robot's way; a robot may be in several of them.
+    """Compute `compare_with_all` from the lists of the bins on the robot's path, in several of which a robot may be.
 
     In the first step of an episode, and as long as no two robots were within reach, the nearest is in no list.
     """

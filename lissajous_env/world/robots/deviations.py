@@ -16,7 +16,7 @@ wp.set_module_options(OPTIONS)
 
 @wp.func
 def own_distance(curve: CurveStruct, x: float, y: float, alpha: float, phase: wp.float64) -> float:
-    """Distance of a place from the point of a Lissajous curve at a phase [m]."""
+    """Return the distance of a place from the point of a Lissajous curve at a phase [m]."""
     point = lissajous(curve, curve_parameter(alpha, phase))
     return wp.length(wp.vec2(x - point[0], y - point[1]))
 

@@ -1,15 +1,16 @@
 """Distance of a place from the whole plane curve on the device, by the table of `distance_table.py`.
 
-A robot's own parameter only ever moves along its branch; the nearest point of the curve may lie on any other. Here a
-cell holds the few circles that the curve is around the points nearest to it, and the smallest distance from these is
-the distance from the curve: a root and a division each, where a search would cost a hundred times as much.
+A robot's own parameter moves only along its branch, but the nearest point of the curve may be on any other branch. Near
+a cell, a few circles approximate the curve; the table contains these circles for each cell, and the smallest distance
+from them is the distance from the curve. This costs a root and a division per circle, a hundredth of the cost of a
+search.
 
-On random places the error is at most 2e-4 m on the experiment, 5e-4 m on `intruders` and 1e-3 m with a, b = 7, 8 in
-10 m x 10 m; around the rectangle twice as much, far from it 1e-3 of the distance. On curves so dense or rectangles so
-narrow that the table would grow beyond its limit, it is below the size of a cell.
+On random places the error is at most 2e-4 m on the experiment, 5e-4 m on `intruders` and 1e-3 m with a, b = 7, 8 in 10
+m x 10 m; around the rectangle twice as much, far from it 1e-3 of the distance. On curves so dense or rectangles so
+narrow that the table would exceed its limit, the error is below the size of a cell.
 
-Of a curve of harmonics there are points instead: from the nearest of them Newton's steps lead to the nearest point. On
-rough random curves the error is at most a hundredth of the curve's extent.
+For a curve of harmonics, the table contains points of the curve instead: Newton's method, from the nearest of them,
+computes the nearest point. On rough random curves the error is at most a hundredth of the curve's extent.
 """
 
 from functools import lru_cache
@@ -58,7 +59,7 @@ class DistanceTable:
 
 @wp.func
 def distances_from_points(table: DistanceTable, curve: CurveStruct, x: Floats, y: Floats, count: int) -> Floats:
-    """Distance of the robots of a block from a curve of harmonics [m]: the smallest on the way of Newton's steps."""
+    """Return the distance of a block's robots from a curve of harmonics [m], the smallest of all Newton steps."""
     nearest = Ints()
     distance = Floats(1.0e30)
     for n in range(table.points.shape[0]):
@@ -86,7 +87,7 @@ def distances_from_points(table: DistanceTable, curve: CurveStruct, x: Floats, y
 
 @wp.func
 def cell_at(table: DistanceTable, x: float, y: float) -> tuple[int, float, float]:
-    """Cell in which a place lies, x, y >= 0 [m], and where in it, from 0 to 1 along its width and its height."""
+    """Return the cell of a place x, y >= 0 [m], and the position in it from 0 to 1 along its width and height."""
     across = x * table.per_width
     up = y * table.per_height
     # How often the place is halved until it is within the innermost grid; the grid around that is the first, and so on.
@@ -105,7 +106,7 @@ def cell_at(table: DistanceTable, x: float, y: float) -> tuple[int, float, float
 
 @wp.func
 def leaf(table: DistanceTable, start: int, across: float, up: float) -> int:
-    """Node of a place in a node: 16 times the first arc of the part in which it lies, and how many that has."""
+    """Return 16 times the first arc of the part of a node that contains a place, plus the number of its arcs."""
     node = int(start)
     while node < 0:
         across *= float(_SPLIT)
@@ -120,14 +121,14 @@ def leaf(table: DistanceTable, start: int, across: float, up: float) -> int:
 
 @wp.func
 def arc_distance(across: float, up: float, normal_x: float, normal_y: float, bend: float) -> float:
-    """Distance from a circle [m] that passes a point with a unit normal and a bend [1/m], of a place so far from it."""
+    """Return the distance of a place from a circle [m] that passes a point with a unit normal and a bend [1/m]."""
     g = 2.0 * (normal_x * across + normal_y * up) + bend * (across * across + up * up)
     return wp.abs(g) / (1.0 + wp.sqrt(wp.max(1.0 + bend * g, 0.0)))
 
 
 @wp.func
 def curve_distances(table: DistanceTable, curve: CurveStruct, x: Floats, y: Floats, count: int) -> Floats:
-    """Distance of the robots of a block from the curve [m]; 0 for robots that are always on it."""
+    """Return the distance of the robots of a block from the curve [m]; 0 for robots that are always on it."""
     distance = Floats()
     if table.points.shape[0] > 0:
         distance = distances_from_points(table, curve, x, y, count)
@@ -169,7 +170,7 @@ def curve_distances(table: DistanceTable, curve: CurveStruct, x: Floats, y: Floa
 
 
 def table_of(curve: Curve, keeps_to_curve: bool, device: Any) -> DistanceTable:
-    """The table of a curve; empty for robots that are always on it."""
+    """Return the table of a curve; it is empty for robots that are always on it."""
     return _on_device(None if keeps_to_curve else curve, str(device))
 
 

@@ -1,8 +1,8 @@
-"""The point of the plane curve that is nearest to a place, and a table from which kernels take its distance.
+"""The point of the plane curve that is nearest to a place, and a table from which kernels compute its distance.
 
-Float64 NumPy. The table is a tree of cells. Each holds a few arcs of circles, the curve as it is around the points
-nearest to the cell; the smallest distance from their circles is the distance from the curve. As the curve is the same
-to the left and to the right, above and below, the cells are those of one quarter, x and y of at least 0.
+All in float64 NumPy. The table is a tree of cells. Each cell contains a few arcs of circles that approximate the curve
+near the cell; the smallest distance from these circles is the distance from the curve. The curve is symmetric, so the
+cells cover only the quarter in which x and y are at least 0.
 """
 
 from dataclasses import dataclass
@@ -32,13 +32,13 @@ _STEPS = 2
 _MOST_CHANGE = 0.01
 """Longest step from a rough phase [rad]."""
 _ROUGHNESS = 2e-6
-"""Assumed error of rough distances, in lengths of the rectangle; four times the largest that was seen."""
+"""Assumed error of rough distances, in lengths of the rectangle; four times the largest one that was measured."""
 
 
 def nearest_phase(
     curve: Curve, places: np.ndarray, phases: np.ndarray, plausible: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Phase gamma [rad] of the point nearest to each of (M, 2) places [m], and the distance to it [m], each (M,).
+    """Return gamma [rad] of the nearest point of the curve, and its distance [m], for places (M, 2); each (M,).
 
     Newton's steps towards r'.(q - r) = 0 begin at those of the rough phases (M, 4) [rad] that are plausible. Where the
     second derivative vanishes, a step is twice that of Gauss and Newton.
@@ -62,7 +62,7 @@ def nearest_phase(
 
 
 def rough_search(curve: Curve, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Where `nearest_phase` begins for places (M, 2) [m].
+    """Return the first guesses of `nearest_phase` for places (M, 2) [m].
 
     Returns:
         phases: (M, 4), gamma of the points that may be nearest [rad].
@@ -81,10 +81,10 @@ def rough_search(curve: Curve, places: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 @dataclass(frozen=True)
 class Table:
-    """A tree of cells, each with the few arcs of circles that the curve is around the points nearest to the cell.
+    """A tree of cells, each with a few arcs of circles that approximate the curve near the cell.
 
-    `nodes[i]` is 16 times the first of a cell's arcs, plus how many it has; or, where the cell is divided, less than 0:
-    the parts stand at `nodes[-nodes[i]:]`, row by row.
+    `nodes[i]` is 16 times the index of a cell's first arc, plus the number of its arcs. If the cell is divided, it is
+    negative, and `nodes[-nodes[i]:]` are the parts, row by row.
     """
 
     nodes: np.ndarray
@@ -98,7 +98,7 @@ class Table:
 
 
 def arc_distance(arcs: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Distance of places (..., 2) from the circles of arcs (..., 5) [m]: |g| / (1 + sqrt(1 + k g)), g = 2 n.e + k e^2.
+    """Return |g| / (1 + sqrt(1 + k g)) with g = 2 n.e + k e^2: distances of places (..., 2) from arcs (..., 5) [m].
 
     e is the place less the arc's point; exact for a circle, and for the straight line k = 0.
     """
@@ -109,7 +109,7 @@ def arc_distance(arcs: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=32)
 def distance_table(half_width: float, half_height: float, a: int, b: int) -> Table:
-    """The table of a curve (3): it is divided until it is right to `TOLERANCE` at nine points of every cell."""
+    """Return the table of a curve (3), refined until it is right to `TOLERANCE` at nine points of every cell."""
     curve = Curve(half_width, half_height, a, b)
     columns, rows = (min(max(4 * n, _COLUMNS), _MOST_COLUMNS) for n in (b, a))
     centres, halves, used = _grids(curve, columns, rows)
@@ -120,7 +120,7 @@ def distance_table(half_width: float, half_height: float, a: int, b: int) -> Tab
         found, chosen, is_right = _arcs_of(curve, centres, halves)
         may_divide = depth < _DEPTH and len(nodes) + SPLIT**2 * np.sum(~is_right) < _MOST_CELLS
         done = is_right if may_divide else np.ones_like(is_right)
-        # Where no more cells are left, the points stand for the curve: circles of no size are never too near.
+        # If no more cells are left, the points represent the curve: circles of no size are never too near.
         found[done & ~is_right, :, 4], chosen[done & ~is_right] = 1e6, True
         counts = chosen[done].sum(axis=1)
         ends = total + np.cumsum(counts)
@@ -138,9 +138,9 @@ def distance_table(half_width: float, half_height: float, a: int, b: int) -> Tab
 
 
 def _grids(curve: Curve, columns: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Centres and half extents (cells, 2) of the innermost grid, then of those around it [m], and which are looked up.
+    """Return centres and half extents (cells, 2) [m], from the innermost grid outwards, and a mask of those in use.
 
-    Of a grid around another one, the cells that the other one covers are not.
+    Cells of a grid that an inner grid covers are not in use.
     """
     extent = EXTENT * np.array([curve.half_width, curve.half_height])
     centres, halves, used = [], [], []
@@ -167,10 +167,10 @@ _CHECKED = np.array(
 
 
 def _arcs_of(curve: Curve, centres: np.ndarray, halves: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Arcs (cells, C, 5) nearest to C points of each cell, which of them it takes, and whether they are right there.
+    """Return arcs (cells, C, 5) near C points of each cell, which of them the cell uses, and where these suffice.
 
-    A cell takes the arc nearest to its centre, then again and again the one of the point whose distance is worst.
-    Where the rough distances show that the first is right at every point, there is no search for the others.
+    A cell first uses the arc nearest to its centre, then repeatedly adds that of the point with the largest error. If
+    the rough distances show that the first arc is right at every point, the others are not searched.
     """
     places = centres[:, None] + _CHECKED * halves[:, None]
     arcs, chosen = np.zeros((*places.shape[:2], 5)), np.zeros(places.shape[:2], dtype=bool)
@@ -193,7 +193,7 @@ def _arcs_of(curve: Curve, centres: np.ndarray, halves: np.ndarray) -> tuple[np.
 
 
 def _arcs_at(curve: Curve, phases: np.ndarray, exact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Arcs (M, 5) at phases (M,) of the curve [rad], and the distances (M,) that are given with these [m]."""
+    """Return the arcs (M, 5) at phases (M,) of the curve [rad], with the given distances (M,) [m]."""
     point, (tangent, bend) = curve_point(curve, phases), curve_derivatives(curve, phases)
     speed = np.linalg.norm(tangent, axis=-1, keepdims=True)
     normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=-1) / speed
@@ -202,7 +202,7 @@ def _arcs_at(curve: Curve, phases: np.ndarray, exact: np.ndarray) -> tuple[np.nd
 
 
 def _allowed(curve: Curve, distances: np.ndarray) -> np.ndarray:
-    """Largest error of the table at places of these distances from the curve [m]."""
+    """Return the largest allowed error of the table at places of these distances from the curve [m]."""
     return TOLERANCE * np.maximum(distances, (curve.half_width * curve.half_height) ** 0.5)
 
 

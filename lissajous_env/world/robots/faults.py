@@ -18,7 +18,7 @@ COAST = wp.constant(place_of(Faults, "stop", "coast"))
 
 @wp.func
 def rolling(block: Block, faults: FaultsStruct, robots: Robots) -> int:
-    """A bit for each car of a block that has failed and rolls on; one that a collision stopped stands."""
+    """Return a bit for each car of a block that has failed and coasts; a car that a collision stopped does not."""
     if faults.stop != COAST:
         return 0
     return where_equal(block, robots.status, STUCK) & ~where_equal(block, robots.stuck_until, NEVER)

@@ -20,7 +20,7 @@ _DRAWS = wp.constant(100)
 def collides_at_once(w: int, i: int, time: float, radius: float, places: wp.array(dtype=int), robots: Robots) -> bool:
     """Return whether a robot collides within a time [s] with one of a smaller number if all go straight on.
 
-    They are seen from above. Robots of one of `places` overlap by design: `Scenario.places`.
+    Positions and velocities are those in the plane. Robots of one of `places` overlap by design: `Scenario.places`.
     """
     velocity = robots.speed[w, i] * cos_sin(robots.heading[w, i])
     for j in range(i):

@@ -42,7 +42,7 @@ RANDOM = wp.constant(place_of(Formation, "start", "random"))
 
 @wp.func
 def place_on_curve(w: int, i: int, rate: float, curve: CurveStruct, alpha: float, robots: Robots):
-    """Put a robot where its phase says, heading along the curve at phase rate `rate` [rad/s]."""
+    """Place a robot at the point of its phase, heading along the curve at phase rate `rate` [rad/s]."""
     gamma = curve_parameter(alpha, robots.phase[w, i])
     tangent = tangent2(curve, gamma) * (alpha * rate)
     robots.position[w, i] = point(curve, gamma)
@@ -94,7 +94,7 @@ def begin_on_curve(
 
 @wp.func
 def places_of(block: Block, robots: Robots) -> tuple[Floats, Floats, Doubles]:
-    """x, y [m] and phase [rad] of the robots of a block."""
+    """Return x, y [m] and phase [rad] of the robots of a block."""
     x = coordinates(block, robots.position, 0)
     y = coordinates(block, robots.position, 1)
     return x, y, doubles(block, robots.phase)

@@ -28,9 +28,9 @@ def move_points(
     clock: Clock,
     robots: Robots,
 ):
-    """Move points: the phase goes on at the commanded rate, on the curve; no wall is in their way.
+    """Move points: the phase advances at the commanded rate, on the curve; no wall is in their way.
 
-    Differs from the paper: (1) is continuous; a rate held for a step makes the whole Euler's method on (1).
+    Differs from the paper: (1) is continuous; with a rate that is constant in a step, this is Euler's method on (1).
     """
     tid, lane = wp.tid()
     w = first + tid

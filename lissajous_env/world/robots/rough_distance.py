@@ -1,7 +1,7 @@
 """The points of the plane curve nearest to many places, in float32.
 
-They are right to a millionth of the longer side of the rectangle. `distance_table.py` uses them to select the places
-that need more, and as the beginning of its search in float64.
+Their error is at most a millionth of the longer side of the rectangle. `distance_table.py` uses them to select the
+places that require higher precision, and as the first guess of its search in float64.
 """
 
 import numpy as np
@@ -40,9 +40,9 @@ def find_rough_distances(
 
     The curve is a mesh, and the nearest point lies on one of the four edges around the place: between the point of the
     edge that is straight above or below the place and the one that is straight beside it. With alpha = arccos(x / A)
-    and beta = arcsin(y / B) the place stands at (+-alpha, beta) and (+-alpha, pi - beta) on the torus of the angles
-    u = a gamma and v = b gamma, where the curve is a bundle of straight lines, equally far apart: one of them is next
-    to each. `inverse` is that of b modulo a. The number of places is a multiple of `width()`.
+    and beta = arcsin(y / B) the place is at (+-alpha, beta) and (+-alpha, pi - beta) on the torus of the angles u = a
+    gamma and v = b gamma, where the curve is a bundle of straight lines, equally far apart: one of them is next to
+    each. `inverse` is that of b modulo a. The number of places is a multiple of `width()`.
     """
     start = wp.tid() * width()
     x = Floats()

@@ -28,7 +28,7 @@ def nearest_sensor(w: int, place: wp.vec2, robots: Robots, bins: Bins) -> wp.vec
 
 @wp.func
 def nearest_sensors(w: int, count: int, x: Floats, y: Floats, robots: Robots, bins: Bins) -> tuple[Ints, Floats]:
-    """`nearest_sensor` of `count` places side by side: index, squared distance [m^2]."""
+    """Compute `nearest_sensor` for `count` places side by side: index, squared distance [m^2]."""
     nearest = Ints()
     least = Floats(1.0e30)
     for i in range(robots.sensor.shape[1]):
@@ -97,7 +97,7 @@ def first_sight(
 
 @wp.func
 def nearest_listed(w: int, place: wp.vec2, robots: Robots, bins: Bins) -> wp.vec2:
-    """`nearest_sensor` of the robots in the list of a place's bin."""
+    """Compute `nearest_sensor` from the robots in the list of a place's bin."""
     nearest = int(0)
     least = float(1.0e30)
     entry = bins.entry[w, bins.first[w, bin_of(place, bins)]]
@@ -116,7 +116,7 @@ def nearest_listed(w: int, place: wp.vec2, robots: Robots, bins: Bins) -> wp.vec
 def nearest_listed_together(
     w: int, count: int, x: Floats, y: Floats, robots: Robots, bins: Bins
 ) -> tuple[Ints, Floats]:
-    """`nearest_listed` of `count` places: index, squared distance [m^2]."""
+    """Compute `nearest_listed` for `count` places: index, squared distance [m^2]."""
     nearest = Ints()
     least = Floats(1.0e30)
     for k in range(count):
@@ -130,7 +130,7 @@ def nearest_listed_together(
 def first_sight_listed(
     w: int, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots: Robots, bins: Bins
 ) -> wp.vec2:
-    """`first_sight` by the robots in the list of the bin from which a target came, or by all if it moved far."""
+    """Compute `first_sight` from the list of the bin in which a target was, or from all robots if it moved far."""
     if wp.length(after - before) > bins.reach - radius:
         return first_sight(w, before, after, radius, reach, robots, bins)
     finder = int(-1)

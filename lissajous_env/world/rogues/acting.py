@@ -1,4 +1,4 @@
-"""The kernels of rogues: they move as their actions say, are rewarded, and observe."""
+"""The kernels of rogues: they move by their actions, are rewarded, and observe."""
 
 import numpy as np
 import warp as wp

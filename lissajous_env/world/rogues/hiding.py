@@ -1,4 +1,4 @@
-"""The scripted rogue `hide`, which knows where the contaminated age is largest."""
+"""The scripted rogue `hide`, which reads from the grid where the contaminated age is largest."""
 
 import warp as wp
 

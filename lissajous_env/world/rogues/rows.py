@@ -29,7 +29,7 @@ WALL_ENTRIES = (
     ("top", 0, 4, "distance to the top wall, at most 4 [sensing radius]"),
 )
 ROBOT_ENTRIES = (
-    ("present", 0, 1, "1 where there is one: robots in sight, the nearest first"),
+    ("present", 0, 1, "1 if so many robots are in sight, else 0; the nearest is the first"),
     ("works", 0, 1, "1 working, 0 failed: a failed robot senses nothing"),
     ("x", -4, 4, "relative x [2 half_width]"),
     ("y", -4, 4, "relative y [2 half_height]"),

@@ -1,7 +1,7 @@
 """Detection of targets: they appear, move, and are detected by the first working robot that has them in its disc.
 
-Those of a world are worked on side by side. Where robots or targets are many, the robots near a target are found
-through the bins: the same, to the last bit.
+Targets of a world are processed side by side. With many robots or targets, bins are used to select the robots near a
+target, with the same result to the last bit.
 """
 
 from typing import Any
@@ -30,7 +30,7 @@ wp.set_module_options(MOTION)
 _LISTED = module_apart(f"{__name__}.listed", MOTION)
 
 PLACES = wp.constant(64)
-"""Places that are tried for a target that appears unseen."""
+"""Number of places that are tried for a target that appears outside all discs."""
 
 
 @wp.func

@@ -25,7 +25,7 @@ _BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
 
 @wp.func
 def boundary_point(curve: CurveStruct, share: float) -> wp.vec2:
-    """The point at a share in [0, 1) of the way around the rectangle, counter-clockwise from the right bottom [m]."""
+    """Return the point at a share in [0, 1) of the boundary, counter-clockwise from the right bottom [m]."""
     width = curve.half_width
     height = curve.half_height
     along = share * 4.0 * (width + height)
@@ -53,7 +53,7 @@ def reset_targets(
 ):
     """Draw position, heading and motion of every target; those of the start appear at step 0.
 
-    The place of a target that appears unseen is drawn anew at that moment.
+    The place of a target that appears outside all discs is drawn anew at that moment.
     """
     tid, lane = wp.tid()
     w = first + tid
