@@ -110,23 +110,6 @@ def test_a_world_is_played_alike_in_any_batch(name):
     np.testing.assert_array_equal(together, alone)
 
 
-def test_reset_forgets_one_world_alone():
-    """Oracle: a policy made anew, for the world that was reset; its own continuation, for the other."""
-    scenario = lissajous_env.scenario("intruders")
-    simulation = lissajous_env.Simulation(scenario, num_worlds=2)
-    policy, untouched = (baselines.make("sweep", scenario, num_worlds=2) for _ in range(2))
-    for _ in range(30):
-        seen = simulation.observation.numpy().copy()
-        simulation.step(policy.act(seen))
-        untouched.act(seen)
-    seen = simulation.observation.numpy().copy()
-    policy.reset([1])
-    action, kept = policy.act(seen), untouched.act(seen)
-    np.testing.assert_array_equal(action[0], kept[0])
-    np.testing.assert_array_equal(action[1], baselines.make("sweep", scenario, num_worlds=2).act(seen)[1])
-    assert not np.array_equal(action[1], kept[1])
-
-
 def test_warp_arrays_come_back_as_warp_arrays():
     simulation = lissajous_env.Simulation(lissajous_env.scenario("failure"))
     policy = baselines.make("kuramoto", "failure")

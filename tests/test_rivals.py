@@ -83,7 +83,8 @@ def test_a_world_is_played_alike_in_any_batch(name, scenario):
 
 
 @pytest.mark.parametrize(("name", "scenario"), [
-    ("tracked-reference", "failure"), ("tracked-reference-mpcc", "rough"), ("consensus-gvf", "rough"),
+    ("sweep", "intruders"), ("tracked-reference", "failure"), ("tracked-reference-mpcc", "rough"),
+    ("consensus-gvf", "rough"),
 ])  # fmt: skip
 def test_reset_forgets_one_world_alone(name, scenario):
     """Oracle: a policy made anew, for the world that was reset; its own continuation, for the other."""

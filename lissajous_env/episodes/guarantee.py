@@ -7,7 +7,7 @@ computed by the contamination field (`lissajous_env.world.contamination.field`) 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
