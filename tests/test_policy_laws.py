@@ -7,24 +7,16 @@ import random
 import numpy as np
 import pytest
 import warp as wp
-from choices import playing_all
+from choices import differing
 
 import baselines
 import lissajous_env
-from baselines.policies import registry
 from baselines.policies.base import Policy
 from baselines.policies.coordinators.kuramoto import Kuramoto
 from lissajous_env import Simulation
 
 STEPS = 12
-FILTERED = ("sweep", "kuramoto-mpcc", "partition-repair", "learned-rough")
-"""Policies that are tested under each collision filter too, one of each kind of memory."""
-NAMES = [
-    name
-    for name in playing_all(baselines.names())
-    if not registry.unwrapped(name)[1] or registry.unwrapped(name)[0] in FILTERED
-]
-CASES = [(name, "rough" if name in baselines.names("rough") else "failure") for name in NAMES]
+CASES = [(name, "rough" if name in baselines.names("rough") else "failure") for name in differing(baselines.names())]
 
 
 def episode(policy, scenario, worlds, seed, steps=STEPS):
