@@ -68,7 +68,6 @@ def measure(
     progress: Console | None = None,
 ) -> Outcome:
     """Do the same as `run`, and tell which policies failed as well; `progress` is shown on a console of its own."""
-    settings.check()
     if scenarios is None:
         scenarios = [standard.as_played(each, settings.overrides) for each in settings.scenarios]
     cells = plan(settings, policies, scenarios)

@@ -19,13 +19,11 @@ from lissajous_env.world.coverage import cover, reset_cells
 from lissajous_env.world.observation import message_start
 from lissajous_env.world.observing import keep_final, observe, observe_listed
 from lissajous_env.world.reward import clear_events, give_reward, reset_events
-from lissajous_env.world.robots.actuation import take_commands
 from lissajous_env.world.robots.bin_sizes import has_bins
 from lissajous_env.world.robots.bins import clear_bins, list_robots
 from lissajous_env.world.robots.collisions import find_collisions, find_listed_collisions, take_consequences
 from lissajous_env.world.robots.deviations import find_deviations, watch_boundary
 from lissajous_env.world.robots.faults import reset_losses, update_status
-from lissajous_env.world.robots.measurement import measure
 from lissajous_env.world.robots.messages import (
     hear,
     hear_policy_messages,
@@ -35,6 +33,7 @@ from lissajous_env.world.robots.messages import (
     send_policy_messages,
 )
 from lissajous_env.world.robots.placing import draw_apart, follow_curve, reset_robots
+from lissajous_env.world.robots.signals import measure, take_commands
 from lissajous_env.world.rogues.stages import rogue_motion, rogue_results
 from lissajous_env.world.tally import keep_score, reset_tally
 from lissajous_env.world.targets.detection import (
