@@ -117,8 +117,7 @@ def _prepare(name: str) -> bool:
 
 _loading: dict[int, Any] = {}
 """Each held by the thread that compiles a module: others that need it wait rather than compile it too."""
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_loading.clear)
+os.register_at_fork(after_in_child=_loading.clear)
 
 _preparing = threading.Lock()
 """Held by the one thread that looks at the folders of modules."""
