@@ -1,0 +1,63 @@
+"""The replay page of a recording, and its display in notebooks."""
+
+import html
+from pathlib import Path
+
+from lissajous_env.episodes.recording import Recording
+from lissajous_env.episodes.witness import Witness
+from lissajous_env.replay.bundle import ASSETS, bundled
+from lissajous_env.replay.contents import FORMAT, contents
+from lissajous_env.storage.files import replacing
+
+FRAME_HEIGHT = 860
+"""Height of the frame in a notebook [px]."""
+
+
+def page(recording: Recording, against: Recording | None = None, missed: Witness | None = None) -> str:
+    """Return the page of an episode, or of two side by side with a common cursor.
+
+    Args:
+        recording: The episode.
+        against: Another episode, for example of another policy on the same seed.
+        missed: A rogue that the policy of the first episode misses.
+
+    Returns:
+        HTML that needs no other file and no network.
+    """
+    episodes = [recording] if against is None else [recording, against]
+    in_space = any(each.scenario.curve.half_depth > 0 for each in episodes)
+    policies = " against ".join(str(each.score.get("policy", "")) or "an episode" for each in episodes)
+    return bundled(
+        "page.html",
+        "main.js",
+        {"format": FORMAT, "episodes": [contents(recording, missed=missed), *map(contents, episodes[1:])]},
+        {"title": f"{recording.scenario.name}: {policies}"},
+        ["uPlot", "three"] if in_space else ["uPlot"],
+    )
+
+
+class Replay:
+    """Replay page that notebooks display as the last value of a cell, and that can be saved.
+
+    Args:
+        recording: The episode.
+        against: Another episode, shown beside it.
+        missed: A rogue that the policy of the first episode misses.
+    """
+
+    def __init__(self, recording: Recording, against: Recording | None = None, missed: Witness | None = None):
+        self.recording, self.against, self.missed = recording, against, missed
+
+    def html(self) -> str:
+        """Return the page as HTML."""
+        return page(self.recording, self.against, self.missed)
+
+    def save(self, path: str | Path) -> None:
+        """Write the page, first under a temporary name."""
+        with replacing(path) as temporary:
+            temporary.write_text(self.html(), encoding="utf-8")
+
+    def _repr_html_(self) -> str:
+        """Return a frame that isolates the page from the notebook."""
+        template = (ASSETS / "frame.html").read_text(encoding="utf-8")
+        return template.replace("{height}", str(FRAME_HEIGHT)).replace("{page}", html.escape(self.html(), quote=True))
