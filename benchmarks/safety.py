@@ -30,11 +30,11 @@ COLUMNS = {
 }
 
 
-def time_per_action(name: str, scenario: str, worlds: int = 64) -> tuple[float, float, float]:
+def time_per_action(name: str, scenario: str) -> tuple[float, float, float]:
     """Return a filter's time per robot and step [us], mean and slowest, and the share of actions that it changed."""
-    policy = baselines.make(name, scenario, num_worlds=worlds)
+    policy = baselines.make(name, scenario, num_worlds=64)
     assert isinstance(policy, (Safe, Proved))
-    simulation = lissajous_env.Simulation(scenario, num_worlds=worlds)
+    simulation = lissajous_env.Simulation(scenario, num_worlds=64)
     policy.reset()
     seen = simulation.observation
     policy.act(seen)

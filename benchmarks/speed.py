@@ -35,6 +35,7 @@ from speeds import (
     training,
 )
 
+from baselines.benchmark.summary_files import cpu_model
 from lissajous_env.device.devices import cores
 
 _MODULES = (step, rogues, memory, contamination, growth, controller, act, onboard, mixture, training, cluster)
@@ -43,10 +44,8 @@ PARTS = {each.PART.name: each.PART for each in _MODULES}
 
 def machine(parts: Sequence[str], threads: int) -> figures.Table:
     """Return a table with the machine and the versions with which some parts are measured, a row for each part."""
-    told = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
-    models = [line.partition(": ")[2] for line in told.splitlines() if line.startswith("model name")]
     of = {
-        "processor": models[0] if models else platform.processor() or platform.machine(),
+        "processor": cpu_model(),
         "cores": str(os.cpu_count()),
         "threads": str(threads),
         "Python": platform.python_version(),

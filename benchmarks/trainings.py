@@ -49,9 +49,7 @@ _ROLLOUT = 200_000
 
 def two_level_interval(
     rows_by_training: Sequence[Sequence[float]] | np.ndarray,
-    confidence: float = 0.95,
     resamples: int = RESAMPLES,
-    seed: int = 0,
     cut: float = CUT,
 ) -> tuple[float, float]:
     """Return the percentile bootstrap interval of the interquartile mean over trainings and the seeds that all played.
@@ -65,9 +63,7 @@ def two_level_interval(
 
     Args:
         rows_by_training: (K, n) numbers, a row for each training and a column for each seed.
-        confidence: Share of the resamples within the interval.
         resamples: Number of resamples.
-        seed: Seed of the draws.
         cut: Share of the values that is left out at either end; 0 for the mean.
 
     Raises:
@@ -80,11 +76,11 @@ def two_level_interval(
     if table.ndim != 2 or min(table.shape) < 2 or not np.isfinite(table).all():
         rule = "must contain finite numbers of at least two trainings on at least two seeds"
         raise ValueError(f"rows_by_training {rule}, got shape {table.shape}")
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(0)
     trainings, seeds = (generator.integers(0, size, (resamples, size)) for size in table.shape)
     drawn = np.sort(table[trainings[:, :, None], seeds[:, None, :]].reshape(resamples, -1), axis=1)
     outside = int(cut * table.size)
-    return middle_of(drawn[:, outside : table.size - outside].mean(axis=1), confidence)
+    return middle_of(drawn[:, outside : table.size - outside].mean(axis=1))
 
 
 def scored(out: Path, scenario: str, seed: int, steps: int, episodes: int, more: Sequence[str]) -> list[dict[str, Any]]:

@@ -323,14 +323,14 @@ def test_steps_outside_an_episode():
 def test_a_team_of_another_size(action):
     env = lissajous_env.LissajousEnv("failure")
     env.reset(seed=1)
-    before = state_of(env.parallel.simulation)
+    before = state_of(env.inner.simulation)
     with pytest.raises(ValueError, match=r"action must have shape \(5, 1\), got"):
         env.step(action)
     with pytest.raises(ValueError, match="action of robot_0 must be numbers"):
         env.step(np.zeros((5, 2)))
     with pytest.raises(ValueError, match="action of robot_1 must be finite"):
         env.step(np.array([[0.0], [np.nan], [0.0], [0.0], [0.0]]))
-    assert_untouched(env.parallel.simulation, before)
+    assert_untouched(env.inner.simulation, before)
 
 
 @pytest.mark.parametrize("seed", [-1, [1, 2], [1, 2, -3], [1.5, 2.5, 3.5], "abc", 1.5])

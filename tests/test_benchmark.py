@@ -20,7 +20,7 @@ from rich.text import Text
 
 import baselines
 import lissajous_env
-from baselines.benchmark import playing, tables
+from baselines.benchmark import local, tables
 from baselines.benchmark.comparison import statistics
 from baselines.benchmark.running import measure, run
 from baselines.benchmark.shown_columns import SHOWN
@@ -285,9 +285,9 @@ def test_what_is_neither_policy_nor_factory_is_refused(tmp_path):
 
 
 def test_a_score_that_is_no_number_fails_its_policy_and_is_not_kept(tmp_path, monkeypatch):
-    rows = playing.episodes
+    rows = local.episodes
     spoilt = {"return_mean": math.inf}
-    monkeypatch.setattr(playing, "episodes", lambda *given: ([row | spoilt for row in batch] for batch in rows(*given)))
+    monkeypatch.setattr(local, "episodes", lambda *given: ([row | spoilt for row in batch] for batch in rows(*given)))
     outcome = measure(small(tmp_path, policies=("kuramoto",), episodes=1), console=QUIET)
     assert "the score of seed 0: return_mean must be a finite number, got 'inf'" in outcome.failures[0].error
     assert lines(tmp_path) == []

@@ -14,7 +14,7 @@ from rich.console import Console
 
 import baselines
 from baselines.benchmark.cluster import _packed, _play
-from baselines.benchmark.playing import play
+from baselines.benchmark.local import play
 from baselines.benchmark.running import measure, run
 from baselines.benchmark.types import Benchmark, Cell
 from lissajous_env import scenario as make_scenario

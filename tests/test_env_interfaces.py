@@ -41,11 +41,11 @@ def test_the_first_episode_alone_is_drawn():
     assert other.reset()[0].tobytes() == one.reset()[0].tobytes()
     single = lissajous_env.LissajousEnv()
     single.reset()
-    single.parallel.simulation.step(np.zeros((1, 5, 2), np.float32))
+    single.inner.simulation.step(np.zeros((1, 5, 2), np.float32))
     # What was drawn is told, so that the episode can be played again.
     again = lissajous_env.LissajousEnv()
-    again.reset(seed=single.parallel.score()["seed"])
-    again.parallel.simulation.step(np.zeros((1, 5, 2), np.float32))
+    again.reset(seed=single.inner.score()["seed"])
+    again.inner.simulation.step(np.zeros((1, 5, 2), np.float32))
     assert single._observed().tobytes() == again._observed().tobytes()
 
 

@@ -1,6 +1,5 @@
 """Forks with threads, nested calls, and threads with small stacks: no deadlock, and no partial results."""
 
-import os
 import subprocess
 import sys
 import textwrap
@@ -9,8 +8,6 @@ import numpy as np
 import pytest
 
 import lissajous_env
-
-forks = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 
 BEGIN = """
 import os, signal, sys, threading, time
@@ -44,7 +41,6 @@ def run(code, *arguments):
     return done.stdout.strip()
 
 
-@forks
 @pytest.mark.parametrize(
     "busy",
     [
@@ -90,7 +86,6 @@ def test_a_child_forked_while_another_thread_is_busy(busy):
     assert run(code) == "{0}"
 
 
-@forks
 def test_what_a_child_inherits_is_whole():
     # Oracle: the same number of steps in a simulation of the child's own, bit for bit.
     code = """
@@ -121,7 +116,6 @@ def test_what_a_child_inherits_is_whole():
     assert run(code) == "[0, 0]"
 
 
-@forks
 def test_what_is_still_at_work_when_patience_ends_is_refused_in_the_child():
     # Oracle: the words of the child's error; another simulation works there, and the same one in the parent.
     code = """
@@ -158,7 +152,6 @@ def test_what_is_still_at_work_when_patience_ends_is_refused_in_the_child():
     assert said == [f"{words} and is incomplete; make another one", "0"]
 
 
-@forks
 def test_an_extension_may_fork():
     # Oracle: exit status; parent and child both finish the step that they are in.
     code = """

@@ -91,7 +91,7 @@ import warp._src.build as build
 from lissajous_env.device import kernel_cache
 from lissajous_env.device.compilation import CONTRACTED, module_apart
 from lissajous_env.device.devices import as_device, compile_quietly
-from lissajous_env.world import clock, events
+from lissajous_env.world import clock, reward
 from lissajous_env.world.robots import point
 
 as_device("cpu")
@@ -103,7 +103,7 @@ def build_cpu(*args, pch_dir=None, **kwargs):
 
 build.build_cpu = build_cpu
 kernels = [next(each for each in vars(module).values() if isinstance(each, wp.Kernel))
-           for module in (clock, events, point)]
+           for module in (clock, reward, point)]
 
 @wp.kernel(module=module_apart("lissajous_env.contracted", CONTRACTED))
 def nothing():

@@ -3,13 +3,10 @@
 import os
 import re
 import shutil
-import sys
 
 import pytest
 
 pytest.importorskip("stable_baselines3")
-if sys.platform != "linux":
-    pytest.skip("where a process writes is asked of Linux", allow_module_level=True)
 
 from lissajous_env.storage.folder import Folder
 from tests.adversarial import killing

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import warp as wp
-from choices import playing_all
+from choices import differing
 from test_messages import draws, heard, made
 
 import baselines
@@ -28,7 +28,7 @@ wp.set_module_options(OPTIONS)
 def test_classical_policies_send_zeros_and_move_as_ever(name):
     # Oracle: the same policy without messages, bit for bit.
     plain, talking = made(name, 0), made(name, 2)
-    for policy in playing_all(baselines.names(name)):
+    for policy in differing(baselines.names(name)):
         both = [make(policy, plain, 2), make(policy, talking, 2)]
         simulations = [lissajous_env.Simulation(each, 2, seed=6) for each in (plain, talking)]
         for _ in range(4):

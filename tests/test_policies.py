@@ -88,45 +88,6 @@ def test_kuramoto_carries_late_phases_on():
     np.testing.assert_allclose(rate, 0.3, atol=1e-4)
 
 
-@pytest.mark.parametrize("name", CARS)
-def test_a_robots_action_depends_on_its_own_row_alone(name):
-    """Oracle: changing every other row leaves robot 2's action as it was, bit for bit."""
-    simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment"), seed=5)
-    seen = simulation.observation.numpy().copy()
-    changed = seen[:, ::-1].copy()
-    changed[:, 2] = seen[:, 2]
-    actions = [baselines.make(name, "experiment").act(rows)[0, 2] for rows in (seen, changed)]
-    np.testing.assert_array_equal(*actions)
-
-
-@pytest.mark.parametrize("name", CARS)
-def test_a_world_is_played_alike_in_any_batch(name):
-    """Oracle: the batch law, for policy and simulation together."""
-    scenario = lissajous_env.scenario("rough")
-    batch = lissajous_env.Simulation(scenario, num_worlds=4, seed=10)
-    single = lissajous_env.Simulation(scenario, num_worlds=1, seed=12)
-    together = played(baselines.make(name, scenario, num_worlds=4), batch, 40)[2]
-    alone = played(baselines.make(name, scenario), single, 40)[0]
-    np.testing.assert_array_equal(together, alone)
-
-
-def test_reset_forgets_one_world_alone():
-    """Oracle: a policy made anew, for the world that was reset; its own continuation, for the other."""
-    scenario = lissajous_env.scenario("intruders")
-    simulation = lissajous_env.Simulation(scenario, num_worlds=2)
-    policy, untouched = (baselines.make("sweep", scenario, num_worlds=2) for _ in range(2))
-    for _ in range(30):
-        seen = simulation.observation.numpy().copy()
-        simulation.step(policy.act(seen))
-        untouched.act(seen)
-    seen = simulation.observation.numpy().copy()
-    policy.reset([1])
-    action, kept = policy.act(seen), untouched.act(seen)
-    np.testing.assert_array_equal(action[0], kept[0])
-    np.testing.assert_array_equal(action[1], baselines.make("sweep", scenario, num_worlds=2).act(seen)[1])
-    assert not np.array_equal(action[1], kept[1])
-
-
 def test_warp_arrays_come_back_as_warp_arrays():
     simulation = lissajous_env.Simulation(lissajous_env.scenario("failure"))
     policy = baselines.make("kuramoto", "failure")

@@ -109,7 +109,7 @@ class Both:
         self._compare()
         for action in reference_driving.smooth_actions(self.simulation.action_shape[1:], steps, seed):
             if self.world.scenario.robot.kind == "car" and not CASES[case][1].get("task.reward_outside"):
-                pursued = reference_driving.pursuit(self.world, ahead=0.4, speed=1.0)
+                pursued = reference_driving.pursuit(self.world)
                 action = np.concatenate([0.3 * action[:, :2] + pursued, action[:, 2:]], axis=1)
             action = action.astype(np.float32)
             self.simulation.step(action[None])

@@ -180,7 +180,7 @@ def left_at_the_end(env, seed):
     play(env, seed)
     return {
         agent
-        for agent, gone in zip(env.possible_agents, env.parallel.simulation.terminated.numpy()[0], strict=True)
+        for agent, gone in zip(env.possible_agents, env.inner.simulation.terminated.numpy()[0], strict=True)
         if not gone
     }
 
@@ -219,7 +219,7 @@ def test_a_base_and_chosen_inputs_act_as_the_learned_policy_does():
         penalty = [0.5 * np.clip(action, -1, 1)[0] ** 2 for action in actions.values()]
         assert list(rewards.values()) == pytest.approx(simulation.reward.numpy()[0] - penalty, abs=1e-6)
     expected = simulation.observation.numpy()[0]
-    assert env.parallel.simulation.observation.numpy()[0] == pytest.approx(expected, abs=1e-5)
+    assert env.inner.simulation.observation.numpy()[0] == pytest.approx(expected, abs=1e-5)
 
 
 # The policy.

@@ -224,7 +224,7 @@ def test_the_phase_of_a_car_is_that_of_the_nearest_point_of_its_branch():
     curve, around = simulation.scenario.curve, np.linspace(-0.3, 0.3, 6001)
     excess, phases = [], []
     for action in reference_driving.smooth_actions((1, 2), 400, seed=1):
-        action = (reference_driving.pursuit(world, ahead=0.4, speed=1.0) + 0.2 * action).astype(np.float32)
+        action = (reference_driving.pursuit(world) + 0.2 * action).astype(np.float32)
         simulation.step(action[None])
         world.step(action)
         place = simulation.robots.position.numpy()[0, 0, :2]

@@ -352,15 +352,6 @@ def test_a_robots_action_depends_on_its_own_row_alone():
     assert swerved > 5
 
 
-def test_a_world_is_played_alike_in_any_batch():
-    """Oracle: the batch law, for filter, policy and simulation together."""
-    batch = lissajous_env.Simulation("rough", num_worlds=4, seed=10)
-    single = lissajous_env.Simulation("rough", num_worlds=1, seed=12)
-    together = played(baselines.make("random-safe", "rough", num_worlds=4), batch, 80)[2]
-    alone = played(baselines.make("random-safe", "rough"), single, 80)[0]
-    np.testing.assert_array_equal(together, alone)
-
-
 def test_an_action_that_is_not_a_number_is_passed_on():
     """The simulation flags such a world by name; the filter must neither hide it nor spread it."""
     wanted = np.zeros((2, 5, 2), dtype=np.float32)

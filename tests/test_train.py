@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import signal
-import sys
 
 import numpy as np
 import pytest
@@ -91,7 +90,6 @@ def trained(changes, out):
     train(TrainingSettings(**SMALL | changes | {"out": out}), QUIET)
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="where a process writes is asked of Linux")
 @pytest.mark.parametrize(
     ("changes", "share"),
     [

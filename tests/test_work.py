@@ -90,7 +90,6 @@ def test_threads_of_a_user_may_do_the_same_work_and_their_own():
         each.check(100)
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 def test_a_fork_has_helpers_of_its_own():
     # Oracle: the child's exit status. The helpers of its parent are not there.
     followed = Followed(3)

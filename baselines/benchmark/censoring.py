@@ -22,7 +22,6 @@ def summarize_censored(
     times: Sequence[float] | np.ndarray,
     censored: Sequence[bool] | np.ndarray,
     unbounded: Sequence[bool] | np.ndarray,
-    seed: int = 0,
 ) -> Statistics:
     """Return statistics of times; a censored or unbounded time is at least this long.
 
@@ -36,7 +35,6 @@ def summarize_censored(
         censored: Whether a time would have become longer, had the episode gone on: as long as a longer time of another
             episode.
         unbounded: Whether a time counts as one that never ends.
-        seed: Of the resamples.
     """
     values, observed = np.asarray(times, dtype=float), summarize(times)
     known = np.isfinite(values)
@@ -47,7 +45,7 @@ def summarize_censored(
     (middle,), (reached,) = _middle_means(np.ones((1, len(values)), dtype=int), values, growing, endless)
     low = high = math.nan
     if len(values) > 1:
-        means, sure = _middle_means(draws(len(values), RESAMPLES, seed), values, growing, endless)
+        means, sure = _middle_means(draws(len(values), RESAMPLES, 0), values, growing, endless)
         low = float(np.quantile(means, _TAIL))
         ceiling = np.where(sure, means, values.max())
         high = float(np.quantile(ceiling, 1 - _TAIL)) if np.mean(~sure) < _TAIL else math.inf

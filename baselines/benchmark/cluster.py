@@ -15,7 +15,7 @@ from importlib.metadata import version
 from typing import Any
 
 from baselines.benchmark import ray_address, results_folder
-from baselines.benchmark.playing import failure_of, play
+from baselines.benchmark.local import failure_of, play
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.types import Batch, Benchmark, Cell, Failure
 from baselines.policies.factories import parts

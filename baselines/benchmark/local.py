@@ -1,19 +1,28 @@
-"""The benchmark on this machine: as many cells at a time as the process has cores.
+"""The episodes of a cell played, and a benchmark on this machine: as many cells at a time as the process has cores.
 
 A shipped policy may be played on any thread. What a user brings is played by the main thread, one cell after the other:
 such code may share data between its policies, and Ctrl-C reaches it there. The rows do not depend on it.
 """
 
 import threading
+import traceback
 from collections import deque
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 from baselines.benchmark import clairvoyant, results_folder
-from baselines.benchmark.playing import failure_of, play
+from baselines.benchmark.detections import detections_of
 from baselines.benchmark.progress import Progress
-from baselines.benchmark.types import Benchmark, Cell, Failure
+from baselines.benchmark.rows import refusal_of
+from baselines.benchmark.types import Batch, Benchmark, Cell, Failure
 from baselines.policies import registry
+from baselines.policies.base import UnsuitableScenarioError
+from lissajous_env.console.terminal import plain
 from lissajous_env.device.devices import cores
+from lissajous_env.episodes.evaluation import episodes
+from lissajous_env.wording import where_raised
+from lissajous_env.world.columns import brought_columns
+from lissajous_env.world.simulation import Simulation
 
 _Work = deque[tuple[Cell, list[int]]]
 
@@ -92,3 +101,38 @@ def may_be_shared(cell: Cell) -> bool:
     """Return whether all code that plays a cell is of this package."""
     shipped = cell.policy == clairvoyant.NAME or registry.ships(cell.policy)
     return shipped and not cell.scenario.extensions and cell.scenario.robot.kind in clairvoyant.KINDS
+
+
+def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[[int], None]) -> Iterator[Batch]:
+    """Play some episodes of a cell, given by number, and yield each batch.
+
+    After each step, `on_step` is called with the number of worlds that took it.
+
+    Raises:
+        ValueError: a score that is none, as one of a return that is infinite.
+    """
+    worlds = settings.worlds
+    policy = cell.factory(cell.scenario, worlds, settings.device)
+    watch = policy.watch if isinstance(policy, clairvoyant.Clairvoyant) else None
+    numbers_left = iter(numbers)
+    seeds = [settings.seed + number for number in numbers]
+    brought = brought_columns(cell.scenario)
+    played: list[Simulation] = []
+
+    def after_step(simulation: Simulation) -> None:
+        played[:] = [simulation]
+        on_step(worlds)
+
+    for batch in episodes(policy, cell.scenario, seeds, settings.device, after_step, watch):
+        rows = [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
+        for row in rows:
+            if wrong := refusal_of(plain(row), brought):
+                raise ValueError(f"the score of seed {row['seed']}: {wrong}")
+        yield Batch(rows, detections_of(played[0], rows))
+
+
+def failure_of(cell: Cell, error: BaseException) -> Failure:
+    """Put an error that a policy raised into words."""
+    refuses = isinstance(error, UnsuitableScenarioError)
+    words = str(error) if refuses else where_raised(error)
+    return Failure(cell.scenario.name, cell.policy, words, "".join(traceback.format_exception(error)), refuses)

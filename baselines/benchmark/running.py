@@ -69,7 +69,6 @@ def measure(
     progress: Console | None = None,
 ) -> Outcome:
     """Do the same as `run`, and also return the policies that failed; `progress` is shown on a console of its own."""
-    settings.check()
     if scenarios is None:
         scenarios = [standard.as_played(each, settings.overrides) for each in settings.scenarios]
     cells = plan(settings, policies, scenarios)

@@ -153,19 +153,19 @@ def performance_profile(
 
 
 def probability_of_improvement(
-    policy: Sequence[np.ndarray], reference: Sequence[np.ndarray], better: int = -1, resamples: int = RESAMPLES
+    policy: Sequence[np.ndarray], reference: Sequence[np.ndarray], better: int = -1
 ) -> tuple[float, float, float]:
     """Return P(policy better than reference), averaged over scenarios, with its 95 % stratified bootstrap interval.
 
     On a scenario it is the share of all pairs of an episode of the one and an episode of the other, ties counted half:
     U / (n m) of Mann and Whitney. Episodes of the two are drawn again apart. NaN is left out.
     """
-    means, drawn = [], np.zeros(resamples)
+    means, drawn = [], np.zeros(RESAMPLES)
     for k, (ours, theirs) in enumerate(zip(policy, reference, strict=True)):
         ours, theirs = better * ours[~np.isnan(ours)], better * theirs[~np.isnan(theirs)]
         won = (ours[:, None] > theirs[None]) + (ours[:, None] == theirs[None]) / 2
         means.append(won.mean())
-        counts = draws(len(ours), resamples, 2 * k), draws(len(theirs), resamples, 2 * k + 1)
+        counts = draws(len(ours), RESAMPLES, 2 * k), draws(len(theirs), RESAMPLES, 2 * k + 1)
         drawn += ((counts[0] @ won) * counts[1]).sum(axis=1) / won.size
     return float(np.mean(means)), *middle_of(drawn / len(means), 0.95)
 

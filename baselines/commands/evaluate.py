@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from baselines.benchmark.playing import play
+from baselines.benchmark.local import play
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.running import Benchmark, plan
 from baselines.commands.playing import made, naming, progress_console, scenarios_and_policy

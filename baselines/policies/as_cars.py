@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from baselines.policies.base import Policy
@@ -83,10 +82,6 @@ class AsCars(Policy):
         self._robot, self._car = (to_struct(RobotStruct, each.robot) for each in (self.scenario, cars))
         self._top_speed, self._step = cars.robot.top_speed, self.scenario.task.step
         self._twist = [wp.zeros(self.shape, dtype=wp.float32, device=self.device) for _ in range(3)]
-
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the memory of the policy of cars."""
-        self.policy.reset(mask)
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from baselines.policies.memory import clear_worlds
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch
@@ -49,6 +50,8 @@ class Policy(Copyable):
     """Kind of robot that the policy drives; None drives any."""
     communicates: str = "nothing"
     """Content of the messages that the policy uses; "nothing" if messages do not change its actions."""
+    remembers: tuple[str, ...] = ()
+    """Names of attributes with Warp arrays (W, ...) that are zero when an episode begins."""
 
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"):
         if self.arrays not in _ARRAYS:
@@ -106,7 +109,15 @@ class Policy(Copyable):
                 part.restrict(robot)
 
     def forget(self, mask: np.ndarray) -> None:
-        """Reset the memory of the worlds in a mask (W,), whose episodes begin anew."""
+        """Reset the memory of the worlds in a mask (W,), whose episodes begin anew.
+
+        By default a policy zeros the arrays of `remembers`, and resets the policies in its attributes.
+        """
+        for name in self.remembers:
+            clear_worlds(getattr(self, name), mask)
+        for part in vars(self).values():
+            if isinstance(part, Policy):
+                part.reset(mask)
 
     def act(self, observation: Any) -> Any:
         """Return actions (W, N, action_size) in [-1, 1] for observations (W, N, D).

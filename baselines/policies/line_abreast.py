@@ -18,7 +18,6 @@ from baselines.policies.line_path import (
     slowest_top_speed,
 )
 from baselines.policies.line_transit import Effort, Pace, angle_steps, effort_of, transit
-from baselines.policies.memory import clear_worlds
 from baselines.policies.neighbour_watch import WATCH
 from baselines.policies.own_row import own_phase
 from baselines.policies.partition import plain_of
@@ -134,6 +133,8 @@ class LineAbreast(TimedPaths):
         ValueError: sensing discs that are too small, or too few, for a line to span the shorter side.
     """
 
+    remembers = (*TimedPaths.remembers, "_remembered")
+
     def __init__(
         self,
         scenario: Scenario,
@@ -156,11 +157,6 @@ class LineAbreast(TimedPaths):
         steps = angle_steps(self.scenario, angles)
         self._angles = (angles, int(steps[0]), len(steps))
         self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
-
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the memory of these worlds."""
-        super().forget(mask)
-        clear_worlds(self._remembered, mask)
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""

@@ -79,12 +79,6 @@ class FilteredPaths(TimedPaths):
         self._filter = Safe(Still(self.scenario, num_worlds, self.device)) if filtered_until > 0 else None
         self.communicates = "nothing" if self._filter is None else self._filter.communicates
 
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the time, the cars' models of themselves, and their observations of others."""
-        super().forget(mask)
-        if self._filter is not None:
-            self._filter.forget(mask)
-
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         self.follow(observation)

@@ -15,7 +15,6 @@ import warp as wp
 
 from baselines.policies.cells import tour
 from baselines.policies.line_shares import Lines, line_shares, lines_of
-from baselines.policies.memory import clear_worlds
 from baselines.policies.neighbour_watch import PLACES, WATCH, Watch, watch_neighbours
 from baselines.policies.news import exchange_news, share_line
 from baselines.policies.partition import arrival_of_all, plain_of, planned_transit, start_is_known, take_filtered
@@ -94,6 +93,7 @@ class PartitionRepair(TimedPaths):
     """
 
     communicates = "positions of ring neighbours, and news of failures where messages have room for them"
+    remembers = (*TimedPaths.remembers, "_watched", "_standing", "_avoided", "_target", "_news", "_resting")
 
     def __init__(
         self,
@@ -150,14 +150,6 @@ class PartitionRepair(TimedPaths):
             self._rest = (float(np.linalg.norm(middle - middle[:1], axis=-1).max()) + shifted) / self._drift
             free = replace(SafetyParameters().of(self.scenario), speed_max=2 * self.scenario.robot.top_speed)
             self._avoidance = Safe(still, free, fastest=self._watch.still / self.scenario.task.step)
-
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the time, the estimates of others, and the cars' models of themselves."""
-        super().forget(mask)
-        if self._filter is not None:
-            self._filter.forget(mask)
-        for memory in (self._watched, self._standing, self._avoided, self._target, self._news, self._resting):
-            clear_worlds(memory, mask)
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""

@@ -8,7 +8,6 @@ import warp as wp
 
 from baselines.policies.base import Policy
 from baselines.policies.driving import Driving, drive_towards, driving_of, steady_speed
-from baselines.policies.memory import clear_worlds
 from baselines.policies.own_row import hears, lead, own_heading, own_key, own_phase, own_position, own_speed
 from baselines.policies.patrol_path import (
     SweepParameters,
@@ -242,11 +241,23 @@ def _neighbours(scenario: Scenario) -> np.ndarray:
     return neighbours
 
 
-class Sweep(Policy):
+class _Patrol(Policy):
+    """Robots that patrol, with a memory of their own, if they are cars by `driving`."""
+
+    arrays = "warp"
+    remembers = ("_memory",)
+
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
+        super().__init__(scenario, num_worlds, device)
+        self._curve = curve_struct(self.scenario.curve, self.device)
+        self._robot = to_struct(RobotStruct, self.scenario.robot)
+        self._driving = driving_of(self.scenario)
+
+
+class Sweep(_Patrol):
     """Cars in single file, evenly spaced, on a loop: along the boundary if targets enter there, else along lanes."""
 
     kind = "car"
-    arrays = "warp"
 
     def __init__(
         self,
@@ -258,9 +269,6 @@ class Sweep(Policy):
         super().__init__(scenario, num_worlds, device)
         self.parameters = parameters or SweepParameters()
         loop = patrol_loop(self.scenario, parameters=self.parameters)
-        self._curve = curve_struct(self.scenario.curve, self.device)
-        self._robot = to_struct(RobotStruct, self.scenario.robot)
-        self._driving = driving_of(self.scenario)
         self._alpha = float(self.scenario.alpha)
         self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
         self._ring = wp.array(_neighbours(self.scenario), dtype=wp.vec2i, device=self.device)
@@ -271,10 +279,6 @@ class Sweep(Policy):
         self._slowest = -1.0 if self.parameters.slowest is None else self.parameters.slowest
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the memory of these worlds."""
-        clear_worlds(self._memory, mask)
-
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         inputs = [self._curve, self._robot, self._driving, self._alpha, self._equilibrium, self._ring, self._loop,
@@ -283,14 +287,13 @@ class Sweep(Policy):
         self.launch(follow_loop, self.shape, inputs, [self.action])
 
 
-class Laps(Policy):
+class Laps(_Patrol):
     """Cars that drive around the loop of `Sweep` from their positions, each on its own, at the formation's top speed.
 
     They do not control the distance between them, so cars that reach the loop together stay together.
     """
 
     kind = "car"
-    arrays = "warp"
 
     def __init__(
         self,
@@ -304,56 +307,32 @@ class Laps(Policy):
         self._cruise = parameters.cruise or fastest_speed(self.scenario)
         loop = patrol_loop(self.scenario, parameters=dataclasses.replace(parameters, cruise=self._cruise))
         self._ahead = round(lookahead(self.scenario, self._cruise, parameters) / loop_spacing(loop))
-        self._curve = curve_struct(self.scenario.curve, self.device)
-        self._robot = to_struct(RobotStruct, self.scenario.robot)
-        self._driving = driving_of(self.scenario)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
         self._memory = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
 
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the memory of these worlds."""
-        clear_worlds(self._memory, mask)
-
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        inputs = [
-            self._curve,
-            self._robot,
-            self._driving,
-            self._loop,
-            self._cruise,
-            self._ahead,
-            self._memory,
-            observation,
-        ]
+        inputs = [self._curve, self._robot, self._driving, self._loop, self._cruise, self._ahead, self._memory,
+                  observation]  # fmt: skip
         self.launch(go_around, self.shape, inputs, [self.action])
 
 
-class RandomWaypoint(Policy):
+class RandomWaypoint(_Patrol):
     """Cars that drive to one random place after another; points move at a random phase rate in each step.
 
     The mean rate of points is omega / alpha, so that the policy has no advantage in speed. Robots of any other model
     apply a random action in each step.
     """
 
-    arrays = "warp"
-
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
         super().__init__(scenario, num_worlds, device)
-        self._curve = curve_struct(self.scenario.curve, self.device)
-        self._robot = to_struct(RobotStruct, self.scenario.robot)
-        self._driving = driving_of(self.scenario)
         self._rate = self.scenario.formation.phase_rate / self.scenario.alpha
-        self._goals = wp.zeros(self.shape, dtype=wp.vec3, device=self.device)
-
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the memory of these worlds."""
-        clear_worlds(self._goals, mask)
+        self._memory = wp.zeros(self.shape, dtype=wp.vec3, device=self.device)
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         kernel, inputs = {
-            "car": (wander, [self._curve, self._robot, self._driving, self._goals, observation]),
+            "car": (wander, [self._curve, self._robot, self._driving, self._memory, observation]),
             "curve": (wander_on_curve, [self._robot, self._rate, observation]),
         }.get(self.scenario.robot.kind, (act_at_random, [observation]))
         self.launch(kernel, self.shape, inputs, [self.action])

@@ -10,6 +10,8 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.theory.geometry import top_speed, turning_radius
 
+_POINTS = 2048
+"""Points of a loop."""
 _CRUISE = 0.85
 """Speed of a patrol as a share of the limit, so that a car that fell behind can catch up."""
 _ROOM = 1.15
@@ -75,8 +77,8 @@ def loop_spacing(loop: np.ndarray) -> float:
     return float(np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum()) / len(loop)
 
 
-def patrol_loop(scenario: Scenario, points: int = 2048, parameters: SweepParameters | None = None) -> np.ndarray:
-    """Return evenly spaced points (points, 2) of the loop [m], counter-clockwise.
+def patrol_loop(scenario: Scenario, parameters: SweepParameters | None = None) -> np.ndarray:
+    """Return evenly spaced points (K, 2) of the loop [m], counter-clockwise.
 
     It goes around the rectangle if targets enter at the boundary (then close to it), or if a disc that reaches the
     boundary also reaches the middle. Otherwise it goes along lanes, two sensing radii apart, and back along one side.
@@ -100,9 +102,9 @@ def patrol_loop(scenario: Scenario, points: int = 2048, parameters: SweepParamet
             corners += [(near, y), (far, y)] if k % 2 == 0 else [(far, y), (near, y)]
         del corners[2]  # the first lane continues the way back
         corners.pop()  # and the last one into it
-    path = _resampled(_rounded(np.array(corners), corner), points)
+    path = _resampled(_rounded(np.array(corners), corner), _POINTS)
     if lanes == 2 and parameters.bow > 0:
-        path = _resampled(_bowed(path, np.array([A - inset, B - inset]), corner, parameters.bow), points)
+        path = _resampled(_bowed(path, np.array([A - inset, B - inset]), corner, parameters.bow), _POINTS)
     return path
 
 

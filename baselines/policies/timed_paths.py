@@ -33,7 +33,6 @@ import warp as wp
 
 from baselines.policies.base import Policy
 from baselines.policies.driving import steady_speed
-from baselines.policies.memory import clear_worlds
 from baselines.policies.own_row import own_heading, own_position, own_speed, own_works
 from baselines.policies.path_tables import FINE, PathTables
 from baselines.similarity import manoeuvring_length, motion_scale
@@ -280,6 +279,7 @@ class TimedPaths(Policy):
 
     kind = "car"
     arrays = "warp"
+    remembers = "_memory", "shift"
 
     def __init__(
         self,
@@ -315,8 +315,7 @@ class TimedPaths(Policy):
 
     def forget(self, mask: np.ndarray) -> None:
         """Reset the time, the progress and the cars' models of themselves; restore the plan."""
-        clear_worlds(self._memory, mask)
-        clear_worlds(self.shift, mask)
+        super().forget(mask)
         plan = self.plan.numpy().copy()
         plan[mask] = self._first_plan[mask]
         self.plan.assign(plan)

@@ -41,11 +41,9 @@ import dataclasses
 import math
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from baselines.policies.base import Policy
-from baselines.policies.memory import clear_worlds
 from baselines.safety.kernel import MANOEUVRES, NEAREST, Scales, keep_clear
 from baselines.safety.parameters import SafetyParameters, SafetyStruct
 from lissajous_env.device.curve import curve_struct
@@ -76,6 +74,7 @@ class Safe(Policy):
     kind = "car"
     arrays = "warp"
     communicates = "positions of ring neighbours"
+    remembers = ("_memory",)
 
     def __init__(self, policy: Policy, parameters: SafetyParameters | None = None, fastest: float = math.inf):
         super().__init__(policy.scenario, policy.num_worlds, policy.device)
@@ -115,11 +114,6 @@ class Safe(Policy):
     def decide(self, observation: wp.array) -> None:
         """Let the policy act, and filter its actions."""
         self.filter(observation, self.policy.act(observation))
-
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the memory of the policy and the positions of ring neighbours."""
-        self.policy.reset(mask)
-        clear_worlds(self._memory, mask)
 
 
 def close(policy: Policy) -> Safe:

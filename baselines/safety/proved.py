@@ -132,7 +132,7 @@ class Proved(Policy):
 
     def forget(self, mask: np.ndarray) -> None:
         """Reset the memory of the policy and the tails."""
-        self.policy.reset(mask)
+        super().forget(mask)
         for array in self._kept.values():
             clear_worlds(array, mask)
 

@@ -15,14 +15,8 @@ CURVES = {5: (3, 2), 101: (51, 50), 501: (251, 250), 1001: (501, 500)}
 
 def peak_memory() -> float:
     """Return the largest memory of this process so far [MB]."""
-    status = Path("/proc/self/status")
-    if not status.exists():
-        import resource
-
-        # macOS has no /proc and reports bytes.
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-    # On Linux, `ru_maxrss` would include the memory of the parent process.
-    told = dict(line.split(":", 1) for line in status.read_text().splitlines())
+    # `ru_maxrss` would include the memory of the parent process.
+    told = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
     return int(told["VmHWM"].split()[0]) / 1024
 
 

@@ -22,11 +22,7 @@ SPREAD, DISCOVERY = "mpe2 simple_spread", "VMAS discovery"
 
 BATCHES: dict[str, tuple[str, dict]] = {
     f"batch, {name}, {words}": (name.partition(",")[0], settings | {"task.grid": grid})
-    for name, settings in (
-        ("experiment", SETTINGS),
-        ("experiment, all stay", STAYING),
-        ("intruders, all stay", STAYING),
-    )
+    for name, settings in NAMED.items()
     for words, grid in (("no grid", None), ("36 x 16 grid", GRID))
 }
 """Scenario and settings by their names in the tables."""

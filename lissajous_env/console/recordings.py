@@ -2,7 +2,6 @@
 
 import math
 import os
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,8 +29,6 @@ def check_pace(speed: float, fps: float) -> None:
 
 def has_display() -> bool:
     """Return True if a window can be opened; without a display, SDL would open an invisible one."""
-    if sys.platform == "darwin":
-        return True
     driver = os.environ.get("SDL_VIDEODRIVER", "")
     found = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
     return driver not in ("dummy", "offscreen") if driver else found

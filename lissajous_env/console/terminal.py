@@ -162,9 +162,9 @@ def complain(text: str) -> None:
         print(shown, file=sys.stderr, flush=True)
 
 
-def _shortened(line: str, most: int = 1500) -> str:
+def _shortened(line: str) -> str:
     visible = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
-    return visible if len(visible) <= most else f"{visible[: most // 2]} ... {visible[-most // 2 :]}"
+    return visible if len(visible) <= 1500 else f"{visible[:750]} ... {visible[-750:]}"
 
 
 def _width(widths: Any, kept: Sequence[int]) -> int:

@@ -40,7 +40,7 @@ _QUOTAS = ("cpu.max",), ("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")
 
 def cores() -> int:
     """Return the number of cores that this process may use, by its affinity and its container's quota."""
-    bound = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    bound = len(os.sched_getaffinity(0))
     for files in _QUOTAS:
         with contextlib.suppress(OSError, ValueError):  # no container, or one without a limit
             quota, period = " ".join((_CONTAINER / file).read_text() for file in files).split()

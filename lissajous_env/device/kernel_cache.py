@@ -118,8 +118,7 @@ def _prepare(name: str) -> bool:
 
 _loading: dict[int, Any] = {}
 """A lock for each module, which the compiling thread owns; other threads that need the module wait for it."""
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_loading.clear)
+os.register_at_fork(after_in_child=_loading.clear)
 
 _preparing = threading.Lock()
 """Lock of the thread that examines the folders of modules."""

@@ -5,7 +5,6 @@ user may require them.
 """
 
 import ctypes
-import sys
 import threading
 
 LEAST = 384 << 10
@@ -20,7 +19,7 @@ def require_room() -> None:
     """
     if not hasattr(_checked, "enough"):
         size = _size()
-        if size is not None and size < LEAST:
+        if size < LEAST:
             raise RuntimeError(
                 f"a thread must have a stack of at least {LEAST >> 10} KiB for kernels of a scenario's own, got "
                 f"{size >> 10} KiB; threading.stack_size({LEAST}) sets it for threads that are started afterwards"
@@ -31,16 +30,14 @@ def require_room() -> None:
 _checked = threading.local()
 
 
-def _size() -> int | None:
-    """Return the size of the current thread's stack [bytes]; None if the system does not report it."""
-    if not sys.platform.startswith("linux"):
-        return None
+def _size() -> int:
+    """Return the size of the current thread's stack [bytes]; the least one if the system does not report it."""
     system = ctypes.CDLL(None)
     system.pthread_self.restype = ctypes.c_ulong
     attributes = ctypes.create_string_buffer(256)
     address, size = ctypes.c_void_p(), ctypes.c_size_t()
     if system.pthread_getattr_np(ctypes.c_ulong(system.pthread_self()), attributes) != 0:
-        return None
+        return LEAST
     system.pthread_attr_getstack(attributes, ctypes.byref(address), ctypes.byref(size))
     system.pthread_attr_destroy(attributes)
     return size.value

@@ -174,9 +174,8 @@ def _helpers(count: int) -> list[_Helper]:
     return _started[:count]
 
 
-if hasattr(os, "register_at_fork"):
-    # Threads do not survive a fork.
-    os.register_at_fork(after_in_child=_started.clear)
+# Threads do not survive a fork.
+os.register_at_fork(after_in_child=_started.clear)
 
 
 @cache

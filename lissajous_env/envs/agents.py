@@ -1,11 +1,32 @@
-"""Spaces of the agents of a PettingZoo environment."""
+"""Parts of several environments: the spaces of agents, and what an environment around another one passes on."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 from pettingzoo import ParallelEnv
 
 from lissajous_env.wording import shown
+
+if TYPE_CHECKING:
+    from lissajous_env.replay import Replay
+
+
+class Around:
+    """Part of an environment around another one, `inner`."""
+
+    inner: Any
+
+    def render(self) -> Any:
+        """Draw the world, as `LissajousParallelEnv.render`."""
+        return self.inner.render()
+
+    def replay(self, policy: str = "") -> "Replay":
+        """Return the episode so far as a page, as `LissajousParallelEnv.replay`; requires `record=True`."""
+        return self.inner.replay(policy)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        self.inner.close()
 
 
 class SpacesOfAgents(ParallelEnv):

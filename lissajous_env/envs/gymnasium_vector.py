@@ -10,10 +10,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from lissajous_env.envs.actions import action_space, action_table
-from lissajous_env.envs.gymnasium_env import refuse_rogue_agents
+from lissajous_env.envs.gymnasium_env import refuse_rogue_agents, team_spaces
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.envs.recorded import followed, replay_of
-from lissajous_env.envs.team_env import team_spaces
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown

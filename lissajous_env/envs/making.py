@@ -7,11 +7,10 @@ import gymnasium
 from pettingzoo import AECEnv
 from pettingzoo.utils import parallel_to_aec, wrappers
 
-from lissajous_env.envs.gymnasium_env import LissajousEnv
+from lissajous_env.envs.gymnasium_env import LissajousEnv, SampledEnv
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.envs.rogue_env import LissajousRogueEnv
 from lissajous_env.envs.sampled_env import SampledParallelEnv
-from lissajous_env.envs.sampled_team_env import SampledEnv
 from lissajous_env.envs.two_sided import TwoSidedParallelEnv
 from lissajous_env.parameters.named import space_and_split
 from lissajous_env.parameters.rogues import AGENTS

@@ -7,6 +7,7 @@ import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 
+from lissajous_env.envs.agents import Around
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.envs.two_sided import TwoSidedParallelEnv
 from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
@@ -41,7 +42,7 @@ def as_driver(robots: Any, scenario: Scenario, num_worlds: int, device: Any = "c
     return FunctionPolicy(robots, num_worlds)
 
 
-class LissajousRogueEnv(gymnasium.Env):
+class LissajousRogueEnv(Around, gymnasium.Env):
     """One world as a `gymnasium.Env` whose agent is the team of rogues; a policy drives the robots.
 
     The observation is (T, D), a row of `lissajous_env.world.rogues.rows` per target slot, the action (T, 2) velocities
@@ -73,9 +74,9 @@ class LissajousRogueEnv(gymnasium.Env):
         if settings.get("discrete_actions", False):
             raise ValueError("discrete_actions must be False if a policy drives the robots, got True")
         settings = {"rogues": AGENTS} | settings
-        self.sides = TwoSidedParallelEnv(LissajousParallelEnv(scenario, render_mode, **settings))
-        self.render_mode, self.scenario = render_mode, self.sides.scenario
-        self._driver = as_driver(robots, self.scenario, 1, self.sides.simulation.device)
+        self.inner = TwoSidedParallelEnv(LissajousParallelEnv(scenario, render_mode, **settings))
+        self.render_mode, self.scenario = render_mode, self.inner.scenario
+        self._driver = as_driver(robots, self.scenario, 1, self.inner.simulation.device)
         layout, slots = rogue_layout(self.scenario), self.scenario.target_capacity
         low, high = np.tile(layout.low, (slots, 1)), np.tile(layout.high, (slots, 1))
         self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float32)
@@ -84,7 +85,7 @@ class LissajousRogueEnv(gymnasium.Env):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
         """Begin an episode, as `LissajousParallelEnv.reset`."""
-        self.sides.reset(seed, options)
+        self.inner.reset(seed, options)
         self._driver.reset()
         super().reset(seed=None if seed is None else int(seed))
         self._running = True
@@ -101,28 +102,20 @@ class LissajousRogueEnv(gymnasium.Env):
             raise ResetNeeded("step needs a running episode: call reset first")
         if np.shape(action) != self.action_space.shape:
             raise ValueError(f"action must have shape {self.action_space.shape}, got {shown(action)}")
-        simulation = self.sides.simulation
+        simulation = self.inner.simulation
         driven = self._driver.act(simulation.observation)
         of_robots = driven.numpy()[0] if hasattr(driven, "numpy") else np.asarray(driven)[0]
-        actions = dict(zip(self.sides.possible_robots, of_robots, strict=True))
-        actions |= dict(zip(self.sides.possible_rogues, np.asarray(action), strict=True))
-        self.sides.step({agent: actions[agent] for agent in self.sides.agents})
+        actions = dict(zip(self.inner.possible_robots, of_robots, strict=True))
+        actions |= dict(zip(self.inner.possible_rogues, np.asarray(action), strict=True))
+        self.inner.step({agent: actions[agent] for agent in self.inner.agents})
         reward = simulation.rogue_reward.numpy()[0].copy()
         terminated = bool(simulation.rogue_terminated.numpy().all())
-        truncated = not self.sides.agents and not terminated
+        truncated = not self.inner.agents and not terminated
         self._running = not (terminated or truncated)
         info: dict[str, Any] = {"rogue_reward": reward}
         if not self._running:
-            info["score"] = self.sides.score()
+            info["score"] = self.inner.score()
         return self._observed(), float(reward.sum()), terminated, truncated, info
 
-    def render(self) -> Any:
-        """Draw the world, as `LissajousParallelEnv.render`."""
-        return self.sides.render()
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        self.sides.close()
-
     def _observed(self) -> np.ndarray:
-        return self.sides.simulation.rogue_observation.numpy()[0].copy()
+        return self.inner.simulation.rogue_observation.numpy()[0].copy()

@@ -2,13 +2,13 @@
 
 import os
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium
 import numpy as np
 
 from lissajous_env.envs.actions import action_space
-from lissajous_env.envs.agents import SpacesOfAgents
+from lissajous_env.envs.agents import Around, SpacesOfAgents
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.envs.sampler import Sampler
 from lissajous_env.envs.true_state import padded_rows, state_size
@@ -19,11 +19,8 @@ from lissajous_env.world.observation import layout
 from lissajous_env.world.seeding import drawn_seeds
 from lissajous_env.world.simulation import Simulation, fold_seed
 
-if TYPE_CHECKING:
-    from lissajous_env.replay import Replay
 
-
-class SampledParallelEnv(SpacesOfAgents):
+class SampledParallelEnv(Around, SpacesOfAgents):
     """Robots in scenarios drawn from a space, as a PettingZoo `ParallelEnv`; `parallel_env` makes it for a space.
 
     Each reset draws a scenario, and its episode is that of a `LissajousParallelEnv` of the scenario. A reset with a
@@ -79,22 +76,22 @@ class SampledParallelEnv(SpacesOfAgents):
         size = state_size(most_robots, self._sampler.most_targets, first.messages.size)
         self.state_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
         self._draws: Draws | None = None
-        self.world: LissajousParallelEnv = _DrawnEnv(first, render_mode, **self._settings)
+        self.inner: LissajousParallelEnv = _DrawnEnv(first, render_mode, **self._settings)
 
     @property
     def scenario(self) -> Scenario:
         """Scenario of the episode."""
-        return self.world.scenario
+        return self.inner.scenario
 
     @property
     def simulation(self) -> Simulation:
         """World of the episode."""
-        return self.world.simulation
+        return self.inner.simulation
 
     @property
     def agents(self) -> list[str]:  # type: ignore[override]
         """Robots whose episode is running."""
-        return self.world.agents
+        return self.inner.agents
 
     def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
         """Draw a scenario and begin an episode in it, as the class describes."""
@@ -102,17 +99,17 @@ class SampledParallelEnv(SpacesOfAgents):
             of_sequence = int(drawn_seeds(1)[0]) if seed is None else fold_seed(seed)
             self._draws = self._sampler.draws(of_sequence)
         made, of_episode = self._sampler.next(self._draws)
-        self.world.close()
-        self.world = _DrawnEnv(made, self.render_mode, **self._settings)
-        return self.world.reset(of_episode, options)
+        self.inner.close()
+        self.inner = _DrawnEnv(made, self.render_mode, **self._settings)
+        return self.inner.reset(of_episode, options)
 
     def step(self, actions: dict[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
         """Take one control step, as `LissajousParallelEnv.step`."""
-        return self.world.step(actions)
+        return self.inner.step(actions)
 
     def score(self) -> dict[str, Any]:
         """Return the score of the episode so far, as `LissajousParallelEnv.score`, with the name of the `scenario`."""
-        return {"scenario": self.scenario.name} | self.world.score()
+        return {"scenario": self.scenario.name} | self.inner.score()
 
     def state(self) -> np.ndarray:
         """Return the true state of the world, of the size of the largest team.
@@ -121,18 +118,6 @@ class SampledParallelEnv(SpacesOfAgents):
         target slots; those of robots and target slots that the scenario does not have are 0.
         """
         return padded_rows(self.simulation, self._sampler.most_robots, self._sampler.most_targets)[0]
-
-    def render(self) -> np.ndarray | None:
-        """Draw the world, as `LissajousParallelEnv.render`."""
-        return self.world.render()
-
-    def replay(self, policy: str = "") -> "Replay":
-        """Return the episode so far as a page, as `LissajousParallelEnv.replay`."""
-        return self.world.replay(policy)
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        self.world.close()
 
 
 class _DrawnEnv(LissajousParallelEnv):

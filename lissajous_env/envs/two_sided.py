@@ -1,24 +1,21 @@
 """The PettingZoo environment of one world with two sides: an agent per robot and an agent per rogue."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 
 from lissajous_env.envs.actions import ActionReader, rogue_action_space, rogue_table
-from lissajous_env.envs.agents import SpacesOfAgents
+from lissajous_env.envs.agents import Around, SpacesOfAgents
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.wording import shown
 from lissajous_env.world.rogues.rows import rogue_layout
 
-if TYPE_CHECKING:
-    from lissajous_env.replay import Replay
 
-
-class TwoSidedParallelEnv(SpacesOfAgents):
+class TwoSidedParallelEnv(Around, SpacesOfAgents):
     """Robots against rogues, as a PettingZoo `ParallelEnv`; `parallel_env` makes it where `rogues` is `agents`.
 
     The agents are `robot_0` ..., as in `LissajousParallelEnv`, and `rogue_0` ..., one for each target that an episode
@@ -43,7 +40,7 @@ class TwoSidedParallelEnv(SpacesOfAgents):
     def __init__(self, robots: LissajousParallelEnv, discrete_actions: bool = False):
         if robots.scenario.targets.rogues != AGENTS:
             raise ValueError(f"targets.rogues must be {AGENTS}, got {robots.scenario.targets.rogues}")
-        self.robots = robots
+        self.inner = robots
         self.scenario, self.simulation, self.render_mode = robots.scenario, robots.simulation, robots.render_mode
         self.possible_robots = list(robots.possible_agents)
         self.possible_rogues = [f"rogue_{t}" for t in range(self.scenario.target_capacity)]
@@ -64,7 +61,7 @@ class TwoSidedParallelEnv(SpacesOfAgents):
 
     def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
         """Begin an episode, as `LissajousParallelEnv.reset`."""
-        observations, infos = self.robots.reset(seed, options)
+        observations, infos = self.inner.reset(seed, options)
         rows, _, present, _, _ = self._fetched()
         self._live = np.flatnonzero(present).tolist()
         for t in self._live:
@@ -84,7 +81,7 @@ class TwoSidedParallelEnv(SpacesOfAgents):
             raise ResetNeeded("step needs a running episode: call reset first")
         self._check_names(actions)
         self._read_rogues(actions)
-        results = self.robots.step({agent: actions[agent] for agent in self.robots.agents})
+        results = self.inner.step({agent: actions[agent] for agent in self.inner.agents})
         observations, rewards, terminated, truncated, infos = results
         rows, reward, present, gone, late = self._fetched()
         rows, acted, self._live = rows.copy(), self._live, np.flatnonzero(present).tolist()
@@ -93,28 +90,16 @@ class TwoSidedParallelEnv(SpacesOfAgents):
             agent = self.possible_rogues[t]
             observations[agent], rewards[agent], infos[agent] = rows[t], reward[t], {}
             terminated[agent], truncated[agent] = gone[t], late[t]
-        self.agents = [*self.robots.agents, *(self.possible_rogues[t] for t in self._live)]
+        self.agents = [*self.inner.agents, *(self.possible_rogues[t] for t in self._live)]
         return results
 
     def score(self) -> dict[str, Any]:
         """Return the score of the episode so far, with the columns of `lissajous_env.world.columns.NAMES`."""
-        return self.robots.score()
+        return self.inner.score()
 
     def state(self) -> np.ndarray:
         """Return the true state of the world, for centralized critics; see `lissajous_env.envs.true_state`."""
-        return self.robots.state()
-
-    def render(self) -> np.ndarray | None:
-        """Draw the world, as `LissajousParallelEnv.render`."""
-        return self.robots.render()
-
-    def replay(self, policy: str = "") -> "Replay":
-        """Return the episode so far as a page, as `LissajousParallelEnv.replay`."""
-        return self.robots.replay(policy)
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        self.robots.close()
+        return self.inner.state()
 
     def _bind(self) -> None:
         """Set up the arrays of a step, which on the CPU are views of the simulation's memory."""
@@ -156,7 +141,7 @@ class TwoSidedParallelEnv(SpacesOfAgents):
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
         self.__dict__.update(saved)
-        self.simulation = self.robots.simulation
+        self.simulation = self.inner.simulation
         self._bind()
 
     def _check_names(self, actions: Any) -> None:

@@ -7,7 +7,7 @@ computed by the contamination field (`lissajous_env.world.contamination.field`) 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,16 +52,13 @@ def reach_of(scenario: str | Scenario, speed: float, radius: float | None = None
     return Reach(radius, critical_speed(scenario, radius, cells), guaranteed_time(scenario, radius, speed, cells))
 
 
-def worst_undetected_times(
-    policy: ActingPolicy, scenario: str | Scenario, seeds: Sequence[int], device: Any = "cpu"
-) -> np.ndarray:
+def worst_undetected_times(policy: ActingPolicy, scenario: str | Scenario, seeds: Sequence[int]) -> np.ndarray:
     """Return the longest time for which a target can have stayed undetected, at the reset and after each control step.
 
     Args:
         policy: The policy, with as many worlds as there are seeds.
         scenario: The scenario, with `task.contamination`.
         seeds: Seeds of the episodes.
-        device: Warp device of the simulation.
 
     Returns:
         (episodes, steps + 1) [s].
@@ -71,7 +68,7 @@ def worst_undetected_times(
     """
     scenario = named.scenario(scenario)
     check_follows(scenario)
-    simulation = Simulation(scenario, policy.num_worlds, device=device)
+    simulation = Simulation(scenario, policy.num_worlds)
     ages: list[np.ndarray] = []
     EpisodeRunner(policy, simulation).play(
         seeds, lambda taken: ages.append(simulation.contamination.age.numpy().copy())

@@ -113,7 +113,7 @@ class Team:
         pygame.draw.polygon(surface, colour, (edge + shape).tolist())
         if not self.many:
             x, y = edge / FINE - 14 * away
-            write_outlined(surface, str(robot), (x, y), 13, colour)
+            write_outlined(surface, str(robot), (x, y), colour)
 
     def _draw_number(self, surface: pygame.Surface, robot: int, at: np.ndarray, gone: bool) -> None:
         """Write a robot's number on it, or beside it where it is small."""
@@ -122,7 +122,7 @@ class Team:
             write(surface, str(robot), (x, y), self._number_size, palette.GROUND, centred=True)
         else:
             away = 0.75 * self.radius + 6
-            write_outlined(surface, str(robot), (x + away, y - away), 13, palette.REMOVED if gone else palette.INK)
+            write_outlined(surface, str(robot), (x + away, y - away), palette.REMOVED if gone else palette.INK)
 
     def _draw_removed(self, surface: pygame.Surface, at: np.ndarray) -> None:
         radius = FINE * self.radius

@@ -10,8 +10,8 @@ from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE
 
 _AROUND = ((-1, -1), (-1, 1), (1, -1), (1, 1), (-1, 0), (1, 0), (0, -1), (0, 1))
-
-
+_OUTLINED = 13
+"""Height of the font of outlined text [px of the picture]."""
 _LONGEST = 80
 """Letters of which words are written, at most."""
 
@@ -55,13 +55,11 @@ def write(
     return where.right / FINE
 
 
-def write_outlined(
-    fine: pygame.Surface, words: str, at: tuple[float, float], size: int, colour: palette.Colour
-) -> None:
+def write_outlined(fine: pygame.Surface, words: str, at: tuple[float, float], colour: palette.Colour) -> None:
     """Write a centred text with a light outline, readable on any ground."""
     for dx, dy in _AROUND:
-        write(fine, words, (at[0] + 1.2 * dx, at[1] + 1.2 * dy), size, palette.GROUND, centred=True)
-    write(fine, words, at, size, colour, centred=True)
+        write(fine, words, (at[0] + 1.2 * dx, at[1] + 1.2 * dy), _OUTLINED, palette.GROUND, centred=True)
+    write(fine, words, at, _OUTLINED, colour, centred=True)
 
 
 @lru_cache(maxsize=256)

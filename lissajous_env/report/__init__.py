@@ -1,5 +1,49 @@
-"""Report pages: one HTML file with scores and replays of many episodes, which works offline."""
+"""Report pages: one HTML file with scores and replays of many episodes, in a frame, which works offline."""
 
-from lissajous_env.report.document import report
+from collections.abc import Mapping
+from importlib.resources import files
+from typing import Any
 
-__all__ = ["report"]
+from lissajous_env.replay.bundle import ASSETS, Folders, as_json, bundled
+from lissajous_env.replay.contents import FORMAT
+
+FOLDERS: Folders = (files("lissajous_env.report") / "assets", ASSETS)
+"""Folders of templates, style sheets and modules of a report."""
+_EPISODES = "the episodes"
+"""Placeholder of the episodes in the page of the frame."""
+
+
+def report(
+    template: str, entry: str, data: Mapping[str, Any], words: Mapping[str, str], replays: Mapping[str, Mapping]
+) -> str:
+    """Return the page of a report.
+
+    Args:
+        template: Name of the template.
+        entry: Name of the main module.
+        data: Data of the page.
+        words: Texts by the slot of the template.
+        replays: Playable episodes by id, from `lissajous_env.replay.contents.contents`.
+
+    Returns:
+        HTML that needs no other file and no network.
+    """
+    viewer = _viewer(any(each["scenario"]["half"][2] > 0 for each in replays.values())) if replays else ""
+    framed = {"viewer-page": viewer.replace(as_json(_EPISODES), "@episodes@", 1)} if viewer else {}
+    return bundled(
+        template,
+        entry,
+        data,
+        words,
+        styles=("style.css", "report.css"),
+        folders=FOLDERS,
+        blocks=framed | dict(replays),
+        framed=viewer,
+    )
+
+
+def _viewer(in_space: bool) -> str:
+    """Return the replay page without episodes."""
+    libraries = ["uPlot", "three"] if in_space else ["uPlot"]
+    data = {"format": FORMAT, "theme": "@theme@", "at": "@at@", "episodes": [_EPISODES]}
+    return bundled("page.html", "main.js", data, {"title": "Replay"}, libraries)

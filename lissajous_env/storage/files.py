@@ -103,12 +103,8 @@ def open_plainly(path: Path, flags: int) -> int:
     return descriptor
 
 
-def check_writable_file(path: str | Path, name: str = "out") -> None:
+def check_writable_file(path: str | Path) -> None:
     """Raise an error for a file that cannot be written, before any work is done for it.
-
-    Args:
-        path: The file.
-        name: The name of the file in the message.
 
     Raises:
         ValueError: the path is a folder, its parent folder is missing, or that folder cannot be written to.
@@ -119,18 +115,18 @@ def check_writable_file(path: str | Path, name: str = "out") -> None:
             os.lstat(path)  # unlike a missing name, one that is too long raises
         is_folder, has_home = path.is_dir(), path.absolute().parent.is_dir()
     except OSError as error:
-        raise ValueError(f"{name} must be a file that can be written, got {_short(path)}: {error.strerror}") from None
+        raise ValueError(f"out must be a file that can be written, got {_short(path)}: {error.strerror}") from None
     if is_folder:
-        raise ValueError(f"{name} must be a file, got the folder {path}")
+        raise ValueError(f"out must be a file, got the folder {path}")
     if not has_home:
-        raise ValueError(f"{name} must be in an existing folder, got {path}")
+        raise ValueError(f"out must be in an existing folder, got {path}")
     # Permissions are not enough: the folder may be on a full or read-only disk.
     tried = _temporary(path)
     try:
         os.close(os.open(tried, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
         tried.unlink()
     except OSError as error:
-        raise ValueError(f"{name} must be in a folder that can be written to, got {path}: {error.strerror}") from None
+        raise ValueError(f"out must be in a folder that can be written to, got {path}: {error.strerror}") from None
 
 
 def _short(path: Path) -> str:

@@ -26,8 +26,8 @@ from lissajous_env.world.observing import (
     put_target,
 )
 from lissajous_env.world.robots.bins import Bins
-from lissajous_env.world.robots.measurement import measure
 from lissajous_env.world.robots.placing import follow_curve
+from lissajous_env.world.robots.signals import measure
 from lissajous_env.world.state import STUCK, WORKING, Clock, Robots, allocate
 
 wp.set_module_options(OPTIONS)

@@ -16,26 +16,24 @@ from lissajous_env.world.contamination.conservative import bound_labels, reset_b
 from lissajous_env.world.contamination.field import clear_cells, reset_labels, spread
 from lissajous_env.world.contamination.undetected_time import keep_guarantee, reset_guarantee
 from lissajous_env.world.coverage import cover, reset_cells
-from lissajous_env.world.events import clear_events, reset_events
 from lissajous_env.world.observation import message_start
 from lissajous_env.world.observing import keep_final, observe, observe_listed
-from lissajous_env.world.reward import give_reward
-from lissajous_env.world.robots.actuation import take_commands
+from lissajous_env.world.reward import clear_events, give_reward, reset_events
 from lissajous_env.world.robots.bin_sizes import has_bins
 from lissajous_env.world.robots.bins import clear_bins, list_robots
-from lissajous_env.world.robots.boundary import watch_boundary
 from lissajous_env.world.robots.collisions import find_collisions, find_listed_collisions, take_consequences
-from lissajous_env.world.robots.deviations import find_deviations
+from lissajous_env.world.robots.deviations import find_deviations, watch_boundary
 from lissajous_env.world.robots.faults import reset_losses, update_status
-from lissajous_env.world.robots.headway import draw_apart
-from lissajous_env.world.robots.measurement import measure
-from lissajous_env.world.robots.messages import hear, reset_messages, send
-from lissajous_env.world.robots.placing import follow_curve, reset_robots
-from lissajous_env.world.robots.policy_messages import (
+from lissajous_env.world.robots.messages import (
+    hear,
     hear_policy_messages,
+    reset_messages,
     reset_policy_messages,
+    send,
     send_policy_messages,
 )
+from lissajous_env.world.robots.placing import draw_apart, follow_curve, reset_robots
+from lissajous_env.world.robots.signals import measure, take_commands
 from lissajous_env.world.rogues.stages import rogue_motion, rogue_results
 from lissajous_env.world.tally import keep_score, reset_tally
 from lissajous_env.world.targets.detection import (

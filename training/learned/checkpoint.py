@@ -194,6 +194,17 @@ def read_state(folder: str | Path, text: Mapping[str, Any]) -> dict[str, np.ndar
     return _read(Path(folder), text["files"]["state"])
 
 
+@contextlib.contextmanager
+def resuming(folder: str | Path, text: Mapping[str, Any]) -> Iterator[None]:
+    """Raise ValueError that names the file of the state where what is resumed does not accept it."""
+    try:
+        yield
+    except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
+        words = f"{type(error).__name__}: {str(error).partition(chr(10))[0][:200]}"
+        file = Path(folder) / text["files"]["state"]["name"]
+        raise ValueError(f"{file} must be the state of this training: {words}") from error
+
+
 def to_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
     """Return named arrays in the safetensors format."""
     return to_safetensors({name: np.ascontiguousarray(array) for name, array in arrays.items()})

@@ -5,7 +5,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 import baselines
@@ -52,11 +51,6 @@ class Learned(Policy):
             values = constants_of(self.scenario, card.constants)
             network = network.with_constants(len(card.inputs), values)
         self._forward = Forward(network, columns, self._observation, added_to, card.residual, self.action)
-
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the base for the masked worlds."""
-        if self.base is not None:
-            self.base.reset(mask)
 
     def decide(self, observation: wp.array) -> None:
         """Run the network, and add its output to the base's action if there is a base."""

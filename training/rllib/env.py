@@ -8,6 +8,7 @@ import numpy as np
 from ray.rllib.env.multi_agent_env import MultiAgentEnv
 
 from lissajous_env import SampledParallelEnv, Scenario, parallel_env
+from lissajous_env.envs.agents import Around
 from lissajous_env.parameters.rogues import AGENTS
 from training.learned.card import Card
 from training.learned.wiring import Wiring
@@ -16,7 +17,7 @@ _APART = 100_000
 """Difference between the seeds of two processes that collect episodes."""
 
 
-class LissajousMultiAgentEnv(MultiAgentEnv):
+class LissajousMultiAgentEnv(Around, MultiAgentEnv):
     """Environment whose agents are `robot_0`, `robot_1` ... in every episode of a scenario.
 
         config.environment(LissajousMultiAgentEnv, env_config={"scenario": "intruders", "task.duration": 60.0})
@@ -46,21 +47,21 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
         given = dict(config or {})
         card: Card | None = given.pop("card", None)
         penalty = float(given.pop("residual_penalty", 0.0))
-        self.parallel = parallel_env(given.pop("scenario", "experiment"), given.pop("render_mode", None), **given)
-        if card is not None and self.parallel.scenario.targets.rogues == AGENTS:
+        self.inner = parallel_env(given.pop("scenario", "experiment"), given.pop("render_mode", None), **given)
+        if card is not None and self.inner.scenario.targets.rogues == AGENTS:
             raise ValueError(f"card must be None if targets.rogues is {AGENTS}, got {card!r}")
-        if card is not None and isinstance(self.parallel, SampledParallelEnv):
+        if card is not None and isinstance(self.inner, SampledParallelEnv):
             raise ValueError(f"card must be None in an environment of a space of scenarios, got {card!r}")
-        self.possible_agents = list(self.parallel.possible_agents)
+        self.possible_agents = list(self.inner.possible_agents)
         self.agents = list(self.possible_agents)
         super().__init__()
-        self.render_mode = self.parallel.render_mode
-        self.metadata = dict(self.parallel.metadata)  # RLlib writes into it
-        self.observation_spaces = self.parallel.observation_spaces
-        self.action_spaces = self.parallel.action_spaces
+        self.render_mode = self.inner.render_mode
+        self.metadata = dict(self.inner.metadata)  # RLlib writes into it
+        self.observation_spaces = self.inner.observation_spaces
+        self.action_spaces = self.inner.action_spaces
         self._wiring = None
         if card is not None:
-            self._wiring = Wiring(card, self.scenario, 1, self.parallel.simulation.device, penalty)
+            self._wiring = Wiring(card, self.scenario, 1, self.inner.simulation.device, penalty)
             low, high = self._wiring.low, self._wiring.high
             self.observation_spaces = {agent: gymnasium.spaces.Box(low, high) for agent in self.possible_agents}
         self._seeds_from = _APART * int(getattr(config, "worker_index", 0))
@@ -68,12 +69,12 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
     @property
     def scenario(self) -> Scenario:
         """Scenario of the episode."""
-        return self.parallel.scenario
+        return self.inner.scenario
 
     def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
         """Begin an episode with the given seed, or with one drawn from the previous seed."""
-        observations, _ = self.parallel.reset(None if seed is None else seed + self._seeds_from, options)
-        self.agents = list(self.parallel.agents)
+        observations, _ = self.inner.reset(None if seed is None else seed + self._seeds_from, options)
+        self.agents = list(self.inner.agents)
         if self._wiring is not None:
             self._wiring.reset()
         return self._observed(observations), {}
@@ -81,10 +82,10 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
     def step(self, action_dict: dict[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
         """Take a control step with an action for each robot that has not been removed."""
         acted, (action_dict, penalties) = set(self.agents), self._wired(action_dict)
-        observations, rewards, terminated, truncated, _ = self.parallel.step(action_dict)
+        observations, rewards, terminated, truncated, _ = self.inner.step(action_dict)
         if penalties:
             rewards = {agent: reward - penalties[agent] for agent, reward in rewards.items()}
-        self.agents = list(self.parallel.agents)
+        self.agents = list(self.inner.agents)
         timed_out = any(truncated[agent] and not terminated[agent] for agent in truncated)
         gone = not self.agents and not timed_out
         if len(observations) > len(acted):  # a rogue that has just appeared has no reward yet
@@ -93,19 +94,11 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
 
     def score(self) -> dict[str, Any]:
         """Return the score of the episode so far, with the columns of `lissajous_env.world.columns.NAMES`."""
-        return self.parallel.score()
-
-    def render(self) -> Any:
-        """Draw the environment as `LissajousParallelEnv.render` does."""
-        return self.parallel.render()
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        self.parallel.close()
+        return self.inner.score()
 
     def _wired(self, outputs: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float]]:
         """Return the actions for the agents' outputs, and their penalties; misshapen outputs are not changed."""
-        wiring, agents, size = self._wiring, self.parallel.possible_agents, self.scenario.action_size
+        wiring, agents, size = self._wiring, self.inner.possible_agents, self.scenario.action_size
         if wiring is None or wiring.base is None or any(np.shape(each) != (size,) for each in outputs.values()):
             return outputs, {}
         given = np.array([[np.clip(outputs.get(agent, np.zeros(size)), -1.0, 1.0) for agent in agents]], np.float32)
@@ -116,7 +109,7 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
     def _observed(self, observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         if self._wiring is None:
             return observations
-        rows = self._wiring.read(self.parallel.simulation.observation.numpy())[0].copy()
+        rows = self._wiring.read(self.inner.simulation.observation.numpy())[0].copy()
         return {
-            agent: row for agent, row in zip(self.parallel.possible_agents, rows, strict=True) if agent in observations
+            agent: row for agent, row in zip(self.inner.possible_agents, rows, strict=True) if agent in observations
         }

@@ -84,7 +84,8 @@ class RllibTrainer(Trainer):
             self.algorithm = ppo.make_ppo(settings, scenario, self.card, self._start, history.updates)
             try:
                 if self._state is not None:
-                    self._load(self._state)
+                    with checkpoint.resuming(settings.out, self._text):
+                        kept.load_ppo(self.algorithm, self._state, history.updates)
                 return super().run()
             finally:
                 self.algorithm.stop()
@@ -140,11 +141,5 @@ class RllibTrainer(Trainer):
         _, card, text = checkpoint.read(self.settings.out)
         self._check_same(card)
         self._state = checkpoint.read_state(self.settings.out, text)
-        self._state_file = self.settings.out / text["files"]["state"]["name"]
+        self._text = text
         self.keep(History.read(text))
-
-    def _load(self, state: dict[str, np.ndarray]) -> None:
-        try:
-            kept.load_ppo(self.algorithm, state, self.history.updates)
-        except ValueError as error:
-            raise ValueError(f"{self._state_file} must be the state of this training: {error}") from error

@@ -1,10 +1,17 @@
 """Base of the `VecEnv`s over a batch of worlds, in which several rows share a world."""
 
+from collections import deque
 from typing import Any, NamedTuple, Protocol
 
 import gymnasium
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
+
+from lissajous_env import Simulation
+from lissajous_env.world.seeding import drawn_seeds
+
+RECENT = 256
+"""Number of latest episodes whose scores are stored."""
 
 
 class Step(NamedTuple):
@@ -94,3 +101,54 @@ class BatchVecEnv(VecEnv):
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         """Return False for each row: rows are not wrapped."""
         return [False for _ in self._get_indices(indices)]
+
+
+class WorldsVecEnv(BatchVecEnv):
+    """`VecEnv` of a simulation with `rows` rows of each world.
+
+    If it is not `seeded`, the first reset draws seeds from the operating system.
+    """
+
+    agent: str
+    """Kind of agent of a row, for messages."""
+
+    def __init__(
+        self, simulation: Simulation, seeded: bool, rows: int, observations: gymnasium.Space, actions: gymnasium.Space
+    ):
+        self.simulation, self.scenario, self._seeded, self._rows_each = simulation, simulation.scenario, seeded, rows
+        self.scores: deque[dict[str, Any]] = deque(maxlen=RECENT)
+        self.render_mode = None
+        count = simulation.num_worlds * rows
+        self._returns, self._lengths = np.zeros(count), np.zeros(count, dtype=np.int64)
+        super().__init__(count, observations, actions)
+
+    def _reset_worlds(self) -> None:
+        """Begin an episode in every world, whose rows use the seed of the first of them."""
+        seeds = None
+        if self._seeds[0] is not None:
+            seeds = np.array(self._seeds[:: self._rows_each], dtype=np.int64) % 2**31
+        elif not self._seeded:
+            seeds = drawn_seeds(self.simulation.num_worlds)
+        self._seeded = True
+        self.simulation.reset(seeds=seeds)
+        self._reset_seeds()
+        self._reset_options()
+        self._returns[:], self._lengths[:] = 0.0, 0
+
+    def _numbers(self, actions: Any, size: int) -> np.ndarray:
+        """Return actions (rows, size) as float32 in [-1, 1], by world; other shapes and NaN raise ValueError."""
+        given = np.asarray(actions)
+        self._check(given, (self.num_envs, size), "fiu", "numbers")
+        finite = np.isfinite(given).all(axis=1)
+        if not finite.all():
+            row = int(np.flatnonzero(~finite)[0])
+            raise ValueError(f"action of {self._name_of(row)} must be finite, got {given[row].tolist()}")
+        clipped = np.clip(given, -1.0, 1.0).astype(np.float32, copy=False)
+        return clipped.reshape(-1, self._rows_each, size)
+
+    def _check(self, given: np.ndarray, shape: tuple[int, ...], kinds: str, words: str) -> None:
+        if given.shape != shape or given.dtype.kind not in kinds:
+            raise ValueError(f"actions must be {words} of shape {shape}, got {given.shape} of {given.dtype}")
+
+    def _name_of(self, row: int) -> str:
+        return f"{self.agent}_{row % self._rows_each} in world {row // self._rows_each}"

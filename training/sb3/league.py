@@ -43,15 +43,15 @@ _CHANGES_NOTHING = "threads", "evaluation_episodes", "rivals"
 """Settings that may change when a league is resumed."""
 
 
-def shares_of(names: Sequence[str], probabilities: np.ndarray, shares: int = SHARES) -> str:
+def shares_of(names: Sequence[str], probabilities: np.ndarray) -> str:
     """Return the name of a mixture whose shares are the nearest ones to some probabilities.
 
     Shares are rounded down, and those that are left go to the largest remainders.
     """
-    exact = np.asarray(probabilities) * shares
+    exact = np.asarray(probabilities) * SHARES
     counts = np.floor(exact + 1e-9).astype(int)
     remainders = np.argsort(counts - exact, kind="stable")
-    counts[remainders[: shares - counts.sum()]] += 1
+    counts[remainders[: SHARES - counts.sum()]] += 1
     divisor = int(np.gcd.reduce(counts))
     return AND.join(name for name, count in zip(names, counts // divisor, strict=True) for _ in range(count))
 

@@ -13,8 +13,8 @@ from lissajous_env.settings.checks import whole_number
 from lissajous_env.world.together import Together
 from training.learned.card import Card
 from training.learned.named_arrays import prefixed, within
-from training.sb3.batch_env import BatchVecEnv, Step
-from training.sb3.vec_env import GOLDEN, RECENT, RobotVecEnv
+from training.sb3.batch_env import RECENT, BatchVecEnv, Step
+from training.sb3.vec_env import GOLDEN, RobotVecEnv
 
 
 class MixedVecEnv(BatchVecEnv):

@@ -1,6 +1,5 @@
 """The batch of worlds as a `VecEnv` of Stable-Baselines3 for rogues: one row for each target slot of each world."""
 
-from collections import deque
 from typing import Any
 
 import gymnasium
@@ -10,14 +9,10 @@ from lissajous_env import Scenario, Simulation
 from lissajous_env.envs.actions import rogue_action_space, rogue_table
 from lissajous_env.envs.rogue_env import as_driver
 from lissajous_env.world.rogues.rows import rogue_layout
-from lissajous_env.world.seeding import drawn_seeds
-from training.sb3.batch_env import BatchVecEnv, Step
-
-_RECENT = 256
-"""Number of latest episodes whose scores are stored."""
+from training.sb3.batch_env import Step, WorldsVecEnv
 
 
-class RogueVecEnv(BatchVecEnv):
+class RogueVecEnv(WorldsVecEnv):
     """`Simulation` as a `VecEnv` with shared parameters: row k T + t is the rogue in target slot t of world k.
 
     A policy drives the robots. The episode of a row ends when its rogue is detected, or at the time limit, with
@@ -42,6 +37,8 @@ class RogueVecEnv(BatchVecEnv):
         ValueError: an invalid setting, or rogues that are no agents.
     """
 
+    agent = "rogue"
+
     def __init__(
         self,
         scenario: str | Scenario,
@@ -55,34 +52,21 @@ class RogueVecEnv(BatchVecEnv):
         **overrides: Any,
     ):
         settings = {"rogues": "agents"} | overrides
-        self.simulation = Simulation(scenario, num_worlds, device=device, seed=seed or 0, threads=threads, **settings)
-        self.scenario = self.simulation.scenario
-        if self.scenario.targets.rogues != "agents":
-            raise ValueError(f"targets.rogues must be agents to be trained, got {self.scenario.targets.rogues}")
-        self._driver = as_driver(robots, self.scenario, num_worlds, device)
-        self._seeded, self.normal = seed is not None, normal
+        simulation = Simulation(scenario, num_worlds, device=device, seed=seed or 0, threads=threads, **settings)
+        made = simulation.scenario
+        if made.targets.rogues != "agents":
+            raise ValueError(f"targets.rogues must be agents to be trained, got {made.targets.rogues}")
+        self._driver, self.normal = as_driver(robots, made, num_worlds, device), normal
         self._table = rogue_table() if discrete_actions else None
-        self.live = np.zeros(num_worlds * self.scenario.target_capacity, dtype=bool)
-        self.scores: deque[dict[str, Any]] = deque(maxlen=_RECENT)
-        self.render_mode = None
-        self._slots, layout = self.scenario.target_capacity, rogue_layout(self.scenario)
-        rows = num_worlds * self._slots
-        self._returns, self._lengths = np.zeros(rows), np.zeros(rows, dtype=np.int64)
-        super().__init__(rows, gymnasium.spaces.Box(layout.low, layout.high), rogue_action_space(discrete_actions))
+        slots, layout = made.target_capacity, rogue_layout(made)
+        self.live = np.zeros(num_worlds * slots, dtype=bool)
+        row, action = gymnasium.spaces.Box(layout.low, layout.high), rogue_action_space(discrete_actions)
+        super().__init__(simulation, seed is not None, slots, row, action)
 
     def reset(self) -> np.ndarray:
         """Begin an episode in every world; return the rows (W T, D)."""
-        seeds = None
-        if self._seeds[0] is not None:
-            seeds = np.array(self._seeds[:: self._slots], dtype=np.int64) % 2**31
-        elif not self._seeded:
-            seeds = drawn_seeds(self.simulation.num_worlds)
-        self._seeded = True
-        self.simulation.reset(seeds=seeds)
+        self._reset_worlds()
         self._driver.reset()
-        self._reset_seeds()
-        self._reset_options()
-        self._returns[:], self._lengths[:] = 0.0, 0
         return self._rows()
 
     def step_async(self, actions: np.ndarray) -> None:
@@ -91,32 +75,19 @@ class RogueVecEnv(BatchVecEnv):
         Raises:
             ValueError: actions have another shape, are not finite, or are no indices.
         """
-        given = np.asarray(actions)
-        if self._table is not None:
-            chosen = self._table[self._indices(given, len(self._table))]
+        if self._table is None:
+            self._actions = self._numbers(actions, 2)
         else:
-            self._check(given, (self.num_envs, 2), "fiu", "numbers")
-            finite = np.isfinite(given).all(axis=1)
-            if not finite.all():
-                row = int(np.flatnonzero(~finite)[0])
-                raise ValueError(f"action of {self._who(row)} must be finite, got {given[row].tolist()}")
-            chosen = np.clip(given, -1.0, 1.0).astype(np.float32)
-        self._actions = chosen.reshape(-1, self._slots, 2)
+            chosen = self._indices(np.asarray(actions), len(self._table))
+            self._actions = self._table[chosen].reshape(-1, self._rows_each, 2)
 
     def _indices(self, given: np.ndarray, count: int) -> np.ndarray:
         self._check(given, (self.num_envs,), "iu", "whole numbers")
         wrong = (given < 0) | (given >= count)
         if wrong.any():
             row = int(np.flatnonzero(wrong)[0])
-            raise ValueError(f"action of {self._who(row)} must be from 0 to {count - 1}, got {given[row]}")
+            raise ValueError(f"action of {self._name_of(row)} must be from 0 to {count - 1}, got {given[row]}")
         return given
-
-    def _check(self, given: np.ndarray, shape: tuple[int, ...], kinds: str, words: str) -> None:
-        if given.shape != shape or given.dtype.kind not in kinds:
-            raise ValueError(f"actions must be {words} of shape {shape}, got {given.shape} of {given.dtype}")
-
-    def _who(self, row: int) -> str:
-        return f"rogue_{row % self._slots} in world {row // self._slots}"
 
     def _step(self) -> Step:
         simulation = self.simulation
@@ -136,7 +107,7 @@ class RogueVecEnv(BatchVecEnv):
             self.scores.extend(simulation.score(over))
             simulation.reset(over)
             self._driver.reset(over)
-        finished = dones | np.repeat(over, self._slots)
+        finished = dones | np.repeat(over, self._rows_each)
         self._returns[finished], self._lengths[finished] = 0.0, 0
         return Step(self._rows(), rewards, dones, dones & late, last, episodes)
 

@@ -221,14 +221,11 @@ class RogueTrainer:
             rule = "must be an empty folder or contain a training with the same settings"
             raise ValueError(f"out {rule}, got {self.settings.out}: {'; '.join(differences)}")
         arrays = checkpoint.read_state(self.settings.out, text)
-        try:
+        with checkpoint.resuming(self.settings.out, text):
             if "normal.mean" in arrays:
                 self.env.normal = arrays.pop("normal.mean"), arrays.pop("normal.spread")
             self.model.load_state(arrays | {"rows": self.model.observation})
             self.history |= {**text["counters"], **text["rogues"]}
-        except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
-            path = self.settings.out / text["files"]["state"]["name"]
-            raise ValueError(f"{path} must be the state of this training: {error}") from error
         self.best = network
 
     def _say(self, text: str) -> None:

@@ -181,7 +181,7 @@ class Sb3Trainer(Trainer):
         self._check_same(card)
         arrays = checkpoint.read_state(self.settings.out, text)
         self.keep(History.read(text))
-        try:
+        with checkpoint.resuming(self.settings.out, text):
             with scenarios.without_warnings(self.settings.space):
                 self.env.load_state(arrays)
             if self.teacher is not None:
@@ -190,10 +190,6 @@ class Sb3Trainer(Trainer):
             names = [column.name for column in SCORES.values()]
             self.env.scores.extend(dict(zip(names, row, strict=True)) for row in arrays["scores"].tolist())
             self.model.load_state(arrays)
-        except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
-            path = self.settings.out / text["files"]["state"]["name"]
-            words = f"{type(error).__name__}: {str(error).partition(chr(10))[0][:200]}"
-            raise ValueError(f"{path} must be the state of this training: {words}") from error
 
 
 @contextlib.contextmanager

@@ -1,27 +1,23 @@
 """The batch of worlds as a `VecEnv` of Stable-Baselines3: one row for each robot of each world."""
 
 import time
-from collections import deque
 from typing import Any
 
 import gymnasium
 import numpy as np
 
 from lissajous_env import Scenario, Simulation
-from lissajous_env.world.seeding import drawn_seeds
 from training.learned.card import Card
 from training.learned.named_arrays import prefixed, within
 from training.learned.wiring import Wiring
-from training.sb3.batch_env import BatchVecEnv, Step
+from training.sb3.batch_env import Step, WorldsVecEnv
 from training.sb3.critic_view import CriticView
 
-RECENT = 256
-"""Number of latest episodes whose scores are stored."""
 GOLDEN = (5**0.5 - 1) / 2
 """Golden ratio, whose multiples are spread evenly modulo 1."""
 
 
-class RobotVecEnv(BatchVecEnv):
+class RobotVecEnv(WorldsVecEnv):
     """`Simulation` as a `VecEnv` with shared parameters: row k N + i is robot i of world k.
 
     A world whose robots are all done is reset in the same step. At a time limit, a robot's info contains the final
@@ -48,6 +44,8 @@ class RobotVecEnv(BatchVecEnv):
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
     """
 
+    agent = "robot"
+
     def __init__(
         self,
         scenario: str | Scenario,
@@ -64,17 +62,14 @@ class RobotVecEnv(BatchVecEnv):
         staggered: bool = False,
         **overrides: Any,
     ):
-        self.simulation = Simulation(scenario, num_worlds, device=device, seed=seed or 0, threads=threads, **overrides)
-        self._seeded = seed is not None
-        self.scenario = self.simulation.scenario
-        self.card = card or Card.of(self.scenario)
-        self._wiring = Wiring(self.card, self.scenario, num_worlds, device, residual_penalty)
-        self.scores: deque[dict[str, Any]] = deque(maxlen=RECENT)
-        self.render_mode = None
-        self._view = CriticView(self.simulation, critic_places) if central else None
-        steps = self.scenario.task.steps
+        simulation = Simulation(scenario, num_worlds, device=device, seed=seed or 0, threads=threads, **overrides)
+        made = simulation.scenario
+        self.card = card or Card.of(made)
+        self._wiring = Wiring(self.card, made, num_worlds, device, residual_penalty)
+        self._view = CriticView(simulation, critic_places) if central else None
+        steps = made.task.steps
         self._last_step = np.full(num_worlds, steps)
-        self._last_step[: round(short * num_worlds)] = min(max(round(short_time / self.scenario.task.step), 1), steps)
+        self._last_step[: round(short * num_worlds)] = min(max(round(short_time / made.task.step), 1), steps)
         # Multiples of the golden ratio are spread evenly also over the first worlds only.
         spread = np.arange(num_worlds) * GOLDEN % 1.0 if staggered else np.ones(num_worlds)
         self._first_end = np.ceil(np.maximum(spread, 1 / steps) * self._last_step).astype(np.int64)
@@ -82,26 +77,15 @@ class RobotVecEnv(BatchVecEnv):
         self._began = time.monotonic()
         self.all_over = False
         """True if the episodes of all worlds ended in the latest step."""
-        rows = num_worlds * self.simulation.num_robots
-        self._returns, self._lengths = np.zeros(rows), np.zeros(rows, dtype=np.int64)
         more = np.full(0 if self._view is None else self._view.size, np.inf, dtype=np.float32)
         low, high = np.concatenate([self._wiring.low, -more]), np.concatenate([self._wiring.high, more])
-        actions = gymnasium.spaces.Box(-1.0, 1.0, (self.scenario.action_size,), np.float32)
-        super().__init__(rows, gymnasium.spaces.Box(low, high), actions)
+        actions = gymnasium.spaces.Box(-1.0, 1.0, (made.action_size,), np.float32)
+        super().__init__(simulation, seed is not None, made.num_robots, gymnasium.spaces.Box(low, high), actions)
 
     def reset(self) -> np.ndarray:
         """Begin an episode in every world; return the rows (W N, inputs)."""
-        n, seeds = self.simulation.num_robots, None
-        if self._seeds[0] is not None:
-            seeds = np.array(self._seeds[::n], dtype=np.int64) % 2**31
-        elif not self._seeded:
-            seeds = drawn_seeds(self.simulation.num_worlds)
-        self._seeded = True
-        self.simulation.reset(seeds=seeds)
-        self._reset_seeds()
-        self._reset_options()
+        self._reset_worlds()
         self._done = np.zeros(self.num_envs, dtype=bool)
-        self._returns[:], self._lengths[:] = 0.0, 0
         self._end = self._first_end.copy()
         self._wiring.reset()
         return self._rows(self._wiring.read(self.simulation.observation.numpy()))
@@ -133,18 +117,7 @@ class RobotVecEnv(BatchVecEnv):
         Raises:
             ValueError: actions have another shape or are not finite.
         """
-        worlds, robots, size = self.simulation.action_shape
-        given = np.asarray(actions)
-        if given.shape != (worlds * robots, size) or given.dtype.kind not in "fiu":
-            got = f"{given.shape} of {given.dtype}"
-            raise ValueError(f"actions must be numbers of shape {(worlds * robots, size)}, got {got}")
-        finite = np.isfinite(given)
-        if not finite.all():
-            row = int(np.flatnonzero(~finite.all(axis=1))[0])
-            where = f"robot_{row % robots} in world {row // robots}"
-            raise ValueError(f"action of {where} must be finite, got {given[row].tolist()}")
-        clipped = np.clip(given, -1.0, 1.0).astype(np.float32, copy=False)
-        self._actions = clipped.reshape(worlds, robots, size)
+        self._actions = self._numbers(actions, self.scenario.action_size)
 
     def _step(self) -> Step:
         self.take_actions()

@@ -59,5 +59,6 @@ class Coordinated(Policy):
 
     def forget(self, mask: np.ndarray) -> None:
         """Reset the memory of these worlds."""
+        super().forget(mask)
         if isinstance(self.coordinator, Remembering):
             self.coordinator.forget(mask)

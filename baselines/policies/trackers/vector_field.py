@@ -33,11 +33,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from baselines.policies.driving import motor_rate, steady_speed, throttle_for
-from baselines.policies.memory import clear_worlds
 from baselines.policies.own_row import own_heading, own_phase, own_position, own_speed, own_works
 from baselines.policies.trackers.base import Coordinated, Coordinator
 from baselines.similarity import motion_scale
@@ -147,6 +145,7 @@ class WithVectorField(Coordinated):
     """Cars that follow a coordinator by a guiding vector field."""
 
     kind = "car"
+    remembers = ("_memory",)
 
     def __init__(
         self,
@@ -159,11 +158,6 @@ class WithVectorField(Coordinated):
         super().__init__(coordinator, scenario, num_worlds, device)
         self._field = field_of(self.scenario, parameters)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
-
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the memory of these worlds."""
-        super().forget(mask)
-        clear_worlds(self._memory, mask)
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""

@@ -55,8 +55,8 @@ def clear_starts(
     world = tubes.episode[k]
     pieces = e.track.shape[3] - 1
     radius = e.radius + e.margin + more
-    low = place_at(k, corner[0], corner[1] + rows[0], e, tubes)
-    high = place_at(k, corner[0] + SIDE - 1, corner[1] + rows[1], e, tubes)
+    low = place_at(corner[0], corner[1] + rows[0], e, tubes)
+    high = place_at(corner[0] + SIDE - 1, corner[1] + rows[1], e, tubes)
     count = float((end - begin) * pieces)
     for step in range(begin + 1, end + 1):
         for i in range(e.track.shape[2]):
@@ -114,7 +114,7 @@ def add_left(
         other = row + corner[1] + d[1] - after[1]
         if tubes.left[k, row] != wp.uint64(0) and other >= 0 and other < SIDE:
             moved = shifted(widened(tubes.left[k, row], width), corner[0] + d[0] - after[0])
-            moved = moved & inside(k, other, after, tubes)
+            moved = moved & inside(other, after, tubes)
             tubes.bits[k, m + 1, other] = tubes.bits[k, m + 1, other] | moved
             any_is_left = any_is_left or moved != wp.uint64(0)
     return any_is_left
@@ -173,7 +173,7 @@ def appear(k: int, m: int, begin: int, e: Episodes, tubes: Tubes) -> bool:
     any_is_there = bool(False)
     for row in range(SIDE):
         line = corner[1] + row
-        there = inside(k, row, corner, tubes)
+        there = inside(row, corner, tubes)
         if e.on_edges == 1 and line != 0 and line != tubes.nodes[1] - 1:
             right = tubes.nodes[0] - 1 - corner[0]
             there = there & (run(-corner[0], -corner[0]) | run(right, right))
@@ -202,7 +202,7 @@ def farthest(k: int, m: int, e: Episodes, tubes: Tubes) -> wp.vec2i:
         bits = tubes.bits[k, m, row]
         for column in range(SIDE):
             if (bits >> wp.uint64(column)) & wp.uint64(1) == wp.uint64(1):
-                place = place_at(k, corner[0] + column, corner[1] + row, e, tubes)
+                place = place_at(corner[0] + column, corner[1] + row, e, tubes)
                 least = float(1.0e30)
                 for i in range(e.track.shape[2]):
                     if e.works[tubes.episode[k], then, i] != wp.int8(0):
@@ -220,7 +220,7 @@ def before(k: int, m: int, node: wp.vec2i, reach: float, e: Episodes, tubes: Tub
     begin = tubes.moments[k, m]
     end = tubes.moments[k, m + 1]
     corner = corner_at(k, begin, e, tubes)
-    place = place_at(k, node[0], node[1], e, tubes)
+    place = place_at(node[0], node[1], e, tubes)
     for j in range(2 * int(reach / tubes.spacing[1]) + 1):
         up = wp.where(j % 2 == 1, (j + 1) / 2, -j / 2)
         width = width_at(up, reach, tubes.spacing[1], tubes.spacing[0])
@@ -231,7 +231,7 @@ def before(k: int, m: int, node: wp.vec2i, reach: float, e: Episodes, tubes: Tub
             column = node[0] + wp.where(i % 2 == 1, (i + 1) / 2, -i / 2) - corner[0]
             if column >= 0 and column < SIDE:  # noqa: SIM102 - a shift needs a column of the window
                 if (tubes.bits[k, m, row] >> wp.uint64(column)) & wp.uint64(1) == wp.uint64(1):
-                    start = place_at(k, corner[0] + column, corner[1] + row, e, tubes)
+                    start = place_at(corner[0] + column, corner[1] + row, e, tubes)
                     if is_undetected(k, start, place - start, begin, end, e, tubes):
                         return wp.vec2i(corner[0] + column, corner[1] + row)
     return wp.vec2i(-1, -1)

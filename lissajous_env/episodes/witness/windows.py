@@ -118,7 +118,7 @@ def corner_at(k: int, step: int, episodes: Episodes, tubes: Tubes) -> wp.vec2i:
 
 
 @wp.func
-def inside(k: int, row: int, corner: wp.vec2i, tubes: Tubes) -> wp.uint64:
+def inside(row: int, corner: wp.vec2i, tubes: Tubes) -> wp.uint64:
     """Return the bits of a row of a window that are nodes of the lattice."""
     if corner[1] + row < 0 or corner[1] + row >= tubes.nodes[1]:
         return wp.uint64(0)
@@ -126,6 +126,6 @@ def inside(k: int, row: int, corner: wp.vec2i, tubes: Tubes) -> wp.uint64:
 
 
 @wp.func
-def place_at(k: int, column: int, row: int, episodes: Episodes, tubes: Tubes) -> wp.vec2:
+def place_at(column: int, row: int, episodes: Episodes, tubes: Tubes) -> wp.vec2:
     """Return the position of a node [m]."""
     return wp.vec2(float(column) * tubes.spacing[0], float(row) * tubes.spacing[1]) - episodes.half

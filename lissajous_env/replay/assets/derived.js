@@ -33,7 +33,7 @@ export function wrapped(episode) {
   });
 }
 
-export function distance(episode, i, j, f) {
+function distance(episode, i, j, f) {
   const { x, y, z } = episode.robots,
     a = i * episode.moments + f,
     b = j * episode.moments + f;

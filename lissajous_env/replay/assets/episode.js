@@ -42,7 +42,7 @@ export async function unpackedEpisode(raw) {
   return new Episode(raw, found);
 }
 
-export class Episode {
+class Episode {
   // `found`: the decoded arrays of robots, targets, ground, curve, terms of the reward and collisions.
   constructor(raw, found) {
     Object.assign(this, { raw, ...found });

@@ -173,7 +173,7 @@ export function chip(kind, words) {
 }
 
 // Return the command that replays an episode beside the reference, if a command can name it.
-export function commandOf(report, scenario, policy, seed) {
+function commandOf(report, scenario, policy, seed) {
   if (!scenario.command || !policy.named || !policy.rival) return null;
   const [name, ...changes] = scenario.command.split(" --set "),
     reference = report.policies[scenario.reference];

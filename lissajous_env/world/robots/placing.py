@@ -15,7 +15,8 @@ from lissajous_env.device.abreast import (
     where_equal,
     width,
 )
-from lissajous_env.device.compilation import MOTION
+from lissajous_env.device.approach import closest_approach
+from lissajous_env.device.compilation import MOTION, OPTIONS, module_apart
 from lissajous_env.device.curve import (
     CurveStruct,
     curve_parameter,
@@ -27,17 +28,22 @@ from lissajous_env.device.curve import (
 )
 from lissajous_env.device.part_structs import FaultsStruct, FormationStruct, NoiseStruct, RobotStruct
 from lissajous_env.device.structs import place_of
+from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.parts import Formation
 from lissajous_env.world.robots.faults import rolling
-from lissajous_env.world.state import REMOVED, WORKING, Clock, Robots
+from lissajous_env.world.state import REMOVED, WORKING, Clock, Robots, planar
 
 wp.set_module_options(MOTION)
+_HEADWAY = module_apart(f"{__name__}.headway", OPTIONS)
 
 LARGEST_CORRECTION = wp.constant(0.1)
 """Limit of a correction of a robot's parameter on the curve [rad]: it may slide along its branch, not jump."""
 
 ROTATED = wp.constant(place_of(Formation, "start", "rotated"))
 RANDOM = wp.constant(place_of(Formation, "start", "random"))
+
+_DRAWS = wp.constant(100)
+"""Displacements of a robot that are drawn at most; the last one remains."""
 
 
 @wp.func
@@ -163,3 +169,43 @@ def reset_robots(
         robots.wheelbase[w, i] = robot.wheelbase * (1.0 + noise.wheelbase_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
         drive = robot.drive * drive_factors[i]
         robots.drive[w, i] = drive * (1.0 + noise.drive_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
+
+
+@wp.func
+def collides_at_once(w: int, i: int, time: float, radius: float, places: wp.array(dtype=int), robots: Robots) -> bool:
+    """Return whether a robot collides within a time [s] with one of a smaller number if all go straight on.
+
+    Positions and velocities are those in the plane. Robots of one of `places` overlap by design: `Scenario.places`.
+    """
+    velocity = robots.speed[w, i] * cos_sin(robots.heading[w, i])
+    for j in range(i):
+        apart = planar(robots.position[w, i] - robots.position[w, j])
+        parting = velocity - robots.speed[w, j] * cos_sin(robots.heading[w, j])
+        if places[i] != places[j] and closest_approach(apart, apart + time * parting) < 4.0 * radius * radius:
+            return True
+    return False
+
+
+@wp.kernel(module=_HEADWAY)
+def draw_apart(
+    first: int,
+    curve: CurveStruct,
+    formation: FormationStruct,
+    robot: RobotStruct,
+    equilibrium: wp.array(dtype=wp.float64),
+    displaced: wp.array(dtype=float),
+    top_speeds: wp.array(dtype=float),
+    places: wp.array(dtype=int),
+    clock: Clock,
+    robots: Robots,
+):
+    """Draw the start of a robot again while it would collide within the headway, one robot after another."""
+    w = first + wp.tid()
+    if clock.active[w] == 0:
+        return
+    for i in range(1, robots.status.shape[1]):
+        for draw in range(1, _DRAWS):
+            if not collides_at_once(w, i, formation.start_headway, robot.radius, places, robots):
+                break
+            phase = start_phase(w, i, draw, formation, equilibrium, displaced, clock)
+            begin_on_curve(w, i, phase, curve, formation, top_speeds, robots)

@@ -9,7 +9,7 @@ from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
 from lissajous_env.device.trig import atan2
 from lissajous_env.world.observing import comes_before, far, velocity
-from lissajous_env.world.robots.actuation import flag
+from lissajous_env.world.robots.signals import flag
 from lissajous_env.world.rogues.rows import OWN, ROBOT, ROBOTS
 from lissajous_env.world.state import (
     ENDED,

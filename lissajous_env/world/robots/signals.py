@@ -1,0 +1,185 @@
+"""Signals of robots: the limits and the noise of their actions, and the measurements that they make of themselves."""
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device import randomness
+from lissajous_env.device.abreast import (
+    ABREAST,
+    Floats,
+    block_of,
+    entries,
+    floats,
+    is_in,
+    put_entries,
+    put_floats,
+    put_fours,
+    put_pairs,
+    where_above,
+    where_equal,
+    where_world,
+    width,
+)
+from lissajous_env.device.compilation import MOTION
+from lissajous_env.device.curve import CurveStruct, curve_parameter, project, wrap_phase
+from lissajous_env.device.part_structs import FormationStruct, NoiseStruct
+from lissajous_env.device.trig import cos_sin
+from lissajous_env.world.robots.placing import LARGEST_CORRECTION, places_of
+from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Robots, StepEvents
+
+wp.set_module_options(MOTION)
+
+_LARGEST = wp.constant(float(np.finfo(np.float32).max))
+
+
+@wp.func
+def flag(w: int, clock: Clock):
+    """Flag a world that received an action that is not finite."""
+    clock.invalid[w] = 1
+    if clock.invalid_at[w] == 0:
+        clock.invalid_at[w] = clock.step[w]
+
+
+@wp.func
+def disturb_command(w: int, i: int, noise: NoiseStruct, clock: Clock, command_out: wp.array3d(dtype=float)):
+    """Add noise to the commands of a robot."""
+    draw = randomness.stream(randomness.step_key(clock.seed[w], clock.step[w]), i, randomness.ACTUATOR)
+    for entry in range(command_out.shape[2]):
+        command_out[w, i, entry] = wp.clamp(command_out[w, i, entry] + noise.actuator * wp.randn(draw), -1.0, 1.0)
+
+
+@wp.kernel
+def take_commands(
+    begin: int,
+    end: int,
+    noise: NoiseStruct,
+    action: wp.array3d(dtype=float),
+    clock: Clock,
+    latest: StepEvents,
+    taken: wp.array3d(dtype=float),
+    command_out: wp.array3d(dtype=float),
+):
+    """Limit the actions to [-1, 1] and add noise; replace one that is not finite by zero, and flag its world.
+
+    Effort and change are those of the commands without the noise, which `taken` stores until the next step. The
+    components after the commands in an action are a message, which `taken` stores too; it has neither noise nor effort.
+    """
+    n = action.shape[1]
+    size = command_out.shape[2]
+    block = block_of(wp.tid(), begin, end, n, clock.active)
+    if block.count == 0:
+        return
+    invalid = Floats()
+    for entry in range(action.shape[2]):
+        given = entries(block, action, entry)
+        for k in range(ABREAST):
+            if k < width():
+                invalid[k] = wp.where(wp.abs(given[k]) <= _LARGEST, invalid[k], 1.0)
+    followed = where_world(block, n, clock.step, 2)
+    squares = Floats()
+    change = Floats()
+    for entry in range(size):
+        command = entries(block, action, entry)
+        before = entries(block, taken, entry)
+        for k in range(ABREAST):
+            if k < width():
+                command[k] = wp.where(invalid[k] == 0.0, wp.clamp(command[k], -1.0, 1.0), 0.0)
+                difference = command[k] - before[k]
+                squares[k] += command[k] * command[k]
+                change[k] += difference * difference
+        put_entries(block, block.active_mask, command, entry, taken)
+        put_entries(block, block.active_mask, command, entry, command_out)
+    for entry in range(size, action.shape[2]):
+        message = entries(block, action, entry)
+        for k in range(ABREAST):
+            if k < width():
+                message[k] = wp.where(invalid[k] == 0.0, wp.clamp(message[k], -1.0, 1.0), 0.0)
+        put_entries(block, block.active_mask, message, entry, taken)
+    for k in range(ABREAST):
+        if k < width():
+            squares[k] = squares[k] / float(size)
+            change[k] = wp.where(is_in(k, followed), change[k] / float(size), 0.0)
+    put_floats(block, block.active_mask, squares, latest.effort)
+    put_floats(block, block.active_mask, change, latest.change)
+    flagged = block.active_mask & where_above(block, invalid, 0.0)
+    if flagged != 0:
+        for k in range(block.count):
+            if is_in(k, flagged):
+                flag((block.start + k) / n, clock)
+    if noise.actuator > 0.0:
+        for k in range(block.count):
+            if is_in(k, block.active_mask):
+                disturb_command((block.start + k) / n, (block.start + k) % n, noise, clock, command_out)
+
+
+@wp.func
+def disturb_pose(
+    draw: wp.uint32, alpha: float, curve: CurveStruct, noise: NoiseStruct, pose: wp.vec4, phase: wp.float64
+) -> tuple[wp.vec4, wp.float64]:
+    """Add noise to a pose (x, y [m], heading [rad], speed [m/s]) and a phase [rad]."""
+    pose[0] += noise.position * wp.randn(draw)
+    pose[1] += noise.position * wp.randn(draw)
+    pose[2] += noise.heading * wp.randn(draw)
+    pose[3] += noise.speed * wp.randn(draw)
+    gamma = curve_parameter(alpha, phase)
+    seen = project(curve, wp.vec2(pose[0], pose[1]), gamma, LARGEST_CORRECTION)
+    return pose, wrap_phase(phase + wp.float64((seen - gamma) / alpha))
+
+
+@wp.kernel
+def measure(
+    begin: int,
+    end: int,
+    curve: CurveStruct,
+    formation: FormationStruct,
+    noise: NoiseStruct,
+    clock: Clock,
+    robots: Robots,
+):
+    """Measure each robot's pose and phase, and place its sensor; measurements of a removed robot are frozen."""
+    n = robots.status.shape[1]
+    block = block_of(wp.tid(), begin, end, n, clock.active)
+    if block.count == 0:
+        return
+    alpha = float(formation.alpha)
+    x, y, phase = places_of(block, robots)
+    heading = floats(block, robots.heading)
+    speed = floats(block, robots.speed)
+    working = block.active_mask & where_equal(block, robots.status, WORKING)
+    sensor_x = Floats()
+    sensor_y = Floats()
+    for k in range(ABREAST):
+        if k < width():
+            senses = is_in(k, working)
+            sensor_x[k] = wp.where(senses, x[k], NOWHERE)
+            sensor_y[k] = wp.where(senses, y[k], NOWHERE)
+    put_pairs(block, block.active_mask, sensor_x, sensor_y, robots.sensor)
+    measuring = block.active_mask & ~(where_equal(block, robots.status, REMOVED) & where_world(block, n, clock.step, 1))
+    if noise.position > 0.0 or noise.heading > 0.0 or noise.speed > 0.0:
+        for k in range(block.count):
+            if is_in(k, measuring):
+                w = (block.start + k) / n
+                key = randomness.step_key(clock.seed[w], clock.step[w])
+                draw = randomness.stream(key, (block.start + k) % n, randomness.MEASURE)
+                pose, seen = disturb_pose(
+                    draw, alpha, curve, noise, wp.vec4(x[k], y[k], heading[k], speed[k]), phase[k]
+                )
+                x[k] = pose[0]
+                y[k] = pose[1]
+                heading[k] = pose[2]
+                speed[k] = pose[3]
+                phase[k] = seen
+    cos_phase = Floats()
+    sin_phase = Floats()
+    cos_heading = Floats()
+    sin_heading = Floats()
+    for k in range(ABREAST):
+        if k < width():
+            turn = cos_sin(float(phase[k]))
+            cos_phase[k] = turn[0]
+            sin_phase[k] = turn[1]
+            faces = cos_sin(heading[k])
+            cos_heading[k] = faces[0]
+            sin_heading[k] = faces[1]
+    put_fours(block, measuring, x, y, heading, speed, robots.measured)
+    put_fours(block, measuring, cos_phase, sin_phase, cos_heading, sin_heading, robots.measured_turn)
