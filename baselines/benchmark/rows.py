@@ -1,4 +1,5 @@
-"""Score rows, grouped, and checked column by column: one that is read meets the same rules as one that is written."""
+"""Score rows, grouped, and checked column by column: the same rules apply to rows that are read and to rows that are
+written."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any

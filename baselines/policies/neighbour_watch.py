@@ -30,7 +30,7 @@ WORKS, STANDS, SILENT = (wp.constant(k) for k in range(3))
 STATE, HEARD_X, HEARD_Y, AGE, STILL = (wp.constant(k) for k in range(5))
 WATCH = 5
 PLACES = wp.constant(4)
-"""Places of robots that have stopped: of the two ring neighbours, then of two that were seen."""
+"""Places of robots that have stopped: of the two ring neighbours, then of two that were sensed."""
 
 
 @wp.struct
@@ -108,7 +108,7 @@ def watch_disc(
     standing: wp.array3d(dtype=wp.vec3),
 ):
     """Update the places of stopped robots that are, or were, in the disc."""
-    # Where a robot that stood should be seen but is not, there is none any more.
+    # If a stopped robot should be in the disc but is not sensed, it is not there any more.
     for k in range(2, PLACES):
         known = standing[w, i, k]
         if known[2] > 0.0 and wp.length(wp.vec2(known[0], known[1]) - position) < 0.9 * watch.radius:

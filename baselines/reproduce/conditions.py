@@ -29,7 +29,7 @@ class _Ratios:
 
     curves: list[Curve]
     bodies: np.ndarray
-    """Half of the smallest distance ever seen in formation, over r_max of (6)."""
+    """Half of the smallest measured distance in formation, over r_max of (6)."""
     sensors: np.ndarray
     """Radius with which one lap covers the rectangle, over that of (7)."""
     links: np.ndarray

@@ -20,8 +20,8 @@ _SHOWN = (1, 3, 5, 7, 11, 13)
 def branch_radius(curve: Curve) -> float:
     """Return half of the smallest distance between two branches of the curve (10) [m]; 0 if it crosses itself.
 
-    Bodies below it cannot touch wherever they are, unless one runs into the one before it on its own branch. Every
-    local minimum over u and v of the distance between r(u - v) and r(u + v), v away from 0 and pi, is such a place.
+    Smaller bodies cannot collide anywhere, unless one drives into the body before it on its own branch. Every local
+    minimum over u and v of the distance between r(u - v) and r(u + v), v away from 0 and pi, is such a place.
     """
     most = max(curve.a, curve.b, curve.c if curve.half_depth > 0 else 1)
     u = np.linspace(0, np.pi, 24 * most, endpoint=False)

@@ -154,7 +154,7 @@ def experiment1(player: Player) -> Part:
 
 
 def _picture_of_drift(kept: Played, lost: Played, alike: Played) -> Picture:
-    """Draw how far cars drift with feedback, without, and without as identical cars; how often they touch."""
+    """Draw how far cars drift with feedback, without, and without as identical cars; how often they collide."""
     cases = (
         ("time-inverted Kuramoto", kept, BLUE),
         ("no feedback", lost, RED),
