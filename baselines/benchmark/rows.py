@@ -1,5 +1,4 @@
-"""Score rows, grouped, and checked column by column: the same rules apply to rows that are read and to rows that are
-written."""
+"""Score rows, grouped, and checked column by column, by the same rules when they are read and when they are written."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any

@@ -1,5 +1,4 @@
-"""The benchmark: any policies on any scenarios, the same seeds for all; it can be killed at any time, and the same
-command resumes it.
+"""The benchmark: any policies on any scenarios, the same seeds for all; the same command resumes it if it was killed.
 
 `episodes.jsonl` is the source of truth: a batch of episodes is on the disk before the next begins. All other files are
 made from it at the end.

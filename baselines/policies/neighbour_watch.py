@@ -35,8 +35,7 @@ PLACES = wp.constant(4)
 
 @wp.struct
 class Watch:
-    """Constants: the displacement in a step below which a robot counts as stopped [m], the number of such steps, and
-    scales."""
+    """Constants: displacement in a step below which a robot counts as stopped [m], number of such steps, and scales."""
 
     still: float
     patience: int
@@ -70,8 +69,7 @@ def watch_neighbours(
     memory: wp.array4d(dtype=float),
     standing: wp.array3d(dtype=wp.vec3),
 ):
-    """Update robot i's estimates of its ring neighbours, and the places of stopped robots: x, y and 1 if it is in
-    use."""
+    """Update robot i's estimates of its ring neighbours, and of stopped robots: x, y and 1 if the place is in use."""
     w, i = wp.tid()
     position = own_position(w, i, curve, observation)
     for side in range(2):

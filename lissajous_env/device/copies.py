@@ -25,8 +25,7 @@ _MADE_WITH = "_made_with"
 
 
 class Copyable:
-    """Base class of objects that `copy.deepcopy` and `pickle` copy as described above; subclasses need no code for
-    it."""
+    """Base class of objects that `copy.deepcopy` and `pickle` copy as described above, without code in subclasses."""
 
     def __new__(cls, *args: Any, **more: Any) -> Any:
         """Keep the arguments, with which a copy is made again."""

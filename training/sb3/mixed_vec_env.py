@@ -84,8 +84,7 @@ class MixedVecEnv(BatchVecEnv):
         return [each.scenario for each in self.groups]
 
     def reset(self) -> np.ndarray:
-        """Begin an episode in every world; return the rows (R, inputs). Seeds that `seed` sets do not change the
-        scenarios."""
+        """Begin an episode in every world; return the rows (R, inputs). `seed` does not change the scenarios."""
         for each, rows in zip(self.groups, self._rows, strict=True):
             if self._seeds[0] is not None:
                 each.seed(self._seeds[rows.start])
