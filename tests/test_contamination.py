@@ -259,7 +259,7 @@ def test_what_a_disc_sweeps_is_a_stadium():
         ({"task.contamination": (90,)}, "must be .columns, rows. or None"),
         (
             {"task.contamination": (900, 400), "targets.speed_limit": 9.0},
-            "of what an evading target moves in a step",
+            "of an evading target's motion in a step",
         ),
         ({"targets.speed_limit": 0.1}, "at least the speed of these targets, 0.2 m/s"),
         (

@@ -110,7 +110,7 @@ def _fill(owner: Any, contents: dict[Any, Any], name: str) -> None:
             current.assign(np.asarray(value))
         elif isinstance(value, _Part):
             if type(current).__module__ == "builtins" and not isinstance(current, (list, tuple, dict)):
-                raise TypeError(f"{name} must make {key}, which holds things of Warp, in __init__ to be copied")
+                raise TypeError(f"{name} must make {key}, which contains objects of Warp, in __init__ to be copied")
             _fill(current, value, f"{name}.{key}")
         elif isinstance(value, np.ndarray) and isinstance(current, np.ndarray) and _can_take(current, value):
             np.copyto(current, value)  # it may be a view of a Warp array
