@@ -48,7 +48,7 @@ _INTRUDERS = Scenario(
 _EVADERS = dataclasses.replace(
     _EXPERIMENT,
     name="evaders",
-    description="Like experiment, but with 0.6 m sensors, too short for (8), cars of 3 m/s, and evading targets of 0.3 m/s.",
+    description="Like experiment, but with 0.6 m sensors, too short for (8), 3 m/s cars and evading 0.3 m/s targets.",
     # (36.81 tau - 3.681) / 0.945 = 3; the fastest stretch of the curve requires 1.69 m/s.
     robot=dataclasses.replace(_EXPERIMENT.robot, throttle_max=0.177017),
     sensing=Sensing(radius=0.6),
@@ -134,7 +134,7 @@ SHIPPED = (
     dataclasses.replace(
         _EVADERS,
         name="evaders-fast",
-        description="Like evaders, but with targets of 0.9 m/s; from 0.65 m/s on, they can evade the paper's formation.",
+        description="Like evaders, but targets of 0.9 m/s; from 0.65 m/s on, one can evade the paper's formation.",
         targets=dataclasses.replace(_EVADERS.targets, speed=0.9, flee_speed=0.9),
     ),
     dataclasses.replace(
