@@ -171,7 +171,7 @@ def test_a_file_lists_extensions_with_their_settings(here):
 
 
 def test_a_scenario_is_described_by_what_it_sets(here, capsys, monkeypatch):
-    # Oracle: the fields in which it differs from the defaults, told apart by hand.
+    # Oracle: the fields in which it differs from the defaults, distinguished by hand.
     monkeypatch.setenv("COLUMNS", "100")
     with pytest.raises(SystemExit):
         cli.main(["scenarios", "corridor.toml"])

@@ -17,7 +17,7 @@ REST = (0.0, 0.1)
 
 
 class Robot:
-    """Robot 0 of the experiment, which hears its neighbours in each step unless a test leaves something out."""
+    """Robot 0 of the experiment, with its neighbours' messages in each step unless a test leaves something out."""
 
     def __init__(self, **limits):
         self.onboard = baselines.Onboard("kuramoto-mpcc", "experiment", 0, limits=Limits(**limits))

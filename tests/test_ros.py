@@ -109,7 +109,7 @@ def test_robots_of_other_kinds_drive(command, settings):
 
 @in_real_time
 def test_services_stop_and_resume_a_robot_which_reports_it():
-    # A physical story of two robots: one is stopped by a person, and then told to go on.
+    # A physical story of two robots: one is stopped by a person, and then told to continue.
     seen, made = {}, lissajous_env.scenario("experiment", **AGILE, **{"task.duration": 4.0})
     with Team(made, "open-loop-mpcc", fence=2.0) as team:
         listener = team.add(ros.Node("listener"))
