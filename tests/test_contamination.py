@@ -42,7 +42,7 @@ def played(policy, seed=0, slices=0, **overrides):
 
 
 def standing(radius, grid, duration=20.0, **overrides):
-    """Return the age of the field for one point that rests in the middle of the upper edge of its curve."""
+    """Return a simulation of one point that rests in the middle of the upper edge of its curve."""
     scenario = lissajous_env.scenario(
         "experiment",
         **{**POINTS, **ALWAYS, "robot.count": 1, "formation.p": 0, "robot.phase_rate_max": 1e-9}
