@@ -35,8 +35,8 @@ def summarize_censored(
         times: Times, by episode; NaN for none.
         censored: True if the time would have become longer in a longer episode: as long as a longer time of another
             episode.
-        unbounded: Whether a time counts as one that never ends.
-        seed: Of the resamples.
+        unbounded: True if a time counts as one that never ends.
+        seed: Seed of the resamples.
     """
     values, observed = np.asarray(times, dtype=float), summarize(times)
     known = np.isfinite(values)

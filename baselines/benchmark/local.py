@@ -28,10 +28,10 @@ def play_all(
     """Play the remaining episodes, and store each batch when it has ended; return the policies that failed.
 
     Args:
-        settings: What is played.
+        settings: Settings of the benchmark.
         work: Cells, each with the numbers of the episodes that are left to play.
-        kept: Where the rows go.
-        progress: Where to show them.
+        kept: Folder in which the rows are stored.
+        progress: Display of the finished episodes.
     """
     failures: dict[int, Failure] = {}
     keeping, stopped = threading.Lock(), threading.Event()

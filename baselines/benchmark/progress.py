@@ -77,7 +77,7 @@ class Progress:
 
     Args:
         work: Cells to play, each with the numbers of the episodes that are left to play.
-        console: Where to show it.
+        console: Console on which it is shown.
     """
 
     def __init__(self, work: list[tuple[Any, list[int]]], console: Console):

@@ -95,7 +95,7 @@ def make(
     They are played on as many threads as the benchmark's, and yielded in the same order on any number.
 
     Args:
-        rounds: What to play; what has no cell cannot be, and is left out.
+        rounds: Episodes to play; those without a cell are left out.
         cells: Policies on scenarios, by name.
         rows: Score rows of the benchmark.
         references: Policy that the others of a scenario are compared with.

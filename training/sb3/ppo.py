@@ -85,7 +85,7 @@ class RobotPPO:
 
         Args:
             remaining: Remaining fraction of the training, which determines the learning rate.
-            critic_only: Whether only the critic is updated.
+            critic_only: True if only the critic is updated.
 
         Returns:
             Means of the loss, its terms and diagnostics over the minibatches.
