@@ -1,4 +1,4 @@
-"""Overrides of shipped scenarios: dependent fields adapt to another number of robots, or raise an error."""
+"""Overrides of included scenarios: dependent fields adapt to another number of robots, or raise an error."""
 
 import numpy as np
 import pytest

@@ -59,7 +59,7 @@ def planned(
 
 
 def test_the_best_plan_is_no_worse_than_any_default(small):
-    """Oracle: every shipped classical policy on the same scenario and seeds, evaluated apart."""
+    """Oracle: every included classical policy on the same scenario and seeds, evaluated apart."""
     task = lissajous_env.scenario(small)
     search = Search(task, Episodes(), (Shipped(),))
     search.run(600)  # it ends when the defaults have been played

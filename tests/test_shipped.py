@@ -1,4 +1,4 @@
-"""Shipped scenarios: the numbers support the purpose of each."""
+"""Included scenarios: the numbers support the purpose of each."""
 
 import numpy as np
 import pytest

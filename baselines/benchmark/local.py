@@ -1,7 +1,7 @@
 """The benchmark on this machine: as many cells at a time as the process has cores.
 
-A shipped policy may be played on any thread. What a user brings is played by the main thread, one cell after the other:
-such code may share data between its policies, and Ctrl-C reaches it there. The rows do not depend on it.
+An included policy may be played on any thread. What a user brings is played by the main thread, one cell after the
+other: such code may share data between its policies, and Ctrl-C reaches it there. The rows do not depend on it.
 """
 
 import threading

@@ -1,4 +1,4 @@
-"""The shipped scenarios: those of the paper, and others."""
+"""The included scenarios: those of the paper, and others."""
 
 import dataclasses
 
