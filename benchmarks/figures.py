@@ -1,6 +1,6 @@
 """Numbers of the documentation, which the programs that compute them store in docs/figures.json.
 
-    python benchmarks/figures.py            writes what docs/figures.json holds into README.md and docs/*.md
+    python benchmarks/figures.py            writes the tables of docs/figures.json into README.md and docs/*.md
     python benchmarks/figures.py --paper    simulates the paper first, seed 0, and stores the table of its claims
 
 The text between two marks of a page is replaced:

@@ -28,7 +28,7 @@ WITHOUT = (("evaders", "laps"),)
 TITLES = ("scenario, policy", "best script [s]", "learned [s]", "with foresight [s]", "learned share of it")
 TITLES = (*TITLES, "never detected [s]")
 _MARGIN, _BLUR = 0.01, 0.3
-"""Those with which rogues with foresight stay undetected for longest: small errors are the end without them."""
+"""Values with which rogues with foresight stay undetected for longest; without them, small errors lead to detection."""
 _TOGETHER = 4
 
 

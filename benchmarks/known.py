@@ -3,11 +3,11 @@
 Searches for plans of each scenario, as a benchmark plays it, whose robots begin where the scenario places them. The
 candidates are the stored plans of all scenarios with the same start, partitions and lines, and then free-form paths
 from the best of these. The seconds are processor time, so the result depends little on other programs. A plan with a
-shorter worst-case undetected time than the stored one, of whole episodes or of their second halves, takes its place in
+shorter worst-case undetected time than the stored one, of whole episodes or of their second halves, replaces it in
 `baselines/planning/known`, together with this command and its figures. Plans with a collision, or without a bound, are
 not stored. `--again` first plays the stored plans of the scenario and stores their figures, which a change of the
-simulation or of the contamination grid alters. `--filtered` looks at partitions and lines under the proved filter too,
-for scenarios in which they collide on the way from the start.
+simulation or of the contamination grid alters. `--filtered` includes partitions and lines with the proved filter in the
+search, for scenarios in which they collide on the way from the start.
 """
 
 import argparse

@@ -1,9 +1,9 @@
-"""Shipped policies compared with the classical ones, with default and tuned parameters: `python benchmarks/learned.py`.
+"""Comparison of included learned policies with the classical ones, default and tuned: `python benchmarks/learned.py`.
 
 Every policy plays the same 64 held-out seeds, which neither the training nor the tuning saw, in one run. The tuned
 classical policies are those of `benchmarks/tuned.json`, which `python benchmarks/tuning.py` writes. `--touches` counts
 rare collisions over many more episodes. `--store` puts the tables into docs/figures.json, together with the settings of
-the training of each shipped policy, from its card.
+the training of each included policy, from its card.
 """
 
 import argparse
@@ -117,7 +117,7 @@ def touches(scenario: str, seeds: range) -> list[list[str]]:
 
 
 def made(name: str) -> list[str]:
-    """Return the row of a shipped policy: its kind, by its card, and the duration of its training."""
+    """Return the row of an included policy: its kind, by its card, and the duration of its training."""
     card, text = checkpoint.read(find(name))[1:]
     stages = {point.get("stage", 1) for point in text["curve"]}
     learner = "PPO with a central critic" if card.settings.get("critic", "robot") != "robot" else "PPO"

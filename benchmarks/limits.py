@@ -26,7 +26,7 @@ from lissajous_env.world.columns import COLLISIONS, WORST_CASE
 
 FIRST_SEED = 30_000
 STOP = 10.0
-"""Time for which a robot stands [s]."""
+"""Time for which a robot has failed [s]."""
 MOMENTS = 8
 """Moments at which each robot stops."""
 

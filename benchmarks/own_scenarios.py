@@ -1,4 +1,4 @@
-"""The defaults of `lissajous train` on scenarios that are not shipped, compared with the paper's method.
+"""The defaults of `lissajous train` on scenarios that are not included, compared with the paper's method.
 
 `python benchmarks/own_scenarios.py` trains each of `benchmarks/own_scenarios/*.toml` for some seeds, and plays the best
 checkpoint and the rival on the same held-out seeds; a policy for cars is played with the collision filter. FOLDER

@@ -2,7 +2,7 @@
 
 For each range of rates, rogues are trained against cars that share one of four seeds, and then play, on seeds of
 episodes that the training does not use, against cars that share another seed. At a constant rate the seed changes
-nothing. Prints, on `evaders`, the proved bound, which holds for rogues that know the seed, and the undetected times of
+nothing. Prints, on `evaders`, the proved bound, also valid for rogues that know the seed, and the undetected times of
 the best script and of the trained rogue, all of these from 5 s on, when the cars are on their loops. `--rounds 2
 --episodes 4` makes it short.
 """

@@ -1,6 +1,6 @@
 """Scores of every policy on every scenario, for the pages of the scenarios: `python benchmarks/results.py --store`.
 
-Every policy plays each shipped scenario whose robots it drives, on the same few seeds; `benchmarks/table.py` plays
+Every policy plays each included scenario whose robots it drives, on the same few seeds; `benchmarks/table.py` plays
 fewer of them on more seeds. FOLDER contains the benchmark of each scenario. If the command is interrupted and called
 again, it resumes. A number is the interquartile mean over the episodes with its 95 % bootstrap interval; for
 collisions, the mean.

@@ -1,4 +1,4 @@
-"""Undetected times of the shipped learned rogues and of the scripts: `python benchmarks/rogues.py`.
+"""Undetected times of the included learned rogues and of the scripts: `python benchmarks/rogues.py`.
 
 Prints the table of docs/rogues.md from the times that are stored beside the weights, which were measured by
 `python -m training.publish_rogue` on held-out seeds.
@@ -9,7 +9,7 @@ from training.learned import checkpoint
 
 
 def rows() -> list[str]:
-    """Return a row of the table for each shipped rogue and each policy that it was trained against."""
+    """Return a row of the table for each included rogue and each policy that it was trained against."""
     found = []
     for name in shipped_rogues():
         for policy, times in checkpoint.read_text(folder_of(name))["held_out_times"].items():

@@ -3,8 +3,8 @@
 Lengths are multiplied by L and times by T, each policy plays the same seeds at every scale, and the means in scaled
 units are compared with those at the scale of the scenario. Factors that are powers of 2 change no bit, as
 `tests/test_similarity.py` shows. Others round differently, and after a near collision two episodes that differ in the
-last digit part. Where they do, more seeds are played until the standard error of each difference is small enough to
-tell 1 %. `--store` puts the table into docs/figures.json: the largest difference over the scales, its median over the
+last digit part. If they do, more seeds are played until the standard error of each difference is small enough to detect
+1 %. `--store` puts the table into docs/figures.json: the largest difference over the scales, its median over the
 policies, and the policies whose distance and spacing differ by less than 1 %.
 """
 

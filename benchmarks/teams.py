@@ -2,7 +2,7 @@
 
 On `evaders`, teams are trained with `sweep` as their base: against the ordinary targets of the scenario, or against
 the mixture of a learned rogue and a script. Then rogues are trained against each team, and against `sweep` itself. The
-table has, from below, the undetected times of these fresh rogues, of the shipped rogue and of the best script; from
+table has, from below, the undetected times of these fresh rogues, of the included rogue and of the best script; from
 above, the proved worst-case undetected time; and the collisions. All are means over the seeds of the trainings, in
 brackets the least and the greatest. If the command is interrupted and called again, it resumes. `--store` puts the
 table into docs/figures.json.

@@ -5,8 +5,8 @@ ordinary target. The table has, for each scenario, over its episodes: how many r
 time, up to the bound (the time in which a rogue crosses a cell, and a control step); how many for longer, and for less;
 the median, least and greatest difference. `--finer` plays the episodes of the last two groups on grids of cells a third
 as long, and has a table of how many of their rogues agree with these, up to the same bound. `--cost` measures the time
-of a witness beside that of the contamination stage. `--out` appends a line of JSON for each episode, and goes on where
-an earlier call stopped. `--store` puts the table into docs/figures.json.
+of a witness beside that of the contamination stage. `--out` appends a line of JSON for each episode, and resumes after
+the last episode of an earlier call. `--store` puts the table into docs/figures.json.
 """
 
 import argparse
@@ -41,7 +41,7 @@ _FINER, _MOST_CELLS = 3, 60_000
 """Factor of a finer grid, and cells from which on there is none."""
 _ROUNDS = 3
 _LABELS = 200_000_000
-"""Limit on the labels of episodes that are played at once, each of which takes 8 bytes."""
+"""Limit on the labels of episodes that are played at once, each of which requires 8 bytes."""
 
 
 def row_of(rogue: Witness) -> dict[str, Any]:

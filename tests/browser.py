@@ -81,7 +81,8 @@ def wait(until, seconds=20.0):
 
 
 def complaints(browser):
-    """What the console said that is worse than a note on speed, and every address that was asked but the file's own."""
+    """Return the messages of the console that are worse than a note on speed, and all requested addresses but the
+    file's."""
     said = [entry["message"] for entry in browser.get_log("browser") if "GPU stall" not in entry["message"]]
     sent = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
     asked = [each["params"]["request"]["url"] for each in sent if each["method"] == "Network.requestWillBeSent"]
@@ -108,7 +109,7 @@ def middle(run, view=0):
 
 
 def place_of(run, robot, view=0):
-    """Where a robot stands on a picture [px of the window]."""
+    """Return the place of a robot on a picture [px of the window]."""
     return np.array(
         run(
             f"const {{ stage, canvas }} = replay.views[{view}], box = canvas.getBoundingClientRect();"

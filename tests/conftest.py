@@ -21,7 +21,7 @@ os.environ["MPLBACKEND"] = "Agg"
 
 @pytest.fixture(autouse=True)
 def _same_draws():
-    # The libraries' global generators go on from test to test: what one draws would hang on which ran before it.
+    # The libraries' global generators continue from test to test: what one draws would hang on which ran before it.
     random.seed(0)
     np.random.seed(0)
     if "torch" in sys.modules:

@@ -39,11 +39,11 @@ class Car:
     phase: float
     way: list = field(default_factory=list)
     stopped: bool = False
-    """Whether a collision stopped it for good."""
+    """True if a collision stopped it for good."""
     crashed: bool = False
-    """Whether a collision removed it."""
+    """True if a collision removed it."""
     left: bool = False
-    """Whether the edge of the rectangle removed it."""
+    """True if the edge of the rectangle removed it."""
     steering: float = 0.0
     """Angle at which it steered last."""
 
@@ -124,25 +124,25 @@ class World:
     # Who works.
 
     def removed(self, i: int) -> bool:
-        """Whether robot i is gone, by the schedule, by a collision or by the edge of the rectangle."""
+        """Return whether robot i is removed, by the schedule, by a collision or by the edge of the rectangle."""
         times = [round(time / self.dt) for robot, time in self.scenario.faults.removed if robot == i]
         return self.robots[i].crashed or self.robots[i].left or any(at < max(self.now, 1) for at in times)
 
     def stuck(self, i: int) -> bool:
-        """Whether robot i stands still in the step that ends now."""
+        """Return whether robot i has failed in the step that ends now."""
         rows = [(a, b) for robot, a, b in self.scenario.faults.schedule if robot == i]
         faulty = any(round(a / self.dt) < self.now <= b / self.dt + 1e-6 for a, b in rows)
         return not self.removed(i) and (faulty or self.robots[i].stopped)
 
     def works(self, i: int) -> bool:
-        """Whether robot i moves and senses."""
+        """Return whether robot i moves and senses."""
         return not self.removed(i) and not self.stuck(i)
 
     # A step.
 
     @property
     def over(self) -> bool:
-        """Whether the time is over or collisions and the edge of the rectangle removed every robot."""
+        """Return whether the time is over, or collisions and the edge of the rectangle removed every robot."""
         return self.now >= self.scenario.task.steps or all(robot.crashed or robot.left for robot in self.robots)
 
     def step(self, action: np.ndarray) -> None:
@@ -216,7 +216,7 @@ class World:
         car.position = car.way[-1]
 
     def one_place(self, i: int, j: int) -> bool:
-        """Whether two points overlap by design: their parameters in equilibrium are equal."""
+        """Return whether two points overlap by design: their parameters in equilibrium are equal."""
         apart = math.remainder(self.alpha * (self.equilibrium[i] - self.equilibrium[j]), 2 * math.pi)
         return self.scenario.robot.kind == "curve" and abs(apart) < 1e-9
 
@@ -248,7 +248,7 @@ class World:
                 car.crashed = True
 
     def _leave(self) -> None:
-        """Who is outside with the whole body; removed, if so told."""
+        """Find the robots that are wholly outside, and remove them if the boundary removes robots."""
         half = np.array([self.scenario.curve.half_width, self.scenario.curve.half_height])
         for i, car in enumerate(self.robots):
             nearest = np.clip(car.position[:2], -half, half)

@@ -99,7 +99,7 @@ def closest_approach(before: np.ndarray, after: np.ndarray) -> float:
 
 
 def first_within(before: np.ndarray, after: np.ndarray, radius: float) -> float | None:
-    """When, in [0, 1], an offset that goes straight from one to the other is first no longer than a radius [m]."""
+    """Return the first time in [0, 1] at which an offset that changes linearly is no longer than a radius [m]."""
     if np.linalg.norm(before) <= radius:
         return 0.0
     way = after - before
@@ -109,7 +109,8 @@ def first_within(before: np.ndarray, after: np.ndarray, radius: float) -> float 
 
 
 def meetings(before: np.ndarray, after: np.ndarray, ways: dict[int, list], radius: float) -> dict[int, float]:
-    """When, as a share of the step, each robot first has a target in its disc; all go straight between sub-steps."""
+    """Return the share of the step at which each robot first has a target in its disc; all move straight in
+    sub-steps."""
     met = {}
     for i, way in ways.items():
         offsets = [before + (after - before) * s / (len(way) - 1) - place[:2] for s, place in enumerate(way)]

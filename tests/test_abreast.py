@@ -36,7 +36,7 @@ print(lissajous_env.__file__)
 
 
 def played(path, folder):
-    """What the package in a folder plays, by name; which it is, it says."""
+    """Return the results of the package in a folder, by name; the process prints the path of the package."""
     environment = os.environ | {"PYTHONPATH": str(path)}
     command = [sys.executable, "-c", PLAYED, str(folder / "kept.npz")]
     told = subprocess.run(command, check=True, cwd=folder, env=environment, capture_output=True, text=True).stdout

@@ -1,4 +1,4 @@
-"""Assumptions of the paper: a violated one is reported once with its equation, and shipped scenarios have none."""
+"""Assumptions of the paper: a violated one is reported once with its equation, and included scenarios have none."""
 
 import dataclasses
 import math

@@ -46,7 +46,7 @@ def parameters(run):
     ],
 )
 def test_training(algorithm, iterations, overrides, tmp_path):
-    # Oracle: parameters that change; curves with one finite value for each iteration; the action that was asked for.
+    # Oracle: parameters that change; curves with one finite value for each iteration; the action that was requested.
     settings = Settings("intruders", algorithm, iterations, worlds=4, out=tmp_path, overrides={**SHORT, **overrides})
     run = experiment(settings)
     before = parameters(run)

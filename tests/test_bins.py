@@ -187,7 +187,7 @@ def test_bins_are_for_where_they_pay(robots, targets, radius, expected):
 
 
 def test_a_thousand_robots_and_a_million_targets_take_less_than_600_megabytes():
-    # Oracle: the largest memory that the operating system saw, of a process that plays the shipped scenario.
+    # Oracle: the largest memory that the operating system saw, of a process that plays the included scenario.
     program = (
         "import pathlib, numpy, lissajous_env\n"
         "simulation = lissajous_env.Simulation('city')\n"

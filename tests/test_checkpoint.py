@@ -60,7 +60,7 @@ def play(folder):
 
 
 def refusal(folder):
-    """What reading says of a checkpoint; None where it takes it."""
+    """Return the error of reading a checkpoint; None if it is accepted."""
     try:
         checkpoint.read(folder)
     except ValueError as error:
@@ -160,7 +160,7 @@ def test_a_base_that_is_the_folder_itself_is_refused(folder):
     [{"name": "x"}, {"curve.a": None}, {"nowhere": 1}, {"task": 3}, {"base": 1}, {"": 1}],
 )
 def test_overrides_that_are_none_are_refused(folder, overrides):
-    # They are read where the folder holds the name of its scenario alone, as the shipped ones do.
+    # They are read where the folder contains the name of its scenario alone, as the included ones do.
     text = json.loads((folder / checkpoint.FILE).read_text())
     del text["scenario"]
     write(folder, changed(text, ("settings", "overrides"), overrides))

@@ -30,7 +30,7 @@ HEAD = {
     "num_cpus": 1, "object_store_memory": STORE, "include_dashboard": False,
     "_system_config": {"health_check_initial_delay_ms": 0, "health_check_period_ms": 200},
 }  # fmt: skip
-"""Of a cluster that knows in a second that a node is gone, not in fifteen: five times nobody answers."""
+"""Settings of a cluster that notices a lost node after one second instead of fifteen: five times without an answer."""
 SCRIPT = """
 import sys
 from pathlib import Path

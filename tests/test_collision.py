@@ -42,7 +42,7 @@ def test_closest_approach_is_the_distance_of_a_segment_from_the_origin():
     # Oracle: closed form in float64, itself held against the least of 10,001 points on the way.
     draw = np.random.default_rng(0)
     before, after = draw.normal(size=(2, 500, 3)).astype(np.float32)
-    after[:50] = before[:50]  # robots that stand still
+    after[:50] = before[:50]  # robots that do not move
     after[50:100] = before[50:100] * 3  # robots that part
     expected = np.array(
         [reference_motion.closest_approach(*way) for way in zip(before.astype(float), after, strict=True)]
@@ -164,7 +164,7 @@ def test_points_at_different_heights_do_not_collide(depth, collisions):
 
 @pytest.mark.parametrize(("on_collision", "status"), [("count", 0), ("stop", 1), ("remove", 2)])
 def test_what_a_collision_does(on_collision, status):
-    # Story: cars 0 and 1 collide; car 2 goes on; then only those that may still move do.
+    # Story: cars 0 and 1 collide; car 2 continues; then only those that may still move do.
     simulation = parked([[0, 0], [0.15, 0], [-1, 0.5]], **{"task.on_collision": on_collision})
     assert simulation.observation.numpy()[0, :, 7].tolist() == [1, 1, 1]
     rest(simulation)
@@ -209,7 +209,7 @@ def test_points_of_one_place_overlap_by_design_and_are_no_collision():
 
 @pytest.mark.parametrize("many", [False, True])
 def test_points_of_different_places_and_cars_of_one_place_do_collide(many, monkeypatch):
-    # Oracle: by hand. Two of six points on three places stop, and those that go on run through them; six cars that
+    # Oracle: by hand. Two of six points on three places stop, and those that continue run through them; six cars that
     # begin two on a place are three pairs in touch.
     for module in (bin_sizes, stages):
         monkeypatch.setattr(module, "has_bins", lambda scenario: many)

@@ -133,7 +133,7 @@ def test_arc_spaces_points_by_arc_length(scenario):
     assert error("arc") < 0.5 * error("kuramoto")
 
 
-# Cars: who coordinates and who tracks are told apart.
+# Cars: the coordinator and the tracker are distinguished.
 
 
 @pytest.fixture(scope="module")

@@ -51,7 +51,7 @@ def around(angle, gap):
 
 
 def unseen_behind_a_convoy(angle, step, grid, gap):
-    """How long a rogue in a gap of a convoy is unseen from the beginning to the end [s], and the figure."""
+    """Return the undetected time of a rogue in a gap of a convoy, from the beginning to the end [s], and the figure."""
     velocity = 0.999 * SPEED * np.array([np.cos(angle), np.sin(angle)])
     within = 0.97 * HALF / np.abs(velocity).max()
     steps = int(2 * within / step)

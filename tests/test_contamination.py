@@ -42,7 +42,7 @@ def played(policy, seed=0, slices=0, **overrides):
 
 
 def standing(radius, grid, duration=20.0, **overrides):
-    """One point that stands still in the middle of the upper edge of its curve, and how old the field is."""
+    """Return a simulation of one point that rests in the middle of the upper edge of its curve."""
     scenario = lissajous_env.scenario(
         "experiment",
         **{**POINTS, **ALWAYS, "robot.count": 1, "formation.p": 0, "robot.phase_rate_max": 1e-9}
@@ -259,7 +259,7 @@ def test_what_a_disc_sweeps_is_a_stadium():
         ({"task.contamination": (90,)}, "must be .columns, rows. or None"),
         (
             {"task.contamination": (900, 400), "targets.speed_limit": 9.0},
-            "of what an evading target moves in a step",
+            "of an evading target's motion in a step",
         ),
         ({"targets.speed_limit": 0.1}, "at least the speed of these targets, 0.2 m/s"),
         (

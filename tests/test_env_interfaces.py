@@ -33,7 +33,7 @@ def test_episodes_without_a_seed_are_different(mode):
 
 
 def test_the_first_episode_alone_is_drawn():
-    # Story: reset without a seed, a world goes on from its own stream: two that began alike stay alike.
+    # Story: reset without a seed, a world continues from its own stream: two that began alike stay alike.
     one, other = vector(num_envs=3), vector(num_envs=3)
     assert one.reset()[0].tobytes() != other.reset()[0].tobytes()
     seeds = one.simulation.clock.seed.numpy().tolist()

@@ -105,7 +105,7 @@ def test_equilibrium_phases_follow_the_ring():
 
 
 def integrate(phases, duration, step=0.02, phase_rate=0.3, coupling=1.0, stuck=()):
-    """RK4 on (1); robots in `stuck` stand still."""
+    """RK4 on (1); robots in `stuck` do not move."""
     neighbours = ring_neighbours(phases.shape[-1])
     free = np.ones(phases.shape[-1])
     free[list(stuck)] = 0

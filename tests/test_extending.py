@@ -137,7 +137,7 @@ CORRIDOR = {"curve.half_width": 2.4, "faults.schedule": ((0, 5.0, float("inf")),
 
 @pytest.mark.parametrize("given", ["my_scenarios:corridor", "corridor.toml", Path("corridor.toml"), "corridor"])
 def test_a_scenario_is_the_same_by_every_door(given, here):
-    # Oracle: the shipped scenario with overrides. The name alone is there once something has registered it.
+    # Oracle: the included scenario with overrides. The name alone is there once something has registered it.
     if given == "corridor":
         named.scenario("my_scenarios:corridor")
     oracle = lissajous_env.scenario("failure", **CORRIDOR)
@@ -171,7 +171,7 @@ def test_a_file_lists_extensions_with_their_settings(here):
 
 
 def test_a_scenario_is_described_by_what_it_sets(here, capsys, monkeypatch):
-    # Oracle: the fields in which it differs from the defaults, told apart by hand.
+    # Oracle: the fields in which it differs from the defaults, distinguished by hand.
     monkeypatch.setenv("COLUMNS", "100")
     with pytest.raises(SystemExit):
         cli.main(["scenarios", "corridor.toml"])
@@ -202,7 +202,7 @@ def test_registered_scenarios_come_after_those_that_ship_in_one_order(here):
 
 
 def test_a_policy_of_ones_own_is_the_paper_s(here):
-    # Oracle: the shipped policy, in Warp. Both round in float32, each in its own order.
+    # Oracle: the included policy, in Warp. Both round in float32, each in its own order.
     theirs = baselines.make("kuramoto", "failure", 2)
     mine = brought("my_policies:MyKuramoto")("failure", 2)
     simulation = lissajous_env.Simulation("failure", 2)

@@ -167,7 +167,7 @@ keys = st.sampled_from([
 @settings(max_examples=150, deadline=None, derandomize=True)
 @example({"task.duration": "inf"})
 def test_no_file_ends_in_anything_but_a_scenario_or_a_clear_error(tmp_path_factory, drawn):
-    # Oracle: only these two endings, whatever the file holds.
+    # Oracle: only these two endings, whatever the file contains.
     path = tmp_path_factory.getbasetemp() / "drawn.toml"
     lines = [key if key[0] == "[" else f"{key} = {drawn[key]}" for key in drawn] if type(drawn) is dict else [drawn]
     path.write_text("\n".join(lines), encoding="utf-8", errors="replace")

@@ -21,7 +21,7 @@ def run(simulation, steps, action=0.3):
 
 @pytest.mark.parametrize("name", ["failure", "experiment"])
 def test_a_scheduled_fault_lasts_from_its_start_to_its_end(name):
-    # Oracle: the schedule itself. A robot that is stuck from 1.2 s to 2.5 s stands still in steps 13 to 25.
+    # Oracle: the schedule itself. A robot that is stuck from 1.2 s to 2.5 s does not move in steps 13 to 25.
     schedule = ((0, 1.2, 2.5), (3, 0.0, 0.3), (0, 4.0, 4.5), (2, 4.9, math.inf))
     overrides = {**QUIET, "faults.schedule": schedule}
     simulation = lissajous_env.Simulation(lissajous_env.scenario(name, **overrides))
@@ -58,7 +58,7 @@ def test_a_stuck_robot_senses_nothing_but_talks_and_listens():
 
 
 def test_a_removed_robot_is_gone_for_good():
-    # Story: robot 1 is removed after 1 s. It keeps its place and its agent, is seen by nobody, and its messages age.
+    # Story: robot 1 is removed after 1 s. It keeps its place and its agent, is sensed by nobody, and its messages age.
     overrides = {**QUIET, "faults.schedule": (), "faults.removed": ((1, 1.0), (1, 3.0), (4, 0.0))}
     simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides, **{"sensing.radius": 10.0}))
     assert simulation.observation.numpy()[0, :, 7].tolist() == [1, 1, 1, 1, 0]

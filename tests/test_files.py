@@ -133,7 +133,7 @@ def test_out_may_be_a_link_to_a_folder(tmp_path, command):
 @pytest.mark.parametrize("text", ["mine", '{"a": 1}\n', "\n", "[]"])
 def test_a_list_that_is_not_ours_is_not_touched(tmp_path, text):
     (tmp_path / LIST).write_text(text)
-    with pytest.raises(ValueError, match=r"\.lissajous\.jsonl must be a list of what was written here"):
+    with pytest.raises(ValueError, match=r"\.lissajous\.jsonl must be a list of the files written here"):
         Folder(tmp_path)
     assert (tmp_path / LIST).read_text() == text
 

@@ -32,7 +32,7 @@ def ended(child, seconds=30):
 
 
 def run(code, *arguments):
-    """What a process prints that runs some code; None where it does not end."""
+    """Return the output of a process that runs some code; None if it does not end."""
     program = BEGIN + textwrap.dedent(code)
     done = subprocess.run(
         [sys.executable, "-c", program, *map(str, arguments)], capture_output=True, text=True, timeout=300
@@ -240,7 +240,7 @@ def test_a_thread_with_a_small_stack_makes_and_steps():
 
 
 def test_a_users_kernel_on_a_small_stack_is_refused(tmp_path):
-    # Oracle: the error's words, and that a thread with a larger stack goes on.
+    # Oracle: the error's words, and that a thread with a larger stack continues.
     (tmp_path / "mine.py").write_text(
         textwrap.dedent("""
         import lissajous_env, warp as wp

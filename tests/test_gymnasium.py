@@ -170,7 +170,7 @@ def test_resetting_in_the_same_step(kind):
 
 
 def test_without_resetting_a_world_waits_for_its_mask():
-    # Story: all worlds end; two are reset by mask; the others stand still with their flags up.
+    # Story: all worlds end; two are reset by mask; the others do not move with their flags up.
     env = vector(autoreset_mode="DISABLED")
     env.reset(seed=0)
     for batch in actions_of(env, 10):

@@ -56,7 +56,7 @@ def test_rows_are_the_robots_of_the_teams(mode):
         assert ((terminated | truncated).all(axis=1) == ended).all()
         assert not truncated[~ended].any()
         assert not (terminated[ended] != gone[ended])[truncated[ended]].any()
-        # Before, a row is terminated once, in the step in which its robot goes; then it stands still.
+        # Before, a row is terminated once, in the step in which its robot goes; then it does not move.
         assert not (terminated & gone)[~ended].any()
         assert (reward.reshape(4, 5)[gone & ~ended[:, None] & ~over[:, None]] == 0).all()
         removed += int((terminated & ~gone)[~ended].sum())

@@ -160,7 +160,7 @@ def acting(share):
     ],
 )
 def test_a_folder_holds_one_version_of_what_a_policy_has_captured(tmp_path, make):
-    # Oracle: the same values go on, others are refused, and no row is added.
+    # Oracle: the same values continue, others are refused, and no row is added.
     scenario = lissajous_env.scenario("failure", **SHORT)
 
     def play(policy, episodes):

@@ -196,7 +196,7 @@ def test_the_commands_take_a_folder_for_a_name(tmp_path):
 
 
 def test_a_folder_with_the_suffix_of_a_wrapper_is_its_policy_wrapped():
-    # Oracle: the shipped policy of that folder, which has a wrapped one of its own.
+    # Oracle: the included policy of that folder, which has a wrapped one of its own.
     folder = training.learned.policy.find("learned-rough")
     made = lissajous_env.scenario("rough", **{"task.duration": 5.0})
     ours, same = (

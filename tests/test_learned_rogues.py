@@ -158,7 +158,7 @@ def test_a_folder_is_named_like_a_script(trained, tmp_path, capsys, monkeypatch)
 
 
 def test_results_of_another_rogue_in_the_same_folder_are_refused(trained, tmp_path, capsys):
-    # Story: a benchmark's folder holds episodes of a rogue; then other weights have the same path.
+    # Story: a benchmark's folder contains episodes of a rogue; then other weights have the same path.
     folder, _ = trained
     network, card, _ = checkpoint.read(folder)
     mine = tmp_path / "mine"

@@ -291,7 +291,7 @@ def test_agilerl_steps_worlds_in_processes_and_learns(settings):
     """Install it in an environment of its own that has this package with its tests; each line after the one before.
 
     `pip install agilerl==2.58.0 peft==0.21.0`: that release imports `peft` and does not ask for it.
-    `pip install pettingzoo==1.27.0`: AgileRL asks for an older one, and works with this one.
+    `pip install pettingzoo==1.27.0`: AgileRL requires an older one, and works with this one.
     Then `pytest --long tests/test_libraries.py -k agilerl`. Oracle: the environments themselves, with the same seeds.
     """
     pytest.importorskip("agilerl")

@@ -58,7 +58,7 @@ def test_discs_that_cover_everything_leave_nothing_to_wait_for():
 
 @pytest.mark.parametrize("entry", ["inside", "boundary"])
 def test_a_scenario_without_an_end_has_the_closed_form(entry):
-    # Oracle: the closed forms, of targets that are there from the start and stand still.
+    # Oracle: the closed forms, of targets that are there from the start and do not move.
     scenario = lissajous_env.scenario("intruders", **STILL, **LONG, **{"targets.entry": entry})
     speed = robot_speed_limit(scenario)
     closed = mean_time_inside(51.84, 5, 0.5, speed)

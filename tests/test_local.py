@@ -24,7 +24,7 @@ def settings(out, **changes):
 
 
 def still(seen):
-    """Return a factory of a user's policy that stands still and notes its threads."""
+    """Return a factory of a user's policy that never moves a robot, and records its threads."""
 
     def make(scenario, num_worlds, device):
         made = baselines.make("still", scenario, num_worlds, device)

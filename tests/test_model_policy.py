@@ -43,7 +43,7 @@ def by_policy(policy, scores):
 
 
 def same(rows, scores):
-    """Whether two lists of score rows say the same of each episode but who played it."""
+    """Return whether two lists of score rows agree in each episode, except in the name of the policy."""
     return [str({name: row[name] for name in score}) for row, score in zip(rows, scores, strict=True)] == [
         str(score) for score in scores
     ]

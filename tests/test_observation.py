@@ -206,7 +206,7 @@ def test_the_measured_phase_is_that_of_the_measured_place(alpha):
 
 
 def test_actuator_noise_is_added_to_the_action():
-    # Oracle: mean and deviation of the rate with which the phase went on, in units of the action.
+    # Oracle: mean and deviation of the rate with which the phase continued, in units of the action.
     scenario = lissajous_env.scenario("failure", **QUIET, **{"noise.actuator": 0.1})
     simulation = lissajous_env.Simulation(scenario, 500)
     drawn = []

@@ -17,7 +17,7 @@ REST = (0.0, 0.1)
 
 
 class Robot:
-    """Robot 0 of the experiment, which hears its neighbours in each step unless a test leaves something out."""
+    """Robot 0 of the experiment, with its neighbours' messages in each step unless a test leaves something out."""
 
     def __init__(self, **limits):
         self.onboard = baselines.Onboard("kuramoto-mpcc", "experiment", 0, limits=Limits(**limits))
@@ -51,8 +51,8 @@ def test_a_robot_with_good_input_drives():
         ({"pose": POSE._replace(x=math.nan)}, "the pose is not finite"),
         ({"pose": POSE._replace(speed=math.inf)}, "the pose is not finite"),
         ({"pose": POSE._replace(speed_stamp=-5.0)}, "the speed is"),
-        ({"robots": [(0.1, math.nan, 0, 0)]}, "sees is not finite"),
-        ({"targets": [(math.inf, 0)]}, "sees is not finite"),
+        ({"robots": [(0.1, math.nan, 0, 0)]}, "sensor's data is not finite"),
+        ({"targets": [(math.inf, 0)]}, "sensor's data is not finite"),
         ({"works": False}, "does not work"),
     ],
 )
@@ -94,7 +94,7 @@ def test_a_robot_that_is_told_to_stop_stops_at_once_and_still_sends_its_phase():
     robot.onboard.stop()
     assert robot.onboard.command_at(robot.now) == pytest.approx(REST)
     output = robot.call()
-    assert output.stopped == "the robot was told to stop"
+    assert output.stopped == "the robot was requested to stop"
     assert output.message.sent_at == robot.now
     assert output.message[2:6] == pytest.approx(before.message[2:6], abs=1e-3)
     robot.onboard.resume()

@@ -51,7 +51,8 @@ def words_of(of):
 
 
 def ages(leaps):
-    """How long a rogue can have gone unseen, step by step: it grows by 1, and falls where the oldest is detected."""
+    """Return the possible undetected time of a rogue, step by step: it grows by 1, and falls when the oldest is
+    detected."""
     found = [0]
     for steps, fall in leaps:
         found += [found[-1] + k + 1 for k in range(steps)]
@@ -109,7 +110,7 @@ def test_an_episode_that_ends_at_its_worst_moment_is_not_open():
 
 
 def test_where_a_rogue_stays_unseen_since_the_beginning_every_episode_is_open():
-    # Story: cars that stand still. The same world played for longer claims more, and is open all the time.
+    # Story: cars that do not move. The same world played for longer claims more, and is open all the time.
     told = []
     for duration in (2.0, 5.0, 12.0):
         scenario = lissajous_env.scenario("evaders", **{"task.duration": duration})
@@ -164,8 +165,9 @@ def test_where_nothing_is_followed_nothing_is_open():
 
 
 def test_an_episode_that_ended_at_its_worst_makes_no_lower_bound_of_the_row():
-    # Oracle: by hand. 4.4, 4.7 and 4.7, of which one goes on, then 5.1 and 7.5: the censored episode passes its weight
-    # on, 1 / 13 of it to each longer time, and the weight of a longer time is 14 / 13. Of 16 episodes the first 4 go.
+    # Oracle: by hand. 4.4, 4.7 and 4.7, of which one continues, then 5.1 and 7.5: the censored episode passes its
+    # weight on, 1 / 13 of it to each longer time, and the weight of a longer time is 14 / 13. Of 16 episodes the first
+    # 4 go.
     times = sorted(longest for longest, at_end in ENDED_AT_ITS_WORST if longest != at_end)
     weights = np.array([1.0, 1.0] + [14 / 13] * 13)
     last = np.cumsum(weights)

@@ -1,4 +1,4 @@
-"""Overrides of shipped scenarios: dependent fields adapt to another number of robots, or raise an error."""
+"""Overrides of included scenarios: dependent fields adapt to another number of robots, or raise an error."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ SHORT = {"task.duration": 1.0}
     ("ideal", {"robot.count": 11}, 11),
 ])  # fmt: skip
 def test_another_number_of_robots_has_a_formation_of_its_own(name, overrides, count):
-    # Story: `robot.count=7` on `experiment` asked for a ring, which the user had never set. Oracle: the defaults of N.
+    # Story: `robot.count=7` on `experiment` requested a ring, which the user had never set. Oracle: the defaults of N.
     made = lissajous_env.scenario(name, **overrides)
     assert made.num_robots == count
     assert made.ring == tuple(range(count))

@@ -111,7 +111,7 @@ def test_few_episodes_of_one_policy_without_any_bound_are_drawn(tmp_path):
 
 @pytest.mark.long
 def test_figures_are_as_wide_as_two_columns_and_no_font_is_of_type_3(folder, tmp_path):
-    # Oracle: 7.16 inch, as IEEE asks for; journals refuse fonts of type 3.
+    # Oracle: 7.16 inch, as IEEE requires; journals refuse fonts of type 3.
     for path in figures(folder, "png", tmp_path / "png")[1:]:
         with Image.open(path) as picture:
             assert picture.width == int(7.16 * 300)

@@ -138,7 +138,7 @@ def test_the_ideal_guarantee_is_that_of_the_simulated_cars():
 
 
 def test_evaders_are_detected_within_the_guarantee_and_nobody_collides():
-    """Oracle: the figures that were asked for, 4 s in the whole episode and 2.6 s after the first 5 s."""
+    """Oracle: the figures that were requested, 4 s in the whole episode and 2.6 s after the first 5 s."""
     scenario = lissajous_env.scenario("evaders")
     policy = baselines.make("partition", scenario, 16)
     found = worst_undetected_times(policy, scenario, range(16))
@@ -198,7 +198,7 @@ def test_the_cell_of_any_robot_that_fails_is_taken_over(robot):
 
 
 def test_a_robot_knows_of_failures_by_messages_alone():
-    """Oracle: the ring of the scenario, (0, 1, 4, 2, 3): who is not beside a robot that fails goes on as before."""
+    """Oracle: the ring of the scenario, (0, 1, 4, 2, 3): who is not beside a robot that fails continues as before."""
     overrides = {"faults.schedule": ((1, 10.0, 20.0),), "task.duration": 15.0}
     scenario = lissajous_env.scenario("evaders", **overrides)
     policy, simulation = PartitionRepair(scenario), lissajous_env.Simulation(scenario)

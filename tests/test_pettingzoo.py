@@ -69,7 +69,7 @@ def test_max_cycles():
 
 
 def episode(env, seed, steps=300):
-    """What the reset and each step returned, and the actions; actions depend on the seed alone."""
+    """Return the results of the reset and of each step, and the actions, which depend on the seed alone."""
     draw = np.random.default_rng(seed)
     returned = [env.reset(seed=seed)]
     for _ in range(steps):
@@ -230,7 +230,7 @@ def test_episodes_without_a_seed_are_different(maker):
 
     assert len(beginnings()) == 4
     assert len(beginnings(seed=3)) == 1
-    # Without a seed they go on from there, each from its own stream.
+    # Without a seed they continue from there, each from its own stream.
     assert len(beginnings()) == 1
 
 

@@ -59,7 +59,7 @@ def planned(
 
 
 def test_the_best_plan_is_no_worse_than_any_default(small):
-    """Oracle: every shipped classical policy on the same scenario and seeds, evaluated apart."""
+    """Oracle: every included classical policy on the same scenario and seeds, evaluated apart."""
     task = lissajous_env.scenario(small)
     search = Search(task, Episodes(), (Shipped(),))
     search.run(600)  # it ends when the defaults have been played
@@ -221,7 +221,7 @@ def test_a_guarantee_includes_failures_if_they_are_asked_for(failures, fewest):
 def test_a_time_below_the_bound_is_refused_with_the_bound(small, capsys):
     code, said, _ = called(capsys, "plan", small, "--robots", "2", "--guarantee", 0.01, "--seconds", 1)
     assert code == 1
-    assert re.search(r"2 robots cannot: no policy is below [\d.]+ s", said)
+    assert re.search(r"2 robots cannot: the lower bound for every policy is [\d.]+ s", said)
 
 
 def test_points_play_formations_alone(capsys):
@@ -359,13 +359,13 @@ def test_plans_without_a_bound_after_failures_say_why():
     finals = [planned(5.0, failed=math.inf), planned(4.0, settled=2.0, failed=math.inf)]
     request = Request(lissajous_env.scenario("evaders"))
     outcome = Outcome(request, Episodes(failures=1), tasks={5: request.task(5)}, finals=finals)
-    (words,) = (each for each in tables.sentences(outcome) if "with 1 lost" in each)
-    assert words.startswith("No plan has a bound with 1 lost: 2 of 2 leave a gap")
+    (words,) = (each for each in tables.sentences(outcome) if "with 1 removed" in each)
+    assert words.startswith("No plan has a bound with 1 removed: 2 of 2 leave a gap")
     outcome.finals.append(planned(6.0, failed=7.0))
-    assert not any("with 1 lost:" in each for each in tables.sentences(outcome))
-    assert "and 8 in which 1 robot is lost (" in tables.sentences(outcome)[0]
+    assert not any("with 1 removed:" in each for each in tables.sentences(outcome))
+    assert "and 8 in which 1 robot is removed (" in tables.sentences(outcome)[0]
     outcome.episodes = Episodes(failures=2)
-    assert "and 8 in which 2 robots are lost (" in tables.sentences(outcome)[0]
+    assert "and 8 in which 2 robots are removed (" in tables.sentences(outcome)[0]
 
 
 def test_a_fixed_start_is_that_of_every_plan(small):

@@ -88,7 +88,7 @@ def test_a_copy_goes_on_as_the_original(name, scenario):
 
 
 def hidden_matters(make, scenario):
-    """Whether actions change with what no observation shows: a simulation's state, and the global generators.
+    """Return whether actions change with data outside the observation: a simulation's state, and the global generators.
 
     `make(simulation)` makes a policy for the simulation whose observations it is given.
     """

@@ -144,7 +144,7 @@ def test_ten_million_pairs():
 
 
 def test_fifteen_cars_unfiltered_collide():
-    """What the tests above would see without the filter."""
+    """Show that the tests above would fail without the filter."""
     simulation = lissajous_env.Simulation(FIFTEEN, 20, seed=0)
     for _ in range(60):
         simulation.step(towards_the_nearest(simulation, None))

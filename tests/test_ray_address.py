@@ -68,7 +68,7 @@ def test_what_is_an_address_is_taken(address):
 @pytest.mark.parametrize(
     ("reply", "closes", "words"),
     [
-        (b"", False, "it says nothing for 1 s"),
+        (b"", False, "it does not answer within 1 s"),
         (b"", True, ""),
         (b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n", False, ""),
         (b"SSH-2.0-OpenSSH_9.6\r\n", False, ""),

@@ -55,7 +55,8 @@ def part(name, **fields):
 
 
 def refused(path) -> str:
-    """Why a file is refused: nothing but a ValueError with its name, in one line, with little memory."""
+    """Return the reason for which a file is refused: only a ValueError with its name, in one line, with little
+    memory."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(ValueError, match=r"bad\.npz must be an undamaged recording") as caught:
         recordings.load(path)

@@ -270,7 +270,7 @@ HUGE = {
 
 @pytest.fixture(scope="module")
 def drawn():
-    """What each of them took: memory that drawing added to the largest [MiB], and whether something is to be seen."""
+    """Return for each the memory that drawing added to the peak [MiB], and whether the picture shows something."""
     # A fork of its own for each, of a process that has drawn, with room for pictures but not for what is drawn.
     code = f"""
 import os, resource

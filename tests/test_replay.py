@@ -265,7 +265,7 @@ def test_a_sheet_of_another_format(tmp_path):
 
 
 def test_keys_of_the_player(recording, monkeypatch):
-    """Right, right, left: moment 1. Space: goes on to the end. Space there: from the beginning. Escape: closed."""
+    """Right, right, left: moment 1. Space: continues to the end. Space there: from the beginning. Escape: closed."""
     shown, keys = [], [pygame.K_RIGHT, pygame.K_RIGHT, pygame.K_LEFT, None, None, pygame.K_SPACE]
     draw, show = Renderer.draw, film.Window.show
     slow = dataclasses.replace(recording)

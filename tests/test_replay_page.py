@@ -38,7 +38,7 @@ def recording():
 
 
 def unpacked(packed):
-    """What a page makes of a packed array; oracle: the format as packing.py describes it, read the other way round."""
+    """Return the array that a page unpacks; oracle: the format that packing.py describes, read in reverse."""
     size = packed["bits"] // 8
     planes = np.frombuffer(zlib.decompress(base64.b64decode(packed["data"])), np.uint8).reshape(size, -1)
     whole = sum(plane.astype(np.uint64) << np.uint64(8 * k) for k, plane in enumerate(planes))

@@ -197,7 +197,7 @@ def test_few_replays_end_in_time(tmp_path, monkeypatch):
     one = {"scenarios": ("failure",), "policies": ("kuramoto",), "episodes": 1}
     run(small(tmp_path, replays=("few",), **one), console=QUIET)
     assert blocks_of(tmp_path)["data"]["replays"] == {}
-    # Those that are asked for by name are made however long it takes.
+    # Those that are requested by name are made however long it takes.
     run(small(tmp_path, replays=("failure:kuramoto:0",), **one), console=QUIET)
     assert len(blocks_of(tmp_path)["data"]["replays"]) == 1
 

@@ -120,7 +120,7 @@ def test_what_failed_leads_to_its_episodes(browser, folder, text):
     tallies = run("return [...document.querySelectorAll('.tally b')].map((b) => b.textContent)")
     counted = [sum(bits >> k & 1 for bits in data["episodes"]["failed"]) for k in range(3)]
     assert tallies == [f"{count} of 24" for count in counted]
-    assert counted[0] > 0  # cars that stand still leave half unseen
+    assert counted[0] > 0  # cars that do not move leave half unseen
     run("document.querySelector('.tally').click()")
     assert len(shown(run)) == counted[0]
     # The worst policy of the matrix is the first row; its cell leads to its episodes on that scenario.

@@ -169,7 +169,7 @@ def test_the_field_leads_to_the_path_and_vanishes_nowhere():
     field, draw = field_of(scenario), np.random.default_rng(0)
     tangent, off = 4 * draw.standard_normal((1000, 2)), draw.standard_normal((1000, 2))
     off[:100] = 0
-    # Where the plane part vanishes, k off = f', the parameter still goes on.
+    # Where the plane part vanishes, k off = f', the parameter still continues.
     off[100:200] = tangent[100:200] / (field.scale * field.pull)
     out = wp.zeros(1000, dtype=wp.vec3, device="cpu")
     with compile_quietly():

@@ -53,7 +53,7 @@ def settings(out, **changes):
 
 
 def play(env, seed, steps=300):
-    """What the reset and each step returned; actions depend on the seed alone."""
+    """Return the results of the reset and of each step; actions depend on the seed alone."""
     draw = np.random.default_rng(seed)
     returned = [env.reset(seed=seed)]
     for _ in range(steps):

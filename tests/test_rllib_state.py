@@ -29,7 +29,7 @@ def _one_cluster():
 
 
 def test_a_training_goes_on_from_data_alone(tmp_path):
-    # Story: a stranger's folder holds a pickle in place of each file, and of each that RLlib's own checkpoints have,
+    # Story: a stranger's folder contains a pickle in place of each file, and of each that RLlib's own checkpoints have,
     # with its SHA-256 beside it. What the training needs is refused by name, the rest is not looked at.
     made, marker = (
         settings(tmp_path / "run", steps=ROWS, workers=1, worlds=4, evaluation_episodes=1),
@@ -78,7 +78,7 @@ def make(tmp_path_factory):
 
 
 def learner_of(algorithm):
-    """All that RLlib's learner goes on from, flat; the metrics and the count of what was sent to workers left out."""
+    """All that RLlib's learner continues from, flat; the metrics and the count of what was sent to workers left out."""
     state = algorithm.learner_group.get_state()["learner"]
     flat = tree.flatten_with_path([state["rl_module"], state["optimizer"]])
     return {".".join(map(str, path)): np.asarray(value) for path, value in flat if value is not None}

@@ -96,7 +96,7 @@ def test_reset_with_the_same_seed_repeats_both_sides():
 
 
 def test_bad_actions_are_refused_by_name_and_change_nothing():
-    # Story: a wrong shape, a NaN, a missing and an unknown agent; then the episode goes on as if nothing was.
+    # Story: a wrong shape, a NaN, a missing and an unknown agent; then the episode continues as if nothing was.
     env = lissajous_env.parallel_env("experiment", **SHORT)
     with pytest.raises(ResetNeeded):
         env.step({})

@@ -25,7 +25,7 @@ def upwards():
 
 
 def velocities(rogues, seeds=(3, 4), steps=12):
-    """Velocities (steps, W, T, 2) and presence (steps, W, T) of rogues beside robots that stand still."""
+    """Velocities (steps, W, T, 2) and presence (steps, W, T) of rogues beside robots that do not move."""
     simulation = Simulation("experiment", len(seeds), rogues=rogues, **FIELD)
     simulation.reset(seeds=seeds)
     found, present = [], []

@@ -51,7 +51,7 @@ FAR_ROBOTS = [[1.5, 0.7], [1.5, -0.7], [1.6, 0.7], [1.6, -0.7], [1.7, 0.7]]
 
 
 def test_a_rogue_moves_at_its_speed_limit_and_walls_stop_it():
-    # Story: one goes right at full speed; one asks for twice as much, diagonally; one pushes into a corner.
+    # Story: one goes right at full speed; one requires twice as much, diagonally; one pushes into a corner.
     simulation = placed([[0.0, 0.0], [-0.5, 0.0], [-1.8, -0.8]], FAR_ROBOTS, **{"sensing.radius": 0.2})
     before = simulation.targets.position.numpy()[0].copy()
     simulation.step(np.zeros(simulation.action_shape), np.array([[[1.0, 0.0], [2.0, 2.0], [-1.0, -1.0]]]))

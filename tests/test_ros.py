@@ -109,7 +109,7 @@ def test_robots_of_other_kinds_drive(command, settings):
 
 @in_real_time
 def test_services_stop_and_resume_a_robot_which_reports_it():
-    # A physical story of two robots: one is stopped by a person, and then told to go on.
+    # A physical story of two robots: one is stopped by a person, and then told to continue.
     seen, made = {}, lissajous_env.scenario("experiment", **AGILE, **{"task.duration": 4.0})
     with Team(made, "open-loop-mpcc", fence=2.0) as team:
         listener = team.add(ros.Node("listener"))
@@ -132,7 +132,7 @@ def test_services_stop_and_resume_a_robot_which_reports_it():
     assert speeds[-1, 1] > speeds[25, 1]
     assert speeds[12:, [0, 2, 3, 4]].min() > 0.3
     messages = [(each.level, each.message) for each in seen["lissajous: robot_1"]]
-    assert (ros.DiagnosticStatus.WARN, "the robot was told to stop") in messages
+    assert (ros.DiagnosticStatus.WARN, "the robot was requested to stop") in messages
     assert (ros.DiagnosticStatus.OK, "drives") in messages
     assert {"curve", "rectangle", "bodies", "sensors"} <= {marker.ns for marker in seen["markers"]}
     assert {marker.header.frame_id for marker in seen["markers"]} == {"map"}

@@ -340,7 +340,7 @@ def test_steady_actions_are_smooth_and_the_first_one_is_no_change():
 
 
 def test_the_share_that_was_sensed_is_that_of_the_cells():
-    # Story: one robot that stands still senses its disc, pi r^2 of the rectangle, and no more.
+    # Story: one robot that does not move senses its disc, pi r^2 of the rectangle, and no more.
     overrides = {
         "robot.count": 1,
         "formation.p": 0,

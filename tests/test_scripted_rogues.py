@@ -32,7 +32,7 @@ def entries(simulation, rows, *names):
 
 
 def nearest_away(simulation, rows):
-    """Where the nearest robot is, relative to each rogue [m]."""
+    """Return the place of the nearest robot relative to each rogue [m]."""
     x, y = entries(simulation, rows, "robot_0_x", "robot_0_y")
     curve = simulation.scenario.curve
     return 2 * np.stack([x * curve.half_width, y * curve.half_height], axis=-1)
@@ -71,7 +71,7 @@ def test_flee_goes_away_from_the_nearest_robot():
 
 
 def test_shadow_stays_just_outside_the_nearest_disc():
-    # Story: robots stand still; after some seconds every rogue is 5 % outside the nearest disc, and stays there.
+    # Story: robots do not move; after some seconds every rogue is 5 % outside the nearest disc, and stays there.
     simulation, rows = played("shadow", 120, policy="still")
     present, gap = entries(simulation, rows[-20:], "present", "robot_0_gap")
     assert present.mean() > 0.6  # the cars coast at first

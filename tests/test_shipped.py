@@ -1,4 +1,4 @@
-"""Shipped scenarios: the numbers support the purpose of each."""
+"""Included scenarios: the numbers support the purpose of each."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def played(name, scenario, column, episodes=8):
 
 def test_a_team_that_reacts_keeps_apart_and_one_that_drives_detects():
     # Story: two robots stop for 10 s and resume. Those that react close the gap and keep their distance; those that
-    # do not pass the places of others from then on. Either detects far sooner than robots that stand still.
+    # do not pass the places of others from then on. Either detects far sooner than robots that do not move.
     names = ("kuramoto-mpcc", "open-loop-mpcc", "still")
     detection = {name: played(name, "team", "detection_time_mean") for name in names}
     collisions = {name: played(name, "team", "collisions") for name in names}

@@ -1,4 +1,4 @@
-"""The shipped learned rogues: they have names, need no learning library, and hide better than the scripts."""
+"""The included learned rogues: they have names, need no learning library, and hide better than the scripts."""
 
 import json
 from pathlib import Path

@@ -92,7 +92,7 @@ with compile_quietly():
 
 
 def loaded(**place):
-    """What a process says that loads one module of kernels."""
+    """Return the output of a process that loads one module of kernels."""
     environment = {name: value for name, value in os.environ.items() if name != "WARP_CACHE_PATH"} | place
     ended = subprocess.run([sys.executable, "-c", LOAD], capture_output=True, text=True, env=environment, timeout=120)
     assert ended.returncode == 0, ended.stderr

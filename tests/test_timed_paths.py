@@ -78,7 +78,7 @@ def test_a_lead_in_goes_over_into_the_loop():
 
 @pytest.mark.parametrize(("path", "bound"), [(circles, 1e-4), (ellipse, 5e-3)])
 def test_uneven_cars_follow_within_millimetres(path, bound):
-    """Oracle: the place that was asked for, of cars whose wheelbase and drive differ by 2 %, at about 1.7 m/s."""
+    """Oracle: the place that was requested, of cars whose wheelbase and drive differ by 2 %, at about 1.7 m/s."""
     late = errors(EVADERS, path_tables(EVADERS, path(EVADERS)))[100:]
     assert late.max() < bound
 

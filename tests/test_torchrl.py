@@ -236,7 +236,7 @@ def test_the_end_of_the_time_is_a_truncation():
 
 
 def test_a_world_that_ended_waits_for_its_reset():
-    # Oracle: the contract of `Simulation`: it stands still with reward 0; the episode is scored once, as it ends.
+    # Oracle: the contract of `Simulation`: it does not move with reward 0; the episode is scored once, as it ends.
     env = make()
     last = play(env, actions_of(env, 10))[:, -1]["next"]
     assert not last["score", "detected_fraction"].isnan().any()
@@ -248,7 +248,8 @@ def test_a_world_that_ended_waits_for_its_reset():
 
 
 def test_a_removed_robot_is_terminated_alone():
-    # Oracle: a physical story: big robots that begin anywhere collide; two of each collision are out, the rest go on.
+    # Oracle: a physical story: big robots that begin anywhere collide; two of each collision are out, the rest
+    # continue.
     data = play(make("removing", seed=1), actions_of(make(), 10))["next"]
     out = data["robot", "terminated"][..., 0]
     assert out.any()

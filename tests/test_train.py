@@ -53,7 +53,7 @@ def weights_of(folder):
 
 
 def test_ppo_learns_a_two_line_problem(tmp_path):
-    # One robot on the curve, no target: the reward is minus the square of its action. The best is to stand still.
+    # One robot on the curve, no target: the reward is minus the square of its action. The best is not to move.
     alone = {"robot.count": 1, "targets.count": 0, "targets.arrival_rate": 0.0, "faults.schedule": ()}
     effort = {"task.reward_effort": -1.0, "task.duration": 2.0}
     settings = TrainingSettings(
@@ -168,7 +168,7 @@ def test_a_policy_of_two_stages_is_published_with_one_curve(tmp_path):
     ]
     assert [point["stage"] for point in text["curve"]] == [1] * len(curves[0]) + [2] * len(curves[1])
     assert (text["command"], text["made_for"]) == ("how", ["failure"])
-    policy = training.load(two.out, num_worlds=64)  # on the scenario that the folder holds
+    policy = training.load(two.out, num_worlds=64)  # on the scenario that the folder contains
     rows = lissajous_env.evaluate(policy, policy.scenario, range(10_000, 10_064))
     found = text["held_out_scores"]["failure"]["collisions"]["mean"]
     assert found == pytest.approx(np.mean([row["collisions"] for row in rows]), abs=1e-4)
@@ -330,7 +330,7 @@ def test_rows_of_a_process_are_read_after_those_of_the_one_before(tmp_path):
 
 
 def test_a_training_goes_on_with_the_code_that_it_began_with(tmp_path, monkeypatch):
-    # Oracle: the same teacher made anew goes on; one that has captured another value is refused by name.
+    # Oracle: the same teacher made anew continues; one that has captured another value is refused by name.
     from baselines.policies import registry
 
     def teach(share):

@@ -62,7 +62,7 @@ def test_rows_do_not_change_afterwards():
 
 
 def test_a_removed_robot_ends_without_its_time_running_out():
-    # Two robots begin in each other: they crash in the first step, and their world goes on with the others.
+    # Two robots begin in each other: they crash in the first step, and their world continues with the others.
     env = make_env("experiment", 4, **{"task.on_collision": "remove", "robot.radius": 0.4, "task.duration": 3.0})
     env.reset()
     ended, truncated = np.zeros(20, int), np.zeros(20, int)
@@ -120,7 +120,7 @@ def test_without_a_seed_every_one_plays_other_worlds():
     one.seed(4)
     two.seed(4)
     assert (one.reset() == two.reset()).all()
-    # One that goes on from a saved state is at its seeds.
+    # One that continues from a saved state is at its seeds.
     two.step(np.zeros((15, 2)))
     one.load_state(two.save_state())
     assert (one.reset() == two.reset()).all()

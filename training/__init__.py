@@ -1,4 +1,4 @@
-"""Learned policies: the shipped ones, and their training."""
+"""Learned policies: the included ones, and their training."""
 
 from training.choosing.chooser import chosen, load
 from training.learned.onnx_graph import export_onnx

@@ -73,7 +73,7 @@ def train(
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
     numbers = {"rounds": rogue_rounds, "steps": rogue_steps, "starts": rogue_starts}
     of_rogues: dict[str, Any] = {name: value for name, value in numbers.items() if value is not None}
-    # Its lines tell how it goes: where stdout is for the result alone, they go to stderr.
+    # Progress is printed to stderr if stdout is for the result alone.
     console = make_console(stderr=output.json, quiet=output.quiet)
     if rogues or league is not None:
         _require_no_rogues(settings, side)

@@ -106,7 +106,7 @@ class Display:
         self.say(f"{at}: {_words(point)}" + (f" ({escape(how)})" if how else ""))
 
     def beaten(self, rival: str, point: Mapping[str, Any]) -> None:
-        """Print that the policy beats a rival for the first time."""
+        """Print that the policy is better than a rival for the first time."""
         after = timedelta(seconds=round(point["seconds"]))
         self.say(f"better than {escape(rival)} after {after}, {point['steps']:,} steps")
 

@@ -1,4 +1,4 @@
-"""Add a trained policy to the shipped ones: `python -m training.publish runs/x learned-x`."""
+"""Add a trained policy to the included ones: `python -m training.publish runs/x learned-x`."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -29,10 +29,10 @@ def publish(
 
     Args:
         source: folder of the checkpoint to copy.
-        name: name of the shipped policy.
+        name: name of the included policy.
         before: checkpoints of earlier stages in order; their curves precede that of `source`.
         made_for: scenarios on which a benchmark plays it by default; by default the scenario of the training.
-        folder: folder of the shipped policies.
+        folder: folder of the included policies.
         command: command that trained it, if the settings do not show it.
     """
     with checkpoint.hold(folder / name) as held:

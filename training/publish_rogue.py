@@ -1,4 +1,4 @@
-"""Add a trained rogue to the shipped ones: `python -m training.publish_rogue runs/x hide-from-x`."""
+"""Add a trained rogue to the included ones: `python -m training.publish_rogue runs/x hide-from-x`."""
 
 import sys
 from pathlib import Path
@@ -27,9 +27,9 @@ def publish_rogue(
 
     Args:
         source: folder of the checkpoint to copy.
-        name: name of the shipped rogue.
+        name: name of the included rogue.
         command: command that trained it.
-        folder: folder of the shipped rogues.
+        folder: folder of the included rogues.
     """
     network, card, text = checkpoint.read(source)
     stored = dict(card.settings)

@@ -73,7 +73,7 @@ class TrainingSettings:
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("runs/train")
     """Folder for the results; the same command resumes from its last checkpoint."""
     start: Annotated[str | None, tyro.conf.arg(metavar="CHECKPOINT")] = None
-    """Checkpoint folder, or name of a shipped policy, whose network is the initial one."""
+    """Checkpoint folder, or name of an included policy, whose network is the initial one."""
     base: str | None = None
     """Classical policy to whose action the network's output is added; `none`: the network acts alone. By default the
     base of `start`, or, if nothing is imitated, the paper's method: kuramoto-mpcc for cars (kuramoto-gvf on a curve

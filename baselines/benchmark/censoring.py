@@ -32,9 +32,9 @@ def summarize_censored(
 
     Args:
         times: Times, by episode; NaN for none.
-        censored: Whether a time would have become longer, had the episode gone on: as long as a longer time of another
+        censored: True if the time would have become longer in a longer episode: as long as a longer time of another
             episode.
-        unbounded: Whether a time counts as one that never ends.
+        unbounded: True if a time counts as one that never ends.
     """
     values, observed = np.asarray(times, dtype=float), summarize(times)
     known = np.isfinite(values)

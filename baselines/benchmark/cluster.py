@@ -88,10 +88,10 @@ def play_all(
     stored, and the other policies continue.
 
     Args:
-        settings: What is played.
+        settings: Settings of the benchmark.
         work: Cells, each with the numbers of the episodes that are left to play.
-        kept: Where the rows go.
-        progress: Where to show them.
+        kept: Folder in which the rows are stored.
+        progress: Display of the finished episodes.
 
     Raises:
         ValueError: Ray cannot be had, a policy cannot be sent to it, or a node lacks what the settings ask for.

@@ -1,7 +1,7 @@
 """The episodes of a cell played, and a benchmark on this machine: as many cells at a time as the process has cores.
 
-A shipped policy may be played on any thread. What a user brings is played by the main thread, one cell after the other:
-such code may share data between its policies, and Ctrl-C reaches it there. The rows do not depend on it.
+An included policy may be played on any thread. What a user brings is played by the main thread, one cell after the
+other: such code may share data between its policies, and Ctrl-C reaches it there. The rows do not depend on it.
 """
 
 import threading
@@ -37,10 +37,10 @@ def play_all(
     """Play the remaining episodes, and store each batch when it has ended; return the policies that failed.
 
     Args:
-        settings: What is played.
+        settings: Settings of the benchmark.
         work: Cells, each with the numbers of the episodes that are left to play.
-        kept: Where the rows go.
-        progress: Where to show them.
+        kept: Folder in which the rows are stored.
+        progress: Display of the finished episodes.
     """
     failures: dict[int, Failure] = {}
     keeping, stopped = threading.Lock(), threading.Event()

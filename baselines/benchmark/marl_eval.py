@@ -29,8 +29,7 @@ def as_marl_eval(rows: Rows, scenarios: Mapping[str, Scenario]) -> str:
 
 
 def _environment(played: Mapping[str, Mapping[str, Rows]]) -> dict[str, Any]:
-    """Return an environment of the seeds that all policies played on all scenarios; `played` has rows by policy,
-    scenario."""
+    """Return an environment of the seeds that all policies played; `played` has rows by policy and scenario."""
     seeds = set.intersection(*({row["seed"] for row in rows} for of in played.values() for rows in of.values()))
     kept = [row for of in played.values() for rows in of.values() for row in rows if row["seed"] in seeds]
     names = numbers_of(kept[0]) if kept else ()

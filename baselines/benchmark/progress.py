@@ -73,11 +73,11 @@ class _Cell:
 
 
 class Progress:
-    """Shows the episodes done, the time gone and the time left; cells may be played at the same time.
+    """Display of the finished episodes, the elapsed and the remaining time; cells may be played at the same time.
 
     Args:
         work: Cells to play, each with the numbers of the episodes that are left to play.
-        console: Where to show it.
+        console: Console on which it is shown.
     """
 
     def __init__(self, work: list[tuple[Any, list[int]]], console: Console):

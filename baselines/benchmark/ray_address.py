@@ -82,7 +82,7 @@ def _ask(address: str, is_client: bool, patience: float) -> object:
         if error.code() == grpc.StatusCode.UNAUTHENTICATED:
             return _WANTS_TOKEN
         if error.code() == grpc.StatusCode.DEADLINE_EXCEEDED:
-            return f"it says nothing for {patience:.0f} s"
+            return f"it does not answer within {patience:.0f} s"
         return " ".join((error.details() or error.code().name).split())
     finally:
         channel.close()

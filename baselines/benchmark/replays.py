@@ -95,7 +95,7 @@ def make(
     They are played on as many threads as the benchmark's, and yielded in the same order on any number.
 
     Args:
-        rounds: What to play; what has no cell cannot be, and is left out.
+        rounds: Episodes to play; those without a cell are left out.
         cells: Policies on scenarios, by name.
         rows: Score rows of the benchmark.
         references: Policy that the others of a scenario are compared with.
@@ -163,8 +163,7 @@ def _called(function: Callable[..., _T], *given: Any) -> Future[_T]:
 def record_together(
     cell: Cell, seeds: Sequence[int], device: Any = "cpu"
 ) -> list[tuple[Recording, witness.Played | None]]:
-    """Play some episodes of a cell side by side and record them; where the rogue with foresight matters, with its
-    data."""
+    """Play some episodes of a cell side by side and record them, with data for the rogue with foresight if required."""
     policy = cell.factory(cell.scenario, len(seeds), device)
     simulation = Simulation(cell.scenario, policy.num_worlds, device=device)
     if isinstance(policy, Clairvoyant):

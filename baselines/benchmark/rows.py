@@ -1,4 +1,4 @@
-"""Score rows, grouped, and checked column by column: one that is read meets the same rules as one that is written."""
+"""Score rows, grouped, and checked column by column, by the same rules when they are read and when they are written."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any

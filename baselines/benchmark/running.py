@@ -1,5 +1,4 @@
-"""The benchmark: any policies on any scenarios, the same seeds for all; it can be killed at any time, and the same
-command resumes it.
+"""The benchmark: any policies on any scenarios, the same seeds for all; the same command resumes it if it was killed.
 
 `episodes.jsonl` is the source of truth: a batch of episodes is on the disk before the next begins. All other files are
 made from it at the end.
@@ -48,12 +47,12 @@ def run(
     """Play a benchmark, print its tables, write its files; return its score rows.
 
     Args:
-        settings: What to play.
+        settings: Settings of the benchmark.
         policies: Policies of your own by name, each a `factory(scenario, num_worlds, device)` or a policy that was made
             for the one scenario. They are played on every scenario, beside those that `settings.policies` names. Their
             names are stored with the results, and data that identify their code: `lissajous_env.identity`.
         scenarios: Scenarios instead of the named ones.
-        console: Where to print; `Console(quiet=True)` prints nothing.
+        console: Console for the output; `Console(quiet=True)` prints nothing.
 
     Raises:
         ValueError: settings that cannot be played, or a folder with the results of other settings.

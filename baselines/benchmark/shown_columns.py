@@ -24,7 +24,7 @@ from lissajous_env.world.columns import (
 
 OVER_LOWER_BOUND = Column(
     "over_lower_bound",
-    "ratio of the mean detection time to a lower bound that holds for every policy without long-range sensing",
+    "ratio of the mean detection time to a lower bound for every policy without long-range sensing",
     better=-1,
     mean=True,
     place=2,
@@ -44,7 +44,7 @@ DETECTION_OVER_BEST = Column(
 """Derived column."""
 WORST_CASE_OVER_BOUND = Column(
     "worst_case_over_bound",
-    "worst-case undetected time over its lower bound in the scenario, infinite where it was still growing at the end",
+    "worst-case undetected time over its lower bound in the scenario, infinite if it was still growing at the end",
     title="guarantee / lower bound",
     better=-1,
 )

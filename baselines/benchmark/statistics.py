@@ -109,7 +109,7 @@ def paired(policy: Sequence[float] | np.ndarray, reference: Sequence[float] | np
 
     Args:
         policy: Its numbers, by seed.
-        reference: Those of the other, in the same order of seeds.
+        reference: Numbers of the other policy, in the same order of seeds.
         better: 1 where more is better, -1 where less is.
 
     An infinite number is compared, and left out of the differences; NaN is left out of both.

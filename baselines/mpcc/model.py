@@ -124,8 +124,7 @@ def frame_at(curve: CurveStruct, gamma: float) -> Frame:
 
 @wp.func
 def errors_at(frame: Frame, state: vec5, phase_rate: float) -> wp.vec3:
-    """Return the phase-rate error gamma' - v / ||r'|| of (15), lag error and lateral error (above 0 left of the
-    curve)."""
+    """Return the phase-rate error gamma' - v / ||r'|| of (15), lag error, and lateral error (above 0 on the left)."""
     off = wp.vec2(state[0], state[1]) - frame.point
     t = frame.tangent
     return wp.vec3(phase_rate - state[3] * frame.inverse, wp.dot(t, off), t[0] * off[1] - t[1] * off[0])

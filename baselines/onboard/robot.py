@@ -105,7 +105,7 @@ class Onboard:
         self._numbers = (0.0,) * self._size
         self._command, self._since = self._actuation.stop, math.nan
 
-    def stop(self, reason: str = "the robot was told to stop") -> None:
+    def stop(self, reason: str = "the robot was requested to stop") -> None:
         """Stop the robot until `resume`; `command_at` returns the command of rest at once."""
         self._latched = self._latched or reason
         self._command = self._actuation.stop
@@ -178,7 +178,7 @@ class Onboard:
         sound = self._check_odometry(now, odometry) or self._check_fence(odometry)
         reason = reason or sound or self._check_silence(now)
         if not all(np.isfinite(rows).all() for rows in (robots, targets) if len(rows)):
-            reason, robots, targets = reason or "what the sensor sees is not finite", robots[:0], targets[:0]
+            reason, robots, targets = reason or "a number of the sensor's data is not finite", robots[:0], targets[:0]
         if not works:
             reason = reason or "the robot does not work"
         if odometry is not None and odometry.is_finite:

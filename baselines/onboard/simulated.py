@@ -38,8 +38,7 @@ def see_others(w: int, i: int, robots: Robots, others_out: wp.array(dtype=wp.vec
 
 
 def inputs_of(simulation: Simulation, robot: int, world: int = 0) -> Inputs:
-    """Return the measurements, received messages and detections of a robot in a simulation on the CPU now; times count
-    from the reset.
+    """Return a simulated robot's present measurements, messages and detections, with times since the reset.
 
     `Onboard.act(*inputs_of(simulation, robot))` computes the policy's action in the simulation.
 

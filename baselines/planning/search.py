@@ -231,7 +231,7 @@ class Search:
             growing = [each for each in self._tried.values() if each.family.space(self.task) and each.elite()]
             if not growing:
                 return
-            # The family that is ahead is searched about as much as all others together.
+            # The family with the best plan is searched about as much as all others together.
             best = min(growing, key=lambda each: each.best)
             tried = best if self._random.random() < 0.5 else growing[int(self._random.integers(len(growing)))]
             elite = tried.elite()

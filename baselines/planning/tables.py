@@ -71,21 +71,21 @@ def sentences(outcome: Outcome) -> list[str]:
     """Return what was played, what the figures mean, and the reasons of the families that have no plan."""
     episodes = outcome.episodes
     words = [
-        f"{outcome.looks} plans were looked at, {len(outcome.finals)} played to the end: {episodes.count} episodes each"
+        f"{outcome.looks} plans were tried, {len(outcome.finals)} simulated to the end: {episodes.count} episodes each"
     ]
     if episodes.failures:
-        lost = "1 robot is lost" if episodes.failures == 1 else f"{episodes.failures} robots are lost"
-        words[0] += f", and {episodes.failed_count} in which {lost} (a sample of which and when)"
+        lost = "1 robot is removed" if episodes.failures == 1 else f"{episodes.failures} robots are removed"
+        words[0] += f", and {episodes.failed_count} in which {lost} (robot and time at random)"
     words[0] += "."
     if outcome.unplayed:
-        words.append(f"{outcome.unplayed} defaults were not played: more --seconds are needed.")
+        words.append(f"{outcome.unplayed} defaults were not simulated: more --seconds are needed.")
     if outcome.broken:
-        words.append(f"{len(outcome.broken)} plans failed when they were played to the end: {outcome.broken[0]}.")
+        words.append(f"{len(outcome.broken)} plans failed when they were simulated to the end: {outcome.broken[0]}.")
     if outcome.plans and all(math.isinf(each.figures.worst_case) for each in outcome.plans):
-        words.append("No plan bounds the time for which such a target can stay undetected.")
+        words.append("No plan has a bound on the time for which such a target can stay undetected.")
     elif outcome.plans and episodes.failures:
         words += _of_failures(outcome)
-    words.append("Detected in mean: with the 95 % interval over the episodes, by Student's t.")
+    words.append("Detected in mean: mean detection time, with its 95 % interval over the episodes (Student's t).")
     if outcome.guarantee is not None:
         words += _of_guarantee(outcome)
     for number, refusals in outcome.refusals.items():
@@ -95,13 +95,13 @@ def sentences(outcome: Outcome) -> list[str]:
 
 
 def _of_failures(outcome: Outcome) -> list[str]:
-    """Return why no plan has a bound with lost robots, and what is needed; nothing if one has."""
+    """Return the reasons why no plan has a bound with removed robots, and a remedy; nothing if one has."""
     if any(each.figures.worst_case_failed < math.inf for each in outcome.plans):
         return []
     lost, collide = outcome.episodes.failures, sum(each.figures.collisions_failed > 0 for each in outcome.plans)
     open_ones = len(outcome.plans) - collide
     words = (
-        f"No plan has a bound with {lost} lost: {open_ones} of {len(outcome.plans)} leave a gap in which a target can"
+        f"No plan has a bound with {lost} removed: {open_ones} of {len(outcome.plans)} leave a gap where a target can"
     )
     words += " stay undetected" + (f", {collide} collide" if collide else "")
     return [f"{words}. More robots or longer sensors are needed, or more --seconds."]
@@ -111,7 +111,7 @@ def _of_guarantee(outcome: Outcome) -> list[str]:
     """Return the fewest robots that guarantee the requested time, and the numbers that cannot."""
     asked = f"{outcome.guarantee:g} s"
     below = [n for n, limit in outcome.limits.items() if limit > (outcome.guarantee or 0)]
-    words = [f"{n} robots cannot: no policy is below {outcome.limits[n]:.3g} s." for n in below]
+    words = [f"{n} robots cannot: the lower bound for every policy is {outcome.limits[n]:.3g} s." for n in below]
     fewest = outcome.fewest_robots
     if fewest is None:
         return [*words, f"No plan was found that guarantees {asked}."]

@@ -59,8 +59,7 @@ def choose_ways(
 
 
 def best_plan(scenario: Scenario, parameters: LineParameters) -> LinePlan:
-    """Return the plan of the given number of lines, or of the number with the best guarantee after the lines have
-    formed."""
+    """Return the plan of the given number of lines, or of the number with the best guarantee once they have formed."""
     check(scenario, parameters)
     if parameters.lines is not None:
         return line_plan(scenario, parameters, parameters.lines)

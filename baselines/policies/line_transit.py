@@ -281,8 +281,7 @@ class _Choice:
         self.taken = faults.argmin(axis=2)
 
     def cost(self, at: np.ndarray, i: int, others: Iterable[int], shifts: Iterable[int]) -> np.ndarray:
-        """Return the cost (len(at), C) of car i's choices for some angles, given the others' choices for the adjacent
-        angles."""
+        """Return the cost (len(at), C) of car i's choices for some angles, given the others' for adjacent angles."""
         cost = np.zeros(self.faults[at, i].shape, dtype=np.float32)
         for j in others:
             for shift in shifts:

@@ -30,13 +30,12 @@ WORKS, STANDS, SILENT = (wp.constant(k) for k in range(3))
 STATE, HEARD_X, HEARD_Y, AGE, STILL = (wp.constant(k) for k in range(5))
 WATCH = 5
 PLACES = wp.constant(4)
-"""Places of robots that have stopped: of the two ring neighbours, then of two that were seen."""
+"""Places of robots that have stopped: of the two ring neighbours, then of two that were sensed."""
 
 
 @wp.struct
 class Watch:
-    """Constants: the displacement in a step below which a robot counts as stopped [m], the number of such steps, and
-    scales."""
+    """Constants: displacement in a step below which a robot counts as stopped [m], number of such steps, and scales."""
 
     still: float
     patience: int
@@ -70,8 +69,7 @@ def watch_neighbours(
     memory: wp.array4d(dtype=float),
     standing: wp.array3d(dtype=wp.vec3),
 ):
-    """Update robot i's estimates of its ring neighbours, and the places of stopped robots: x, y and 1 if it is in
-    use."""
+    """Update robot i's estimates of its ring neighbours, and of stopped robots: x, y and 1 if the place is in use."""
     w, i = wp.tid()
     position = own_position(w, i, curve, observation)
     for side in range(2):
@@ -108,7 +106,7 @@ def watch_disc(
     standing: wp.array3d(dtype=wp.vec3),
 ):
     """Update the places of stopped robots that are, or were, in the disc."""
-    # Where a robot that stood should be seen but is not, there is none any more.
+    # If a stopped robot should be in the disc but is not sensed, it is not there any more.
     for k in range(2, PLACES):
         known = standing[w, i, k]
         if known[2] > 0.0 and wp.length(wp.vec2(known[0], known[1]) - position) < 0.9 * watch.radius:

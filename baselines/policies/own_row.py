@@ -95,7 +95,7 @@ def sine_ahead(w: int, i: int, side: int, rate: float, unit: float, observation:
 
 @wp.func
 def offset_heard(w: int, i: int, side: int, curve: CurveStruct, observation: wp.array3d(dtype=float)) -> wp.vec2:
-    """Place that a ring neighbour sent less one's own x, y [m]."""
+    """Return the place that a ring neighbour sent, relative to the robot's own x, y [m]."""
     start = OWN + LINK * side
     x = 2.0 * curve.half_width * observation[w, i, start + X_AWAY]
     y = 2.0 * curve.half_height * observation[w, i, start + Y_AWAY]
@@ -121,7 +121,7 @@ def sees(w: int, i: int, k: int, observation: wp.array3d(dtype=float)) -> bool:
 
 @wp.func
 def offset_seen(w: int, i: int, k: int, radius: float, observation: wp.array3d(dtype=float)) -> wp.vec2:
-    """Place of the k-th nearest robot in the disc, of `radius` [m], less one's own x, y [m]."""
+    """Return the place of the k-th nearest robot in the disc, of `radius` [m], relative to the robot's own x, y [m]."""
     start = OWN + 2 * LINK + ROBOT * k
     return wp.vec2(radius * observation[w, i, start + X_SEEN], radius * observation[w, i, start + Y_SEEN])
 

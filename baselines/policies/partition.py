@@ -100,7 +100,7 @@ class Partition(FilteredPaths):
         scenario: The scenario, of cars.
         num_worlds: W.
         device: Warp device.
-        parameters: What is not to be optimised.
+        parameters: Parameters of the plan that are not optimised.
         tracking: Gains and limits of the following of the loops.
 
     Raises:

@@ -84,8 +84,8 @@ class PartitionRepair(TimedPaths):
         scenario: The scenario, of cars.
         num_worlds: W.
         device: Warp device.
-        parameters: What is not to be optimised.
-        repair: Of the reaction to failures.
+        parameters: Parameters of the plan that are not optimised.
+        repair: Parameters of the reaction to failures.
         tracking: Gains and limits of the following of the loops.
 
     Raises:

@@ -39,8 +39,8 @@ class SweepParameters(Checked):
     gather: float = number(0.0, 0, 1e4, "s")
     """Time constant in which the places in the file of `sweep` start to move [s], so that cars reach them sooner."""
     slowest: float | None = number(None, 0, 1e4, "m/s")
-    """Lowest speed of a car of `sweep` that is ahead of its place, to which it then drives along the loop [m/s]; None:
-    cars drive straight to their places."""
+    """Lowest speed at which a car of `sweep` waits for its place, if it is ahead of it on the loop [m/s]; None: cars
+    drive straight to their places."""
     lookahead: float | None = number(None, 1e-3, 1e4, "m")
     """Distance of the goal ahead of a car's place [m]; None is the distance that the patrol drives in
     0.3 s, in the time scale of the paper's experiment, and at least 4 wheelbases."""

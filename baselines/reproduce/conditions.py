@@ -29,7 +29,7 @@ class _Ratios:
 
     curves: list[Curve]
     bodies: np.ndarray
-    """Half of the smallest distance ever seen in formation, over r_max of (6)."""
+    """Half of the smallest measured distance in formation, over r_max of (6)."""
     sensors: np.ndarray
     """Radius with which one lap covers the rectangle, over that of (7)."""
     links: np.ndarray
@@ -73,7 +73,7 @@ def _measured() -> _Ratios:
 
 def _picture(ratios: _Ratios) -> Picture:
     """Draw the ratios against N."""
-    with Sheet("bounds", "Conditions (6), (7) and (8)   What is measured over what they ask for", 7.2, 2.9) as sheet:
+    with Sheet("bounds", "Conditions (6), (7) and (8)   Measured values over required values", 7.2, 2.9) as sheet:
         panels = sheet.figure.subplots(1, 3)
         _draw(panels[0], "(6): largest body", ratios.robots, ratios.bodies, "safe", above=True)
         _draw(panels[1], "(7): sensor that covers", ratios.robots, ratios.sensors, "more than is needed", above=False)
@@ -113,7 +113,7 @@ def _on_every_curve(ratios: _Ratios) -> tuple[Claim, Claim, Claim]:
     larger = bodies[~fewest]
     count = f"{len(ratios.curves)} curves, N = {_FEWEST} ... {_MOST}"
     body = all_of(
-        "(6): bodies below r_max never touch in formation",
+        "(6): bodies below r_max never collide in formation",
         "always",
         bodies >= 1,
         "curves",

@@ -31,12 +31,12 @@ def printed(player: Player) -> Part:
     closest = order.score(SEPARATION)
     claims = [
         Claim(
-            f"beta = {model.offset:g} in (12): the formation is kept",
-            "kept",
+            f"beta = {model.offset:g} in (12): the formation is preserved",
+            "preserved",
             f"cars leave the rectangle by {outside:.1f} m, {beta.deviation.max():.2f} rad off",
             f"at most {allowed:g} rad",
             bool(beta.deviation.max() < allowed),
-            f"the slowest car does {slowest:.1f} m/s at tau = {model.throttle_min:g}, the curve asks for "
+            f"the slowest car drives {slowest:.1f} m/s at tau = {model.throttle_min:g}, the curve requires "
             f"{fastest:.2f} m/s at most: beta is misprinted",
             {"outside": outside, "ours": float(beta.deviation.max()), "slowest": slowest, "fastest": fastest},
         ),

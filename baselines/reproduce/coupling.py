@@ -57,7 +57,7 @@ def window(player: Player) -> Part:
             "1",
             mean["K = 1"],
             _FEW,
-            why="with cars K = 1 is no detail: see the next rows",
+            why="for cars the choice K = 1 matters: see the next rows",
         ),
         reported(
             "the same for other K",
@@ -70,7 +70,7 @@ def window(player: Player) -> Part:
             f"seeds that lose the formation: more than {_LOST:g} rad off",
             SILENT,
             ", ".join(f"{count} ({K:g})" for K, count in zip(_GAINS, lost, strict=True) if count) + f" of {SEEDS}",
-            "at other K none: with little K the formation is kept, but robots touch",
+            "at other K none; with small K the formation is preserved, but robots collide",
         ),
     ]
     return Part(claims, [_picture(sweep, runs[0])])
@@ -96,9 +96,9 @@ def _picture(sweep: _Sweep, played: Played) -> Picture:
         _line(third, 1, "2 $r_s$ of (8)", DARK)
         return sheet.picture(
             f"`experiment` without faults, {SEEDS} seeds for each K (dots) and their mean (line); green: at most "
-            f"{_FEW:g} collisions in the mean; at 2 r_i bodies touch. Cars differ by {spread_of_cars(made)} in "
-            "wheelbase and drive. (1) is printed without a gain, so K = 1. With less, robots touch though "
-            "the formation is kept; with more it swings, and is lost."
+            f"{_FEW:g} collisions in the mean; at 2 r_i bodies collide. Cars differ by {spread_of_cars(made)} in "
+            "wheelbase and drive. (1) is printed without a gain, so K = 1. With less, robots collide although "
+            "the formation is preserved; with more it oscillates, and is lost."
         )
 
 

@@ -27,7 +27,7 @@ from lissajous_env.world.columns import COLLISIONS, SPACING
 
 _STARTS = 32
 """Starts turned by a random angle, beside that of theta_0 = 0."""
-_CHOSEN = "The paper gives N = 15 and omega = 0.05 rad/s; A = B = 5 m, a = 7, b = 8, p = 7 are chosen here"
+_CHOSEN = "The paper states N = 15 and omega = 0.05 rad/s; A = B = 5 m, a = 7, b = 8, p = 7 are chosen here"
 
 
 def fig2(player: Player) -> Part:
@@ -122,9 +122,10 @@ def fig3(player: Player) -> Part:
             mark_time(axes, 4.5, "4.5 s\n(paper)", 0.97 if axes is left else 0.22, RED)
             mark_time(axes, bound, "$T_{max}$", 0.97 if axes is left else 0.22, side="right")
         picture = sheet.picture(
-            f"{_CHOSEN}; the targets' motion is not given either: here they wander at {made.targets.speed} m/s, their "
+            f"{_CHOSEN}; the paper does not state the targets' motion either: here they wander "
+            f"at {made.targets.speed} m/s, their "
             f"heading changing by {made.targets.turn_rate:g} rad in one second. theta_0 = 0 is a slow start: two "
-            "corners are seen only after T_max / 2, when the ellipse is a circle again and stretches towards them."
+            "corners are covered only after T_max / 2, when the ellipse is a circle again and stretches towards them."
         )
     runs = zip([waited, *turned.waited], [played.found[0], *turned.found], strict=True)
     in_time = np.array([found.all() and times.max() <= bound for times, found in runs])

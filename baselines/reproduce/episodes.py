@@ -130,7 +130,7 @@ class Player:
         Args:
             policy: Name of the policy.
             scenario: Name of the scenario, or one that was made.
-            worlds: How many episodes.
+            worlds: Number of episodes.
             only_ends: Keep the first and the last moment only.
             prepare: Called with the policy before the first step; such an episode is not remembered.
         """

@@ -136,7 +136,7 @@ def lemmas(player: Player) -> Part:
             "always",
             manipulated,
             "equilibria",
-            "alpha = p / ((N - 1) / 2) modulo N; the paper does not say which",
+            "alpha = p / ((N - 1) / 2) modulo N; the paper does not state which",
         ),
     ]
     return Part(claims)

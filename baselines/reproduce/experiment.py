@@ -57,12 +57,12 @@ def fig7(player: Player) -> Part:
     drift = np.abs(np.angle(np.exp(1j * (played.phase[end] - played.phase[end - 10])))).max(axis=-1)
     claims = [
         at_most(
-            f"(a)-(d) the formation is kept: largest deviation of {SEEDS} seeds",
-            "kept",
+            f"(a)-(d) the formation is preserved: largest deviation of {SEEDS} seeds",
+            "preserved",
             kept.max(),
             0.2,
             "rad",
-            "cars that cannot follow the tight turns swing about it by this much at all times",
+            "cars that cannot follow the tight turns always oscillate about it by this much",
         ),
         Claim(
             "(e) another equilibrium, in which all agents are stationary",
@@ -70,7 +70,7 @@ def fig7(player: Player) -> Part:
             f"{drift.max():.3f} rad in the last second before the resume",
             "below 0.01 rad",
             bool(drift.max() < 0.01),
-            f"the worst car of {SEEDS} seeds; (1) asks for no motion, and the cars coast to rest",
+            f"the worst car of {SEEDS} seeds; (1) requires no motion, and the cars coast to rest",
         ),
         _back(played, "(f)-(h) after the resume the previous equilibrium returns"),
     ]
@@ -114,7 +114,7 @@ def fig8(player: Player) -> Part:
             "collisions in the transient",
             "not excluded (IV-A)",
             f"{collisions.min()} to {collisions.max()} an episode",
-            "waiting cars stand anywhere on a curve that crosses itself: Theorem 4 says nothing about bodies",
+            "waiting cars may stop anywhere on a curve that crosses itself: Theorem 4 does not cover bodies",
         ),
     ]
     return Part(claims, [picture])

@@ -56,8 +56,9 @@ def fig6(player: Player) -> Part:
         words, place = f"{RECOVERED} rad", (0.3, RECOVERED)
         grid[1, 0].annotate(words, place, xytext=(0, 2), textcoords="offset points", fontsize=7.5)
         picture = sheet.picture(
-            "Five robots as points on curve (16), omega = 0.3 rad/s, K = 1, p = 2; robots 1 and 2 (dashed) stand still "
-            "in the shaded time. The paper does not say which formation it simulated, nor which two robots fail: those "
+            "Five robots as points on curve (16), omega = 0.3 rad/s, K = 1, p = 2; robots 1 and 2 (dashed) are stopped "
+            "in the shaded time. The paper does not state which formation it simulated, nor which two robots fail: "
+            "those "
             "of Section VII and two ring neighbours, the harder case, are chosen. In (b) the generator of a stopped "
             "robot's reference stops with it."
         )
@@ -74,17 +75,18 @@ def fig6(player: Player) -> Part:
             f"{recovery.max():.1f} s after t2",
             rule,
             bool(np.isfinite(recovery).all()),
-            "the paper gives no time; five robots of curve (16), K = 1 chosen",
+            "the paper states no time; five robots of curve (16), K = 1 chosen",
             {"ours": recovery.max()},
         ),
         reported(
             f"(a) with Euler steps of {_FINE:g} s",
             SILENT,
             f"{fine.max():.2f} s after t2",
-            f"points hold their phase rate for a control step, {failure.task.step:g} s here: Euler's method on (1)",
+            f"the phase rate of points is constant in a control step, {failure.task.step:g} s here: "
+            "Euler's method on (1)",
             {"ours": fine.max()},
         ),
-        at_most("(a) the condition of Theorem 4 holds: largest cos(theta_j - theta_i)", "below 0", cosine, 0),
+        at_most("(a) the condition of Theorem 4 is met: largest cos(theta_j - theta_i)", "below 0", cosine, 0),
         Claim(
             "(b) tracked references [15] never recover",
             "does not recover",
@@ -131,21 +133,21 @@ def theorem4(player: Player) -> Part:
             panels[0].plot([], [], mark, color=DARK, mfc="white", ms=5, label=word)
         panels[0].plot([], [], "o", color=BLUE, ms=5, label="returns")
         panels[0].plot([], [], "o", color=RED, mfc="white", ms=5, label="leaves")
-        panels[0].fill_between([], [], color="#009E73", alpha=0.2, label="condition holds")
+        panels[0].fill_between([], [], color="#009E73", alpha=0.2, label="condition met")
         panels[0].legend(loc="upper center", fontsize=7.2, labelspacing=0.25, handletextpad=0.4, borderaxespad=0.1)
         picture = sheet.picture(
-            "Two of N robots are stuck, neighbours on the ring, two or three places apart (drawn side by side); "
+            "Two of N robots have failed, neighbours on the ring, two or three places apart (drawn side by side); "
             "omega = 0.3 rad/s, K = 1. The "
-            "condition asks that cos(theta_j - theta_i) of all ring neighbours stay below 0. Wherever it held "
+            "condition requires that cos(theta_j - theta_i) of all ring neighbours stays below 0. Whenever it was met "
             "the formation "
-            f"came back; of {len(broken)} failures that broke it {sum(broken)} came back all the same, the others "
-            "left for another equilibrium."
+            f"came back; of {len(broken)} failures that violated it {sum(broken)} returned nevertheless, the others "
+            "changed to another equilibrium."
         )
     assert stuck_pair is not None
-    why = f"of {len(broken)} failures that broke the condition {sum(broken)} came back all the same"
+    why = f"of {len(broken)} failures that violated the condition {sum(broken)} returned nevertheless"
     claims = [
         all_of(
-            "failures during which the condition held: the same equilibrium returns", "always", held, "failures", why
+            "failures during which the condition was met: the same equilibrium returns", "always", held, "failures", why
         ),
         Claim(
             "N = 10, p = 3 (Fig. 4), neighbours stuck for 9.9 s: condition broken",

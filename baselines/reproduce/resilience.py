@@ -119,13 +119,13 @@ def theorem3(player: Player) -> Part:
         axes.set_xlim(-np.pi, np.pi)
         axes.set_xticks([-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi], ["$-\\pi$", "$-\\pi/2$", "0", "$\\pi/2$", "$\\pi$"])
         axes.set_xlabel("displacement of robot 1 along the phase $\\theta$ [rad]")
-        axes.plot([], [], color=GREEN, lw=7, alpha=0.35, label="condition (9) holds")
+        axes.plot([], [], color=GREEN, lw=7, alpha=0.35, label="condition (9) met")
         axes.plot([], [], "o", color=BLUE, ms=4.2, label="returns")
         axes.plot([], [], "x", color=RED, ms=4.2, label="leaves for another equilibrium")
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=3)
         picture = sheet.picture(
             f"Chosen: K = 1, the formations, {_INSIDE} random displacements inside (9) for each, and 21 evenly spaced. "
-            f"No displacement inside (9) was seen to leave; of {tried} outside it {unmet} return all the same."
+            f"No displacement inside (9) left the equilibrium; of {tried} outside it {unmet} return nevertheless."
         )
     why = f"{len(_FORMATIONS)} formations; {unmet} of {tried} displacements outside (9) return too: not necessary"
     outside = {"returned outside": unmet, "tried outside": tried}

@@ -38,10 +38,11 @@ def rogues(player: Player) -> Part:
         )
         claims.append(
             reported(
-                f"{words}, shorter sensors: how fast a rogue must be to stay unseen for ever, by r_s over that of (8)",
+                f"{words}, shorter sensors: how fast a rogue must be to stay undetected for ever, "
+                "by r_s over that of (8)",
                 SILENT,
                 shown,
-                why="below (8) discs part, and the formation still finds every rogue up to a speed",
+                why="below (8) the discs separate, but the formation still detects every rogue up to a speed",
                 numbers={f"critical speed at {share:g}": min(speed, fastest) for share, speed in found.items()},
             )
         )

@@ -20,8 +20,8 @@ _SHOWN = (1, 3, 5, 7, 11, 13)
 def branch_radius(curve: Curve) -> float:
     """Return half of the smallest distance between two branches of the curve (10) [m]; 0 if it crosses itself.
 
-    Bodies below it cannot touch wherever they are, unless one runs into the one before it on its own branch. Every
-    local minimum over u and v of the distance between r(u - v) and r(u + v), v away from 0 and pi, is such a place.
+    Smaller bodies cannot collide anywhere, unless one drives into the body before it on its own branch. Every local
+    minimum over u and v of the distance between r(u - v) and r(u + v), v away from 0 and pi, is such a place.
     """
     most = max(curve.a, curve.b, curve.c if curve.half_depth > 0 else 1)
     u = np.linspace(0, np.pi, 24 * most, endpoint=False)
@@ -58,7 +58,7 @@ def fig5(player: Player) -> Part:
     flat, bound = geometry.measured_robot_radius(plane, n), closed_forms.robot_radius_bound(plane, n)
 
     with Sheet(
-        "fig5", "Fig. 5   Largest body that never touches, against c and C of the curve in space", 7.2, 3.6
+        "fig5", "Fig. 5   Largest body that never collides, against c and C of the curve in space", 7.2, 3.6
     ) as sheet:
         left, right = sheet.figure.subplots(1, 2, sharex=True, sharey=True)
         for c, colour in zip(_SHOWN, SERIES, strict=False):
@@ -85,7 +85,7 @@ def fig5(player: Player) -> Part:
                     handlelength=1.6, columnspacing=1, borderaxespad=0.1)  # fmt: skip
         picture = sheet.picture(
             f"A = {plane.half_width:g} m, B = {plane.half_height:g} m, a = {plane.a}, b = {plane.b}, N = {n} (curve "
-            "(16)); the paper does not give its curve. Left: half of the smallest distance that robots of the "
+            "(16)); the paper does not state its curve. Left: half of the smallest distance that robots of the "
             "formation ever have. Right: half of the smallest distance between two branches of the curve, a bound for "
             "transients, in which robots may be anywhere; 0 in the plane, as the curve crosses itself, and for c = 3 "
             "(dashed), which shares a factor with a."
@@ -109,8 +109,8 @@ def fig5(player: Player) -> Part:
             "curves rise",
             monotone,
             "values of c",
-            f"to {formation[best][-1]:.3f} m at C = {depths[-1]:g} m, c = {best}. The paper's curve is not given: "
-            "curve (16)",
+            f"to {formation[best][-1]:.3f} m at C = {depths[-1]:g} m, c = {best}. The paper does not state its curve; "
+            "this is curve (16)",
         ),
         all_of(
             "co-prime a, b, c: the curve does not cross itself for any C > 0",
@@ -173,13 +173,13 @@ def knot(player: Player) -> Part:
         )
         picture = sheet.picture(
             f"{flat.scenario.num_robots} points, robots 1 and 2 stuck in the shaded time; {SEEDS} starts turned by a "
-            "random angle (grey) and the smallest of them (blue), dashed red the distance at which two bodies touch. "
+            "random angle (grey) and the smallest of them (blue), dashed red the distance at which two bodies collide. "
             f"C = {curve.half_depth:g} m and c = {curve.c} are chosen."
         )
     hit = int((flat.score(COLLISIONS) > 0).sum())
     claims = [
         Claim(
-            "in the plane a transient can collide, though Theorem 4 holds",
+            "in the plane a transient can collide, although the condition of Theorem 4 is met",
             "cannot be ensured",
             f"{hit} of {SEEDS} starts collide, down to {flat.score(SEPARATION).min():.3f} m",
             "at least one",

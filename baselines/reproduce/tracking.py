@@ -44,7 +44,7 @@ def fig9(player: Player) -> Part:
             collisions.mean(),
             2,
             "",
-            f"{touching} of {SEEDS} seeds touch",
+            f"{touching} of {SEEDS} seeds collide",
         ),
         reported(
             "largest tracking error of robot 3",
@@ -98,7 +98,7 @@ def _picture_of_distances(played: Played, seed: int) -> Picture:
         return sheet.picture(
             f"Left: seed {seed}, {made.task.duration:g} s; right: {SEEDS} seeds beside the one run of the paper. "
             f"K = {made.coupling:g}; {made.num_robots} cars that differ by {spread_of_cars(made)} in "
-            "wheelbase and drive, no other disturbance; at 2 r_i bodies touch. The paper's three cars and two points "
+            "wheelbase and drive, no other disturbance; at 2 r_i bodies collide. The paper's three cars and two points "
             "in a laboratory can only be met in range, not in every digit."
         )
 
@@ -139,22 +139,22 @@ def experiment1(player: Player) -> Part:
             f"first after {touched.min():.1f} to {touched.max():.1f} s",
             "in every seed",
             bool((lost.score(SEPARATION) < body).all()),
-            f"bodies of {body / 2} m touch {_each_minute(lost).mean():.0f} times a minute, with feedback "
+            f"bodies of {body / 2} m collide {_each_minute(lost).mean():.0f} times a minute, with feedback "
             f"{_each_minute(kept).mean():.1f} times",
             {"low": touched.min(), "high": touched.max()},
         ),
         reported(
-            "the feedback of (1) is what keeps it: identical cars without feedback",
+            "without the feedback of (1), identical cars preserve the formation, too",
             SILENT,
             f"{same.max():.2f} rad off after {_LONG:g} s",
-            f"identical cars keep their phases, but touch {_each_minute(alike).mean():.0f} times a minute",
+            f"identical cars preserve their phases, but collide {_each_minute(alike).mean():.0f} times a minute",
         ),
     ]
     return Part(claims, [_picture_of_drift(kept, lost, alike)])
 
 
 def _picture_of_drift(kept: Played, lost: Played, alike: Played) -> Picture:
-    """Draw how far cars drift with feedback, without, and without as identical cars; how often they touch."""
+    """Draw how far cars drift with feedback, without, and without as identical cars; how often they collide."""
     cases = (
         ("time-inverted Kuramoto", kept, BLUE),
         ("no feedback", lost, RED),

@@ -85,7 +85,7 @@ def relative(rows: np.ndarray, frame: str, own: str, pose: Odometry, origin: Ori
         if rows.shape[1] > 2:
             turned[:, 2:] -= pose.speed * np.array([math.cos(pose.heading), math.sin(pose.heading)])
         return turned.astype(np.float32)
-    raise ValueError(f"frame of what a sensor sees must be {own}, or end in base_link or aligned, got {frame!r}")
+    raise ValueError(f"frame of a sensor's data must be {own}, or end in base_link or aligned, got {frame!r}")
 
 
 def _turned(rows: np.ndarray, angle: float) -> np.ndarray:

@@ -155,8 +155,7 @@ class WorldNode(ros.Node):
         self.loop.spin_once(timeout_sec=max(timeout, 0.0))
 
     def _spin_until(self, holds: Callable[[], bool], limit: float, every: Callable[[], None] | None = None) -> bool:
-        """Receive messages until a condition is true, and call a function regularly; return False after a time
-        limit."""
+        """Receive messages and call a function regularly until a condition is true; return False after a time limit."""
         begun = again = monotonic()
         while not holds():
             now = monotonic()

@@ -1,4 +1,4 @@
-"""The proved filter under any car policy: each robot can always come to rest without meeting the others.
+"""The proved filter under any car policy: each robot can always come to rest without colliding with the others.
 
 docs/proved.md has the theorem with its proof; in short:
 
@@ -21,8 +21,8 @@ docs/proved.md has the theorem with its proof; in short:
 5. A robot that fails coasts to rest with constant steering, `faults.stop` = `coast`: `commitment.room_to`.
 6. All tails are compatible once: `commitment.is_compatible`, `Proved.holds`.
 
-`unmet_conditions` names those of 1, 2, 3 and 5 that a scenario does not meet. In such scenarios the
-filter acts in the same way, without a guarantee.
+`unmet_conditions` names those of 1, 2, 3 and 5 that a scenario violates. In such scenarios the filter acts in the same
+way, without a guarantee.
 
 The observation does not contain the tails. The filter sends them in messages of its own, from every robot to every
 other, which are lost with the probability `noise.message_loss`. No filter that uses only the observation can give this
@@ -195,7 +195,7 @@ def integration_error(scenario: Scenario) -> float:
 
 
 def unmet_conditions(scenario: Scenario) -> tuple[str, ...]:
-    """Return the conditions of the theorem that a scenario does not meet, each as a sentence; none where it applies.
+    """Return the conditions of the theorem that a scenario violates, each as a sentence; none where it applies.
 
     Condition 6, on the start of an episode, is `Proved.holds`.
     """

@@ -16,7 +16,7 @@ TAG = "mpe2 simple_tag"
 
 
 def single(rogues: str) -> Callable[[], object]:
-    """Return `ParallelEnv.step` with robots that stand still; an episode is reset when a rogue is detected."""
+    """Return `ParallelEnv.step` with robots that do not move; an episode is reset when a rogue is detected."""
     env = lissajous_env.parallel_env("experiment", rogues=rogues, **SETTINGS)
     actions = {agent: np.zeros(2, dtype=np.float32) for agent in env.possible_agents}
 

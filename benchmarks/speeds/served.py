@@ -21,7 +21,7 @@ def peak_memory() -> float:
 
 
 def serve(robots: int, targets: int, threads: int) -> None:
-    """Make a world, print the path of its code, and take the number of steps in each line of standard input.
+    """Make a world, print the path of its code, and run the number of steps in each line of standard input.
 
     After each line, print the processor time of a step [s], of all threads together and of the first one. An empty line
     ends the process, which then prints its largest memory [MB].

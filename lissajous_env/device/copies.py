@@ -25,8 +25,7 @@ _MADE_WITH = "_made_with"
 
 
 class Copyable:
-    """Base class of objects that `copy.deepcopy` and `pickle` copy as described above; subclasses need no code for
-    it."""
+    """Base class of objects that `copy.deepcopy` and `pickle` copy as described above, without code in subclasses."""
 
     def __new__(cls, *args: Any, **more: Any) -> Any:
         """Keep the arguments, with which a copy is made again."""
@@ -111,7 +110,7 @@ def _fill(owner: Any, contents: dict[Any, Any], name: str) -> None:
             current.assign(np.asarray(value))
         elif isinstance(value, _Part):
             if type(current).__module__ == "builtins" and not isinstance(current, (list, tuple, dict)):
-                raise TypeError(f"{name} must make {key}, which holds things of Warp, in __init__ to be copied")
+                raise TypeError(f"{name} must make {key}, which contains objects of Warp, in __init__ to be copied")
             _fill(current, value, f"{name}.{key}")
         elif isinstance(value, np.ndarray) and isinstance(current, np.ndarray) and _can_take(current, value):
             np.copyto(current, value)  # it may be a view of a Warp array

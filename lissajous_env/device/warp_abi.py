@@ -81,7 +81,7 @@ class Call:
     """A launch on a CPU whose arguments are laid out once, as the compiled kernel reads them.
 
     Args:
-        launch: What `wp.launch` returned that recorded it.
+        launch: Recorded launch that `wp.launch` returned.
     """
 
     def __init__(self, launch: Any):

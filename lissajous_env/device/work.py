@@ -34,7 +34,7 @@ class Work:
 
     Args:
         groups: Launches that were recorded, of each task of each group.
-        device: Where they run.
+        device: Device on which they run.
         threads: Largest number of threads.
 
     Attributes:

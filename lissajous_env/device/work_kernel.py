@@ -109,8 +109,7 @@ class Plan:
 #endif
 """)
 def _take_part(plan: Plan, member: int):
-    """Execute tasks while there are any; the leading thread opens one group after the other, and returns after the
-    last."""
+    """Execute tasks while there are any; the leading thread opens one group after the other."""
 
 
 @wp.kernel

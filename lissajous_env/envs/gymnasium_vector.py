@@ -155,7 +155,7 @@ class LissajousVectorEnv(VectorEnv):
         sim.step(self._of_robots(actions))
         self._look()
         if begins.any():
-            # A world that ended stood still in the step above; it returns its first observation.
+            # A world that ended did not move in the step above; it returns its first observation.
             sim.reset(begins)
             self._gone[begins] = False
             self._look()

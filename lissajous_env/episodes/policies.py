@@ -54,7 +54,7 @@ def load(
     num_worlds: int = 1,
     device: Any = "cpu",
 ) -> Any:
-    """Make a learned policy from a shipped name or the folder of a checkpoint, by `training.load`.
+    """Make a learned policy from an included name or the folder of a checkpoint, by `training.load`.
 
     The default scenario is the one on which it was trained.
 

@@ -1,6 +1,6 @@
 """Check the assumptions of the paper for a scenario.
 
-A scenario that violates an assumption can still be played, and some shipped scenarios violate one on purpose. Most
+A scenario that violates an assumption can still be played, and some included scenarios violate one on purpose. Most
 assumptions are also necessary for a robot to follow the curve at all.
 """
 

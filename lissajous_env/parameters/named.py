@@ -26,9 +26,9 @@ _SHIPPED = {each.name: each for each in SHIPPED}
 _REGISTERED: dict[str, Scenario] = {}
 """Scenarios of users and of other packages, by name."""
 _SPACES: dict[str, ScenarioSpace] = {}
-"""Spaces of scenarios by name: those of users, and those shipped that were used."""
+"""Spaces of scenarios by name: those of users, and those of the package that were used."""
 _SHIPPED_SPACES = {"monitoring-v1": str(Path(__file__).with_name("monitoring-v1.toml"))}
-"""Files of the shipped spaces, by name."""
+"""Files of the included spaces, by name."""
 _SAMPLED = re.compile(rf"(.+\{SUFFIX}):(?:(.+)-)?(\d+)")
 """FILE.toml:SEED or FILE.toml:SHIFT-SEED, a scenario of the space in a file."""
 _reported: set[str] = set()
@@ -41,7 +41,7 @@ _SCENARIOS, _MOST_SCENARIOS = 32, 10_000
 
 
 def scenarios() -> tuple[str, ...]:
-    """Return the names of the shipped scenarios, then those of the registered ones in alphabetical order."""
+    """Return the names of the included scenarios, then those of the registered ones in alphabetical order."""
     _BROUGHT.load()
     return (*_SHIPPED, *sorted(_REGISTERED))
 
@@ -82,8 +82,8 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
         ValueError: an unknown scenario, one that cannot be read or loaded, or an invalid value.
 
     Warns:
-        AssumptionWarning: the scenario violates an assumption of the paper in a way that no shipped scenario does; each
-            violation is reported once per process. `lissajous_env.parameters.assumptions.violations` lists all.
+        AssumptionWarning: the scenario violates an assumption of the paper in a way that no included scenario does;
+            each violation is reported once per process. `lissajous_env.parameters.assumptions.violations` lists all.
     """
     made = build(name, **overrides)
     if overrides or name not in _SHIPPED:
@@ -92,7 +92,7 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
 
 
 def scenario_spaces() -> tuple[str, ...]:
-    """Return the names of the shipped and registered spaces of scenarios."""
+    """Return the names of the included and registered spaces of scenarios."""
     return tuple(dict.fromkeys([*_SHIPPED_SPACES, *sorted(_SPACES)]))
 
 
@@ -266,7 +266,7 @@ def with_cycles(made: Scenario, max_cycles: int | None) -> Scenario:
 
 
 def _warn(made: Scenario) -> None:
-    """Warn about violated assumptions not yet reported in this process and not violated by a shipped scenario."""
+    """Warn about violated assumptions not yet reported in this process and not violated by an included scenario."""
     if new := [words for words in violations(made) if words not in _reported and words not in _violated_on_purpose()]:
         _reported.update(new)
         warnings.warn(f"scenario {made.name}: {'; '.join(new)}", AssumptionWarning, stacklevel=3)
@@ -311,14 +311,14 @@ def _of_file(path: str) -> Scenario:
 
 
 def _of_space(name: str) -> Scenario | None:
-    """Return the scenario SPACE-SEED of a shipped or registered space; None if the name has another form."""
+    """Return the scenario SPACE-SEED of an included or registered space; None if the name has another form."""
     space, _, seed = name.rpartition("-")
     found = _known_space(space) if seed.isdecimal() else None
     return None if found is None else found.sample(int(seed))
 
 
 def _known_space(name: Any) -> ScenarioSpace | None:
-    """Return the shipped or registered space NAME, or SPACE-SHIFT; None if there is none."""
+    """Return the included or registered space NAME, or SPACE-SHIFT; None if there is none."""
     if name in _SHIPPED_SPACES and name not in _SPACES:
         _SPACES[name] = _space_of_file(_SHIPPED_SPACES[name])
     if name in _SPACES or not isinstance(name, str):

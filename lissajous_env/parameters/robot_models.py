@@ -82,7 +82,7 @@ class RobotModel:
 _SHIPPED = ("car", "curve")
 _TO_ACT = ("robot", "heading", "speed", "yaw_rate", "action_out")
 _MODELS: dict[str, RobotModel] = {}
-"""Registered models by name; the shipped ones register themselves in `lissajous_env.world.robots`."""
+"""Registered models by name; the included ones register themselves in `lissajous_env.world.robots`."""
 
 
 def register_robot_model(model: RobotModel) -> RobotModel:

@@ -1,6 +1,6 @@
 """Rogues: rules by which an adversary moves the targets.
 
-`targets.rogues` is the name of a script or of a shipped learned rogue, the folder of a learned rogue, or several of
+`targets.rogues` is the name of a script or of an included learned rogue, the folder of a learned rogue, or several of
 these joined by `+`: a mixture, in which each rogue is moved by one of them, drawn at random when its episode begins.
 """
 
@@ -52,9 +52,9 @@ CHECKPOINT = "checkpoint.json"
 AND = "+"
 """Separator of the rogues of a mixture, or of the policies of one."""
 _SHIPPED = PARENT / "training" / "rogues"
-"""Folder of the shipped learned rogues."""
+"""Folder of the included learned rogues."""
 _ROGUES: dict[str, Rogue] = {}
-"""Registered rogues by name; the shipped ones register themselves in `lissajous_env.world.rogues`."""
+"""Registered rogues by name; the included ones register themselves in `lissajous_env.world.rogues`."""
 
 
 def register_rogue(rogue: Rogue) -> Rogue:
@@ -87,12 +87,12 @@ def rogue(name: str) -> Callable[[Callable[[Any], Any]], Callable[[Any], Any]]:
 
 
 def rogues() -> tuple[str, ...]:
-    """Return the names of the rogues: the scripted ones, then the shipped learned ones."""
+    """Return the names of the rogues: the scripted ones, then the included learned ones."""
     return *_ROGUES, *shipped_rogues()
 
 
 def shipped_rogues() -> tuple[str, ...]:
-    """Return the names of the shipped learned rogues."""
+    """Return the names of the included learned rogues."""
     return tuple(sorted(path.parent.name for path in _SHIPPED.glob(f"*/{CHECKPOINT}")))
 
 
@@ -130,7 +130,7 @@ def _single(name: str) -> Rogue:
 
 
 def folder_of(name: str) -> Path | None:
-    """Return the folder of a learned rogue, shipped or not; None for another name."""
+    """Return the folder of a learned rogue, included or not; None for another name."""
     if name in shipped_rogues():
         return _SHIPPED / name
     return Path(name) if is_folder(name) else None

@@ -113,7 +113,7 @@ def toml_value(name: str, value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if value is None:
-        raise ValueError(f"{name} must not be None for a scenario's file, which cannot hold it")
+        raise ValueError(f"{name} must not be None for a scenario's file, which cannot contain it")
     return repr(value)
 
 

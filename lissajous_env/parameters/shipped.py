@@ -1,4 +1,4 @@
-"""The shipped scenarios: those of the paper, and others."""
+"""The included scenarios: those of the paper, and others."""
 
 import dataclasses
 
@@ -48,7 +48,7 @@ _INTRUDERS = Scenario(
 _EVADERS = dataclasses.replace(
     _EXPERIMENT,
     name="evaders",
-    description="The experiment with a 0.6 m sensor, too short for (8), and cars of 3 m/s; targets of 0.3 m/s evade.",
+    description="Like experiment, but with 0.6 m sensors, too short for (8), 3 m/s cars and evading 0.3 m/s targets.",
     # (36.81 tau - 3.681) / 0.945 = 3; the fastest stretch of the curve requires 1.69 m/s.
     robot=dataclasses.replace(_EXPERIMENT.robot, throttle_max=0.177017),
     sensing=Sensing(radius=0.6),
@@ -60,7 +60,7 @@ _EVADERS = dataclasses.replace(
 _ROUGH = dataclasses.replace(
     _EXPERIMENT,
     name="rough",
-    description="The experiment with noise, uneven cars, lost and late messages, random faults.",
+    description="Like experiment, but with noise, unequal cars, lost and late messages, and random faults.",
     formation=dataclasses.replace(_EXPERIMENT.formation, start="rotated", start_noise=0.1),
     faults=Faults(rate=0.01, mean_duration=5.0),
     noise=Noise(
@@ -115,32 +115,32 @@ SHIPPED = (
     dataclasses.replace(
         _INTRUDERS,
         name="intruders-inside",
-        description="The same, but targets appear anywhere inside, where patrols of the boundary do not look.",
+        description="Like intruders, but targets appear anywhere, also where patrols of the boundary detect nothing.",
         targets=dataclasses.replace(_INTRUDERS.targets, entry="inside"),
     ),
     _EVADERS,
     dataclasses.replace(
         _EVADERS,
         name="evaders-failure",
-        description="The same, but robots 0 and 4 stop from 24.5 s to 34.5 s.",
+        description="Like evaders, but robots 0 and 4 stop from 24.5 s to 34.5 s.",
         faults=_EXPERIMENT.faults,
     ),
     dataclasses.replace(
         _EVADERS,
         name="evaders-lost",
-        description="The same, but robot 0 is removed for good at 20 s, and four cars go on.",
+        description="Like evaders, but robot 0 is removed at 20 s.",
         faults=Faults(removed=((0, 20.0),)),
     ),
     dataclasses.replace(
         _EVADERS,
         name="evaders-fast",
-        description="The same, but targets of 0.9 m/s: from 0.65 m/s on, one can evade the paper's formation for ever.",
+        description="Like evaders, but targets of 0.9 m/s; from 0.65 m/s on, one can evade the paper's formation.",
         targets=dataclasses.replace(_EVADERS.targets, speed=0.9, flee_speed=0.9),
     ),
     dataclasses.replace(
         _EVADERS,
         name="evaders-uneven",
-        description="The same, but the cars' top speeds are 1.5 to 4 m/s, and the curve requires up to 1.69 m/s.",
+        description="Like evaders, but the cars' top speeds are 1.5 to 4 m/s; the curve requires up to 1.69 m/s.",
         # Steady speed (36.81 f tau - 3.681) / 0.945 at full throttle, for factors f; robot 2 is that of `evaders`.
         robot=dataclasses.replace(_EVADERS.robot, drive_factors=((0, 0.7824), (1, 0.855), (3, 1.0725), (4, 1.145))),
     ),
@@ -148,7 +148,7 @@ SHIPPED = (
     dataclasses.replace(
         _ROUGH,
         name="rough-lost",
-        description="The same, but one robot fails for good, which cuts the ring that the paper assumes.",
+        description="Like rough, but one robot fails for good, which cuts the ring that the paper assumes.",
         faults=dataclasses.replace(_ROUGH.faults, lost=1),
     ),
     Scenario(

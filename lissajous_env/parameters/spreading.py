@@ -86,7 +86,7 @@ def spreading_of(curve: Curve, task: Task, radius: float, speed: float) -> Sprea
         raise ValueError(f"task.contamination {rule}, got {columns} x {rows} of {sides[0]:.3g} m x {sides[1]:.3g} m")
     moved = speed * task.step
     if math.ceil(moved / min(sides)) > _TICKS_MAX:
-        rule = f"must make cells of at least 1/{_TICKS_MAX} of what an evading target moves in a step, {moved:.3g} m"
+        rule = f"must make cells of at least 1/{_TICKS_MAX} of an evading target's motion in a step, {moved:.3g} m"
         raise ValueError(f"task.contamination {rule}, got {columns} x {rows} of {min(sides):.3g} m")
     if task.conservative:
         reaches = reaches_of(sides, moved, task.steps)

@@ -123,8 +123,8 @@ def save_sheet(
     """Write pictures of a recording at some times side by side, row by row: a PNG, or a drawing as SVG or PDF.
 
     Args:
-        recording: What to draw.
-        path: Where to write, in the format of its suffix; under a temporary name first, then renamed.
+        recording: Recording to draw.
+        path: File to write, in the format of its suffix; written under a temporary name, then renamed.
         at: Times [s]; None selects six, from the first moment to the last.
         columns: Pictures in a row; None makes the sheet about as wide as high.
         size: Width and height of one picture of a PNG [px]; None is as in `Renderer`.

@@ -23,8 +23,8 @@ class Gallery:
     Only the first 64 are drawn; the rest share one empty picture.
 
     Args:
-        scenario: What is simulated.
-        num_worlds: How many worlds there are.
+        scenario: Scenario that is simulated.
+        num_worlds: Number of worlds.
     """
 
     def __init__(self, scenario: Scenario, num_worlds: int):

@@ -16,9 +16,9 @@ class GifWriter:
     """Writes pictures (H, W, 3) uint8 of one size to a file; `close` ends it.
 
     Args:
-        file: Where to write.
+        file: File to write.
         samples: Some of the pictures: the colours of all are chosen from them, so that still parts do not flicker.
-        duration: How long each picture is shown, in hundredths of a second.
+        duration: Duration of each picture, in hundredths of a second.
     """
 
     def __init__(self, file: BinaryIO, samples: list[np.ndarray], duration: int):

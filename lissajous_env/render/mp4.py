@@ -32,9 +32,9 @@ class Mp4Writer:
     presentations and phones play it.
 
     Args:
-        path: Where to write.
+        path: File to write.
         size: Width and height [px].
-        seconds: How long each picture is shown [s].
+        seconds: Duration of each picture [s].
     """
 
     def __init__(self, path: Path, size: tuple[int, int], seconds: float):

@@ -23,9 +23,9 @@ class Sensors:
     """Draws a sensing disc around each robot, within a rectangle.
 
     Args:
-        radius: Of a disc [fine px].
-        robots: How many there are: the discs of many are fainter.
-        rectangle: Where they are drawn, in pixels of the fine surface.
+        radius: Radius of a disc [fine px].
+        robots: Number of robots; the discs of many are fainter.
+        rectangle: Rectangle in which they are drawn, in pixels of the fine surface.
     """
 
     def __init__(self, radius: float, robots: int, rectangle: pygame.Rect):

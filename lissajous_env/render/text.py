@@ -42,11 +42,11 @@ def write(
 
     Args:
         fine: The fine surface.
-        words: What to write.
+        words: Text to write.
         at: Middle of the words, or of their left side [px of the picture].
         size: Height of the font [px of the picture].
         colour: RGB.
-        centred: Whether `at` is the middle, and not the left side.
+        centred: True if `at` is the middle instead of the left side.
     """
     text = _rendered(plain(words), size, colour)
     where = text.get_rect()

@@ -41,8 +41,8 @@ def save_sheet(recording: Recording, file: BinaryIO, suffix: str, moments: list[
     """Write moments of a recording side by side, row by row.
 
     Args:
-        recording: What to draw.
-        file: Where to write.
+        recording: Recording to draw.
+        file: File to write.
         suffix: Format: svg or pdf.
         moments: Steps of the episode that are drawn.
         columns: Pictures in a row.

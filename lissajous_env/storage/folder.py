@@ -169,7 +169,9 @@ class Folder:
             with open(open_plainly(path, os.O_RDONLY), "rb") as file:
                 begin = file.read(len(_BEGINS))
             if not _BEGINS.startswith(begin):
-                raise ValueError(f"{path} must be a list of what was written here, got {begin!r}; choose another --out")
+                raise ValueError(
+                    f"{path} must be a list of the files written here, got {begin!r}; choose another --out"
+                )
 
     def _read_list(self) -> str:
         """Read the names of the files that were written, and return the folder's token, which a new folder draws."""
@@ -181,7 +183,7 @@ class Folder:
         token = head.get("token")
         if head.get("lissajous") != 1 or not (isinstance(token, str) and len(token) == 16 and token.isalnum()):
             raise ValueError(
-                f"{self._list.path}, line 1 is damaged: it must be of format 1 and hold a token, got {head}"
+                f"{self._list.path}, line 1 is damaged: it must be of format 1 and contain a token, got {head}"
             )
         for number, entry in enumerate(entries, start=2):
             match entry:

@@ -168,8 +168,7 @@ def comes_before(one: wp.vec2, other: wp.vec2) -> bool:
 
 @wp.func
 def keep_nearest(w: int, i: int, kept: int, room: int, offset: wp.vec2, index: int, bins: Bins) -> int:
-    """Insert an object at `offset` into the list of the nearest ones that a robot senses, in their order; returns how
-    many are kept."""
+    """Insert an object at `offset` into the sorted list of a robot's nearest ones; return the length of the list."""
     new = wp.vec2(wp.dot(offset, offset), float(index))
     place = int(kept)
     while place > 0:

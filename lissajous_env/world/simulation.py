@@ -52,19 +52,21 @@ class Simulation:
     """A batch of worlds of one scenario.
 
     Attributes (Warp arrays on the device, the same objects for the life of the simulation; W worlds, N robots):
-        observation: (W, N, D) float32, one row a robot; `lissajous_env.world.observation` documents the entries.
-        final_observation: (W, N, D) the rows with which each world's episode before ended. reward: (W, N) float32;
-        `reward_terms` (W, N, terms) contains its terms, named by `reward_term_names`. terminated: (W, N) bool, robots
-        that a collision or the edge of the rectangle removed. truncated: (W, N) bool, True when the time is over.
-        invalid: (W,) int32, 1 where an action of the episode was not finite and was replaced by zero. invalid_at: (W,)
-        int32, the step in which that happened first, counted from 1; 0 for none. rogues:
-        `lissajous_env.world.state.Rogues` of the next six arrays, all None without `targets.rogues`; T slots.
-        rogue_action: (W, T, 2) float32, velocities [speed limit], which a script or `step` writes. rogue_observation:
-        (W, T, D) float32; `lissajous_env.world.rogues.rows` documents the entries. rogue_reward: (W, T) float32, the
-        time of the step for which the rogue was undetected [s]. rogue_present: (W, T) bool, True for rogues that act in
-        the next step. rogue_terminated: (W, T) bool, True from a rogue's detection on. rogue_truncated: (W, T) bool,
-        True for rogues that were undetected when the episode ended. split: Not an array: how the work is divided among
-        CPU threads, `lissajous_env.device.program.Split`.
+        observation: (W, N, D) float32, one row per robot; `lissajous_env.world.observation` documents the entries.
+        final_observation: (W, N, D) rows at the end of each world's previous episode.
+        reward: (W, N) float32; `reward_terms` (W, N, terms) contains its terms, named by `reward_term_names`.
+        terminated: (W, N) bool, robots that a collision or the edge of the rectangle removed.
+        truncated: (W, N) bool, True when the time is over.
+        invalid: (W,) int32, 1 where an action of the episode was not finite and was replaced by zero.
+        invalid_at: (W,) int32, the step in which that happened first, counted from 1; 0 for none.
+        rogues: `lissajous_env.world.state.Rogues` of the next six arrays, all None without `targets.rogues`; T slots.
+        rogue_action: (W, T, 2) float32, velocities [speed limit], which a script or `step` writes.
+        rogue_observation: (W, T, D) float32; `lissajous_env.world.rogues.rows` documents the entries.
+        rogue_reward: (W, T) float32, the time of the step for which the rogue was undetected [s].
+        rogue_present: (W, T) bool, True for rogues that act in the next step.
+        rogue_terminated: (W, T) bool, True from a rogue's detection on.
+        rogue_truncated: (W, T) bool, True for rogues that were undetected when the episode ended.
+        split: Not an array: the division of the work among CPU threads, `lissajous_env.device.program.Split`.
 
     World k depends on its own seed and actions alone: it is the same, bit for bit, in any batch, on any number of
     threads. A world whose episode has ended does not move, with reward 0, until it is reset.

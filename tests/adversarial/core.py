@@ -1,4 +1,5 @@
-"""The world itself: what its fields, actions and resets are given, and whether it stays the world of its promises."""
+"""Attacks on the world: strange fields, actions and resets, after which its documented properties must still be
+true."""
 
 import dataclasses
 import math
@@ -106,7 +107,8 @@ def extreme_action(draw: np.random.Generator, shape: tuple[int, ...]) -> np.ndar
 
 
 def out_of_range(simulation: Any) -> str | None:
-    """What of a simulation's arrays and score is not finite, or not in the range that is promised."""
+    """Return the arrays and scores of a simulation that are not finite, or not in the documented range; None for
+    none."""
     rows = simulation.observation.numpy()
     if not (
         np.isfinite(rows).all() and (rows >= simulation.layout.low).all() and (rows <= simulation.layout.high).all()
@@ -302,7 +304,7 @@ def independent_reference(draw: np.random.Generator) -> str | None:
 
 
 def overflow(draw: np.random.Generator) -> str | None:
-    """Sums far beyond 32 bits go on exactly."""
+    """Sums far beyond 32 bits continue exactly."""
     # All five touch from the start, in each of ten pairs and in every step.
     crowd = {"robot.radius": 900.0, "formation.start": "equilibrium", "task.reward_waiting": -1.0, "targets.count": 3}
     overrides = crowd | {"sensing.radius": 1e-6, "targets.arrival_rate": 0.0, "faults.schedule": ()}

@@ -292,7 +292,7 @@ def _copied(draw: np.random.Generator) -> str | None:
 
 
 def _seeds(draw: np.random.Generator) -> str | None:
-    """Without a seed all are different; with one all are alike."""
+    """Test that episodes differ without a seed, and are the same with one."""
     name, seed = str(draw.choice(["intruders", "rough"])), int(draw.integers(2**40))
     made: list[Any] = [
         lissajous_env.LissajousEnv(name),

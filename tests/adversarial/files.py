@@ -102,7 +102,7 @@ def _lines(path: Path) -> Iterator[str]:
 
 
 def _states(folder: Path) -> dict[Path, Any]:
-    """What each file holds and each link leads to; of folders, that they are there."""
+    """Return the content of each file, the target of each link, and the names of the folders."""
     found = {}
     for path in folder.rglob("*"):
         found[path] = os.readlink(path) if path.is_symlink() else path.read_bytes() if path.is_file() else None
@@ -118,7 +118,7 @@ class _AtEachWrite:
 
     @functools.cached_property
     def whole(self) -> tuple[dict[str, Any], int]:
-        """What the command makes where nothing happens, and how often it writes."""
+        """Return the results of an undisturbed command, and the number of its writes."""
         with tempfile.TemporaryDirectory() as folder:
             ended = killing.run(self.work, Path(folder) / "out", full=self.full)
             return self.read(Path(folder) / "out"), ended.writes

@@ -30,11 +30,11 @@ _ADDS = ("open", "os.mkdir", "os.rename", "write", "fsync")
 
 @dataclass(frozen=True)
 class Ended:
-    """How a process ended."""
+    """End of a process."""
 
     killed: bool
     error: str
-    """What it raised, as `Name: words`; empty where it ran to its end."""
+    """Error that it raised, as `Name: words`; empty if it ran to its end."""
     writes: int
     """Points that it came to; 0 where it was killed."""
 

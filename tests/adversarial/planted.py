@@ -40,7 +40,7 @@ def payloads(marker: Path) -> dict[str, bytes]:
 
 
 def opened(marker: Path) -> bool:
-    """Whether the pickle was opened; forgets it."""
+    """Return whether the pickle was opened, and reset the mark."""
     there = os.path.isdir(marker)
     shutil.rmtree(marker, ignore_errors=True)
     return there

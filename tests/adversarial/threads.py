@@ -109,7 +109,7 @@ def stacks(draw: np.random.Generator) -> str | None:
 
 
 def calls_inside(draw: np.random.Generator) -> str | None:
-    """Call a simulation from its own extension: refused, and it goes on afterwards as if nothing had been."""
+    """Call a simulation from its own extension: refused, and it continues afterwards as if nothing had been."""
     call, late = pick(draw, ["step", "advance", "reset", "load_state"]), int(draw.integers(1, 5))
     inside: list[Any] = []
 

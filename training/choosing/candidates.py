@@ -113,4 +113,4 @@ GUARDS = (
     Candidate("partition-proved", {"speed": 0.98}),
     Candidate("kuramoto-mpcc"),
 )
-"""Candidates for a short worst-case undetected time, found in the same way among 50 on 40 scenarios."""
+"""Candidates for a short worst-case undetected time, selected in the same way among 50 on 40 scenarios."""

@@ -89,7 +89,7 @@ FEATURES = {
         lambda made: made.faults.rate * made.task.duration + len(made.faults.schedule) / made.num_robots,
     ),
     "standstill": Feature(
-        "share of the time for which a robot stands because of failures", _standstill
+        "share of the time for which a robot has failed", _standstill
     ),
     "lost": Feature(
         "share of robots that fail for good",

@@ -36,7 +36,7 @@ def export_onnx(policy: Learned | str | Path, path: str | Path, scenario: Scenar
     (rows, action_size), the base's actions for the same rows; the output is `action` (rows, action_size).
 
     Args:
-        policy: Policy, name of a shipped one, or folder of a checkpoint.
+        policy: Policy, name of an included one, or folder of a checkpoint.
         path: File to write.
         scenario: Scenario of the observation; by default that of the policy, or of its training.
 

@@ -65,7 +65,7 @@ def _check(network: Network, card: Card) -> None:
 
 
 def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: int = 1, device: Any = "cpu") -> Learned:
-    """Load a shipped network by name, or a checkpoint from its folder; by default for the scenario of its training.
+    """Load an included network by name, or a checkpoint from its folder; by default for the scenario of its training.
 
     Raises:
         ValueError: there is no such name or folder, the checkpoint is damaged, or the policy does not fit the scenario.
@@ -78,7 +78,7 @@ def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: i
 
 
 def home(name: str | Path) -> Scenario:
-    """Return the scenario on which a shipped policy, or that in a folder, was trained.
+    """Return the scenario on which an included policy, or that in a folder, was trained.
 
     Raises:
         ValueError: there is no such name or folder, the checkpoint is damaged, or the scenario is invalid.
@@ -87,7 +87,7 @@ def home(name: str | Path) -> Scenario:
 
 
 def find(name: str | Path) -> Path:
-    """Return the folder of a shipped policy, or the given folder if it contains a checkpoint.
+    """Return the folder of an included policy, or the given folder if it contains a checkpoint.
 
     Raises:
         ValueError: it is neither.
@@ -104,7 +104,7 @@ def find(name: str | Path) -> Path:
 
 
 def register_shipped() -> None:
-    """Register the shipped policies in `baselines`, which then also accepts the folder of a checkpoint as a name.
+    """Register the included policies in `baselines`, which then also accepts the folder of a checkpoint as a name.
 
     Weights are read when a policy is made.
     """
@@ -120,5 +120,5 @@ _SHIPPED = Path(__file__).parent.parent / "policies"
 
 
 def names() -> tuple[str, ...]:
-    """Return the names of the shipped policies whose actions a network computes."""
+    """Return the names of the included policies whose actions a network computes."""
     return tuple(sorted(path.parent.name for path in _SHIPPED.glob(f"*/{checkpoint.FILE}")))

@@ -1,7 +1,7 @@
 """Learned rogues: checkpoints whose network maps a row of `lissajous_env.world.rogues.rows` to a velocity.
 
 `targets.rogues`, and `--rogues` of the commands, accept the folder of such a checkpoint like the name of a script. The
-shipped ones, in `training/rogues`, have the names of their folders.
+included ones, in `training/rogues`, have the names of their folders.
 """
 
 import dataclasses

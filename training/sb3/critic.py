@@ -1,7 +1,8 @@
 """Policy network with a central critic: the critic reads the whole world, the actor its robot's observation only.
 
-C. Yu et al., "The Surprising Effectiveness of PPO in Cooperative Multi-Agent Games" (NeurIPS 2022): MAPPO. The
-reward is the team's and depends on targets that no robot may see; a critic that sees them has less variance.
+C. Yu et al., "The Surprising Effectiveness of PPO in Cooperative Multi-Agent Games" (NeurIPS 2022): MAPPO. The reward
+is shared by the team and depends on targets that no robot may have detected; a critic that observes them has less
+variance.
 """
 
 import torch

@@ -177,7 +177,7 @@ class League:
         return all((team, rogue) in self.exploits for team in teams for rogue in rogues)
 
     def _play(self) -> None:
-        """Play the teams against the rogues that they have not met, and store the results."""
+        """Play the teams against the rogues against which they have not played, and store the results."""
         seeds = range(_FIRST_SEED, _FIRST_SEED + EPISODES)
         for team, policy in self.teams.items():
             new = [rogue for rogue in self.rogues if (team, rogue) not in self.exploits]

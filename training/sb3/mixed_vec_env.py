@@ -20,8 +20,8 @@ from training.sb3.vec_env import GOLDEN, RobotVecEnv
 class MixedVecEnv(BatchVecEnv):
     """Groups of worlds, each a `RobotVecEnv` with a scenario of its own, as one `VecEnv` with shared parameters.
 
-    The rows of group g follow those of group g - 1. When all episodes of a group have ended in the same step, it goes
-    on with its next scenario, which has the same number of robots. Rows are not padded.
+    The rows of group g follow those of group g - 1. When all episodes of a group have ended in the same step, it
+    continues with its next scenario, which has the same number of robots. Rows are not padded.
 
     Args:
         space: A `ScenarioSpace`, or the name or file of one.
@@ -29,8 +29,8 @@ class MixedVecEnv(BatchVecEnv):
         group_size: Number of worlds in a group.
         split: Split or shift from which scenarios are drawn.
         seed: Whole number from 0 to 2^31 - 1, from which scenarios and seeds of episodes follow.
-        card_of: Function of a scenario that returns the card of its rows, as `RobotVecEnv` takes it; by default the
-            whole observation.
+        card_of: Function of a scenario that returns the card of its rows, as for `RobotVecEnv`; by default the whole
+            observation.
         change: Function that returns a drawn scenario with fields changed.
         staggered: Let the first episodes of the groups end at different times, so that the rows of a step are from all
             phases of an episode instead of the same one. Worlds of a group always end together.
@@ -84,7 +84,7 @@ class MixedVecEnv(BatchVecEnv):
         return [each.scenario for each in self.groups]
 
     def reset(self) -> np.ndarray:
-        """Begin an episode in every world; return the rows (R, inputs). Seeds given by `seed` leave the scenarios."""
+        """Begin an episode in every world; return the rows (R, inputs). `seed` does not change the scenarios."""
         for each, rows in zip(self.groups, self._rows, strict=True):
             if self._seeds[0] is not None:
                 each.seed(self._seeds[rows.start])

@@ -85,7 +85,7 @@ class RobotPPO:
 
         Args:
             remaining: Remaining fraction of the training, which determines the learning rate.
-            critic_only: Whether only the critic is updated.
+            critic_only: True if only the critic is updated.
 
         Returns:
             Means of the loss, its terms and diagnostics over the minibatches.
@@ -203,7 +203,7 @@ class RobotPPO:
         return torch.cat(self._map(value, len(rows)))
 
     def _map(self, work: Callable[[slice], Any], rows: int) -> list[Any]:
-        """Return the results of `work` for blocks of rows, in order; the pool takes all blocks but the first."""
+        """Return the results of `work` for blocks of rows, in order; the pool computes all blocks but the first."""
         size = BLOCK if self._on_cpu else rows
         first, *others = [slice(begin, begin + size) for begin in range(0, rows, size)]
         futures = [self._pool.submit(work, block) for block in others]
@@ -252,7 +252,7 @@ class RobotPPO:
                 layer.bias.copy_(torch.tensor(bias))
 
     def require_finite(self, steps: int, cause: Exception | None = None) -> None:
-        """Raise a ValueError that says what to change if weights, noise or the next actions are not finite.
+        """Raise a ValueError with a remedy if weights, noise or the next actions are not finite.
 
         Args:
             steps: Robot steps so far.

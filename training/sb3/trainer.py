@@ -172,7 +172,7 @@ class Sb3Trainer(Trainer):
         """Log an update, and show the scores of the latest episodes."""
         recent = summarize_scores(self.env.scores) if self.env.scores else {}
         self.history.learned({name.removeprefix("train/"): value for name, value in logged.items()})
-        # Tools that read logs of Stable-Baselines3 know the return by its name there.
+        # Tools that read logs of Stable-Baselines3 expect this name of the return.
         self.log({f"rollout/{'ep_rew_mean' if name == 'return' else name}": of for name, of in recent.items()} | logged)
         self.display.update(recent)
 

@@ -38,8 +38,9 @@ from training.torchrl.env import GROUP, LissajousTorchEnv
 class SampledTorchEnv(EnvBase):
     """Worlds of many scenarios as a TorchRL `EnvBase` of batch size (W,); the module lists its keys.
 
-    When all worlds of a group are reset together, as where every episode ends at the time limit, the group goes on with
-    its next scenario. Scenarios, and the episodes in them, depend on the seed and on the number of the group alone.
+    When all worlds of a group are reset together, as where every episode ends at the time limit, the group continues
+    with its next scenario. Scenarios, and the episodes in them, depend on the seed and on the number of the group
+    alone.
 
     Attributes:
         groups: A `LissajousTorchEnv` for each group; empty before the first reset.

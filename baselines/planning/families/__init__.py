@@ -8,4 +8,4 @@ from baselines.planning.families.shipped import Shipped
 from baselines.planning.families.tuned import LINES, PARTITIONS
 
 FAMILIES: tuple[Family, ...] = (Shipped(), Known(), PARTITIONS, LINES, Lissajous(), Patrols())
-"""Every family; the first has the shipped classical policies with their defaults."""
+"""Every family; the first has the included classical policies with their defaults."""

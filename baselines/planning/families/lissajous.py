@@ -160,7 +160,7 @@ def formation_overrides(task: Scenario, curve: Curve, rate: float, ring: int = 0
         task: The task.
         curve: The curve, in the rectangle of the task.
         rate: Phase rate omega [rad/s].
-        ring: Which equilibrium, and with it which order of the robots: 0 for the one that recovers fastest.
+        ring: Index of the equilibrium, and thereby of the order of the robots; 0 for the one that recovers fastest.
     """
     n = task.num_robots
     p, alpha = best_formation(curve, n)

@@ -1,4 +1,4 @@
-"""The shipped classical policies with their defaults, on the task as it is: no plan is printed that is worse."""
+"""The included classical policies with their defaults, on the task as it is: no plan is printed that is worse."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ _FILTERED = "kuramoto-mpcc"
 
 
 class Shipped:
-    """The shipped classical policies with their defaults."""
+    """The included classical policies with their defaults."""
 
     name = NAME
 
@@ -39,7 +39,7 @@ class Shipped:
 
 
 def default_policies(task: Scenario) -> list[str]:
-    """Return the names of the shipped classical policies that drive the robots of a task.
+    """Return the names of the included classical policies that drive the robots of a task.
 
     Of those with a collision filter, the paper's method alone. Policies that are played on request alone are left out.
     """

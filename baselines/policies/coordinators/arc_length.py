@@ -17,8 +17,8 @@ Lost: equally spaced robots are not on ellipse (5), so (6), (8) and T_max promis
 deviation from (2) in theta, does not fall to 0. On curve (16) two robots in formation come nearer to one another than
 those of (2) do, too near for cars that leave the curve by as much as these do: they collide in `experiment`.
 
-Gained: in `intruders`, where the rectangle is too large for a guarantee, targets are detected sooner, for the constant
-speed and for the room that it leaves to go faster.
+Gained: in `intruders`, where the rectangle is too large for a guarantee, targets are detected sooner, because the speed
+is constant and can therefore be higher.
 """
 
 import math

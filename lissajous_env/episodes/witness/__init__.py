@@ -1,5 +1,4 @@
-"""The rogue that a policy misses: the path on which a target that knows the robots' future stays undetected for
-longest.
+"""The missed rogue: the path on which a target that knows the robots' future stays undetected for longest.
 
 A rogue changes nothing that robots observe before they detect it. So the best answer to an episode can be computed
 after it, from the recorded ways of the sensors:

@@ -74,7 +74,7 @@ class TickContext:
     slot: int
     """Slot of this tick's labels."""
     latest: int
-    """Slot of the labels of targets that stay: of the tick before, or of this one where it goes on."""
+    """Slot of the labels of targets that stay: of the tick before, or of this one where it continues."""
     aged: int
     """Bits of them that are preserved: after a tick, a target came a tick ago or more."""
     hops: bool

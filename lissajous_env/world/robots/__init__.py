@@ -1,4 +1,4 @@
-"""Robot models: a file for each; importing this package registers the shipped ones."""
+"""Robot models: a file for each; importing this package registers the included ones."""
 
 from lissajous_env.world.robots import car, point
 

@@ -116,8 +116,7 @@ def move_cars(
     clock: Clock,
     robots: Robots,
 ):
-    """Move cars: steering and throttle are constant in the step; a failed car stops, or coasts with its last
-    steering."""
+    """Move cars with constant steering and throttle in a step; a failed car stops, or coasts as it steered last."""
     block = block_of(wp.tid(), begin, end, robots.status.shape[1], clock.active)
     if block.count == 0:
         return
