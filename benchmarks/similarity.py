@@ -8,8 +8,6 @@ tell 1 %. `--store` puts the table into docs/figures.json: the largest differenc
 policies, and the policies whose distance and spacing differ by less than 1 %.
 """
 
-import argparse
-
 import figures
 import numpy as np
 
@@ -73,11 +71,10 @@ def largest_differences(policy: str, scenario: lissajous_env.Scenario, seeds: in
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = figures.parser(__doc__)
     parser.add_argument("--seeds", type=int, default=32)
     parser.add_argument("--scenarios", nargs="+", default=SCENARIOS)
     parser.add_argument("--policies", nargs="+", help="all that drive the robots, learned choices aside")
-    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options = parser.parse_args()
     rows = []
     for name in options.scenarios:
@@ -99,9 +96,9 @@ def main() -> None:
         )
     titles = "policies", "within 1 %", "distance driven", "spacing factor", "collisions per episode", "most seeds"
     table = {"columns": ["scenario", *titles], "rows": rows}
-    figures.show(f"{options.seeds} seeds and more, at {len(SCALES)} other scales", table)
-    if options.store:
-        figures.store({"similarity": table})
+    figures.publish(
+        "similarity", f"{options.seeds} seeds and more, at {len(SCALES)} other scales", table, options.store
+    )
 
 
 if __name__ == "__main__":
