@@ -80,7 +80,7 @@ class LissajousParallelEnv(SpacesOfAgents):
             agent: gymnasium.spaces.Box(layout.low, layout.high, dtype=np.float32) for agent in self.possible_agents
         }
         self.action_spaces = {agent: action_space(self.scenario, discrete_actions) for agent in self.possible_agents}
-        self.state_space = gymnasium.spaces.Box(-np.inf, np.inf, (self._state_size(),), np.float32)
+        self.state_space = gymnasium.spaces.Box(-np.inf, np.inf, (len(state_names(self.scenario)),), np.float32)
         self._discrete_actions = discrete_actions
         self._follower = followed(self.simulation, 0 if record else None)
         self._bind()
@@ -192,9 +192,6 @@ class LissajousParallelEnv(SpacesOfAgents):
     def _changed(self, scenario: str | Scenario, max_cycles: int | None, overrides: Mapping[str, Any]) -> Scenario:
         """Return the scenario with its fields overridden."""
         return named.with_cycles(named.scenario(scenario, **overrides), max_cycles)
-
-    def _state_size(self) -> int:
-        return len(state_names(self.scenario))
 
     def _bind(self) -> None:
         """Set up the arrays of a step, which on the CPU are views of the simulation's memory."""
