@@ -13,7 +13,6 @@ acados is not on PyPI. Build it with `-DACADOS_WITH_DAQP=ON -DCMAKE_C_FLAGS="-O3
 in it to LD_LIBRARY_PATH. (The wheel `comma-deps-acados` has an older version, and its files overwrite CasADi's.)
 """
 
-import argparse
 import tempfile
 import time
 import warnings
@@ -251,11 +250,10 @@ def _ratio(own: np.ndarray, others: np.ndarray) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = figures.parser(__doc__)
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--steps", type=int, default=100, help="control steps of each of the five cars")
     parser.add_argument("--states", type=int, default=500, help="random states")
-    parser.add_argument("--store", action="store_true", help="put the tables into docs/figures.json, too")
     options = parser.parse_args(arguments)
     if min(options.rounds, options.steps - 1, options.states) < 1:
         parser.error("--rounds and --states must be at least 1 and --steps at least 2")

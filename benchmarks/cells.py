@@ -6,7 +6,6 @@ grids whose cells are half and a third as long, and on the finest of these with 
 quarter and by half of a cell of the first grid. `--store` puts the table into docs/figures.json.
 """
 
-import argparse
 from typing import Any
 
 import figures
@@ -48,14 +47,11 @@ def row_of(name: str, policy: str, grid: tuple[int, int], episodes: int) -> list
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = figures.parser(__doc__)
     parser.add_argument("--episodes", type=int, default=6)
-    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options = parser.parse_args()
     table = {"columns": TITLES, "rows": [row_of(*case, options.episodes) for case in CASES]}
-    figures.show("cells", table)
-    if options.store:
-        figures.store({"cells": table})
+    figures.publish("cells", "cells", table, options.store)
 
 
 if __name__ == "__main__":

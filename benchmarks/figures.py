@@ -119,6 +119,20 @@ def show(title: str, table: Table) -> None:
     Console(width=160).print(shown)
 
 
+def publish(name: str, title: str, table: Table, stores: bool) -> None:
+    """Print a table, and store it if `stores`."""
+    show(title, table)
+    if stores:
+        store({name: table})
+
+
+def parser(about: str | None) -> argparse.ArgumentParser:
+    """Return the parser of a program with tables, whose help begins with `about`; it has the option `--store`."""
+    made = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("--store", action="store_true", help="put the tables into docs/figures.json, too")
+    return made
+
+
 def of_claims(claims: Sequence[Any]) -> dict[str, Table]:
     """Return the table of each part of the paper, from the claims that `baselines.reproduce` returns."""
     columns = ["claim", "paper", "ours", "agrees", "why, or what was chosen"]

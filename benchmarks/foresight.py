@@ -8,7 +8,6 @@ starts and, in brackets, that over the best start of each episode; "never detect
 end of its episode. `--episodes` makes it shorter, `--store` puts the table into docs/figures.json.
 """
 
-import argparse
 from collections.abc import Sequence
 
 import figures
@@ -87,9 +86,8 @@ def row_of(name: str, policy: str, learned: str | None, seeds: Sequence[int]) ->
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = figures.parser(__doc__)
     parser.add_argument("--episodes", type=int, default=len(HELD_OUT), help="at most 64")
-    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options = parser.parse_args()
     rows, seeds = [], HELD_OUT[: options.episodes]
     for learned in shipped_rogues():
@@ -102,9 +100,7 @@ def main() -> None:
     for name, policy in WITHOUT:
         rows.append(row_of(name, policy, None, seeds))
     table = {"columns": TITLES, "rows": rows}
-    figures.show("foresight", table)
-    if options.store:
-        figures.store({"foresight": table})
+    figures.publish("foresight", "foresight", table, options.store)
 
 
 if __name__ == "__main__":

@@ -91,23 +91,25 @@ def as_table(found: Results, policies: list[str]) -> figures.Table:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = figures.parser(__doc__)
     parser.add_argument("--policies", nargs="*", default=["learned-guard"], help="learned choices, names or folders")
     parser.add_argument("--space", default="monitoring-v1")
     parser.add_argument("--scenarios", type=int, default=24)
     parser.add_argument("--seconds", type=float, default=30.0, help="duration of each search [s]")
     parser.add_argument("--episodes", type=int, default=8)
     parser.add_argument("--out", type=Path, default=Path("results/guard"))
-    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options = parser.parse_args()
     warnings.simplefilter("ignore", AssumptionWarning)
     options.out.mkdir(parents=True, exist_ok=True)
     policies = [PLAN, *options.policies, *CLASSICAL]
     scenarios = scenarios_of(scenario_space(options.space), "test", options.scenarios, GUARANTEE)
     table = as_table(results(options.out / "worst-cases.jsonl", scenarios, policies, options), policies)
-    figures.show(f"{options.space}:test, {options.scenarios} scenarios, {options.episodes} episodes each", table)
-    if options.store:
-        figures.store({"guard": table})
+    figures.publish(
+        "guard",
+        f"{options.space}:test, {options.scenarios} scenarios, {options.episodes} episodes each",
+        table,
+        options.store,
+    )
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ rare collisions over many more episodes. `--store` puts the tables into docs/fig
 the training of each included policy, from its card.
 """
 
-import argparse
 import json
 from pathlib import Path
 from typing import Any
@@ -132,11 +131,10 @@ def made(name: str) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Shipped policies against the classical ones.")
+    parser = figures.parser("Shipped policies against the classical ones.")
     parser.add_argument("--scenarios", nargs="+", default=list(LEARNED), choices=list(LEARNED))
     parser.add_argument("--episodes", type=int, default=len(HELD_OUT))
     parser.add_argument("--touches", type=int, default=0, help="episodes to count collisions in, seeds 3000 ...")
-    parser.add_argument("--store", action="store_true", help="put the tables into docs/figures.json, too")
     options = parser.parse_args()
     scores = {scenario: compare(scenario, options.episodes) for scenario in options.scenarios}
     tables = {"learned": as_table(scores)}

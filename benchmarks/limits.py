@@ -6,7 +6,6 @@ episodes, for 10 s, at a moment that is drawn for each eighth of a share. `--sto
 docs/figures.json, from which docs/policies.md has its numbers.
 """
 
-import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -99,9 +98,8 @@ def row_of(case: Case) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = figures.parser(__doc__)
     parser.add_argument("--cases", nargs="+", choices=CASES, default=CASES)
-    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options = parser.parse_args()
     rows = []
     for name in options.cases:
@@ -109,9 +107,7 @@ def main() -> None:
         print(*rows[-1], sep="  ", flush=True)
     titles = "case", "episodes", "worst case [s]", "longest [s]", "longest after 5 s [s]", "collisions", "in all"
     table = {"columns": titles, "rows": rows}
-    figures.show("partitions and lines", table)
-    if options.store:
-        figures.store({"limits": table})
+    figures.publish("limits", "partitions and lines", table, options.store)
 
 
 if __name__ == "__main__":

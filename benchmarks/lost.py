@@ -4,7 +4,6 @@ One robot of `evaders` is removed after 20 s. A cell shows the longest worst-cas
 it was still growing at the end of one of them, and the mean number of collisions.
 """
 
-import argparse
 import warnings
 from typing import Any
 
@@ -29,10 +28,9 @@ def cell_of(rows: list[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = figures.parser(__doc__)
     parser.add_argument("--episodes", type=int, default=16)
     parser.add_argument("--seed", type=int, default=20_000)
-    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options = parser.parse_args()
     warnings.simplefilter("ignore", AssumptionWarning)
     robots, seeds = range(5), range(options.seed, options.seed + options.episodes)
@@ -44,9 +42,7 @@ def main() -> None:
             cells.append(cell_of(lissajous_env.evaluate(baselines.make(name, scenario, len(seeds)), scenario, seeds)))
         rows.append([f"`{name}`", *cells])
     table = {"columns": ["policy", *(f"robot {robot}" for robot in robots)], "rows": rows}
-    figures.show("evaders, one robot removed", table)
-    if options.store:
-        figures.store({"lost": table})
+    figures.publish("lost", "evaders, one robot removed", table, options.store)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ contains a folder for each training, the rows of its episodes, and `own_scenario
 training. If the command is interrupted and called again, it resumes. Unknown options are passed to `lissajous train`.
 """
 
-import argparse
 import json
 import subprocess
 import sys
@@ -78,12 +77,11 @@ def as_table(results: Sequence[dict[str, Any]]) -> figures.Table:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = figures.parser(__doc__)
     parser.add_argument("--scenarios", nargs="+", default=[path.stem for path in SCENARIOS])
     parser.add_argument("--seeds", type=int, default=3, help="trainings of each scenario: seeds 0, 1 ...")
     parser.add_argument("--steps", type=int, default=2_000_000)
     parser.add_argument("--out", type=Path, default=Path("results/own_scenarios"))
-    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options, more = parser.parse_known_args()
     options.out.mkdir(parents=True, exist_ok=True)
     results = []

@@ -118,14 +118,13 @@ def as_table(scores: Scores, policies: list[str]) -> figures.Table:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = figures.parser(__doc__)
     parser.add_argument("--policies", nargs="*", default=[], help="names or folders besides the classical ones")
     parser.add_argument("--space", default="monitoring-v1")
     parser.add_argument("--splits", nargs="+", default=SPLITS)
     parser.add_argument("--scenarios", type=int, default=32, help="scenarios of each split")
     parser.add_argument("--episodes", type=int, default=8, help="episodes of each scenario")
     parser.add_argument("--out", type=Path, default=Path("results/patrol"))
-    parser.add_argument("--store", action="store_true", help="put the tables into docs/figures.json, too")
     options = parser.parse_args()
     warnings.simplefilter("ignore", AssumptionWarning)
     options.out.mkdir(parents=True, exist_ok=True)

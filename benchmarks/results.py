@@ -6,7 +6,6 @@ again, it resumes. A number is the interquartile mean over the episodes with its
 collisions, the mean.
 """
 
-import argparse
 import math
 import time
 from pathlib import Path
@@ -50,11 +49,10 @@ def as_table(outcome: Outcome) -> dict[str, list]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = figures.parser(__doc__)
     parser.add_argument("--scenarios", nargs="+", default=lissajous_env.scenarios())
     parser.add_argument("--episodes", type=int, default=16)
     parser.add_argument("--out", type=Path, default=Path("results/policies"))
-    parser.add_argument("--store", action="store_true", help="put the tables into docs/figures.json, too")
     options = parser.parse_args()
     for name in options.scenarios:
         started = time.process_time()

@@ -5,7 +5,6 @@ played without a filter and with each of them, on the same seeds, in one run. `-
 puts the tables into docs/figures.json.
 """
 
-import argparse
 import time
 
 import figures
@@ -71,10 +70,9 @@ def as_table(scored: dict[tuple[str, str], dict[str, float]]) -> figures.Table:
 
 
 def main():
-    parser = argparse.ArgumentParser(description="What the collision filter costs and what it buys.")
+    parser = figures.parser("What the collision filter costs and what it buys.")
     parser.add_argument("--seeds", type=int, default=64, help="episodes of each policy")
     parser.add_argument("--scenarios", nargs="+", default=["experiment", "rough", "intruders"])
-    parser.add_argument("--store", action="store_true", help="put the tables into docs/figures.json, too")
     options = parser.parse_args()
 
     rows = []

@@ -8,8 +8,6 @@ last digit part. If they do, more seeds are played until the standard error of e
 policies, and the policies whose distance and spacing differ by less than 1 %.
 """
 
-import argparse
-
 import figures
 import numpy as np
 
@@ -81,13 +79,12 @@ def _policies(scenario: lissajous_env.Scenario) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = figures.parser(__doc__)
     parser.add_argument("--seeds", type=int, default=32)
     parser.add_argument("--scenarios", nargs="+", default=SCENARIOS)
     parser.add_argument(
         "--policies", nargs="+", help="by default all without a filter, and the paper's method with each"
     )
-    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options = parser.parse_args()
     rows = []
     for name in options.scenarios:
@@ -107,9 +104,9 @@ def main() -> None:
         )
     titles = "policies", "within 1 %", "distance driven", "spacing factor", "collisions per episode", "most seeds"
     table = {"columns": ["scenario", *titles], "rows": rows}
-    figures.show(f"{options.seeds} seeds and more, at {len(SCALES)} other scales", table)
-    if options.store:
-        figures.store({"similarity": table})
+    figures.publish(
+        "similarity", f"{options.seeds} seeds and more, at {len(SCALES)} other scales", table, options.store
+    )
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ Plays the default cells of `lissajous benchmark` (`baselines.benchmark.standard`
 resulting table, `table.md`, into docs/figures.json as well. If the command is interrupted and called again, it resumes.
 """
 
-import argparse
 from pathlib import Path
 
 import figures
@@ -18,10 +17,9 @@ from lissajous_env.console.terminal import make_console
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = figures.parser(__doc__)
     parser.add_argument("--episodes", type=int, default=Benchmark.episodes)
     parser.add_argument("--out", type=Path, default=Benchmark.out)
-    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options = parser.parse_args()
     settings = Benchmark(episodes=options.episodes, out=options.out, replays=("none",))
     outcome = measure(settings, console=Console(quiet=True), progress=make_console(stderr=True))

@@ -82,12 +82,11 @@ def table_of(results: dict[str, list[list[float]]]) -> figures.Table:
 
 
 def main(given: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = figures.parser(__doc__)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--steps", type=int, default=4_000_000, help="robot steps of the training of a team")
     parser.add_argument("--rounds", type=int, default=16, help="rounds of imitation of the training of a rogue")
     parser.add_argument("--out", type=Path, required=True, help="folder of the trainings and results")
-    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options = parser.parse_args(given)
     options.out.mkdir(parents=True, exist_ok=True)
     path = options.out / "results.json"
@@ -103,9 +102,7 @@ def main(given: Sequence[str] | None = None) -> None:
         for kind in TEAMS
     }
     table = table_of(shown)
-    figures.show("teams", table)
-    if options.store:
-        figures.store({"teams": table})
+    figures.publish("teams", "teams", table, options.store)
 
 
 if __name__ == "__main__":

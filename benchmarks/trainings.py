@@ -11,7 +11,6 @@ passed to `lissajous train`. `--store` puts the table into docs/figures.json, an
 trainings, by their own evaluations, into docs/trainings.png.
 """
 
-import argparse
 import json
 import subprocess
 import sys
@@ -199,13 +198,12 @@ def draw(out: Path, seeds: Sequence[int], path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = figures.parser(__doc__)
     parser.add_argument("--scenario", default="intruders")
     parser.add_argument("--seeds", type=int, default=5, help="trainings: seeds 0, 1 ...")
     parser.add_argument("--steps", type=int, nargs="+", default=[5_000_000, 15_000_000])
     parser.add_argument("--episodes", type=int, default=len(HELD_OUT))
     parser.add_argument("--out", type=Path, default=Path("results/trainings"))
-    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options, more = parser.parse_known_args()
     console = Console(width=160)
     options.out.mkdir(parents=True, exist_ok=True)

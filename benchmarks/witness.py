@@ -9,7 +9,6 @@ of a witness beside that of the contamination stage. `--out` appends a line of J
 the last episode of an earlier call. `--store` puts the table into docs/figures.json.
 """
 
-import argparse
 import json
 import statistics
 import time
@@ -161,7 +160,7 @@ def repeat(scenario: lissajous_env.Scenario, episodes: Sequence[Played]) -> None
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = figures.parser(__doc__)
     known = [name for name in lissajous_env.scenarios() if lissajous_env.scenario(name).task.contamination]
     parser.add_argument("--seeds", type=int, default=32)
     parser.add_argument("--together", type=int, default=16, help="seeds of every policy before further ones")
@@ -169,7 +168,6 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     parser.add_argument("--finer", action="store_true", help="check the others on finer grids instead")
     parser.add_argument("--cost", action="store_true", help="measure times instead")
-    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options = parser.parse_args()
     if options.cost:
         rows = [costs_of(*each, options.together) for each in COSTS if each[0] in options.scenarios]
@@ -177,9 +175,7 @@ def main() -> None:
     else:
         rows = measured(options.scenarios, options.seeds, options.together, options.out)
         made, name = (finer_table_of(rows), "witness finer") if options.finer else (table_of(rows), "witness")
-    figures.show(name, made)
-    if options.store:
-        figures.store({name: made})
+    figures.publish(name, name, made, options.store)
 
 
 if __name__ == "__main__":

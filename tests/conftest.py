@@ -45,6 +45,17 @@ def _own_registries(monkeypatch):
 
 
 @pytest.fixture
+def one_thread():
+    """Let torch use one thread: its networks are small."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture
 def ctrl_c():
     """Ctrl-C, SIGINT, ends this process and those that it starts, as in a terminal.
 

@@ -13,7 +13,7 @@ from baselines.policies import partition_plan as partition_module
 from baselines.policies.cells import are_adjacent, closed_loop, divisions, evenly_spaced, length_of, tour
 from baselines.policies.dubins import WORDS, dubins_lengths, dubins_places
 from baselines.policies.ideal_motion import undetected_times, worst_undetected_time
-from baselines.policies.partition import Partition, cells_of_ring, ideal_undetected_times, plain_of
+from baselines.policies.partition import Partition, cells_of_ring, plain_of, timed_partition
 from baselines.policies.partition_plan import PartitionParameters, partition_plan, smallest_distance, turning_radius_of
 from baselines.policies.partition_repair import PartitionRepair, RepairParameters
 from lissajous_env.episodes.guarantee import worst_undetected_times
@@ -130,7 +130,10 @@ def test_similar_scenarios_have_similar_plans(length, time):
 def test_the_ideal_guarantee_is_that_of_the_simulated_cars():
     """Oracle: the contamination field of the simulation, with the cars' real dynamics, from the start of an episode."""
     scenario = lissajous_env.scenario("evaders", **{"task.duration": 15.0})
-    ideal = ideal_undetected_times(scenario)
+    made = plain_of(lissajous_env.scenario(scenario))
+    _, tables, _ = timed_partition(made, PartitionParameters())
+    places, half = tables.places(made.task.steps)[0], (made.curve.half_width, made.curve.half_height)
+    ideal = undetected_times(places, half, made.sensing_radius, made.rogue_speed, made.task.step)
     found = worst_undetected_times(baselines.make("partition", scenario, 4), scenario, range(4))
     assert found.max() == pytest.approx(ideal.max(), abs=0.5)
     assert found[:, 50:].max() == pytest.approx(ideal[50:].max(), abs=0.3)

@@ -22,6 +22,7 @@ from training.sb3.trainer import Sb3Trainer, train
 from training.settings import TrainingSettings
 from training.trainer import Trainer
 
+pytestmark = pytest.mark.usefixtures("one_thread")
 SHORT = {"task.duration": 2.0, "task.grid": None}
 SMALL = {"base": "none", "teacher": "none", "rivals": (), "threads": 1}
 
@@ -82,14 +83,6 @@ def learned_by_the_library(central=False, **changes):
     )
     model.learn(3 * 16 * env.num_envs)
     return weights(model.policy)
-
-
-@pytest.fixture(autouse=True)
-def on_one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 @pytest.mark.parametrize(

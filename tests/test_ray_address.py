@@ -1,46 +1,19 @@
 """Addresses of Ray clusters: invalid and unreachable ones are reported within seconds."""
 
-import contextlib
 import re
 import signal
-import socket
 import subprocess
 import sys
-import threading
 
 import pytest
 
 pytest.importorskip("ray")
 
 from baselines.benchmark import cluster, ray_address
+from tests.adversarial.security import server
 
 ELSEWHERE = "127.0.0.2"
 """Another machine, to Ray, and yet this one: for its loopback names Ray takes this machine's own address."""
-
-
-@contextlib.contextmanager
-def server(reply=b"", closes=False, host=ELSEWHERE):
-    """Yield the address of one who accepts connections, replies this to each, and an event of the second connection."""
-    connections, asked = [], threading.Event()
-    with socket.create_server((host, 0)) as listening:
-
-        def serve():
-            with contextlib.suppress(OSError):
-                while True:
-                    connection = listening.accept()[0]
-                    connections.append(connection)
-                    connection.sendall(reply)
-                    if closes:
-                        connection.close()
-                    if len(connections) > 1:  # the first one only looks whether somebody is there
-                        asked.set()
-
-        threading.Thread(target=serve, daemon=True).start()
-        yield f"{host}:{listening.getsockname()[1]}", asked
-        with contextlib.suppress(OSError):
-            listening.shutdown(socket.SHUT_RDWR)
-        for connection in connections:
-            connection.close()
 
 
 @pytest.mark.parametrize(
@@ -79,7 +52,7 @@ def test_what_is_an_address_is_taken(address):
 def test_one_who_is_no_cluster_is_told_apart_in_one_line(monkeypatch, reply, closes, words, kind):
     monkeypatch.setattr(ray_address, "_PATIENCE", 1.0)
     with (
-        server(reply, closes) as (address, _),
+        server(reply, closes, ELSEWHERE) as (address, _),
         pytest.raises(ConnectionError) as raised,
         cluster.connected(kind + address),
     ):
@@ -97,7 +70,7 @@ def test_where_nobody_is_the_address_is_named(address):
 def test_what_auto_stands_for_is_looked_at_as_well(monkeypatch):
     # Story: the environment names a server that says nothing, or no address at all.
     monkeypatch.setattr(ray_address, "_PATIENCE", 1.0)
-    with server() as (address, _):
+    with server(b"", False, ELSEWHERE) as (address, _):
         monkeypatch.setenv("RAY_ADDRESS", address)
         with pytest.raises(ConnectionError, match=f"a server answers at {address}, but it is not a Ray cluster"):
             ray_address.knock("auto")
@@ -123,7 +96,7 @@ def test_what_ray_says_of_a_cluster_that_cannot_be_joined_is_one_line(monkeypatc
 @pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_while_it_connects_ends_it_cleanly(tmp_path):
     command = [sys.executable, "-m", "lissajous_env", "benchmark", "--scenarios", "failure", "--policies", "still"]
-    with server() as (address, asked):
+    with server(b"", False, ELSEWHERE) as (address, asked):
         given = ["--episodes", "1", "--out", str(tmp_path / "out"), "--engine", "ray", "--address", address]
         with subprocess.Popen([*command, *given], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
             assert asked.wait(60), process.poll()

@@ -9,23 +9,13 @@ import lissajous_env
 
 pytest.importorskip("stable_baselines3")
 
-import torch
 from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.vec_env import VecCheckNan, VecMonitor
 
 from lissajous_env.envs.actions import rogue_table
 from training.sb3 import RobotVecEnv, RogueVecEnv
 
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Let torch use one thread: its networks here are small."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
+pytestmark = pytest.mark.usefixtures("one_thread")
 FEW = {"targets.count": 3, "targets.arrival_rate": 0.0, "targets.entry": "unseen", "sensing.radius": 0.4}
 SHORT = FEW | {"task.duration": 4.0}
 

@@ -38,6 +38,8 @@ def test_a_struct_has_a_name_fields_and_bytes(pair):
     assert not warp_abi.is_struct(pair.values)
     assert warp_abi.name_of(pair) == "Pair"
     assert list(warp_abi.fields_of(pair)) == ["factor", "values"]
+    values = warp_abi.variables_of(Pair)["values"].type
+    assert (values.dtype, values.ndim) == (wp.float32, 1)
     before = warp_abi.content_of(pair)
     pair.factor = 3.0
     assert warp_abi.content_of(pair) != before

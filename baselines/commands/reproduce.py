@@ -98,7 +98,8 @@ def reproduce(
         raise ValueError(f"seed must be from 0 to {2**31 - 1001}, got {seed}")
     as_device(device)
     player, found, pictures = Player(seed, device), [], []
-    command = shlex.join(["lissajous", "reproduce", *figures, "--seed", str(seed), *_named_format(format)])
+    formatted = [] if format == "png" else ["--format", format]
+    command = shlex.join(["lissajous", "reproduce", *figures, "--seed", str(seed), *formatted])
     console, notes = output.console(), make_console(stderr=True, quiet=output.quiet)
     with Folder(out, (*_TABLES, *(f"{name}.{format}" for name in chosen))) as folder, drawn_as(format):
         try:
@@ -116,10 +117,6 @@ def reproduce(
     output.print(words)
     output.print_json([dataclasses.asdict(claim) for claim in found])
     return found
-
-
-def _named_format(format: Format) -> list[str]:
-    return [] if format == "png" else ["--format", format]
 
 
 def _chosen(figures: Sequence[str]) -> list[str]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from baselines.planning.plans import Plan, Planned
+from baselines.planning.plans import Planned
 from baselines.planning.playing import Episodes
 from baselines.policies import stored
 from lissajous_env.console.terminal import plain
@@ -38,7 +38,7 @@ def write(folder: Folder, plans: Sequence[Planned], episodes: Episodes, picture:
             folder.remove(name)
     for k, each in enumerate(plans, start=1):
         folder.make_folder(str(k))
-        made = each.plan.named(f"{_word(each.plan)}-{k}")
+        made = each.plan.named(f"{each.plan.scenario.name[:80]}-{k}")
         folder.write(f"{k}/{stored.HOME}", as_toml(made.scenario))
         folder.write(f"{k}/{stored.FILE}", stored.as_toml(each.plan.settings))
     folder.write(FIGURES, json.dumps(plain({"episodes": episodes, "plans": as_rows(plans)}), indent=2) + "\n")
@@ -62,7 +62,3 @@ def as_rows(plans: Sequence[Planned]) -> list[dict[str, Any]]:
         }
         for each in plans
     ]
-
-
-def _word(plan: Plan) -> str:
-    return plan.scenario.name[:80]

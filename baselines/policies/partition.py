@@ -18,7 +18,6 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.cells import tour
-from baselines.policies.ideal_motion import undetected_times
 from baselines.policies.partition_plan import PartitionParameters, Plan, car_of, partition_plan, required_distance
 from baselines.policies.path_tables import PathTables, path_tables
 from baselines.policies.patrol import Still
@@ -26,7 +25,6 @@ from baselines.policies.registry import register
 from baselines.policies.timed_paths import STEPS, TimedPaths, TrackingParameters
 from baselines.policies.transit import transit
 from baselines.safety.filter import Safe
-from lissajous_env import scenario as make_scenario
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Faults
@@ -136,19 +134,6 @@ def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tupl
     lead_in, chosen = planned
     loop = np.roll(plan.loop[chosen], -lead_in.shape[1], axis=1)
     return plan, path_tables(scenario, loop, lead_in), 0.0
-
-
-def ideal_undetected_times(scenario: str | Scenario, parameters: PartitionParameters | None = None) -> np.ndarray:
-    """Return the worst-case undetected time at each control step (steps + 1,) if all cars drive ideally [s].
-
-    It starts with the transit where that is planned, else on the loops. On the loops its largest value is that of
-    `partition_plan(scenario).worst`, which is computed on a coarser grid.
-    """
-    made = plain_of(make_scenario(scenario))
-    _, tables, _ = timed_partition(made, parameters or PartitionParameters())
-    places, curve = tables.places(made.task.steps)[0], made.curve
-    half = curve.half_width, curve.half_height
-    return undetected_times(places, half, made.sensing_radius, made.rogue_speed, made.task.step)
 
 
 def arrival_of_all(scenario: Scenario, plan: Plan) -> float:

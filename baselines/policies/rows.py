@@ -44,7 +44,7 @@ class Rows:
     @cached_property
     def position(self) -> np.ndarray:
         """Return the measured x, y (W, N, 2) [m]."""
-        return self._pair("x", "y") * self._half
+        return np.stack([self.entry("x"), self.entry("y")], axis=-1) * self._half
 
     @cached_property
     def heading(self) -> np.ndarray:
@@ -117,9 +117,6 @@ class Rows:
     def target_offset(self) -> np.ndarray:
         """Return the relative x, y of the targets in the sensing disc (W, N, T, 2) [m]."""
         return self._pairs("target") * self.scenario.sensing_radius
-
-    def _pair(self, x: str, y: str) -> np.ndarray:
-        return np.stack([self.entry(x), self.entry(y)], axis=-1)
 
     def _angle(self, name: str) -> np.ndarray:
         return np.arctan2(self.entry(f"sin_{name}"), self.entry(f"cos_{name}"))

@@ -47,6 +47,7 @@ from baselines.similarity import motion_scale
 from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
+from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number
 from lissajous_env.theory.geometry import turning_radius
@@ -105,7 +106,7 @@ class Proved(Policy):
         worlds, plans = (self.num_worlds,), (*self.shape, int(PLANS))
         self._memory = allocate(Memory, {"steps": worlds, "holds": worlds}, self.shape, self.device)
         # A struct of Warp cannot be copied; its arrays, stored by name, are copied with the policy.
-        self._kept = {name: getattr(self._memory, name) for name in Memory.vars}
+        self._kept = fields_of(self._memory)
         self._plans = allocate(Plans, {"points": (*plans, int(POINTS)), "reach": plans}, self.shape, self.device)
 
     @property

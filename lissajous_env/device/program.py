@@ -199,16 +199,13 @@ class Program:
         """Return, for each task, its first world, the one after its last, and number and count of its part of these."""
         return [(low, high, part, parts) for low, high in self._blocks for part in range(parts)]
 
-    def _lanes(self, stage: Stage) -> int:
-        """Return how many threads share the entities of a world."""
-        return 1 if self._device.is_cpu else self._sizes.get(stage.over, 1)
-
     def _task(self, stages: Sequence[Stage], *share: int) -> list[Any]:
         """Return the launches of those stages that have entities in this share."""
         return [launch for stage in stages if (launch := self._launch(stage, *share)) is not None]
 
     def _launch(self, stage: Stage, low: int, high: int, part: int, parts: int) -> Any:
-        lanes, size, names = self._lanes(stage), self._sizes.get(stage.over, 1), stage.labels
+        size, names = self._sizes.get(stage.over, 1), stage.labels
+        lanes = 1 if self._device.is_cpu else size  # threads that share the entities of a world
         begin, end = (size * edge // parts for edge in (part, part + 1))
         dim: tuple[int, ...] = (high - low,) if stage.layout == WORLDS else (high - low, lanes)
         if stage.layout == BLOCKS:

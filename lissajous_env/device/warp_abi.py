@@ -28,9 +28,14 @@ def content_of(struct: Any) -> bytes:
     return bytes(struct._ctype)
 
 
+def variables_of(struct: Any) -> dict[str, Any]:
+    """Return the variables of a `wp.struct`, the class, by the names of its fields; `type` is that of a field."""
+    return struct.vars
+
+
 def fields_of(struct: Any) -> dict[str, Any]:
     """Return the values of an instance of a `wp.struct` by the names of its fields."""
-    return {name: getattr(struct, name) for name in struct._cls.vars}
+    return {name: getattr(struct, name) for name in variables_of(struct._cls)}
 
 
 def name_of(struct: Any) -> str:

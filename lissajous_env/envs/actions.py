@@ -1,5 +1,6 @@
 """Actions of one world: spaces, the table of discrete actions, and checks."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -44,6 +45,16 @@ def rogue_action_space(discrete: bool = False) -> gymnasium.Space:
     if discrete:
         return gymnasium.spaces.Discrete(len(rogue_table()))
     return gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
+
+
+def check_agents(actions: Any, live: Sequence[str]) -> None:
+    """Raise ValueError unless actions are a mapping that names each live agent once."""
+    if not isinstance(actions, Mapping):
+        raise ValueError(f"actions must be a dict of agents and their actions, got {shown(actions)}")
+    if len(actions) != len(live) or not all(agent in actions for agent in live):
+        missing = [agent for agent in live if agent not in actions]
+        unknown = [agent for agent in actions if agent not in live]
+        raise ValueError(f"actions must name each live agent once: missing {missing}, unknown or not live {unknown}")
 
 
 class ActionReader:

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from lissajous_env.envs.actions import LARGE, ActionReader, action_space, action_table
+from lissajous_env.envs.actions import LARGE, ActionReader, action_space, action_table, check_agents
 from lissajous_env.envs.agents import SpacesOfAgents
 from lissajous_env.envs.recorded import followed, replay_of
 from lissajous_env.envs.true_state import state_names, state_rows
@@ -80,7 +80,7 @@ class LissajousParallelEnv(SpacesOfAgents):
             agent: gymnasium.spaces.Box(layout.low, layout.high, dtype=np.float32) for agent in self.possible_agents
         }
         self.action_spaces = {agent: action_space(self.scenario, discrete_actions) for agent in self.possible_agents}
-        self.state_space = gymnasium.spaces.Box(-np.inf, np.inf, (self._state_size(),), np.float32)
+        self.state_space = gymnasium.spaces.Box(-np.inf, np.inf, (len(state_names(self.scenario)),), np.float32)
         self._discrete_actions = discrete_actions
         self._follower = followed(self.simulation, 0 if record else None)
         self._bind()
@@ -193,9 +193,6 @@ class LissajousParallelEnv(SpacesOfAgents):
         """Return the scenario with its fields overridden."""
         return named.with_cycles(named.scenario(scenario, **overrides), max_cycles)
 
-    def _state_size(self) -> int:
-        return len(state_names(self.scenario))
-
     def _bind(self) -> None:
         """Set up the arrays of a step, which on the CPU are views of the simulation's memory."""
         sim, count = self.simulation, len(self.possible_agents)
@@ -229,10 +226,7 @@ class LissajousParallelEnv(SpacesOfAgents):
         Raises:
             ValueError: an agent is missing or unknown, or an action has a wrong shape or is not finite.
         """
-        if not isinstance(actions, Mapping):
-            raise ValueError(f"actions must be a dict of agents and their actions, got {shown(actions)}")
-        if len(actions) != len(self.agents) or not all(agent in actions for agent in self.agents):
-            self._refuse_agents(actions)
+        check_agents(actions, self.agents)
         self._rows[:] = 0.0
         for agent in self.agents:
             self._reader.read(agent, actions[agent], self._rows[self._index[agent]])
@@ -252,11 +246,6 @@ class LissajousParallelEnv(SpacesOfAgents):
             self._renderer.reset()
         if self.render_mode == "human":
             self.render()
-
-    def _refuse_agents(self, actions: Mapping[str, Any]) -> None:
-        missing = [agent for agent in self.agents if agent not in actions]
-        unknown = [agent for agent in actions if agent not in self.agents]
-        raise ValueError(f"actions must name each live agent once: missing {missing}, unknown or not live {unknown}")
 
     def __getstate__(self) -> dict[str, Any]:
         bound = (

@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from lissajous_env.envs.actions import ActionReader, rogue_action_space, rogue_table
+from lissajous_env.envs.actions import ActionReader, check_agents, rogue_action_space, rogue_table
 from lissajous_env.envs.agents import Around, SpacesOfAgents
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.parameters.rogues import AGENTS
@@ -79,7 +79,7 @@ class TwoSidedParallelEnv(Around, SpacesOfAgents):
         """
         if not self.agents:
             raise ResetNeeded("step needs a running episode: call reset first")
-        self._check_names(actions)
+        check_agents(actions, self.agents)
         self._read_rogues(actions)
         results = self.inner.step({agent: actions[agent] for agent in self.inner.agents})
         observations, rewards, terminated, truncated, infos = results
@@ -143,15 +143,6 @@ class TwoSidedParallelEnv(Around, SpacesOfAgents):
         self.__dict__.update(saved)
         self.simulation = self.inner.simulation
         self._bind()
-
-    def _check_names(self, actions: Any) -> None:
-        if not isinstance(actions, Mapping):
-            raise ValueError(f"actions must be a dict of agents and their actions, got {shown(actions)}")
-        if actions.keys() != set(self.agents):
-            missing = [agent for agent in self.agents if agent not in actions]
-            unknown = [agent for agent in actions if agent not in self.agents]
-            rule = f"must name each live agent once: missing {missing}, unknown or not live {unknown}"
-            raise ValueError(f"actions {rule}")
 
     def _check_agent(self, agent: Any) -> None:
         if not isinstance(agent, str) or agent not in self.action_spaces:

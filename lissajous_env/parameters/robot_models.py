@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.program import LANES
+from lissajous_env.device.warp_abi import names_of_arguments
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.wording import few_of, shown
@@ -121,8 +122,8 @@ def _check_as_car(name: str, as_car: Any) -> None:
     if not isinstance(as_car, AsCar):
         raise ValueError(f"as_car of robot model {name} must be an AsCar, got {shown(as_car)}")
     act = as_car.act
-    if not isinstance(act, wp.Kernel) or tuple(each.label for each in act.adj.args) != _TO_ACT:
-        got = shown(act) if not isinstance(act, wp.Kernel) else few_of([each.label for each in act.adj.args])
+    if not isinstance(act, wp.Kernel) or tuple(names_of_arguments(act)) != _TO_ACT:
+        got = shown(act) if not isinstance(act, wp.Kernel) else few_of(names_of_arguments(act))
         raise ValueError(f"as_car.act of robot model {name} must be a Warp kernel of {', '.join(_TO_ACT)}, got {got}")
 
 

@@ -103,6 +103,12 @@ def open_plainly(path: Path, flags: int) -> int:
     return descriptor
 
 
+def try_file(path: Path) -> None:
+    """Create an empty file and remove it; an OSError is raised where no file can be."""
+    os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+    path.unlink()
+
+
 def check_writable_file(path: str | Path) -> None:
     """Raise an error for a file that cannot be written, before any work is done for it.
 
@@ -121,10 +127,8 @@ def check_writable_file(path: str | Path) -> None:
     if not has_home:
         raise ValueError(f"out must be in an existing folder, got {path}")
     # Permissions are not enough: the folder may be on a full or read-only disk.
-    tried = _temporary(path)
     try:
-        os.close(os.open(tried, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
-        tried.unlink()
+        try_file(_temporary(path))
     except OSError as error:
         raise ValueError(f"out must be in a folder that can be written to, got {path}: {error.strerror}") from None
 

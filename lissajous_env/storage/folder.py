@@ -12,7 +12,7 @@ import secrets
 from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePosixPath
 
-from lissajous_env.storage.files import moved_into_place, open_plainly, sync, write_into
+from lissajous_env.storage.files import moved_into_place, open_plainly, sync, try_file, write_into
 from lissajous_env.storage.journal import Journal
 from lissajous_env.wording import shown
 
@@ -48,9 +48,7 @@ class Folder:
             self._check_list(list_path)
             self._list = _LockedJournal(list_path, self.path)
         except OSError as error:
-            raise ValueError(
-                f"out must be a folder that can be written to, got {shown(str(path))}: {error.strerror}"
-            ) from error
+            raise self._unwritable(error) from error
         try:
             self._token = self._read_list()
             self._check(writes)
@@ -142,10 +140,8 @@ class Folder:
 
     def _check_room_for_names(self) -> None:
         """Raise an error for a folder in which no file can be created, before any work is done for it."""
-        tried = self.path / f".lissajous-{self._token}{'-' * _LONGEST_NAME}"
         try:
-            os.close(os.open(tried, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
-            tried.unlink()
+            try_file(self.path / f".lissajous-{self._token}{'-' * _LONGEST_NAME}")
         except OSError as error:
             raise self._unwritable(error) from error
 

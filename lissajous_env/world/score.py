@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.coverage import last_sensed
-from lissajous_env.world.state import NEVER, REMOVED, Contamination
-from lissajous_env.world.tally import EpisodeTotals
+from lissajous_env.world.state import NEVER, REMOVED
 
 
 @dataclass(frozen=True)
@@ -114,10 +114,8 @@ def episodes_of(
     worlds: np.ndarray,
 ) -> Iterator[Episode]:
     """Yield the latest episode of each of some worlds; the arguments are the structs of the state."""
-    totals = {name: getattr(tally, name).numpy() for name in EpisodeTotals.vars if name != "contact"}
-    unseen = {
-        name: getattr(contamination, name).numpy() for name, of in Contamination.vars.items() if of.type.ndim == 1
-    }
+    totals = {name: array.numpy() for name, array in fields_of(tally).items() if name != "contact"}
+    unseen = {name: array.numpy() for name, array in fields_of(contamination).items() if array.ndim == 1}
     steps, seeds = clock.step.numpy(), clock.seed.numpy()
     appears_at, found_at, found_early = (
         each.numpy() for each in (targets.appears_at, targets.found_at, targets.found_early)

@@ -18,7 +18,7 @@ from lissajous_env.world.contamination.undetected_time import keep_guarantee, re
 from lissajous_env.world.coverage import cover, reset_cells
 from lissajous_env.world.observation import message_start
 from lissajous_env.world.observing import keep_final, observe, observe_listed
-from lissajous_env.world.reward import clear_events, give_reward, reset_events
+from lissajous_env.world.reward import clear_events, give_reward
 from lissajous_env.world.robots.bin_sizes import has_bins
 from lissajous_env.world.robots.bins import clear_bins, list_robots
 from lissajous_env.world.robots.collisions import find_collisions, find_listed_collisions, take_consequences
@@ -50,7 +50,7 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
     model, many = model_of(scenario.robot.kind), has_bins(scenario)
     return [
         Stage("clock", advance_clock, WORLD),
-        Stage("events", clear_events, ROBOT),
+        Stage("events", clear_events, ROBOT, own={"resets": False}),
         Stage("faults", update_status, ROBOT, when=scenario.faults != Faults()),
         Stage("commands", take_commands, ROBOT, BLOCKS),
         Stage("motion", model.move, ROBOT, model.layout, barrier=False),
@@ -84,7 +84,7 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("clock", reset_clock, WORLD),
         Stage("losses", reset_losses, WORLD),
         Stage("tally", reset_tally, WORLD),
-        Stage("events", reset_events, ROBOT),
+        Stage("events", clear_events, ROBOT, own={"resets": True}),
         Stage("robots", reset_robots, ROBOT),
         Stage("headway", draw_apart, WORLD, when=scenario.formation.start_headway > 0),
         Stage("messages", reset_messages, ROBOT),

@@ -8,6 +8,8 @@ from typing import Any
 
 import warp as wp
 
+from lissajous_env.device.warp_abi import variables_of
+
 WORKING = wp.constant(0)
 STUCK = wp.constant(1)
 REMOVED = wp.constant(2)
@@ -259,6 +261,6 @@ def planar(position: wp.vec3) -> wp.vec2:
 def allocate(struct: Any, shapes: Mapping[str, tuple[int, ...]], default: tuple[int, ...], device: Any) -> Any:
     """Make a struct whose arrays are zero, with the shape given by name or else the default shape."""
     filled = struct()
-    for name, array in struct.vars.items():
+    for name, array in variables_of(struct).items():
         setattr(filled, name, wp.zeros(shapes.get(name, default), dtype=array.type.dtype, device=device))
     return filled

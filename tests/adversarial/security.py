@@ -113,28 +113,35 @@ def _with_pickles(kind: str) -> Callable[[np.random.Generator], str | None]:
 
 
 @contextlib.contextmanager
-def _server(draw: np.random.Generator) -> Iterator[str]:
-    """Yield the address of a local server that says nothing, something else, or hangs up."""
-    replies = (b"", b"HTTP/1.1 400 Bad Request\r\n\r\n", b"SSH-2.0-x\r\n", bytes(draw.integers(0, 256, 5000, np.uint8)))
-    reply, closes, open_ones = replies[draw.integers(len(replies))], draw.random() < 0.3, []
-    host = ("127.0.0.1", "127.0.0.2")[draw.integers(2)]
+def server(reply: bytes, closes: bool, host: str) -> Iterator[tuple[str, threading.Event]]:
+    """Yield the address of one who accepts connections, replies this to each, and an event of the second connection."""
+    connections, asked = [], threading.Event()
     with socket.create_server((host, 0)) as listening:
 
         def serve() -> None:
             with contextlib.suppress(OSError):
                 while True:
                     connection = listening.accept()[0]
-                    open_ones.append(connection)
+                    connections.append(connection)
                     connection.sendall(reply)
                     if closes:
                         connection.close()
+                    if len(connections) > 1:  # the first one only looks whether somebody is there
+                        asked.set()
 
         threading.Thread(target=serve, daemon=True).start()
-        yield f"{host}:{listening.getsockname()[1]}"
+        yield f"{host}:{listening.getsockname()[1]}", asked
         with contextlib.suppress(OSError):
             listening.shutdown(socket.SHUT_RDWR)
-        for connection in open_ones:
+        for connection in connections:
             connection.close()
+
+
+def _any_server(draw: np.random.Generator) -> contextlib.AbstractContextManager[tuple[str, threading.Event]]:
+    """Return a local server that says nothing, something else, or hangs up."""
+    replies = (b"", b"HTTP/1.1 400 Bad Request\r\n\r\n", b"SSH-2.0-x\r\n", bytes(draw.integers(0, 256, 5000, np.uint8)))
+    reply, closes = replies[draw.integers(len(replies))], draw.random() < 0.3
+    return server(reply, closes, ("127.0.0.1", "127.0.0.2")[draw.integers(2)])
 
 
 def _joined(address: str) -> str | None:
@@ -160,7 +167,7 @@ def _address_of_no_cluster(draw: np.random.Generator) -> str | None:
 
 
 def _server_of_something_else(draw: np.random.Generator) -> str | None:
-    with _server(draw) as address:
+    with _any_server(draw) as (address, _):
         return _joined(("", "ray://")[draw.integers(2)] + address)
 
 

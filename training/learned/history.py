@@ -164,7 +164,7 @@ class History:
         if RELATIVE in point:
             worth = -math.inf if point[RELATIVE] is None else -point[RELATIVE]
         else:
-            worth = _or_least(point["return"])
+            worth = -math.inf if point["return"] is None else point["return"]
         return self._is_careful(point, self.rivals.values()), worth
 
     def _is_careful(self, point: Mapping[str, Any], rivals: Iterable[Mapping[str, Any]]) -> bool:
@@ -222,7 +222,3 @@ def _check_scores(name: str, scores: Any) -> None:
     require(f"scenarios of {name}", isinstance(each, dict), "must be an object", each)
     for made, theirs in each.items():
         _check_scores(f"{name} on {made[:60]}", theirs)
-
-
-def _or_least(value: float | None) -> float:
-    return -math.inf if value is None else value

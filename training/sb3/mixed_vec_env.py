@@ -10,7 +10,7 @@ import numpy as np
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env.parameters.draws import Draws
 from lissajous_env.settings.checks import whole_number
-from lissajous_env.world.together import Together
+from lissajous_env.world.mixture import Together
 from training.learned.card import Card
 from training.learned.named_arrays import prefixed, within
 from training.sb3.batch_env import RECENT, BatchVecEnv, Step

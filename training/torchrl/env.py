@@ -161,9 +161,7 @@ class LissajousTorchEnv(EnvBase):
         self._seeded = np.ones(self.simulation.num_worlds, dtype=bool)
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
-        mask = None if tensordict is None else tensordict.get("_reset", None)
-        if mask is None and tensordict is not None and (self.group, "_reset") in tensordict.keys(True):
-            raise ValueError(f"_reset must be a mask of worlds of shape {(*self.batch_size, 1)}, got one of robots")
+        mask = reset_mask(tensordict, self.group, self.batch_size)
         chosen = np.ones(self.batch_size, dtype=bool) if mask is None else mask.reshape(-1).cpu().numpy()
         seeded, unseeded = chosen & self._seeded, chosen & ~self._seeded
         with self._on_torch_stream():
@@ -273,6 +271,14 @@ class LissajousTorchEnv(EnvBase):
         if wanted.type != self.device.type or wanted.index not in (None, self.device.index):
             raise ValueError(f"device must be {self.device}, the device of the environment, got {wanted}")
         return self
+
+
+def reset_mask(tensordict: TensorDictBase | None, group: str, batch_size: torch.Size) -> torch.Tensor | None:
+    """Return the mask of the worlds to reset, None for all; a mask of robots raises ValueError."""
+    mask = None if tensordict is None else tensordict.get("_reset", None)
+    if mask is None and tensordict is not None and (group, "_reset") in tensordict.keys(True):
+        raise ValueError(f"_reset must be a mask of worlds of shape {(*batch_size, 1)}, got one of robots")
+    return mask
 
 
 def _flags(terminated: torch.Tensor, truncated: torch.Tensor) -> dict[str, torch.Tensor]:

@@ -32,7 +32,7 @@ from lissajous_env.envs.true_state import padded_rows, state_size
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.world.seeding import drawn_seeds
 from lissajous_env.world.simulation import fold_seed
-from training.torchrl.env import GROUP, LissajousTorchEnv
+from training.torchrl.env import GROUP, LissajousTorchEnv, reset_mask
 
 
 class SampledTorchEnv(EnvBase):
@@ -107,13 +107,9 @@ class SampledTorchEnv(EnvBase):
         self._begins = True
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
-        mask = None if tensordict is None else tensordict.get("_reset", None)
-        if mask is None and tensordict is not None and (GROUP, "_reset") in tensordict.keys(True):
-            raise ValueError(f"_reset must be a mask of worlds of shape {(*self.batch_size, 1)}, got one of robots")
-        if self._begins:
+        mask = reset_mask(tensordict, GROUP, self.batch_size)
+        if self._begins or mask is None:
             mask, self._begins = None, False
-            self.groups = [self._drawn(group) for group in range(self.num_groups)]
-        elif mask is None:
             self.groups = [self._drawn(group) for group in range(self.num_groups)]
         parts = []
         for group, each in enumerate(self.groups):
