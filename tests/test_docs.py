@@ -131,6 +131,8 @@ def check_python(line):
     path = ROOT / (module if module.endswith(".py") else f"{module.replace('.', '/')}.py")
     path = path if path.exists() else path.with_suffix("") / "__main__.py"
     source = path.read_text(encoding="utf-8")
+    if "figures.parser(" in source:
+        source += (ROOT / "benchmarks" / "figures.py").read_text(encoding="utf-8")
     for option in re.findall(r"--([\w-]+)", line):
         # By argparse, or as a field or an argument of what tyro reads; every --set is `Overrides`.
         declared = rf'"--{option}"|^\W*{option.replace("-", "_")}: |\b{option.replace("-", "_")}: '
