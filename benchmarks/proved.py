@@ -20,7 +20,10 @@ from baselines.policies.base import Policy
 from baselines.safety.proved import Proved, ProvedParameters
 
 FILTERS = ("", "-safe", "-close", "-proved")
-TIMED = (("kuramoto-mpcc", "evaders"), ("kuramoto-mpcc", "team"), ("sweep", "experiment"), ("random", "evaders"))
+TIMED = (
+    ("kuramoto-mpcc", "evaders"), ("kuramoto-mpcc", "team"), ("kuramoto-mpcc", "evaders-failure"),
+    ("sweep", "experiment"), ("random", "evaders"), ("random", "experiment"),
+)  # fmt: skip
 QUIET = {"targets.count": 0, "targets.arrival_rate": 0.0, "task.grid": None, "task.duration": 20.0}
 CHASE = lissajous_env.scenario("experiment", **{**QUIET, "faults.schedule": (), "formation.start": "random"})
 FAILING = {"faults.rate": 0.1, "faults.mean_duration": 2.0}
@@ -93,8 +96,9 @@ def cases():
     uneven = {"noise.wheelbase_spread": 0.1, "noise.drive_spread": 0.1}
     return [
         ("none", *of()),
-        ("none: 30 % of the messages lost", *of({"noise.message_loss": 0.3})),
+        ("none: 30 % of the messages lost, each sent once", *of({"noise.message_loss": 0.3}, repeats=1)),
         ("none: motors fail, cars coast", *of({**FAILING, "faults.stop": "coast"})),
+        ("none: robots that fail stop dead", *of(FAILING)),
         ("1: drag 20 % lower than assumed", CHASE, lambda w: with_wrong_drag(CHASE, w, 0.8)),
         ("1: actuator noise of 5 %", *of({"noise.actuator": 0.05})),
         ("2: noise of 1 cm, 0.01 rad, 2 cm/s; bound 4 deviations", *of(NOISY)),
@@ -102,7 +106,7 @@ def cases():
         ("2: spreads of 10 %, assumed to be 2 %", *of(uneven, dict.fromkeys(uneven, 0.02))),
         ("3: tails are not exchanged", CHASE, lambda w: Alone(CHASE, w)),
         ("4: one robot without the filter", CHASE, lambda w: OneUnfiltered(Chasing(CHASE, w))),
-        ("5: robots that fail stop dead", *of(FAILING)),
+        ("5: robots that fail stop dead, assumed to coast", *of(FAILING, {"faults.stop": "coast"})),
     ]
 
 

@@ -46,8 +46,10 @@ class Bounds:
     """Relative error of the path in the simulation's integration."""
     learns: wp.int32
     """1 where a robot learns its curvature and drive from its own motion."""
-    fails: wp.int32
-    """1 where a robot's motor may fail in any step."""
+    coasts: wp.int32
+    """1 where a robot's motor may fail in any step, and the robot coasts."""
+    tails: wp.int32
+    """Number of tails that are tried after an action: one with its steering, and two with the most to either side."""
 
 
 @wp.func
