@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.episodes.witness.played import Played, Way, peaks, resolution
-from lissajous_env.episodes.witness.tracing import Rogue, rough_ways
+from lissajous_env.episodes.witness.tracing import Rogue, rough_way
 from lissajous_env.episodes.witness.tube import ways_near
 
 _RANKS = (0, 0, 0, 0, 0, 1, 1, 2)
@@ -49,7 +49,7 @@ def _longest_ways(episodes: Sequence[Played]) -> list[Way | None]:
             continue
         each = [rogues[k][rank] for k in tried]
         known = [blocked[k].setdefault(rogue, []) for k, rogue in zip(tried, each, strict=True)]
-        rough = rough_ways([episodes[k] for k in tried], each, known)
+        rough = [rough_way(episodes[k], *some) for k, *some in zip(tried, each, known, strict=True)]
         lost = [-1] * len(tried)
         for fineness in _FINENESS:
             left = [j for j, way in enumerate(rough) if way is not None and lost[j] < each[j][1] - enough]

@@ -1,8 +1,8 @@
 """The labels of the contamination stage, traced backwards: the rough way of its worst rogue.
 
 Of the ways on which the stage lets a rogue of that age go from node to node, the one that stays well away from the
-discs is chosen: the sum over ticks of exp(-8 c) is least, with c the distance from the nearest disc in units of a cell.
-Nodes that a disc only just leaves free are thus avoided where others will do.
+discs is chosen: the sum over steps of exp(-8 c) is least, with c the distance from the nearest disc in units of a cell.
+Nodes that a disc only just leaves free, and hops through a disc, are thus avoided where others will do.
 """
 
 import math
@@ -15,7 +15,6 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.episodes.witness.played import Played
 from lissajous_env.parameters.spreading import HOPS, TICK_FRACTIONS, Spreading
-from lissajous_env.world.contamination.labels import NONE
 
 wp.set_module_options(OPTIONS)
 
@@ -29,7 +28,7 @@ _SELDOM = wp.constant(4)
 """Ticks after which they are tried everywhere."""
 _NOWHERE = wp.constant(1.0e29)
 _AWAY = 1e15
-_BLOCK = 2
+_BLOCK = wp.constant(2)
 """Nodes and ticks around a blocked place that a way must avoid."""
 
 Rogue = tuple[int, int]
@@ -37,17 +36,19 @@ Rogue = tuple[int, int]
 
 
 @wp.struct
-class Traces:
-    """Rogues, K of them, and the labels of the ticks in which they are undetected."""
+class Trace:
+    """A rogue of the stage, and the labels of the ticks in which it is undetected."""
 
-    labels: wp.array4d(dtype=wp.int32)
-    """(K, Q, R, C) labels, the last tick at the end; NONE where no rogue is."""
-    since: wp.array(dtype=wp.int32)
+    labels: wp.array3d(dtype=wp.int32)
+    """(Q, R, C) labels."""
+    stays: wp.array3d(dtype=wp.uint32)
+    """(Q or Q - 1, R, C / 32) bits of the nodes that no disc covers until the next tick."""
+    since: int
     """Step of the introduction."""
-    first: wp.array(dtype=wp.int32)
-    """Index of the first tick."""
-    discs: wp.array4d(dtype=wp.vec2)
-    """(K, Q, P, N) centres of the discs at the ends of the P steps that led to a tick [m]; far away for none."""
+    blocked: wp.array(dtype=wp.vec3i)
+    """(B,) ticks, rows and columns around which no way passes."""
+    discs: wp.array3d(dtype=wp.vec2)
+    """(Q, P, N) centres of the discs at the ends of the P steps that led to a tick [m]; far away for none."""
     spacing: wp.vec2
     """Distance of columns and of rows [m]."""
     corner: wp.vec2
@@ -58,67 +59,119 @@ class Traces:
     """(H, 4) hops: columns, rows, ticks, and the fraction of a tick that they last longer."""
     durations: int
     """2 if a hop may take a tick more than its whole ticks."""
-    cost: wp.array4d(dtype=float)
-    """(K, Q, R, C) least cost of a way."""
-    came: wp.array4d(dtype=wp.int8)
-    """(K, Q, R, C) hop by which it came, times `durations`, plus 1 if it took a tick more; -1 for none."""
-    way: wp.array2d(dtype=wp.vec2i)
-    """(K, Q) row and column in each tick, negative before the first."""
+    reach: wp.vec3i
+    """Columns, rows and ticks of the widest, the highest and the longest hop."""
+    cost: wp.array3d(dtype=float)
+    """(Q, R, C) least cost of a way, for the columns of `reached`."""
+    came: wp.array3d(dtype=wp.int8)
+    """(Q, R, C) hop by which it came, times `durations`, plus 1 if it took a tick more; -1 for none."""
+    reached: wp.array2d(dtype=wp.vec2i)
+    """(Q, R) first and last column that a way may have reached; the first is above the last where none has."""
+    way: wp.array(dtype=wp.vec2i)
+    """(Q,) row and column in each tick, negative before the first."""
 
 
 @wp.func
-def cost_of(k: int, q: int, row: int, column: int, last_alone: bool, traces: Traces) -> float:
-    """Return the cost of a node in a tick, or at its end."""
-    place = traces.corner + wp.vec2(float(column) * traces.spacing[0], float(row) * traces.spacing[1])
-    least = float(1.0e30)
-    last = traces.discs.shape[2] - 1
-    for s in range(wp.where(last_alone, last, 0), last + 1):
-        for i in range(traces.discs.shape[3]):
-            least = wp.min(least, wp.length_sq(traces.discs[k, q, s, i] - place))
-    away = (wp.sqrt(least) - traces.radius) / wp.min(traces.spacing[0], traces.spacing[1])
-    return wp.exp(-_STEEP * wp.clamp(away, -_FAR, _FAR))
+def cost_of(begin: int, steps: int, row: wp.vec2, column: wp.vec2, most: float, t: Trace) -> float:
+    """Return the cost of some steps from the end of a tick on, or more than `most` if it is at least that.
+
+    The rogue goes straight and at one speed between two rows and two columns.
+    """
+    cost = float(0.0)
+    scale = 1.0 / wp.min(t.spacing[0], t.spacing[1])
+    period = t.discs.shape[1]
+    step = int(1)
+    while step <= steps and cost <= most:
+        share = float(step) / float(steps)
+        place = wp.vec2(wp.lerp(column[0], column[1], share), wp.lerp(row[0], row[1], share))
+        place = t.corner + wp.cw_mul(place, t.spacing)
+        least = float(1.0e30)
+        at = (begin + 1) * period + step - 1
+        for i in range(t.discs.shape[2]):
+            least = wp.min(least, wp.length_sq(t.discs[at / period, at % period, i] - place))
+        away = (wp.sqrt(least) - t.radius) * scale
+        cost += wp.exp(-_STEEP * wp.clamp(away, -_FAR, _FAR))
+        step += 1
+    return cost
 
 
 @wp.func
-def is_there(k: int, q: int, row: int, column: int, traces: Traces) -> bool:
+def cost_of_waiting(q: int, row: int, column: int, most: float, t: Trace) -> float:
+    """Return the cost of waiting at a node from the tick before, or more than `most` if it is at least that."""
+    rows = wp.vec2(float(row), float(row))
+    return cost_of(q - 1, t.discs.shape[1], rows, wp.vec2(float(column), float(column)), most, t)
+
+
+@wp.func
+def is_there(q: int, row: int, column: int, t: Trace) -> bool:
     """Return whether a rogue of the age can be at a node in a tick."""
-    return q >= traces.first[k] and traces.labels[k, q, row, column] / 256 <= traces.since[k]
+    if t.labels[q, row, column] / 256 > t.since:
+        return False
+    for k in range(t.blocked.shape[0]):
+        away = t.blocked[k] - wp.vec3i(q, row, column)
+        if wp.max(wp.max(wp.abs(away[0]), wp.abs(away[1])), wp.abs(away[2])) <= _BLOCK:
+            return False
+    return True
 
 
 @wp.func
-def source(k: int, q: int, row: int, column: int, hop: int, more: int, traces: Traces) -> float:
-    """Return the least cost of a hop that ends at a node in a tick, and lasts whole ticks or one more."""
-    other = row + traces.moves[hop, 1]
-    beside = column + traces.moves[hop, 0]
-    came = q - traces.moves[hop, 2] - more
-    if other < 0 or beside < 0 or other >= traces.labels.shape[2] or beside >= traces.labels.shape[3]:
+def can_stay(q: int, row: int, column: int, t: Trace) -> bool:
+    """Return whether a rogue of the age can be at a node in a tick and until the next one."""
+    bit = (t.stays[q, row, column / 32] >> wp.uint32(column % 32)) & wp.uint32(1)
+    return bit == wp.uint32(1) and is_there(q, row, column, t)
+
+
+@wp.func
+def known_cost(q: int, row: int, column: int, t: Trace) -> float:
+    """Return the least cost of the ways to a node in a tick, `_NOWHERE` or more if there is none."""
+    run = t.reached[q, row]
+    if column < run[0] or column > run[1]:
+        return _NOWHERE
+    return t.cost[q, row, column]
+
+
+@wp.func
+def source(q: int, row: int, column: int, hop: int, more: int, most: float, t: Trace) -> float:
+    """Return the least cost of a hop that ends at a node in a tick, and lasts whole ticks or one more.
+
+    More than `most` stands for anything that is at least that.
+    """
+    other = row + t.moves[hop, 1]
+    beside = column + t.moves[hop, 0]
+    came = q - t.moves[hop, 2] - more
+    if came < 0 or other < 0 or beside < 0 or other >= t.labels.shape[1] or beside >= t.labels.shape[2]:
+        return _NOWHERE
+    cost = known_cost(came, other, beside, t)
+    if cost >= most:
         return _NOWHERE
     for tick in range(came, q):
-        if not is_there(k, tick, other, beside, traces):
+        if not can_stay(tick, other, beside, t):
             return _NOWHERE
-    share = (traces.labels[k, came, other, beside] & _FRACTIONS) + traces.moves[hop, 3]
+    share = (t.labels[came, other, beside] & _FRACTIONS) + t.moves[hop, 3]
     if more == 0 and share > _FRACTIONS:
         return _NOWHERE
-    return traces.cost[k, came, other, beside]
+    rows = wp.vec2(float(other), float(row))
+    columns = wp.vec2(float(beside), float(column))
+    return cost + cost_of(came, (q - came) * t.discs.shape[1], rows, columns, most - cost, t)
 
 
 @wp.func
-def standing(k: int, traces: Traces) -> wp.vec2i:
+def standing(t: Trace) -> wp.vec2i:
     """Return the node of least cost at which a rogue can wait from the first tick to the last, negative if none is."""
     node = wp.vec2i(-1, -1)
     least = float(_NOWHERE)
-    last = traces.labels.shape[1]
-    for row in range(traces.labels.shape[2]):
-        for column in range(traces.labels.shape[3]):
-            q = int(traces.first[k])
-            while q < last and is_there(k, q, row, column, traces):
+    last = t.labels.shape[0] - 1
+    for row in range(t.labels.shape[1]):
+        for column in range(t.labels.shape[2]):
+            q = int(0)
+            while q < last and can_stay(q, row, column, t):
                 q += 1
-            if q < last:
+            if q < last or not is_there(last, row, column, t):
                 continue
             cost = float(0.0)
-            q = int(traces.first[k])
-            while q < last and cost < least:
-                cost += cost_of(k, q, row, column, q == traces.first[k], traces)
+            q = int(1)
+            while q <= last and cost < least:
+                cost += cost_of_waiting(q, row, column, least - cost, t)
                 q += 1
             if cost < least:
                 least = cost
@@ -127,114 +180,132 @@ def standing(k: int, traces: Traces) -> wp.vec2i:
 
 
 @wp.func
-def improve(k: int, q: int, row: int, column: int, traces: Traces):
+def improve(q: int, row: int, column: int, t: Trace) -> float:
     """Find the least cost of the ways to a node in a tick, by waiting there or by hops."""
     best = float(_NOWHERE)
     how = int(-1)
     waits = float(0.0)
-    if is_there(k, q - 1, row, column, traces):
-        waits = cost_of(k, q, row, column, False, traces)
-        best = traces.cost[k, q - 1, row, column] + waits
+    before = known_cost(q - 1, row, column, t)
+    if before < _NOWHERE and can_stay(q - 1, row, column, t):
+        waits = cost_of_waiting(q, row, column, _NOWHERE, t)
+        best = before + waits
     # Where no disc is near, waiting costs next to nothing: hops to a cheaper node may come a little later.
     if best == _NOWHERE or waits > _NEAR or q % _SELDOM == 0:
-        arrives = cost_of(k, q, row, column, True, traces)
-        for j in range(traces.durations * traces.moves.shape[0]):
-            hop = j / traces.durations
-            cost = source(k, q, row, column, hop, j % traces.durations, traces)
-            cost += arrives * float(traces.moves[hop, 2])
+        for j in range(t.durations * t.moves.shape[0]):
+            hop = j / t.durations
+            cost = source(q, row, column, hop, j % t.durations, best, t)
             if cost < best:
                 best = cost
                 how = j
-    traces.cost[k, q, row, column] = best
-    traces.came[k, q, row, column] = wp.int8(how)
+    t.cost[q, row, column] = best
+    t.came[q, row, column] = wp.int8(how)
+    return best
+
+
+@wp.func
+def run_within_reach(q: int, row: int, t: Trace) -> wp.vec2i:
+    """Return the first and last column of a row to which a way can have come in a tick."""
+    columns = t.labels.shape[2]
+    if q == 0:
+        return wp.vec2i(0, columns - 1)
+    run = wp.vec2i(columns, -1)
+    for tick in range(wp.max(q - t.reach[2], 0), q):
+        for other in range(wp.max(row - t.reach[1], 0), wp.min(row + t.reach[1] + 1, t.labels.shape[1])):
+            each = t.reached[tick, other]
+            if each[0] <= each[1]:
+                run = wp.vec2i(wp.min(run[0], each[0] - t.reach[0]), wp.max(run[1], each[1] + t.reach[0]))
+    return wp.vec2i(wp.max(run[0], 0), wp.min(run[1], columns - 1))
 
 
 @wp.kernel
-def trace(traces: Traces):
+def trace(t: Trace):
     """Find the way of least cost from the first tick to the last one that any way reaches."""
-    k = wp.tid()
-    ticks = traces.labels.shape[1]
-    node = standing(k, traces)
+    ticks = t.labels.shape[0]
+    node = standing(t)
     if node[0] >= 0:
-        for q in range(traces.first[k], ticks):
-            traces.way[k, q] = node
+        for q in range(ticks):
+            t.way[q] = node
         return
     at = int(-1)
-    for q in range(traces.first[k], ticks):
+    for q in range(ticks):
         least = float(_NOWHERE)
-        for row in range(traces.labels.shape[2]):
-            for column in range(traces.labels.shape[3]):
-                if is_there(k, q, row, column, traces):
-                    if q == traces.first[k]:
-                        traces.cost[k, q, row, column] = cost_of(k, q, row, column, True, traces)
-                        traces.came[k, q, row, column] = wp.int8(-1)
+        for row in range(t.labels.shape[1]):
+            run = run_within_reach(q, row, t)
+            reached = wp.vec2i(t.labels.shape[2], -1)
+            for column in range(run[0], run[1] + 1):
+                cost = float(_NOWHERE)
+                if is_there(q, row, column, t):
+                    if q == 0:
+                        cost = 0.0
+                        t.came[q, row, column] = wp.int8(-1)
                     else:
-                        improve(k, q, row, column, traces)
-                    if traces.cost[k, q, row, column] < least:
-                        least = traces.cost[k, q, row, column]
-                        node = wp.vec2i(row, column)
-                        at = q
-    while at >= traces.first[k]:
-        traces.way[k, at] = node
-        how = int(traces.came[k, at, node[0], node[1]])
+                        cost = improve(q, row, column, t)
+                t.cost[q, row, column] = cost
+                if cost < _NOWHERE:
+                    reached = wp.vec2i(wp.min(reached[0], column), column)
+                if cost < least:
+                    least = cost
+                    node = wp.vec2i(row, column)
+                    at = q
+            t.reached[q, row] = reached
+        if at < q - t.reach[2]:
+            break
+    while at >= 0:
+        t.way[at] = node
+        how = int(t.came[at, node[0], node[1]])
         if how < 0:
             at -= 1
         else:
-            hop = how / traces.durations
-            at -= traces.moves[hop, 2] + how % traces.durations
-            node = wp.vec2i(node[0] + traces.moves[hop, 1], node[1] + traces.moves[hop, 0])
+            hop = how / t.durations
+            at -= t.moves[hop, 2] + how % t.durations
+            node = wp.vec2i(node[0] + t.moves[hop, 1], node[1] + t.moves[hop, 0])
 
 
-def rough_ways(
-    episodes: Sequence[Played], rogues: Sequence[Rogue], blocked: Sequence[Sequence[tuple[int, np.ndarray]]]
-) -> list[np.ndarray | None]:
-    """Return the rough way (T + 1, 2) of a rogue of each episode [m], None if there is none.
+def rough_way(played: Played, rogue: Rogue, blocked: Sequence[tuple[int, np.ndarray]]) -> np.ndarray | None:
+    """Return the rough way (T + 1, 2) of a rogue of an episode [m], None if there is none.
 
     Before it appears and after the last tick that it reaches, a rogue waits.
 
     Args:
-        episodes: The episodes, of one scenario.
-        rogues: The rogues of the stage.
-        blocked: For each of them, steps and positions [m] that the way must avoid.
+        played: The episode.
+        rogue: The rogue of the stage.
+        blocked: Steps and positions [m] that the way must avoid.
     """
-    scenario = episodes[0].scenario
+    scenario, (since, until) = played.scenario, rogue
     hops, half = scenario.spreading, np.array([scenario.curve.half_width, scenario.curve.half_height])
     spacing = 2 * half / (np.array([hops.columns, hops.rows]) - 1 + 2 * hops.inset)
     corner = spacing * hops.inset - half
-    spans = [(math.ceil(since / hops.period), until // hops.period) for since, until in rogues]
-    spans = [(first, max(first, last)) for first, last in spans]
-    length = max(last - first for first, last in spans) + 1
-    labels = np.full((len(rogues), length, hops.rows, hops.columns), int(NONE), dtype=np.int32)
-    discs = np.full((len(rogues), length, hops.period, scenario.num_robots, 2), _AWAY, dtype=np.float32)
-    for k, (played, (first, last)) in enumerate(zip(episodes, spans, strict=True)):
-        labels[k, length - 1 - last + first :] = played.labels[first : last + 1]
-        for step, place in blocked[k]:
-            row, column = np.rint((place - corner) / spacing).astype(int)[::-1]
-            around = slice(max(row - _BLOCK, 0), row + _BLOCK + 1), slice(max(column - _BLOCK, 0), column + _BLOCK + 1)
-            near = step // hops.period - _BLOCK, step // hops.period + _BLOCK + 1
-            from_first = (min(max(tick - last + length - 1, 0), length - 1) for tick in near)
-            labels[(k, slice(*from_first), *around)] = int(NONE)
-        steps = np.arange((first - 1) * hops.period + 1, last * hops.period + 1)
-        places = np.where(played.works[steps, :, None], played.track[steps, :, -1], _AWAY)
-        places[steps < 0] = _AWAY
-        discs[k, length - 1 - last + first :] = places.reshape(-1, *discs.shape[2:])
-    traces = Traces()
-    traces.spacing, traces.corner, traces.radius = wp.vec2(*spacing), wp.vec2(*corner), hops.radius
-    traces.labels, traces.discs = wp.array(labels), wp.array(discs, dtype=wp.vec2)
-    traces.since = wp.array([since for since, _ in rogues], dtype=wp.int32)
-    traces.first = wp.array([length - 1 - last + first for first, last in spans], dtype=wp.int32)
-    traces.moves = wp.array(_moves(hops), dtype=wp.int32)
-    traces.durations = 2 if hops.ticks == 1 else 1
-    traces.cost, traces.came = wp.empty(labels.shape, dtype=float), wp.empty(labels.shape, dtype=wp.int8)
-    traces.way = wp.array(np.full((len(rogues), length, 2), -1), dtype=wp.vec2i)
+    first = math.ceil(since / hops.period)
+    last = max(first, until // hops.period)
+    t = Trace()
+    # Copies nothing: the labels of an episode of `hall` take 216 MB.
+    t.labels = wp.array(played.labels[first : last + 1], copy=False)
+    t.stays = wp.array(played.stays[first : last + 1], copy=False)
+    t.since, t.spacing, t.corner, t.radius = since, wp.vec2(*spacing), wp.vec2(*corner), hops.radius
+    boxes = [
+        (step // hops.period - first, *np.rint((place - corner) / spacing).astype(int)[::-1]) for step, place in blocked
+    ]
+    t.blocked = wp.array(np.array(boxes, dtype=np.int32).reshape(-1, 3), dtype=wp.vec3i)
+    steps = np.arange((first - 1) * hops.period + 1, last * hops.period + 1)
+    discs = np.where(played.works[steps, :, None], played.track[steps, :, -1], _AWAY)
+    discs[steps < 0] = _AWAY
+    t.discs = wp.array(discs.reshape(-1, hops.period, *discs.shape[1:]), dtype=wp.vec2)
+    moves = _moves(hops)
+    t.moves, t.durations = wp.array(moves, dtype=wp.int32), 2 if hops.ticks == 1 else 1
+    columns, rows, ticks = (int(most) for most in abs(moves[:, :3]).max(axis=0, initial=0))
+    t.reach = wp.vec3i(columns, rows, ticks + t.durations - 1)
+    shape = t.labels.shape
+    t.cost, t.came = wp.empty(shape, dtype=float), wp.empty(shape, dtype=wp.int8)
+    t.reached, t.way = wp.empty(shape[:2], dtype=wp.vec2i), wp.full(shape[:1], wp.vec2i(-1, -1))
     with compile_quietly():
-        wp.launch(trace, dim=len(rogues), inputs=[traces])
-    steps, found = np.arange(episodes[0].steps + 1), []
-    for way, (_, last) in zip(traces.way.numpy(), spans, strict=True):
-        known = np.flatnonzero(way[:, 0] >= 0)
-        places, at = way[known][:, ::-1] * spacing + corner, (known - length + 1 + last) * hops.period
-        found.append(np.stack([np.interp(steps, at, places[:, k]) for k in range(2)], axis=1) if len(known) else None)
-    return found
+        wp.launch(trace, dim=1, inputs=[t])
+    way = t.way.numpy()
+    known = np.flatnonzero(way[:, 0] >= 0)
+    if not len(known):
+        return None
+    places, at = way[known][:, ::-1] * spacing + corner, (known + first) * hops.period
+    steps = np.arange(played.steps + 1)
+    return np.stack([np.interp(steps, at, places[:, k]) for k in range(2)], axis=1)
 
 
 def _moves(hops: Spreading) -> np.ndarray:
