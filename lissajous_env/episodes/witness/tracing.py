@@ -22,10 +22,10 @@ _FRACTIONS = wp.constant(TICK_FRACTIONS)
 _STEEP = wp.constant(8.0)
 _FAR = wp.constant(1.0)
 """Distance from the discs above which more is no better [cell]."""
-_NEAR = wp.constant(0.005)
-"""Cost of waiting from which on hops are tried in every tick."""
-_SELDOM = wp.constant(4)
-"""Ticks after which they are tried everywhere."""
+_DEEP = wp.constant(0.5)
+"""Depth in a disc below which less is no worse, so that numbers of 32 bits resolve what else there is [cell]."""
+_NEAR = wp.constant(2.0e-3)
+"""Cost that a hop must be able to save before any is tried."""
 _NOWHERE = wp.constant(1.0e29)
 _AWAY = 1e15
 _BLOCK = wp.constant(2)
@@ -61,45 +61,51 @@ class Trace:
     """2 if a hop may take a tick more than its whole ticks."""
     reach: wp.vec3i
     """Columns, rows and ticks of the widest, the highest and the longest hop."""
-    cost: wp.array3d(dtype=float)
-    """(Q, R, C) least cost of a way, for the columns of `reached`."""
-    came: wp.array3d(dtype=wp.int8)
-    """(Q, R, C) hop by which it came, times `durations`, plus 1 if it took a tick more; -1 for none."""
+    rest: wp.array3d(dtype=float)
+    """(Q, R, C) least cost of the ways from there to the last tick."""
+    next: wp.array3d(dtype=wp.int8)
+    """(Q, R, C) hop with which they begin, times `durations`, plus 1 if it takes a tick more; -1 to wait."""
+    late: wp.array3d(dtype=wp.uint8)
+    """(Q, R, C) last fraction of a tick at which a rogue may come there for that. Hops one after the other thus are
+    no faster than the speed limit, although the labels between them may be those of rogues that came earlier."""
+    least: wp.array(dtype=float)
+    """(Q,) the least of them in each tick."""
     reached: wp.array2d(dtype=wp.vec2i)
-    """(Q, R) first and last column that a way may have reached; the first is above the last where none has."""
+    """(Q, R) first and last column from which a way may go on; the first is above the last where none does."""
     way: wp.array(dtype=wp.vec2i)
     """(Q,) row and column in each tick, negative before the first."""
 
 
 @wp.func
-def cost_of(begin: int, steps: int, row: wp.vec2, column: wp.vec2, most: float, t: Trace) -> float:
-    """Return the cost of some steps from the end of a tick on, or more than `most` if it is at least that.
+def cost_of(q: int, ticks: int, row: wp.vec2, column: wp.vec2, most: float, t: Trace) -> float:
+    """Return the cost of some ticks, or more than `most` if it is at least that.
 
     The rogue goes straight and at one speed between two rows and two columns.
     """
     cost = float(0.0)
     scale = 1.0 / wp.min(t.spacing[0], t.spacing[1])
     period = t.discs.shape[1]
+    steps = ticks * period
     step = int(1)
     while step <= steps and cost <= most:
         share = float(step) / float(steps)
         place = wp.vec2(wp.lerp(column[0], column[1], share), wp.lerp(row[0], row[1], share))
         place = t.corner + wp.cw_mul(place, t.spacing)
         least = float(1.0e30)
-        at = (begin + 1) * period + step - 1
+        at = (q + 1) * period + step - 1
         for i in range(t.discs.shape[2]):
             least = wp.min(least, wp.length_sq(t.discs[at / period, at % period, i] - place))
         away = (wp.sqrt(least) - t.radius) * scale
-        cost += wp.exp(-_STEEP * wp.clamp(away, -_FAR, _FAR))
+        cost += wp.exp(-_STEEP * wp.clamp(away, -_DEEP, _FAR))
         step += 1
     return cost
 
 
 @wp.func
 def cost_of_waiting(q: int, row: int, column: int, most: float, t: Trace) -> float:
-    """Return the cost of waiting at a node from the tick before, or more than `most` if it is at least that."""
+    """Return the cost of waiting at a node until the next tick, or more than `most` if it is at least that."""
     rows = wp.vec2(float(row), float(row))
-    return cost_of(q - 1, t.discs.shape[1], rows, wp.vec2(float(column), float(column)), most, t)
+    return cost_of(q, 1, rows, wp.vec2(float(column), float(column)), most, t)
 
 
 @wp.func
@@ -122,37 +128,41 @@ def can_stay(q: int, row: int, column: int, t: Trace) -> bool:
 
 
 @wp.func
-def known_cost(q: int, row: int, column: int, t: Trace) -> float:
-    """Return the least cost of the ways to a node in a tick, `_NOWHERE` or more if there is none."""
+def rest_of(q: int, row: int, column: int, t: Trace) -> float:
+    """Return the least cost of the ways from a node in a tick, `_NOWHERE` or more if there is none."""
+    if q >= t.labels.shape[0]:
+        return _NOWHERE
     run = t.reached[q, row]
     if column < run[0] or column > run[1]:
         return _NOWHERE
-    return t.cost[q, row, column]
+    return t.rest[q, row, column]
 
 
 @wp.func
-def source(q: int, row: int, column: int, hop: int, more: int, most: float, t: Trace) -> float:
-    """Return the least cost of a hop that ends at a node in a tick, and lasts whole ticks or one more.
+def latest(q: int, row: int, column: int, hop: int, more: int, t: Trace) -> int:
+    """Return the last fraction of a tick at which a rogue may come to where a hop to a node begins, or less than 0."""
+    then = int(t.late[q + t.moves[hop, 2] + more, row, column])
+    return wp.min(then + more * _FRACTIONS - t.moves[hop, 3], _FRACTIONS)
 
-    More than `most` stands for anything that is at least that.
-    """
+
+@wp.func
+def hop_cost(q: int, row: int, column: int, hop: int, more: int, best: float, t: Trace) -> float:
+    """Return the least cost from a node by a hop that lasts whole ticks or one more; more than `best` for no less."""
     other = row + t.moves[hop, 1]
     beside = column + t.moves[hop, 0]
-    came = q - t.moves[hop, 2] - more
-    if came < 0 or other < 0 or beside < 0 or other >= t.labels.shape[1] or beside >= t.labels.shape[2]:
+    lasts = t.moves[hop, 2] + more
+    if other < 0 or beside < 0 or other >= t.labels.shape[1] or beside >= t.labels.shape[2]:
         return _NOWHERE
-    cost = known_cost(came, other, beside, t)
-    if cost >= most:
+    cost = rest_of(q + lasts, other, beside, t)
+    if cost >= best:
         return _NOWHERE
-    for tick in range(came, q):
-        if not can_stay(tick, other, beside, t):
+    if (t.labels[q, row, column] & _FRACTIONS) > latest(q, other, beside, hop, more, t):
+        return _NOWHERE
+    for k in range(lasts):
+        if not can_stay(q + k, row, column, t):
             return _NOWHERE
-    share = (t.labels[came, other, beside] & _FRACTIONS) + t.moves[hop, 3]
-    if more == 0 and share > _FRACTIONS:
-        return _NOWHERE
-    rows = wp.vec2(float(other), float(row))
-    columns = wp.vec2(float(beside), float(column))
-    return cost + cost_of(came, (q - came) * t.discs.shape[1], rows, columns, most - cost, t)
+    rows = wp.vec2(float(row), float(other))
+    return cost + cost_of(q, lasts, rows, wp.vec2(float(column), float(beside)), best - cost, t)
 
 
 @wp.func
@@ -163,14 +173,16 @@ def standing(t: Trace) -> wp.vec2i:
     last = t.labels.shape[0] - 1
     for row in range(t.labels.shape[1]):
         for column in range(t.labels.shape[2]):
+            if not is_there(last, row, column, t):
+                continue
             q = int(0)
             while q < last and can_stay(q, row, column, t):
                 q += 1
-            if q < last or not is_there(last, row, column, t):
+            if q < last:
                 continue
             cost = float(0.0)
-            q = int(1)
-            while q <= last and cost < least:
+            q = int(0)
+            while q < last and cost < least:
                 cost += cost_of_waiting(q, row, column, least - cost, t)
                 q += 1
             if cost < least:
@@ -181,35 +193,40 @@ def standing(t: Trace) -> wp.vec2i:
 
 @wp.func
 def improve(q: int, row: int, column: int, t: Trace) -> float:
-    """Find the least cost of the ways to a node in a tick, by waiting there or by hops."""
+    """Find the least cost of the ways from a node in a tick, by waiting there or by hops."""
     best = float(_NOWHERE)
     how = int(-1)
-    waits = float(0.0)
-    before = known_cost(q - 1, row, column, t)
-    if before < _NOWHERE and can_stay(q - 1, row, column, t):
-        waits = cost_of_waiting(q, row, column, _NOWHERE, t)
-        best = before + waits
-    # Where no disc is near, waiting costs next to nothing: hops to a cheaper node may come a little later.
-    if best == _NOWHERE or waits > _NEAR or q % _SELDOM == 0:
+    late = int(_FRACTIONS)
+    later = rest_of(q + 1, row, column, t)
+    if later < _NOWHERE and can_stay(q, row, column, t):
+        best = later + cost_of_waiting(q, row, column, _NOWHERE, t)
+    # No hop leads to a node from which less is left than from the best of the ticks in which hops end.
+    least = float(_NOWHERE)
+    for then in range(q + 1, wp.min(q + 1 + t.reach[2], t.labels.shape[0])):
+        least = wp.min(least, t.least[then])
+    if best > least + _NEAR:
         for j in range(t.durations * t.moves.shape[0]):
-            hop = j / t.durations
-            cost = source(q, row, column, hop, j % t.durations, best, t)
+            cost = hop_cost(q, row, column, j / t.durations, j % t.durations, best, t)
             if cost < best:
                 best = cost
                 how = j
-    t.cost[q, row, column] = best
-    t.came[q, row, column] = wp.int8(how)
+    if how >= 0:
+        hop = how / t.durations
+        late = latest(q, row + t.moves[hop, 1], column + t.moves[hop, 0], hop, how % t.durations, t)
+    t.next[q, row, column] = wp.int8(how)
+    t.late[q, row, column] = wp.uint8(late)
     return best
 
 
 @wp.func
 def run_within_reach(q: int, row: int, t: Trace) -> wp.vec2i:
-    """Return the first and last column of a row to which a way can have come in a tick."""
+    """Return the first and last column of a row from which a way can go on in a tick."""
     columns = t.labels.shape[2]
-    if q == 0:
+    ticks = t.labels.shape[0]
+    if q == ticks - 1:
         return wp.vec2i(0, columns - 1)
     run = wp.vec2i(columns, -1)
-    for tick in range(wp.max(q - t.reach[2], 0), q):
+    for tick in range(q + 1, wp.min(q + 1 + t.reach[2], ticks)):
         for other in range(wp.max(row - t.reach[1], 0), wp.min(row + t.reach[1] + 1, t.labels.shape[1])):
             each = t.reached[tick, other]
             if each[0] <= each[1]:
@@ -219,52 +236,59 @@ def run_within_reach(q: int, row: int, t: Trace) -> wp.vec2i:
 
 @wp.kernel
 def trace(t: Trace):
-    """Find the way of least cost from the first tick to the last one that any way reaches."""
+    """Find the way of least cost from the first tick to the last, backwards: of nodes from which the end is reached."""
     ticks = t.labels.shape[0]
     node = standing(t)
     if node[0] >= 0:
         for q in range(ticks):
             t.way[q] = node
         return
-    at = int(-1)
-    for q in range(ticks):
+    reached_tick = int(ticks - 1)
+    for back in range(ticks):
+        q = ticks - 1 - back
         least = float(_NOWHERE)
         for row in range(t.labels.shape[1]):
             run = run_within_reach(q, row, t)
             reached = wp.vec2i(t.labels.shape[2], -1)
             for column in range(run[0], run[1] + 1):
-                cost = float(_NOWHERE)
+                rest = float(_NOWHERE)
                 if is_there(q, row, column, t):
-                    if q == 0:
-                        cost = 0.0
-                        t.came[q, row, column] = wp.int8(-1)
+                    if back == 0:
+                        rest = 0.0
+                        t.next[q, row, column] = wp.int8(-1)
+                        t.late[q, row, column] = wp.uint8(_FRACTIONS)
                     else:
-                        cost = improve(q, row, column, t)
-                t.cost[q, row, column] = cost
-                if cost < _NOWHERE:
+                        rest = improve(q, row, column, t)
+                t.rest[q, row, column] = rest
+                if rest < _NOWHERE:
                     reached = wp.vec2i(wp.min(reached[0], column), column)
-                if cost < least:
-                    least = cost
+                if rest < least:
+                    least = rest
                     node = wp.vec2i(row, column)
-                    at = q
             t.reached[q, row] = reached
-        if at < q - t.reach[2]:
-            break
-    while at >= 0:
-        t.way[at] = node
-        how = int(t.came[at, node[0], node[1]])
+        t.least[q] = least
+        if least < _NOWHERE:
+            reached_tick = q
+        if reached_tick > q + t.reach[2]:
+            return
+    if reached_tick > 0:
+        return
+    q = int(0)
+    while q < ticks:
+        t.way[q] = node
+        how = int(t.next[q, node[0], node[1]])
         if how < 0:
-            at -= 1
+            q += 1
         else:
             hop = how / t.durations
-            at -= t.moves[hop, 2] + how % t.durations
+            q += t.moves[hop, 2] + how % t.durations
             node = wp.vec2i(node[0] + t.moves[hop, 1], node[1] + t.moves[hop, 0])
 
 
 def rough_way(played: Played, rogue: Rogue, blocked: Sequence[tuple[int, np.ndarray]]) -> np.ndarray | None:
     """Return the rough way (T + 1, 2) of a rogue of an episode [m], None if there is none.
 
-    Before it appears and after the last tick that it reaches, a rogue waits.
+    Before it appears and after the last tick, a rogue waits.
 
     Args:
         played: The episode.
@@ -295,7 +319,8 @@ def rough_way(played: Played, rogue: Rogue, blocked: Sequence[tuple[int, np.ndar
     columns, rows, ticks = (int(most) for most in abs(moves[:, :3]).max(axis=0, initial=0))
     t.reach = wp.vec3i(columns, rows, ticks + t.durations - 1)
     shape = t.labels.shape
-    t.cost, t.came = wp.empty(shape, dtype=float), wp.empty(shape, dtype=wp.int8)
+    t.rest, t.next = wp.empty(shape, dtype=float), wp.empty(shape, dtype=wp.int8)
+    t.late, t.least = wp.empty(shape, dtype=wp.uint8), wp.empty(shape[:1], dtype=float)
     t.reached, t.way = wp.empty(shape[:2], dtype=wp.vec2i), wp.full(shape[:1], wp.vec2i(-1, -1))
     with compile_quietly():
         wp.launch(trace, dim=1, inputs=[t])
