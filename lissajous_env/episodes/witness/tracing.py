@@ -271,9 +271,10 @@ def trace(t: Trace):
             reached_tick = q
         if reached_tick > q + t.reach[2]:
             return
-    if reached_tick > 0:
+    # Targets of the beginning may be on a hop then, and those that appear between two ticks hop from the first of them.
+    if reached_tick > t.reach[2]:
         return
-    q = int(0)
+    q = int(reached_tick)
     while q < ticks:
         t.way[q] = node
         how = int(t.next[q, node[0], node[1]])
