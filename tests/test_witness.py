@@ -232,7 +232,7 @@ def test_episodes_that_are_searched_apart_have_the_same_rogues(monkeypatch):
     monkeypatch.setattr(nearest, "_longest_ways", lambda some: (counts.append(len(some)), search(some))[1])
     apart = nearest.longest_ways(episodes)
     assert counts == [2, 1]
-    for one, other in zip(together, apart, strict=True):
+    for (one, _), (other, _) in zip(together, apart, strict=True):
         assert one.appears_at == other.appears_at
         assert np.array_equal(one.places, other.places)
 

@@ -60,14 +60,18 @@ def _longest_ways(episodes: Sequence[Played]) -> list[Longest]:
     short = [k for k, way in enumerate(longest) if way is not None and _time(way) < stated[k] - enough]
     if not short:
         return found
-    some, ways = [episodes[k] for k in short], [longest[k] for k in short]
-    spacing = spacing_of(some[0])
-    certain = certain_increase(some)
+    spacing, certain = spacing_of(episodes[0]), certain_increase([episodes[k] for k in short])
     for more in (*(share * spacing for share in _LARGER), certain):
+        some = [episodes[k] for k in short]
         traced = with_larger_discs(some, more)
-        ways = _ways_along(some, traced, ways, _RANKS_LARGER)
-    for k, way, each in zip(short, ways, traced, strict=True):
-        found[k] = Longest(way, max(stated[k] - _stated(each), enough))
+        ways = _ways_along(some, traced, [longest[k] for k in short], _RANKS_LARGER)
+        for k, way, larger in zip(short, ways, traced, strict=True):
+            longest[k] = way
+            is_short = _time(way) < stated[k] - enough
+            found[k] = Longest(way, max(stated[k] - _stated(larger), enough) if is_short else enough)
+        short = [k for k in short if found[k].resolution > enough]
+        if not short:
+            break
     return found
 
 
