@@ -33,6 +33,13 @@ def test_a_way_through_narrow_gaps_is_no_faster_than_the_speed_limit():
             assert away <= steps * moved * (1 + 1 / 255) + ahead
 
 
+def test_a_rogue_that_passes_cells_within_a_step_is_found():
+    # Oracle: the simulation detects the rogue. It moves 2.2 cells in a step, past gaps that open for a moment.
+    for policy, seed in (("open-loop-mpcc", 5), ("random", 5)):
+        found = missed("evaders-fast", policy, seed)
+        assert found.undetected >= found.stated - 0.2
+
+
 def test_rogues_between_the_narrow_gaps_of_the_hall_are_found():
     # Oracle: the simulation detects the rogue. Gaps narrower than a cell follow the rogue for most of its way.
     overrides = {"task.duration": 120.0}

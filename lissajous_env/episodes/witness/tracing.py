@@ -56,14 +56,16 @@ class Trace:
     radius: float
     """[m]."""
     moves: wp.array2d(dtype=wp.int32)
-    """(H, 4) hops: columns, rows, ticks, and the fraction of a tick that they last longer."""
+    """(H, 4) hops: columns, rows, ticks, and the fraction of a tick that they last longer, negative for shorter."""
+    ticks: int
+    """Ticks of the stage in one of these."""
     durations: int
     """2 if a hop may take a tick more than its whole ticks."""
     reach: wp.vec3i
     """Columns, rows and ticks of the widest, the highest and the longest hop."""
     rest: wp.array3d(dtype=float)
     """(Q, R, C) least cost of the ways from there to the last tick."""
-    next: wp.array3d(dtype=wp.int8)
+    next: wp.array3d(dtype=wp.int16)
     """(Q, R, C) hop with which they begin, times `durations`, plus 1 if it takes a tick more; -1 to wait."""
     late: wp.array3d(dtype=wp.uint8)
     """(Q, R, C) last fraction of a tick at which a rogue may come there for that. Hops one after the other thus are
@@ -156,7 +158,10 @@ def hop_cost(q: int, row: int, column: int, hop: int, more: int, best: float, t:
     cost = rest_of(q + lasts, other, beside, t)
     if cost >= best:
         return _NOWHERE
-    if (t.labels[q, row, column] & _FRACTIONS) > latest(q, other, beside, hop, more, t):
+    came = t.labels[q, row, column] & _FRACTIONS
+    if came > 0 and t.ticks > 1:  # of the last tick of a step
+        came = _FRACTIONS - (_FRACTIONS - came) / t.ticks
+    if came > latest(q, other, beside, hop, more, t):
         return _NOWHERE
     for k in range(lasts):
         if not can_stay(q + k, row, column, t):
@@ -213,7 +218,7 @@ def improve(q: int, row: int, column: int, t: Trace) -> float:
     if how >= 0:
         hop = how / t.durations
         late = latest(q, row + t.moves[hop, 1], column + t.moves[hop, 0], hop, how % t.durations, t)
-    t.next[q, row, column] = wp.int8(how)
+    t.next[q, row, column] = wp.int16(how)
     t.late[q, row, column] = wp.uint8(late)
     return best
 
@@ -255,7 +260,7 @@ def trace(t: Trace):
                 if is_there(q, row, column, t):
                     if back == 0:
                         rest = 0.0
-                        t.next[q, row, column] = wp.int8(-1)
+                        t.next[q, row, column] = wp.int16(-1)
                         t.late[q, row, column] = wp.uint8(_FRACTIONS)
                     else:
                         rest = improve(q, row, column, t)
@@ -315,12 +320,13 @@ def rough_way(played: Played, rogue: Rogue, blocked: Sequence[tuple[int, np.ndar
     discs = np.where(played.works[steps, :, None], played.track[steps, :, -1], _AWAY)
     discs[steps < 0] = _AWAY
     t.discs = wp.array(discs.reshape(-1, hops.period, *discs.shape[1:]), dtype=wp.vec2)
-    moves = _moves(hops)
+    moves = _moves(hops, spacing, scenario.rogue_speed * scenario.task.step)
+    t.ticks = hops.ticks
     t.moves, t.durations = wp.array(moves, dtype=wp.int32), 2 if hops.ticks == 1 else 1
     columns, rows, ticks = (int(most) for most in abs(moves[:, :3]).max(axis=0, initial=0))
     t.reach = wp.vec3i(columns, rows, ticks + t.durations - 1)
     shape = t.labels.shape
-    t.rest, t.next = wp.empty(shape, dtype=float), wp.empty(shape, dtype=wp.int8)
+    t.rest, t.next = wp.empty(shape, dtype=float), wp.empty(shape, dtype=wp.int16)
     t.late, t.least = wp.empty(shape, dtype=wp.uint8), wp.empty(shape[:1], dtype=float)
     t.reached, t.way = wp.empty(shape[:2], dtype=wp.vec2i), wp.full(shape[:1], wp.vec2i(-1, -1))
     with compile_quietly():
@@ -334,8 +340,14 @@ def rough_way(played: Played, rogue: Rogue, blocked: Sequence[tuple[int, np.ndar
     return np.stack([np.interp(steps, at, places[:, k]) for k in range(2)], axis=1)
 
 
-def _moves(hops: Spreading) -> np.ndarray:
-    """Return the hops (H, 4) between ticks whose labels are known: columns, rows, whole ticks, remaining fraction."""
+def _moves(hops: Spreading, spacing: np.ndarray, moved: float) -> np.ndarray:
+    """Return the hops (H, 4) between ticks whose labels are known: columns, rows, whole ticks, remaining fraction.
+
+    Args:
+        hops: The hops of the stage.
+        spacing: Distance of columns and of rows [m].
+        moved: Greatest distance of a rogue in a control step [m].
+    """
     if hops.ticks == 1:
         each = zip(HOPS, hops.delays, hops.shares, strict=False)  # none for targets at rest
         found = {(sx * i, sy * j, d, s) for (i, j), d, s in each for sx in (1, -1) for sy in (1, -1)}
@@ -343,4 +355,5 @@ def _moves(hops: Spreading) -> np.ndarray:
     # A hop counts where it ends: one that began in the step before is added to those of a step.
     far = hops.ticks / (hops.delays[0] + hops.shares[0] / TICK_FRACTIONS) + 1.0
     around = range(-int(far), int(far) + 1)
-    return np.array([(i, j, 1, 0) for i in around for j in around if 0 < math.hypot(i, j) <= far])
+    each = [(i, j) for i in around for j in around if 0 < math.hypot(i, j) <= far]
+    return np.array([(i, j, 1, int((math.hypot(*(spacing * (i, j))) / moved - 1) * TICK_FRACTIONS)) for i, j in each])
