@@ -7,7 +7,9 @@ after it, from the recorded ways of the sensors:
 2. The labels are traced backwards from the worst case: a rough way from node to node (`tracing`). Near it, a way that
    no disc detects, within steps as well, is searched on a lattice that is finer than the cells (`tube`). Where there
    is none, the place at which the rogue is lost is blocked, and the next rough way is traced.
-3. The way is replayed in the same world as an ordinary target. The time at which the simulation detects it is the
+3. Where no way is undetected for as long as the stage reports, the stage computes the labels again with larger discs,
+   which close narrow gaps, and their ways are traced (`larger`). What it reports then bounds the worst case from below.
+4. The way is replayed in the same world as an ordinary target. The time at which the simulation detects it is the
    result: a lower bound of the worst case, whatever the search assumed.
 
 `thorough` searches the whole lattice instead (`search`), which takes seconds. The replay can compute the bound of

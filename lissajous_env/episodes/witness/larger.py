@@ -14,7 +14,8 @@ on whether it passes a gap that is narrower, the stage may be wrong by any time.
 * At the end of each step, no disc covers the node. Between two steps, the stage's rogue may change from one node to the
   next, so a place of the rogue in that step is at most h / 2 and a step's way of the rogue from nodes that are free at
   the beginning and at the end of the step. A disc that leaves a place free at both ends of its way comes nearer to it
-  within the step by at most c^2 / 8 r, with c the length of its way, and by as much as the way is not straight.
+  within the step by at most c^2 / 8 r, with c the length of its way, and by as much as the way is not straight. A robot
+  that resumes stood still before.
 """
 
 from collections.abc import Sequence

@@ -57,7 +57,7 @@ def _longest_ways(episodes: Sequence[Played]) -> list[Longest]:
     longest = _ways_along(episodes, episodes, [None] * len(episodes), _RANKS)
     found = [Longest(way, enough) for way in longest]
     stated = [_stated(each) for each in episodes]
-    short = [k for k, way in enumerate(longest) if way is not None and _time(way) < stated[k] - enough]
+    short = [k for k, way in enumerate(longest) if way is not None and _time(way) < stated[k] - enough - 1]
     if not short:
         return found
     spacing, certain = spacing_of(episodes[0]), certain_increase([episodes[k] for k in short])
@@ -67,7 +67,7 @@ def _longest_ways(episodes: Sequence[Played]) -> list[Longest]:
         ways = _ways_along(some, traced, [longest[k] for k in short], _RANKS_LARGER)
         for k, way, larger in zip(short, ways, traced, strict=True):
             longest[k] = way
-            is_short = _time(way) < stated[k] - enough
+            is_short = _time(way) < stated[k] - enough - 1
             found[k] = Longest(way, max(stated[k] - _stated(larger), enough) if is_short else enough)
         short = [k for k in short if found[k].resolution > enough]
         if not short:
@@ -96,7 +96,7 @@ def _ways_along(
             continue
         each = [rogues[k][rank] for k in tried]
         places = [blocked[k].setdefault(rogue, []) for k, rogue in zip(tried, each, strict=True)]
-        rough = [rough_way(traced[k], *some) for k, *some in zip(tried, each, places, strict=True)]
+        rough = [rough_way(traced[k], *some) for k, some in zip(tried, zip(each, places, strict=True), strict=True)]
         lost = [-1] * len(tried)
         for fineness in _FINENESS:
             left = [j for j, way in enumerate(rough) if way is not None and lost[j] < each[j][1] - enough]
