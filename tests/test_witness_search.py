@@ -94,3 +94,24 @@ def test_a_search_along_larger_discs_begins_only_where_it_must(monkeypatch):
     for played, found in zip(episodes, nearest.longest_ways(episodes), strict=True):
         (since, until), way = peaks(played)[0], found.way
         assert abs((way.unseen_until - way.appears_at) - (until - since)) <= found.resolution + 1
+
+
+def test_no_target_stays_at_a_node_that_is_sensed_between_two_ticks():
+    # Oracle: distances in float64 from the recorded robots, at the ends of the steps from a tick to the next one.
+    made = lissajous_env.scenario("team", **{"task.duration": 6.0})
+    (played,) = play(baselines.make("sweep", made, 1), made, [0])
+    hops = made.spreading
+    x, y = (np.linspace(-5, 5, count) for count in (hops.columns, hops.rows))
+    assert hops.period == 6
+    lost = 0
+    for tick, bits in enumerate(played.stays):
+        if tick == 0:  # targets of the beginning are sensed from the first step on
+            continue
+        stays = np.unpackbits(bits.view(np.uint8), axis=1, count=hops.columns, bitorder="little").astype(bool)
+        there = played.labels[tick] < played.labels.max()
+        for step in range(6 * tick, 6 * tick + 6):
+            for place in played.track[step, played.works[step], -1].astype(float):
+                away = np.hypot(x - place[0], y[:, None] - place[1])
+                assert not (stays & (away < hops.radius - 1e-4)).any()
+        lost += np.count_nonzero(there & ~stays)
+    assert lost > 100

@@ -57,7 +57,12 @@ def _longest_ways(episodes: Sequence[Played]) -> list[Longest]:
     longest = _ways_along(episodes, episodes, [None] * len(episodes), _RANKS)
     found = [Longest(way, enough) for way in longest]
     stated = [_stated(each) for each in episodes]
-    short = [k for k, way in enumerate(longest) if way is not None and _time(way) < stated[k] - enough - 1]
+
+    def is_short(k: int) -> bool:
+        """Return whether the way is shorter than the stage reports by more than the time of a cell and a step."""
+        return longest[k] is not None and _time(longest[k]) < stated[k] - enough - 1
+
+    short = [k for k in range(len(episodes)) if is_short(k)]
     if not short:
         return found
     spacing, certain = spacing_of(episodes[0]), certain_increase([episodes[k] for k in short])
@@ -67,9 +72,8 @@ def _longest_ways(episodes: Sequence[Played]) -> list[Longest]:
         ways = _ways_along(some, traced, [longest[k] for k in short], _RANKS_LARGER)
         for k, way, larger in zip(short, ways, traced, strict=True):
             longest[k] = way
-            is_short = _time(way) < stated[k] - enough - 1
-            found[k] = Longest(way, max(stated[k] - _stated(larger), enough) if is_short else enough)
-        short = [k for k in short if found[k].resolution > enough]
+            found[k] = Longest(way, max(stated[k] - _stated(larger), enough) if is_short(k) else enough)
+        short = [k for k in short if is_short(k)]
         if not short:
             break
     return found

@@ -86,7 +86,11 @@ class Watcher:
         if taken % period == 0:
             now["labels"] = _labels(simulation, taken)
         if (taken + 1) % period == 0:
-            now["stays"] = _there(simulation, taken)
+            # A target that appears where one was sensed since the tick has another label.
+            before, latest = now.get("labels"), now.get("labels")
+            if before is None or latest is None:
+                before, latest = kept["labels"][-1], _labels(simulation, taken)
+            now["stays"] = _words((latest == before) & (latest < int(NONE)))
         for name, array in now.items():
             kept.setdefault(name, []).append(array)
 
@@ -125,10 +129,10 @@ def _slot(simulation: Simulation, step: int) -> int:
     return step * hops.ticks // hops.period % hops.history_length
 
 
-def _there(simulation: Simulation, step: int) -> np.ndarray:
-    """Return the bits (W, R, C / 32) of the nodes at which a target can be, at the end of a step."""
-    inner = slice(int(MARGIN), int(MARGIN) + simulation.scenario.spreading.rows)
-    return simulation.contamination.there.numpy()[:, inner, 1:-1, _slot(simulation, step)].copy()
+def _words(table: np.ndarray) -> np.ndarray:
+    """Return bool (W, R, C) as bits (W, R, C / 32)."""
+    wide = np.pad(table, ((0, 0), (0, 0), (0, -table.shape[2] % 32)))
+    return np.packbits(wide, axis=2, bitorder="little").view(np.uint32)
 
 
 def _labels(simulation: Simulation, step: int) -> np.ndarray:
@@ -136,7 +140,7 @@ def _labels(simulation: Simulation, step: int) -> np.ndarray:
     hops, margin = simulation.scenario.spreading, int(MARGIN)
     inner, slot = slice(margin, margin + hops.rows), _slot(simulation, step)
     labels = simulation.contamination.labels.numpy()[:, slot, inner, margin : margin + hops.columns]
-    words = _there(simulation, step)
+    words = simulation.contamination.there.numpy()[:, inner, 1:-1, slot].copy()
     there = np.unpackbits(words.view(np.uint8), axis=2, count=hops.columns, bitorder="little")
     return np.where(there, labels, int(NONE)).astype(np.int32)
 
