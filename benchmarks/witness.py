@@ -3,10 +3,11 @@
 In each episode a rogue stays undetected for about as long as the contamination stage reports, and is replayed as an
 ordinary target. The table has, for each scenario, over its episodes: how many rogues are undetected for the reported
 time, up to that in which a rogue crosses a cell, and a control step; how many for longer, and for less; how many for
-less than the lower bound of the worst case, by more than a step; the median, least and greatest difference. `--finer` plays the episodes of the last two groups on grids of cells a third
-as long, and has a table of how many of their rogues agree with these, up to the same time. `--cost` measures the time
-of a witness beside that of the contamination stage. `--out` appends a line of JSON for each episode, and goes on where
-an earlier call stopped. `--store` puts the table into docs/figures.json.
+less than the lower bound of the worst case, by more than a step; the median, least and greatest difference. `--finer`
+plays the episodes that are longer or shorter on grids of cells a third as long, and has a table of how many of their
+rogues agree with these, up to the same time. `--cost` measures the time of a witness beside that of the contamination
+stage. `--out` appends a line of JSON for each episode, and goes on where an earlier call stopped. `--store` puts the
+table into docs/figures.json.
 """
 
 import argparse
