@@ -7,7 +7,9 @@ after it, from the recorded ways of the sensors:
 2. The labels are traced backwards from the worst case: a rough way from node to node (`tracing`). Near it, a way that
    no disc detects, within steps as well, is searched on a lattice that is finer than the cells (`tube`). Where there
    is none, the place at which the rogue is lost is blocked, and the next rough way is traced.
-3. The way is replayed in the same world as an ordinary target. The time at which the simulation detects it is the
+3. Where no way is undetected for as long as the stage reports, the stage computes the labels again with larger discs,
+   which close narrow gaps, and their ways are traced (`larger`). What it reports then bounds the worst case from below.
+4. The way is replayed in the same world as an ordinary target. The time at which the simulation detects it is the
    result: a lower bound of the worst case, whatever the search assumed.
 
 `thorough` searches the whole lattice instead (`search`), which takes seconds. The replay can compute the bound of
@@ -21,7 +23,7 @@ from typing import Any
 
 from lissajous_env.episodes.evaluation import ActingPolicy, name_of
 from lissajous_env.episodes.guarantee import check_follows
-from lissajous_env.episodes.witness.nearest import longest_ways
+from lissajous_env.episodes.witness.nearest import Longest, longest_ways
 from lissajous_env.episodes.witness.played import Played, Watcher, Way, play, resolution
 from lissajous_env.episodes.witness.replayed import Replayed, replay
 from lissajous_env.episodes.witness.search import longest_way
@@ -45,6 +47,10 @@ class Witness:
     """Steps and positions of the rogue."""
     replayed: Replayed
     """The rogue as an ordinary target of the simulation."""
+    resolution: float
+    """Time by which the contamination stage may be longer than the worst case [s]: a rogue crosses a cell in it, or it
+    is a control step if that is longer. Where the search finds no such rogue, it is what the stage loses with larger
+    discs, below which the worst case is not: `lissajous_env.episodes.witness.larger` contains the proof."""
 
     @property
     def undetected(self) -> float:
@@ -65,11 +71,6 @@ class Witness:
     def appears(self) -> float:
         """Time at which the rogue appears [s]."""
         return self.way.appears_at * self.played.scenario.task.step
-
-    @property
-    def resolution(self) -> float:
-        """Time in which a rogue crosses a cell, or a control step if that is longer [s]."""
-        return resolution(self.played.scenario) * self.played.scenario.task.step
 
 
 def witness_of(
@@ -116,12 +117,18 @@ def witnesses_in(
     episodes: Sequence[Played], policy: str, device: Any = "cpu", thorough: bool = False, prove: bool = True
 ) -> list[Witness | None]:
     """Return the rogue of `witness_of` in each of some episodes of a scenario, which a policy of this name played."""
-    ways = [longest_way(each, True) for each in episodes] if thorough else longest_ways(episodes)
+    if thorough:
+        longest = [Longest(longest_way(each, True), resolution(each.scenario)) for each in episodes]
+    else:
+        longest = longest_ways(episodes)
+    ways = [each.way for each in longest]
     there = [k for k, way in enumerate(ways) if way is not None]
     chosen = [episodes[k] for k in there], [way for way in ways if way is not None]
     found = replay(*chosen, device, prove) if there else []
     replayed = dict(zip(there, found, strict=True))
     return [
-        None if way is None else Witness(policy, played, way, replayed[k])
+        None
+        if way is None
+        else Witness(policy, played, way, replayed[k], longest[k].resolution * played.scenario.task.step)
         for k, (played, way) in enumerate(zip(episodes, ways, strict=True))
     ]

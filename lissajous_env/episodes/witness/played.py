@@ -49,6 +49,9 @@ class Played:
     labels: np.ndarray
     """(K, R, C) labels of the contamination stage in steps 0, P, 2 P ..., with P steps per tick, as in
     `lissajous_env.world.contamination.field`; NONE where no target can be."""
+    stays: np.ndarray
+    """(K or K - 1, R, C / 32) a bit for each cell in which a target can stay from a tick to the last step before the
+    next one: no disc covers it at the end of a step until then."""
 
     @property
     def steps(self) -> int:
@@ -79,8 +82,15 @@ class Watcher:
             "action": action.copy() if taken else np.zeros_like(action),
             "introduced_at": simulation.contamination.oldest.numpy().copy(),
         }
-        if taken % simulation.scenario.spreading.period == 0:
+        period = simulation.scenario.spreading.period
+        if taken % period == 0:
             now["labels"] = _labels(simulation, taken)
+        if (taken + 1) % period == 0:
+            # A target that appears where one was sensed since the tick has another label.
+            before, latest = now.get("labels"), now.get("labels")
+            if before is None or latest is None:
+                before, latest = kept["labels"][-1], _labels(simulation, taken)
+            now["stays"] = _words((latest == before) & (latest < int(NONE)))
         for name, array in now.items():
             kept.setdefault(name, []).append(array)
 
@@ -113,11 +123,22 @@ def play(policy: ActingPolicy, scenario: Scenario, seeds: list[int], device: Any
     return watcher.episodes(seeds)
 
 
+def _slot(simulation: Simulation, step: int) -> int:
+    """Return the slot of the latest tick's labels at the end of a step."""
+    hops = simulation.scenario.spreading
+    return step * hops.ticks // hops.period % hops.history_length
+
+
+def _words(table: np.ndarray) -> np.ndarray:
+    """Return bool (W, R, C) as bits (W, R, C / 32)."""
+    wide = np.pad(table, ((0, 0), (0, 0), (0, -table.shape[2] % 32)))
+    return np.packbits(wide, axis=2, bitorder="little").view(np.uint32)
+
+
 def _labels(simulation: Simulation, step: int) -> np.ndarray:
     """Return the labels (W, R, C) of the nodes at the end of a step with a tick."""
     hops, margin = simulation.scenario.spreading, int(MARGIN)
-    slot = step * hops.ticks // hops.period % hops.history_length
-    inner = slice(margin, margin + hops.rows)
+    inner, slot = slice(margin, margin + hops.rows), _slot(simulation, step)
     labels = simulation.contamination.labels.numpy()[:, slot, inner, margin : margin + hops.columns]
     words = simulation.contamination.there.numpy()[:, inner, 1:-1, slot].copy()
     there = np.unpackbits(words.view(np.uint8), axis=2, count=hops.columns, bitorder="little")

@@ -24,6 +24,7 @@ from lissajous_env.episodes.witness.windows import (
     SIDE,
     Episodes,
     Tubes,
+    columns_of,
     corner_at,
     inside,
     place_at,
@@ -48,37 +49,79 @@ _DIAGONAL = wp.constant(0.71)
 
 
 @wp.func
-def clear_starts(
-    k: int, corner: wp.vec2i, rows: wp.vec2i, begin: int, end: int, d: wp.vec2, more: float, e: Episodes, tubes: Tubes
-):
-    """Clear in `left` the starts from which a move by d [m] is detected, by discs with `more` around them [m]."""
+def collect_pieces(
+    k: int,
+    corner: wp.vec2i,
+    rows: wp.vec2i,
+    columns: wp.vec2i,
+    begin: int,
+    end: int,
+    reach: float,
+    e: Episodes,
+    tubes: Tubes,
+) -> int:
+    """Store the pieces of the discs' ways that can detect a move of at most `reach` [m]; returns their number.
+
+    The move starts in some rows and columns of a window.
+    """
     world = tubes.episode[k]
     pieces = e.track.shape[3] - 1
-    radius = e.radius + e.margin + more
-    low = place_at(corner[0], corner[1] + rows[0], e, tubes)
-    high = place_at(corner[0] + SIDE - 1, corner[1] + rows[1], e, tubes)
-    count = float((end - begin) * pieces)
+    radius = e.radius + e.margin + reach
+    low = place_at(k, corner[0] + columns[0], corner[1] + rows[0], e, tubes)
+    high = place_at(k, corner[0] + columns[1], corner[1] + rows[1], e, tubes)
+    share = 1.0 / float((end - begin) * pieces)
+    found = int(0)
     for step in range(begin + 1, end + 1):
         for i in range(e.track.shape[2]):
             if e.works[world, step, i] == wp.int8(0):
                 continue
             for s in range(pieces):
-                share = float((step - begin - 1) * pieces + s)
-                a = e.track[world, step, i, s] - (share / count) * d
-                b = e.track[world, step, i, s + 1] - ((share + 1.0) / count) * d
+                a = e.track[world, step, i, s]
+                b = e.track[world, step, i, s + 1]
                 if wp.max(a[0], b[0]) + radius < low[0] or wp.min(a[0], b[0]) - radius > high[0]:
                     continue
                 if wp.max(a[1], b[1]) + radius < low[1] or wp.min(a[1], b[1]) - radius > high[1]:
                     continue
-                for row in range(rows[0], rows[1] + 1):
-                    if tubes.left[k, row] != wp.uint64(0):
-                        y = float(corner[1] + row) * tubes.spacing[1] - e.half[1]
-                        x = swept_run(a, b, radius, y)
-                        if x[0] <= x[1]:
-                            first = wp.ceil((x[0] + e.half[0]) / tubes.spacing[0]) - float(corner[0])
-                            last = wp.floor((x[1] + e.half[0]) / tubes.spacing[0]) - float(corner[0])
-                            seen = run(int(wp.max(first, 0.0)), int(wp.clamp(last, -1.0, float(SIDE))))
-                            tubes.left[k, row] = tubes.left[k, row] & ~seen
+                tubes.pieces[k, found] = wp.vec4(a[0], a[1], b[0], b[1])
+                tubes.shares[k, found] = share * float((step - begin - 1) * pieces + s)
+                found += 1
+    return found
+
+
+@wp.func
+def clear_starts(
+    k: int,
+    corner: wp.vec2i,
+    rows: wp.vec2i,
+    pieces: int,
+    share: float,
+    d: wp.vec2,
+    more: float,
+    e: Episodes,
+    tubes: Tubes,
+):
+    """Clear in `left` the starts from which a move by d [m] is detected, by discs with `more` around them [m].
+
+    The ways of the discs are the first `pieces` that are stored, each of which lasts a `share` of the move.
+    """
+    radius = e.radius + e.margin + more
+    for j in range(pieces):
+        piece = tubes.pieces[k, j]
+        a = wp.vec2(piece[0], piece[1]) - tubes.shares[k, j] * d
+        b = wp.vec2(piece[2], piece[3]) - (tubes.shares[k, j] + share) * d
+        low = wp.ceil((wp.min(a[1], b[1]) - radius + e.half[1]) / tubes.spacing[1]) - float(corner[1])
+        high = wp.floor((wp.max(a[1], b[1]) + radius + e.half[1]) / tubes.spacing[1]) - float(corner[1])
+        first_row = wp.max(rows[0], int(wp.clamp(low, 0.0, float(SIDE))))
+        last_row = wp.min(rows[1], int(wp.clamp(high, -1.0, float(SIDE))))
+        for row in range(first_row, last_row + 1):
+            if tubes.left[k, row] != wp.uint64(0):
+                y = float(corner[1] + row) * tubes.spacing[1] - e.half[1]
+                x = swept_run(a, b, radius, y)
+                if x[0] <= x[1]:
+                    first = wp.ceil((x[0] + e.half[0]) / tubes.spacing[0]) - float(corner[0])
+                    last = wp.floor((x[1] + e.half[0]) / tubes.spacing[0]) - float(corner[0])
+                    seen = run(int(wp.max(first, 0.0)), int(wp.clamp(last, -1.0, float(SIDE))))
+                    tubes.left[k, row] = tubes.left[k, row] & ~seen
 
 
 @wp.func
@@ -128,24 +171,31 @@ def move(k: int, m: int, begin: int, end: int, reach: float, e: Episodes, tubes:
     across = tubes.spacing[0]
     up = tubes.spacing[1]
     rows = wp.vec2i(SIDE, -1)
+    used = wp.uint64(0)
     for row in range(SIDE):
         tubes.bits[k, m + 1, row] = wp.uint64(0)
         tubes.left[k, row] = tubes.bits[k, m, row]
+        used = used | tubes.bits[k, m, row]
         if tubes.bits[k, m, row] != wp.uint64(0):
             rows = wp.vec2i(wp.min(rows[0], row), row)
-    clear_starts(k, corner, rows, begin, end, wp.vec2(0.0, 0.0), reach, e, tubes)
+    share = 1.0 / float((end - begin) * (e.track.shape[3] - 1))
+    pieces = collect_pieces(k, corner, rows, columns_of(used), begin, end, reach, e, tubes)
+    clear_starts(k, corner, rows, pieces, share, wp.vec2(0.0, 0.0), reach, e, tubes)
     is_left = bool(False)
     most = int(reach / up)
     for away in range(-most, most + 1):
         width = width_at(away, reach, up, across)
         is_left = add_left(k, m, rows, wp.vec2i(0, away), width, after, e, tubes) or is_left
     contested = wp.vec2i(SIDE, -1)
+    used = wp.uint64(0)
     for row in range(rows[0], rows[1] + 1):
         tubes.near[k, row] = tubes.bits[k, m, row] & ~tubes.left[k, row]
+        used = used | tubes.near[k, row]
         if tubes.near[k, row] != wp.uint64(0):
             contested = wp.vec2i(wp.min(contested[0], row), row)
     if contested[1] < 0:
         return is_left
+    pieces = collect_pieces(k, corner, contested, columns_of(used), begin, end, reach, e, tubes)
     steep = int(_DIAGONAL * float(most))
     for j in range(4 * (2 * steep + 1) + 1):
         away = j / 4 - steep
@@ -158,7 +208,7 @@ def move(k: int, m: int, begin: int, end: int, reach: float, e: Episodes, tubes:
         for row in range(contested[0], contested[1] + 1):
             tubes.left[k, row] = tubes.near[k, row]
         moved = wp.vec2(float(d[0]) * across, float(d[1]) * up)
-        clear_starts(k, corner, contested, begin, end, moved, 0.0, e, tubes)
+        clear_starts(k, corner, contested, pieces, share, moved, 0.0, e, tubes)
         is_left = add_left(k, m, contested, d, 0, after, e, tubes) or is_left
     return is_left
 
@@ -328,6 +378,8 @@ def ways_near(
     tubes.rough = wp.array(rough, dtype=wp.vec2)
     shape = count, scenario.task.steps + 2
     tubes.bits, tubes.moments = wp.empty((*shape, 64), dtype=wp.uint64), wp.empty(shape, dtype=wp.int32)
+    most = tubes.period * e.track.shape[2] * (e.track.shape[3] - 1)
+    tubes.pieces, tubes.shares = wp.empty((count, most), dtype=wp.vec4), wp.empty((count, most), dtype=float)
     tubes.near, tubes.left = wp.empty((count, 64), dtype=wp.uint64), wp.empty((count, 64), dtype=wp.uint64)
     tubes.first, tubes.last, tubes.lost = (wp.empty(count, dtype=wp.int32) for _ in range(3))
     tubes.way = wp.empty(shape, dtype=wp.vec2i)

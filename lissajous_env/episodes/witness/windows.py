@@ -58,6 +58,10 @@ class Tubes:
     """(K, 64) nodes that are so near to a disc that not every move from them is undetected."""
     left: wp.array2d(dtype=wp.uint64)
     """(K, 64) starts that are being cleared."""
+    pieces: wp.array2d(dtype=wp.vec4)
+    """(K, P) first and last positions of the sensors on the pieces of their ways that are near [m]."""
+    shares: wp.array2d(dtype=float)
+    """(K, P) moments at which these begin, as a share of the move."""
     first: wp.array(dtype=wp.int32)
     """Index of the moment at which the longest way begins; -1 if there is none."""
     last: wp.array(dtype=wp.int32)
@@ -76,6 +80,18 @@ def run(low: int, high: int) -> wp.uint64:
     if first > last:
         return wp.uint64(0)
     return (_ALL >> wp.uint64(SIDE - 1 - last + first)) << wp.uint64(first)
+
+
+@wp.func
+def columns_of(bits: wp.uint64) -> wp.vec2i:
+    """Return the first and the last column whose bit is set."""
+    first = int(0)
+    last = int(SIDE - 1)
+    while first < SIDE - 1 and (bits >> wp.uint64(first)) & wp.uint64(1) == wp.uint64(0):
+        first += 1
+    while last > first and (bits >> wp.uint64(last)) & wp.uint64(1) == wp.uint64(0):
+        last -= 1
+    return wp.vec2i(first, last)
 
 
 @wp.func
