@@ -67,8 +67,8 @@ def collect_pieces(
     world = tubes.episode[k]
     pieces = e.track.shape[3] - 1
     radius = e.radius + e.margin + reach
-    low = place_at(k, corner[0] + columns[0], corner[1] + rows[0], e, tubes)
-    high = place_at(k, corner[0] + columns[1], corner[1] + rows[1], e, tubes)
+    low = place_at(corner[0] + columns[0], corner[1] + rows[0], e, tubes)
+    high = place_at(corner[0] + columns[1], corner[1] + rows[1], e, tubes)
     share = 1.0 / float((end - begin) * pieces)
     found = int(0)
     for step in range(begin + 1, end + 1):
