@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,28 +47,40 @@ QUICK = [
     "0",
 ]
 """Options that replace these in a trial of the commands."""
+_SMALL = {"steps": QUICK_STEPS, "worlds": 4, "rollout": 8}
 OURS, LIBRARY = "here", "the library's loop"
 
 
 def rate(side: str, checkout: Path, kind: str, seed: int, quick: bool) -> float:
     """Train once, and return the robot steps per second."""
+    if side == LIBRARY:
+        return float(_run(["-c", _LIBRARY, json.dumps(_SMALL if quick else {"steps": 1_500_000})], checkout))
+    options = ["--scenario", SCENARIO, "--seed", str(seed), *KINDS[kind], *(QUICK if quick else [])]
+    if checkout == ROOT and kind != "whole":
+        options += ["--base", "none"]  # another version may have no such default
+    return rate_of(options, checkout, whole=kind == "whole")
+
+
+def rate_of(options: Sequence[str], checkout: Path = ROOT, whole: bool = False) -> float:
+    """Return the robot steps per second of `lissajous train` with some options after its first evaluation.
+
+    Kernels are loaded and threads start before the first evaluation; they count only with `whole`.
+    """
     with tempfile.TemporaryDirectory() as folder:
-        options = ["--scenario", SCENARIO, "--seed", str(seed), "--out", folder, "--evaluation-episodes", "1",
-                   "--rivals", *KINDS[kind], *(QUICK if quick else [])]  # fmt: skip
-        if checkout == ROOT and kind != "whole":
-            options += ["--base", "none"]  # another version may have no such default
-        if side == LIBRARY:
-            options = [json.dumps({"steps": QUICK_STEPS, "worlds": 4, "rollout": 8} if quick else {"steps": 1_500_000})]
-        start = ["-c", _LIBRARY] if side == LIBRARY else ["-m", "lissajous_env", "train"]
-        path = os.pathsep.join(map(str, (checkout, declared(checkout, Path(folder)))))
-        done = subprocess.run([sys.executable, *start, *options], check=True, cwd=folder, stdout=subprocess.PIPE,
-                              env=os.environ | {"PYTHONPATH": path}, text=True)  # fmt: skip
-        if side == LIBRARY:
-            return float(done.stdout)
+        always = ["--out", folder, "--evaluation-episodes", "1", "--rivals"]
+        _run(["-m", "lissajous_env", "train", *always, *options], checkout)
         curve = json.loads((Path(folder) / "checkpoint.json").read_text())["curve"]
-    # The beginning counts only for `whole`: kernels are loaded and threads start before the first evaluation.
-    first = {"steps": 0, "seconds": 0.0} if kind == "whole" else curve[0]
+    first = {"steps": 0, "seconds": 0.0} if whole else curve[0]
     return (curve[-1]["steps"] - first["steps"]) / (curve[-1]["seconds"] - first["seconds"])
+
+
+def _run(arguments: Sequence[str], checkout: Path) -> str:
+    """Run Python in a process that imports a checkout, and return what it prints."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = os.pathsep.join(map(str, (checkout, declared(checkout, Path(folder)))))
+        done = subprocess.run([sys.executable, *arguments], check=True, cwd=folder, stdout=subprocess.PIPE,
+                              env=os.environ | {"PYTHONPATH": path}, text=True)  # fmt: skip
+    return done.stdout
 
 
 def declared(checkout: Path, folder: Path) -> Path:
