@@ -24,7 +24,7 @@ TRAININGS = {"the network alone": "none", "on `sweep`": "sweep"}
 _SETTINGS = ["--teacher", "none", "--worlds", "512", "--evaluation-scenarios", "1"]
 _TURNS = 5
 """Largest number of turns of the trainings."""
-_LENGTH = ["--steps", "5000000", "--evaluate-every", "1000000"]
+_LENGTH = ["--steps", "1500000", "--evaluate-every", "300000"]
 
 
 def tables(options: Options) -> dict[str, Table]:
