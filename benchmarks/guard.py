@@ -7,9 +7,15 @@ the plan are then played on the same other seeds. A worst case is the longest wo
 episodes; if an episode shows no bound, it counts as twice the episode. Tables show the median over scenarios of its
 ratio to that of the plan, over all scenarios and over those in which robots fail, and collisions per episode; the
 intervals (95 %) are bootstrapped over scenarios. If the command is interrupted and called again, it resumes.
+
+    python benchmarks/guard.py --rehearsals --scenarios 24
+
+`--rehearsals` compares the choice with and without rehearsals instead, on `monitoring-v1:validation`: the geometric
+mean over scenarios of the ratio to the worst case without, on other seeds than those of the rehearsals.
 """
 
 import argparse
+import dataclasses
 import json
 import math
 import warnings
@@ -18,17 +24,19 @@ from typing import Any
 
 import figures
 import numpy as np
-from patrol import in_words
+from patrol import geometric_mean, in_words
 
 from baselines.planning import planner
 from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario, scenario_space
 from lissajous_env.parameters.assumptions import AssumptionWarning
-from training.choosing.chooser import chosen, names
+from training.choosing.chooser import Chooser, chosen, names
 from training.choosing.playing import GUARANTEE, play, scenarios_of
 
 CLASSICAL = ("line-abreast", "partition", "partition-repair", "sweep", "laps", "kuramoto-mpcc")
 PLAN = "best plan"
+REHEARSED = 0, 3, 5
+"""Numbers of rehearsed patrols that are compared, the first without any."""
 
 Results = dict[tuple[str, str], dict[str, Any]]
 
@@ -90,6 +98,27 @@ def as_table(found: Results, policies: list[str]) -> figures.Table:
     return {"columns": titles, "rows": rows}
 
 
+def rehearsals(scenarios: list[Scenario], options: argparse.Namespace) -> figures.Table:
+    """Return a row for each number of rehearsed patrols, for the first of the learned choices."""
+    learned, times, collisions = Chooser.read(options.policies[0]), [], []
+    for made in scenarios:
+        best = [dataclasses.replace(learned, rehearsed=count).chosen(made)[0] for count in REHEARSED]
+        found = [play(settings, made, options.episodes, GUARANTEE) for settings in best]
+        if all(row["time"] is not None for row in found):
+            times.append([row["time"] for row in found])
+            collisions.append([row["collisions"] for row in found])
+            print(made.name, *(f"{time:.3g}" for time in times[-1]), flush=True)
+    ratios = np.array(times) / np.array(times)[:, :1]
+    rows = [
+        [str(count) if count else "none", str(len(times)), in_words(ratios[:, k], geometric_mean),
+         f"{100 * np.mean(ratios[:, k] < 1):.0f}", f"{100 * np.mean(ratios[:, k] > 1):.0f}",
+         in_words(np.array(collisions)[:, k], np.mean)]
+        for k, count in enumerate(REHEARSED)
+    ]  # fmt: skip
+    titles = ["rehearsed", "scenarios", "worst case over that without (geometric mean)", "shorter [%]", "longer [%]"]
+    return {"columns": [*titles, "collisions"], "rows": rows}
+
+
 def main() -> None:
     parser = figures.parser(__doc__)
     parser.add_argument("--policies", nargs="*", default=["learned-guard"], help="learned choices, names or folders")
@@ -97,19 +126,20 @@ def main() -> None:
     parser.add_argument("--scenarios", type=int, default=24)
     parser.add_argument("--seconds", type=float, default=30.0, help="duration of each search [s]")
     parser.add_argument("--episodes", type=int, default=8)
+    parser.add_argument("--rehearsals", action="store_true", help="compare a choice with and without rehearsals")
     parser.add_argument("--out", type=Path, default=Path("results/guard"))
     options = parser.parse_args()
     warnings.simplefilter("ignore", AssumptionWarning)
     options.out.mkdir(parents=True, exist_ok=True)
-    policies = [PLAN, *options.policies, *CLASSICAL]
-    scenarios = scenarios_of(scenario_space(options.space), "test", options.scenarios, GUARANTEE)
-    table = as_table(results(options.out / "worst-cases.jsonl", scenarios, policies, options), policies)
-    figures.publish(
-        "guard",
-        f"{options.space}:test, {options.scenarios} scenarios, {options.episodes} episodes each",
-        table,
-        options.store,
-    )
+    policies, split = [PLAN, *options.policies, *CLASSICAL], "validation" if options.rehearsals else "test"
+    scenarios = scenarios_of(scenario_space(options.space), split, options.scenarios, GUARANTEE)
+    if options.rehearsals:
+        name, table = "guard rehearsed", rehearsals(scenarios, options)
+    else:
+        found = results(options.out / "worst-cases.jsonl", scenarios, policies, options)
+        name, table = "guard", as_table(found, policies)
+    title = f"{options.space}:{split}, {options.scenarios} scenarios, {options.episodes} episodes each"
+    figures.publish(name, title, table, options.store)
 
 
 if __name__ == "__main__":

@@ -76,6 +76,29 @@ def test_the_choice_depends_on_no_unit(name):
         assert [each.policy for each in one] == [each.policy for each in other]
 
 
+@pytest.mark.parametrize("objective", [playing.DETECTION, playing.GUARANTEE])
+def test_the_best_of_the_rehearsed_candidates_is_chosen(objective):
+    """Oracle: the candidates' own episodes; the network prefers the one that stands still."""
+    scenario = lissajous_env.scenario(
+        SCENARIO,
+        **{"task.duration": 20.0, "task.contamination": (30, 20), "sensing.radius": 0.8 * SCENARIO.curve.half_height},
+    )
+    alone = dataclasses.replace(made((0.0, 1.0, 2.0)), limits=tuple((-99.0, 99.0) for _ in FEATURES))
+    learned = dataclasses.replace(alone, rehearsed=3, about={"objective": objective})
+    column = "detection_time_mean" if objective == playing.DETECTION else "guaranteed_detection_time"
+    costs = {}
+    for settings in alone.ranked(scenario):
+        rows = lissajous_env.evaluate(settings.make(scenario, 4), scenario, range(800_000, 800_004))
+        times = [row[column] for row in rows]
+        time = np.mean(times) if objective == playing.DETECTION else max(times)
+        if objective == playing.GUARANTEE and any(row["guarantee_open"] for row in rows):
+            time = 2 * 20.0
+        costs[settings.policy] = np.log(time) + 0.1 * min(np.mean([row["collisions"] for row in rows]), 20)
+    assert alone.chosen(scenario)[0].policy == "still"
+    assert learned.chosen(scenario)[0].policy == min(costs, key=lambda policy: costs[policy]) != "still"
+    assert sorted(each.policy for each in learned.chosen(scenario)) == ["partition", "still", "sweep"]
+
+
 def test_a_candidate_that_does_not_suit_the_scenario_is_passed_over():
     lines = Candidate("line-abreast"), Candidate("sweep")
     short = lissajous_env.scenario(SCENARIO, **{"sensing.radius": 0.03 * SCENARIO.curve.half_height})
@@ -96,7 +119,9 @@ def test_a_scenario_outside_of_the_training_is_refused_by_name():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"format": 2}, "format must be 1"),
+        ({"format": 1}, "format must be 2"),
+        ({"rehearsed": -1}, "rehearsed must be"),
+        ({"rehearsed": 2}, "about must contain the objective, detection or guarantee, got"),
         ({"features": ["luck"]}, "features must be of"),
         ({"candidates": [{"policy": "sweep", "parameters": {"cruise": "fast"}}]}, "cruise of sweep must be a finite"),
         ({"limits": []}, "limits must have"),

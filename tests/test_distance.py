@@ -13,7 +13,8 @@ from lissajous_env.device.curve import CurveStruct, curve_struct
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory.closed_forms import curve_point
 from lissajous_env.world.robots.distance import DistanceTable, curve_distances, table_of
-from lissajous_env.world.robots.distance_table import arc_distance, nearest_phase, rough_search
+from lissajous_env.world.robots.distance_table import arc_distance, rough_search
+from lissajous_env.world.robots.nearest_point import nearest_arcs
 
 
 @wp.kernel
@@ -70,8 +71,8 @@ def test_the_nearest_point_is_the_nearest(curve):
     for reach in (1.0, 3.0, 100.0):
         places = places_around(curve, reach, 1001)
         phases, plausible, rough, errors = rough_search(curve, places)
-        found_at, found = nearest_phase(curve, places, phases, plausible)
-        assert np.linalg.norm(curve_point(curve, found_at) - places, axis=1) == pytest.approx(found)
+        arcs, found = nearest_arcs(curve, places, phases, plausible)
+        assert np.linalg.norm(arcs[:, :2] - places, axis=1) == pytest.approx(found)
         assert (found <= points.query(places)[0] + 2e-4 * curve.half_height).all()
         if curve in ROUGH:
             assert (np.abs(rough - found) <= errors).all()

@@ -5,6 +5,7 @@ import pytest
 
 import lissajous_env
 from lissajous_env import Mixture, ScenarioSpace, Simulation, scenario, scenario_space
+from lissajous_env.parameters.draws import Draws
 
 DRAW = {
     "curve": {"choices": [{"a": 1, "b": 2}, {"a": 3, "b": 2}], "half_height": {"low": 0.8, "high": 1.0}},
@@ -140,3 +141,12 @@ def test_rows_of_different_sizes_and_wrong_actions_are_refused():
     mixture = Mixture(SPACE, num_groups=1, group_size=2)
     with pytest.raises(ValueError, match=r"action must be numbers of shape \(2, [35], 2\), got \(3,\)"):
         mixture.step(np.zeros(3))
+
+
+def test_a_drawn_scenario_is_changed_only_if_the_group_plays_it():
+    # Oracle: the scenarios of another sequence from the same seed, without a change.
+    changed = []
+    draws, plain = Draws(SPACE, seed=5, change=lambda made: changed.append(made) or made), Draws(SPACE, seed=5)
+    assert [draws.next(0) for _ in range(4)] == [plain.next(0) for _ in range(4)]
+    assert draws.counts[0] > 4
+    assert len(changed) == 4

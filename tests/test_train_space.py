@@ -258,6 +258,15 @@ def test_waiting_counts_relative_to_the_reference():
     assert scenarios.in_units_of("sweep", unpaid, "cpu") is unpaid
 
 
+def test_without_a_base_the_best_patrol_measures_the_targets_of_a_drawn_scenario(file, tmp_path, monkeypatch):
+    # Story: the paper's method would solve its controller in eight episodes of each scenario.
+    measured = []
+    monkeypatch.setattr(scenarios, "in_units_of", lambda name, made, device: measured.append(name) or made)
+    settings = small(file, tmp_path, base="none")
+    settings.change_drawn(settings.make_scenario())
+    assert measured == ["sweep"]
+
+
 def test_a_space_of_points_has_the_papers_method_as_its_base(monkeypatch):
     from lissajous_env.parameters import named
 

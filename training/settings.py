@@ -350,9 +350,17 @@ class TrainingSettings:
     def change_drawn(self, made: Scenario) -> Scenario:
         """Return a scenario that was drawn from the space, as it is learned in."""
         made = scenarios.leaner(made)
-        if (reference := self.chosen_base or self.papers_method[0]) is not None:
-            made = scenarios.in_units_of(reference, made, self.device)
+        if self._reference is not None:
+            made = scenarios.in_units_of(self._reference, made, self.device)
         return scenarios.cautious(made, self.caution)
+
+    @cached_property
+    def _reference(self) -> str | None:
+        """Policy relative to which the targets of drawn scenarios are penalized: the base or the best patrol.
+
+        The paper's method for cars would take longer than the training itself.
+        """
+        return self.chosen_base or self._first_made(_PATROLS, "the best one for spaces")[0]
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint, with defaults replaced by what they resolve to."""

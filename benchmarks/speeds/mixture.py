@@ -1,6 +1,8 @@
 """Speed of worlds of many scenarios, compared with as many worlds of one, and the time that a new scenario takes.
 
-Both sides are `VecEnv`s with about as many rows; the ratio is that of the times for a robot's step.
+Both sides of the first table are `VecEnv`s with about as many rows; the ratio is that of the times for a robot's step.
+Those of the second are trainings with the same network, worlds and settings of PPO, each in a process of its own; the
+ratio is that of their robot steps per second, without evaluations.
 """
 
 import time
@@ -14,8 +16,15 @@ from baselines.benchmark.tables import number
 from lissajous_env import scenario_space
 from lissajous_env.parameters.draws import Draws
 from speeds import Options, Part
+from speeds.training import QUICK, rate_of
 
 SPACE = "monitoring-v1"
+TRAININGS = {"the network alone": "none", "on `sweep`": "sweep"}
+"""Base of each training."""
+_SETTINGS = ["--teacher", "none", "--worlds", "512", "--evaluation-scenarios", "1"]
+_TURNS = 5
+"""Largest number of turns of the trainings."""
+_LENGTH = ["--steps", "1500000", "--evaluate-every", "300000"]
 
 
 def tables(options: Options) -> dict[str, Table]:
@@ -40,7 +49,27 @@ def tables(options: Options) -> dict[str, Table]:
         speed = ratio_in_words(each["mixture"], each["one scenario"])
         rows.append([f"{groups} groups", *(number(middle[name]) for name in sides), speed])
     columns = ["worlds", "mixture [ns a robot's step]", "one scenario", "speed of the mixture, of that"]
-    return {"mixture-speed": {"columns": columns, "rows": rows}, "mixture-draw": drawing(options)}
+    return {
+        "mixture-speed": {"columns": columns, "rows": rows},
+        "mixture-training": training(options),
+        "mixture-draw": drawing(options),
+    }
+
+
+def training(options: Options) -> Table:
+    """Return the robot steps per second of trainings on the space, and on the first scenario of its split `train`."""
+    sides = {"mixture": SPACE, "one scenario": Draws(SPACE).next(0)[0].name}
+    rows = []
+    for name, base in TRAININGS.items():
+        rates: dict[str, list[float]] = {side: [] for side in sides}
+        for turn in range(min(options.rounds, _TURNS)):
+            for side, scenario in sides.items():
+                given = ["--scenario", scenario, "--base", base, "--seed", str(turn), *_SETTINGS]
+                rates[side].append(rate_of([*given, *(QUICK if options.quick else _LENGTH)]))
+        middle = [f"{np.median(of):,.0f}" for of in rates.values()]
+        rows.append([name, *middle, ratio_in_words(rates["one scenario"], rates["mixture"])])
+    columns = ["training", "mixture [robot steps a second]", "one scenario", "speed of the mixture, of that"]
+    return {"columns": columns, "rows": rows}
 
 
 def drawing(options: Options) -> Table:

@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,27 +41,37 @@ QUICK = [
     "0",
 ]
 """Options that replace these in a trial of the commands."""
+_SMALL = {"steps": QUICK_STEPS, "worlds": 4, "rollout": 8}
 OURS, LIBRARY = "here", "the library's loop"
 
 
 def rate(side: str, checkout: Path, seed: int, quick: bool) -> float:
     """Train once, and return the robot steps per second."""
+    if side == LIBRARY:
+        return float(_run(["-c", _LIBRARY, json.dumps(_SMALL if quick else {"steps": 1_500_000})], checkout))
+    options = ["--scenario", SCENARIO, "--seed", str(seed), *_SAME, *(QUICK if quick else [])]
+    return rate_of([*options, *(["--base", "none"] if checkout == ROOT else [])], checkout)  # others may have no base
+
+
+def rate_of(options: Sequence[str], checkout: Path = ROOT) -> float:
+    """Return the robot steps per second of `lissajous train` with some options after its first evaluation.
+
+    Kernels are loaded and threads start before the first evaluation.
+    """
     with tempfile.TemporaryDirectory() as folder:
-        options = ["--scenario", SCENARIO, "--seed", str(seed), "--out", folder, "--evaluation-episodes", "1",
-                   "--rivals", *_SAME, *(QUICK if quick else [])]  # fmt: skip
-        if checkout == ROOT:
-            options += ["--base", "none"]  # another version may have no such default
-        if side == LIBRARY:
-            options = [json.dumps({"steps": QUICK_STEPS, "worlds": 4, "rollout": 8} if quick else {"steps": 1_500_000})]
-        start = ["-c", _LIBRARY] if side == LIBRARY else ["-m", "lissajous_env", "train"]
-        path = os.pathsep.join(map(str, (checkout, declared(checkout, Path(folder)))))
-        done = subprocess.run([sys.executable, *start, *options], check=True, cwd=folder, stdout=subprocess.PIPE,
-                              env=os.environ | {"PYTHONPATH": path}, text=True)  # fmt: skip
-        if side == LIBRARY:
-            return float(done.stdout)
+        always = ["--out", folder, "--evaluation-episodes", "1", "--rivals"]
+        _run(["-m", "lissajous_env", "train", *always, *options], checkout)
         curve = json.loads((Path(folder) / "checkpoint.json").read_text())["curve"]
-    # Kernels are loaded and threads start before the first evaluation.
     return (curve[-1]["steps"] - curve[0]["steps"]) / (curve[-1]["seconds"] - curve[0]["seconds"])
+
+
+def _run(arguments: Sequence[str], checkout: Path) -> str:
+    """Run Python in a process that imports a checkout, and return what it prints."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = os.pathsep.join(map(str, (checkout, declared(checkout, Path(folder)))))
+        done = subprocess.run([sys.executable, *arguments], check=True, cwd=folder, stdout=subprocess.PIPE,
+                              env=os.environ | {"PYTHONPATH": path}, text=True)  # fmt: skip
+    return done.stdout
 
 
 def declared(checkout: Path, folder: Path) -> Path:

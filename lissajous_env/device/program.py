@@ -45,6 +45,7 @@ _PLACED = {
     BLOCKS: ("begin", "end"),
 }
 """Parameters that select the worlds and entities of a launch, by layout."""
+_PLACES = frozenset(name for names in _PLACED.values() for name in names)
 
 _MOST_LAUNCHES = 64
 """Largest number of recorded launches of a launcher."""
@@ -75,8 +76,7 @@ class Stage:
     def __post_init__(self) -> None:
         if self.over == WORLD:
             object.__setattr__(self, "layout", WORLDS)
-        placed = {name for names in _PLACED.values() for name in names}
-        got = tuple(name for name in self.labels if name in placed)
+        got = tuple(name for name in self.labels if name in _PLACES)
         if self.is_kernel and got != _PLACED[self.layout]:
             rule = f"of layout {self.layout} must have {', '.join(_PLACED[self.layout])}"
             raise ValueError(f"kernel of stage {self.name} {rule}, got {', '.join(got) or 'none of them'}")

@@ -245,6 +245,19 @@ def shared_launch(
     return Work([[[launch] for launch in launches]], device, threads)
 
 
+def interleaved(kernel: Any, size: int, arguments: Sequence[Any], device: Any) -> Work:
+    """Record launches of a kernel over `size` threads for all cores, each of every n-th thread.
+
+    The first two parameters of the kernel are the number of its first thread and n, the others are the arguments.
+    """
+    tasks = TASKS_PER_THREAD * cores() if device.is_cpu and cores() > 1 else 1
+    launches = [
+        wp.launch(kernel, -(-size // tasks), [task, tasks, *arguments], device=device, record_cmd=True)
+        for task in range(tasks)
+    ]
+    return Work([[[launch] for launch in launches]], device, cores())
+
+
 class _Helper:
     """A thread that sleeps until there is something to do."""
 

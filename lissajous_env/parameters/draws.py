@@ -20,7 +20,7 @@ class Draws:
         space: A `ScenarioSpace`, or the name or file of one.
         split: Split or shift from which scenarios are drawn.
         seed: Whole number from 0 to 2^31 - 1.
-        change: Function that returns a drawn scenario with fields changed.
+        change: Function that returns a drawn scenario with fields changed, but for the number of robots.
 
     Raises:
         ValueError: there is no such space or split, or the seed is out of its range.
@@ -59,9 +59,12 @@ class Draws:
             seed = self._hashed(f"scenario/{group}/{draw}")
             if self.split is not None and self.space.split_of(seed) != self.split:
                 continue
-            made = self._made(seed)
-            robots = self.robots.setdefault(group, made.num_robots)
-            if made.num_robots == robots if fits is None else fits(made):
+            drawn = self.space.sample(seed)
+            robots = self.robots.setdefault(group, drawn.num_robots)
+            if fits is None and drawn.num_robots != robots:
+                continue  # before it is changed, which may take long
+            made = self._changed(drawn)
+            if fits is None or fits(made):
                 return made, self._seed_of_episodes(group)
         if fits is not None:
             raise ValueError(f"space {self.space.name} must contain more scenarios of the largest size, got none")
@@ -71,11 +74,11 @@ class Draws:
 
     def latest(self, group: int) -> tuple[Scenario, int]:
         """Return the latest scenario of a group, and the seed for its worlds, again."""
-        return self._made(self._hashed(f"scenario/{group}/{self.counts[group]}")), self._seed_of_episodes(group)
+        drawn = self.space.sample(self._hashed(f"scenario/{group}/{self.counts[group]}"))
+        return self._changed(drawn), self._seed_of_episodes(group)
 
-    def _made(self, seed: int) -> Scenario:
-        made = self.space.sample(seed)
-        return made if self._change is None else self._change(made)
+    def _changed(self, drawn: Scenario) -> Scenario:
+        return drawn if self._change is None else self._change(drawn)
 
     def _seed_of_episodes(self, group: int) -> int:
         return self._hashed(f"episodes/{group}/{self.counts[group]}") // 2

@@ -46,7 +46,7 @@ class ExtensionStages:
         self.device: Any = observation.device
         _check_names(scenario)
         self.kept: dict[str, wp.array] = {}
-        self._view = WorldView(scenario, structs, observation)
+        self._view = WorldView(scenario, structs, observation) if scenario.extensions else None
         self._after: dict[str, list[Stage]] = {}
         """Stages of a step, by the stage that they follow."""
         self._after_reset: dict[str, list[Stage]] = {}

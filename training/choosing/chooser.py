@@ -17,15 +17,18 @@ from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario
 from lissajous_env import scenario as make_scenario
 from lissajous_env.parameters.plain_scenario import scenario_of
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.storage.files import read_json
 from lissajous_env.wording import few_of, shown
 from training.choosing.candidates import Candidate
 from training.choosing.features import FEATURES
+from training.choosing.playing import DETECTION, GUARANTEE
+from training.choosing.rehearsing import best_rehearsed
 from training.learned import policy
 from training.learned.network import Network
 
 FILE = "choice.json"
-FORMAT = 1
+FORMAT = 2
 _LONGEST = 400
 """Most letters of a message about a damaged file, which can contain any text."""
 _SHIPPED = Path(__file__).parent.parent / "policies"
@@ -50,6 +53,8 @@ class Chooser:
     """The options of `lissajous choose`."""
     home: Mapping[str, Any]
     """First scenario of the training as plain values of `Scenario.to_dict`, including derived fields."""
+    rehearsed: int = 0
+    """Number of the best candidates that are played in simulation before one of them is chosen; 0: the best one is."""
 
     def __post_init__(self) -> None:
         for name in self.features:
@@ -59,6 +64,9 @@ class Chooser:
         if (self.network.inputs, self.network.outputs) != sizes:
             got = f"{self.network.inputs} to {self.network.outputs}"
             raise ValueError(f"network must map {sizes[0]} features to {sizes[1]} candidates, got {got}")
+        if self.rehearsed > 0 and self.about.get("objective") not in (DETECTION, GUARANTEE):
+            got = shown(self.about.get("objective"))
+            raise ValueError(f"about must contain the objective, {DETECTION} or {GUARANTEE}, got {got}")
         for name in ("limits", "seen"):
             if np.shape(getattr(self, name)) != (sizes[0], 2):
                 raise ValueError(f"{name} must have a lowest and a highest value for each of {sizes[0]} features")
@@ -82,6 +90,19 @@ class Chooser:
         ranks = np.argsort(-outputs(self.network, np.clip(values, low, high)), kind="stable")
         return [self.candidates[k].settings(made) for k in ranks]
 
+    def chosen(self, scenario: str | Scenario) -> list[PolicySettings]:
+        """Return the candidates in the order in which they are tried: as ranked, the best rehearsed one before others.
+
+        Raises:
+            UnsuitableScenarioError: see `ranked`.
+        """
+        found = self.ranked(scenario)
+        if self.rehearsed > 0:
+            made = make_scenario(scenario).resolve()
+            best = best_rehearsed(found, made, self.about["objective"], self.rehearsed)
+            found.insert(0, found.pop(best or 0))
+        return found
+
     def make(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
         """Make the best candidate that the scenario suits.
 
@@ -89,7 +110,7 @@ class Chooser:
             ValueError: no candidate suits it; or see `ranked`.
         """
         reason: ValueError | None = None
-        for settings in self.ranked(scenario):
+        for settings in self.chosen(scenario):
             try:
                 return settings.make(make_scenario(scenario), num_worlds, device)
             except UnsuitableScenarioError as error:
@@ -130,6 +151,7 @@ class Chooser:
             seen=tuple((float(low), float(high)) for low, high in text["seen"]),
             about=dict(text["about"]),
             home=dict(text["scenario"]),
+            rehearsed=whole_number("rehearsed", text["rehearsed"], 0),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -141,6 +163,7 @@ class Chooser:
         return {
             "format": FORMAT,
             "about": dict(self.about),
+            "rehearsed": self.rehearsed,
             "scenario": dict(self.home),
             "features": list(self.features),
             "limits": [list(each) for each in self.limits],
@@ -170,7 +193,7 @@ def chosen(name: str | os.PathLike[str], scenario: str | Scenario) -> PolicySett
         ValueError: there is no such chooser, or no candidate suits the scenario.
     """
     chooser = Chooser.read(name)
-    for settings in chooser.ranked(scenario):
+    for settings in chooser.chosen(scenario):
         try:
             settings.make(make_scenario(scenario))
         except UnsuitableScenarioError:

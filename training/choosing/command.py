@@ -37,6 +37,7 @@ def choose(
     scenarios: int = 400,
     evaluation_scenarios: int = 64,
     episodes: int = 8,
+    rehearsed: int = 0,
     seed: int = 0,
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("runs/choice"),
     output: OutputOptions = DEFAULT_OUTPUT,
@@ -59,6 +60,8 @@ def choose(
         evaluation_scenarios: number of scenarios of the split `validation`, on which the choice is compared with each
             patrol alone.
         episodes: episodes of each patrol in each scenario.
+        rehearsed: number of patrols that the network prefers and that are played in simulation, 4 episodes each, when
+            a policy is made: the best one of them is chosen. With 0 the network chooses alone.
         seed: seed of the network.
         out: folder of the results.
         output: Console output.
@@ -71,6 +74,7 @@ def choose(
     for name, value in (("scenarios", scenarios), ("evaluation_scenarios", evaluation_scenarios)):
         whole_number(name, value, 2)
     whole_number("episodes", episodes)
+    whole_number("rehearsed", rehearsed, 0)
     whole_number("seed", seed, 0)
     drawn_from = named.scenario_space(space)
     candidates = PATROLS if objective == playing.DETECTION else GUARDS
@@ -96,6 +100,7 @@ def choose(
             seen=_pairs(*_range(numbers)),
             about=given,
             home=plain(learned[0].resolve().to_dict()),
+            rehearsed=rehearsed,
         )
         folder.write(FILE, json.dumps(chooser.to_dict(), allow_nan=False) + "\n")
     rows = _compared(chooser, found, evaluated)

@@ -40,7 +40,9 @@ def scenarios_of(space: ScenarioSpace, split: str, count: int, objective: str) -
     return [make_scenario(drawn, **spare) for drawn in itertools.islice(space.scenarios(split), count)]
 
 
-def play(settings: PolicySettings, scenario: Scenario, episodes: int, objective: str) -> dict[str, float | None]:
+def play(
+    settings: PolicySettings, scenario: Scenario, episodes: int, objective: str, first_seed: int = FIRST_SEED
+) -> dict[str, float | None]:
     """Return the time of a policy by an objective [s], and its collisions per episode.
 
     The time is the mean of the episodes' detection times, or their longest worst case. Both are None for a scenario
@@ -50,7 +52,7 @@ def play(settings: PolicySettings, scenario: Scenario, episodes: int, objective:
         policy = settings.make(scenario, episodes)
     except UnsuitableScenarioError:
         return {"time": None, COLLISIONS.name: None}
-    rows = evaluate(policy, scenario, range(FIRST_SEED, FIRST_SEED + episodes))
+    rows = evaluate(policy, scenario, range(first_seed, first_seed + episodes))
     collisions = sum(row[COLLISIONS.name] for row in rows) / episodes
     if objective == GUARANTEE:
         opened = any(row[OPEN.name] for row in rows)
@@ -117,4 +119,9 @@ def costs(found: Table, candidates: Sequence[Candidate], scenarios: Sequence[Sce
     It is the logarithm of its time over the shortest in the scenario, and a tenth for each collision in an episode.
     """
     times, collisions = as_arrays(found, candidates, scenarios)
-    return np.log(times / times.min(axis=1, keepdims=True)) + _COLLISION * np.minimum(collisions, _COLLISIONS)
+    return cost_of(times / times.min(axis=1, keepdims=True), collisions)
+
+
+def cost_of(time: Any, collisions: Any) -> Any:
+    """Return the logarithm of a time, and a tenth for each collision in an episode."""
+    return np.log(time) + _COLLISION * np.minimum(collisions, _COLLISIONS)

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from lissajous_env.parameters.scenario import Curve
-from lissajous_env.theory.closed_forms import curve_derivatives, curve_point
+from lissajous_env.world.robots.nearest_point import nearest_arcs
 from lissajous_env.world.robots.rough_distance import rough_distances
 
 TOLERANCE = 1e-4
@@ -28,52 +28,23 @@ _MOST_ARCS = 7
 _COLUMNS, _MOST_COLUMNS = 40, 64
 _MOST_CELLS = 30_000
 _DEPTH = 5
-_STEPS = 2
-_MOST_CHANGE = 0.01
-"""Longest step from a rough phase [rad]."""
 _ROUGHNESS = 2e-6
 """Assumed error of rough distances, in lengths of the rectangle; four times the largest one that was measured."""
 
 
-def nearest_phase(
-    curve: Curve, places: np.ndarray, phases: np.ndarray, plausible: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return gamma [rad] of the nearest point of the curve, and its distance [m], for places (M, 2); each (M,).
-
-    Newton's steps towards r'.(q - r) = 0 begin at those of the rough phases (M, 4) [rad] that are plausible. Where the
-    second derivative vanishes, a step is twice that of Gauss and Newton.
-    """
-    found, distances = phases.astype(np.float64), np.full(phases.shape, np.inf)
-    x, y = (np.broadcast_to(each[:, None], phases.shape)[plausible] for each in places.T)
-    gamma = found[plausible]
-    for _ in range(_STEPS):
-        across, up = np.exp(1j * curve.a * gamma), np.exp(1j * curve.b * gamma)
-        point_x, point_y = curve.half_width * np.real(across), curve.half_height * np.imag(up)
-        tangent_x, tangent_y = -curve.a * curve.half_width * np.imag(across), curve.b * curve.half_height * np.real(up)
-        away_x, away_y = x - point_x, y - point_y
-        square = tangent_x**2 + tangent_y**2
-        slope = np.maximum(square + curve.a**2 * point_x * away_x + curve.b**2 * point_y * away_y, square / 2)
-        gamma = gamma + np.clip((tangent_x * away_x + tangent_y * away_y) / slope, -_MOST_CHANGE, _MOST_CHANGE)
-    found[plausible] = gamma
-    away_x, away_y = x - curve.half_width * np.cos(curve.a * gamma), y - curve.half_height * np.sin(curve.b * gamma)
-    distances[plausible] = np.hypot(away_x, away_y)
-    best = np.argmin(distances, axis=1)[:, None]
-    return np.take_along_axis(found, best, axis=1)[:, 0], np.take_along_axis(distances, best, axis=1)[:, 0]
-
-
 def rough_search(curve: Curve, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the first guesses of `nearest_phase` for places (M, 2) [m].
+    """Return the first guesses of `nearest_arcs` for places (M, 2) [m].
 
     Returns:
-        phases: (M, 4), gamma of the points that may be nearest [rad].
-        plausible: (M, 4), True where they may be.
+        phases: (4, M), gamma of the points that may be nearest [rad].
+        plausible: (4, M), True where they may be.
         distances: (M,), the smallest distance [m].
         errors: (M,), the largest error of the distance [m].
     """
     distances, phases = rough_distances(curve, places)
-    least = distances.min(axis=1)
+    least = distances.min(axis=0)
     errors = _ROUGHNESS * np.maximum(least, max(curve.half_width, curve.half_height))
-    return phases, distances <= (least + 2 * errors)[:, None], least, errors
+    return phases, distances <= least + 2 * errors, least, errors
 
 
 # The table.
@@ -125,7 +96,7 @@ def distance_table(half_width: float, half_height: float, a: int, b: int) -> Tab
         counts = chosen[done].sum(axis=1)
         ends = total + np.cumsum(counts)
         nodes[open_nodes[done]] = (ends - counts) * 16 + counts
-        arcs.append(found[done][chosen[done]])
+        arcs.append(found[chosen & done[:, None]])
         total = int(ends[-1]) if len(ends) else total
         if done.all():
             break
@@ -146,17 +117,22 @@ def _grids(curve: Curve, columns: int, rows: int) -> tuple[np.ndarray, np.ndarra
     centres, halves, used = [], [], []
     for grid in range(GRIDS + 1):
         shape = np.array([columns, rows] if grid == 0 else [AROUND, AROUND])
-        row, column = np.indices((int(shape[1]), int(shape[0]))).reshape(2, -1)
         half = 2.0**grid * extent / (2 * shape)
-        centres.append((2 * np.stack([column, row], axis=-1) + 1) * half)
+        centres.append(_odd(*shape.tolist()) * half)
         halves.append(np.broadcast_to(half, centres[-1].shape))
         used.append((centres[-1] > 2.0 ** (grid - 1) * extent).any(axis=1) | (grid == 0))
     return np.concatenate(centres), np.concatenate(halves), np.concatenate(used)
 
 
+@lru_cache(maxsize=64)
+def _odd(columns: int, rows: int) -> np.ndarray:
+    """Return the centres (cells, 2) of a grid, from its corner, in half extents of a cell."""
+    row, column = np.indices((rows, columns)).reshape(2, -1)
+    return 2 * np.stack([column, row], axis=-1) + 1
+
+
 def _divided(centres: np.ndarray, halves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    row, column = np.indices((SPLIT, SPLIT)).reshape(2, -1)
-    offsets = (2 * np.stack([column, row], axis=-1) + 1 - SPLIT) / SPLIT
+    offsets = (_odd(SPLIT, SPLIT) - SPLIT) / SPLIT
     parts = centres[:, None] + offsets * halves[:, None]
     return parts.reshape(-1, 2), np.repeat(halves / SPLIT, SPLIT**2, axis=0)
 
@@ -172,33 +148,25 @@ def _arcs_of(curve: Curve, centres: np.ndarray, halves: np.ndarray) -> tuple[np.
     A cell first uses the arc nearest to its centre, then repeatedly adds that of the point with the largest error. If
     the rough distances show that the first arc is right at every point, the others are not searched.
     """
-    places = centres[:, None] + _CHECKED * halves[:, None]
-    arcs, chosen = np.zeros((*places.shape[:2], 5)), np.zeros(places.shape[:2], dtype=bool)
+    lanes = np.array([centres[:, k] + _CHECKED[:, k, None] * halves[:, k] for k in range(2)])
+    places, cells = np.moveaxis(lanes, 0, -1), len(centres)
+    arcs, chosen = np.zeros((cells, len(_CHECKED), 5)), np.zeros((cells, len(_CHECKED)), dtype=bool)
     chosen[:, 0] = True
-    is_right = np.ones(len(places), dtype=bool)
+    is_right = np.ones(cells, dtype=bool)
     phases, plausible, least, room = (
-        each.reshape(*places.shape[:2], *each.shape[1:]) for each in rough_search(curve, places.reshape(-1, 2))
+        each.reshape(*each.shape[:-1], *places.shape[:2]) for each in rough_search(curve, lanes.reshape(2, -1).T)
     )
-    arcs[:, 0], _ = _arcs_at(curve, *nearest_phase(curve, places[:, 0], phases[:, 0], plausible[:, 0]))
-    error = np.abs(arc_distance(arcs[:, :1], places) - least) + room
-    open_cells = np.flatnonzero((error > _allowed(curve, least - room)).any(axis=1))
+    arcs[:, 0], _ = nearest_arcs(curve, places[0], phases[:, 0], plausible[:, 0])
+    error = np.abs(arc_distance(arcs[:, 0], places) - least) + room
+    open_cells = np.flatnonzero((error > _allowed(curve, least - room)).any(axis=0))
     if len(open_cells):
-        begin = (each[open_cells].reshape(-1, 4) for each in (phases, plausible))
-        found = nearest_phase(curve, places[open_cells].reshape(-1, 2), *begin)
-        arcs_there, exact = _arcs_at(curve, *found)
-        arcs_there, exact = arcs_there.reshape(len(open_cells), -1, 5), exact.reshape(len(open_cells), -1)
-        arcs[open_cells] = arcs_there
-        chosen[open_cells], is_right[open_cells] = _chosen(curve, places[open_cells], arcs_there, exact)
+        begin = (each[..., open_cells].swapaxes(1, 2).reshape(4, -1) for each in (phases, plausible))
+        there = places[:, open_cells].swapaxes(0, 1)
+        found, exact = nearest_arcs(curve, there.reshape(-1, 2), *begin)
+        found, exact = found.reshape(len(open_cells), -1, 5), exact.reshape(len(open_cells), -1)
+        arcs[open_cells] = found
+        chosen[open_cells], is_right[open_cells] = _chosen(curve, there, found, exact)
     return arcs, chosen, is_right
-
-
-def _arcs_at(curve: Curve, phases: np.ndarray, exact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the arcs (M, 5) at phases (M,) of the curve [rad], with the given distances (M,) [m]."""
-    point, (tangent, bend) = curve_point(curve, phases), curve_derivatives(curve, phases)
-    speed = np.linalg.norm(tangent, axis=-1, keepdims=True)
-    normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=-1) / speed
-    curvature = -np.sum(normal * bend, axis=-1, keepdims=True) / speed**2
-    return np.concatenate([point, normal, curvature], axis=-1), exact
 
 
 def _allowed(curve: Curve, distances: np.ndarray) -> np.ndarray:

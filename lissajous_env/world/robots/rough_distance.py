@@ -1,16 +1,19 @@
-"""The points of the plane curve nearest to many places, in float32.
+"""The points of the plane curve nearest to many places, in float32, found by all CPU threads.
 
 Their error is at most a millionth of the longer side of the rectangle. `distance_table.py` uses them to select the
 places that require higher precision, and as the first guess of its search in float64.
 """
+
+from functools import cache
 
 import numpy as np
 import warp as wp
 
 from lissajous_env.device.abreast import ABREAST, Floats, width
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.devices import compile_quietly
+from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.trig import atan2, cos_sin
+from lissajous_env.device.work import interleaved
 from lissajous_env.settings.parts import Curve
 
 wp.set_module_options(OPTIONS)
@@ -22,15 +25,28 @@ _SAMPLES = wp.constant(SAMPLES)
 _STEPS = wp.constant(4)
 _PI = wp.constant(float(np.pi))
 _EDGES = wp.constant(4)
+_MOST = 2**15
+"""Places that are searched for together, a multiple of the width of a block."""
+
+
+@wp.struct
+class Search:
+    """A curve, and the number of places for which the nearest points of it are searched."""
+
+    half_width: wp.float32
+    half_height: wp.float32
+    a: wp.float32
+    b: wp.float32
+    inverse: wp.int32
+    """Inverse of b modulo a."""
+    count: wp.int32
 
 
 @wp.kernel
 def find_rough_distances(
-    half_width: float,
-    half_height: float,
-    a: float,
-    b: float,
-    inverse: int,
+    first: int,
+    apart: int,
+    searches: wp.array(dtype=Search),
     places_x: wp.array(dtype=wp.float32),
     places_y: wp.array(dtype=wp.float32),
     distances_out: wp.array2d(dtype=wp.float32),
@@ -42,9 +58,16 @@ def find_rough_distances(
     edge that is straight above or below the place and the one that is straight beside it. With alpha = arccos(x / A)
     and beta = arcsin(y / B) the place is at (+-alpha, beta) and (+-alpha, pi - beta) on the torus of the angles u = a
     gamma and v = b gamma, where the curve is a bundle of straight lines, equally far apart: one of them is next to
-    each. `inverse` is that of b modulo a. The number of places is a multiple of `width()`.
+    each. A thread searches for one block of places in `apart`, beginning with `first`.
     """
-    start = wp.tid() * width()
+    start = (first + apart * wp.tid()) * width()
+    search = searches[0]
+    if start >= search.count:
+        return
+    half_width = search.half_width
+    half_height = search.half_height
+    a = search.a
+    b = search.b
     x = Floats()
     y = Floats()
     alpha = Floats()
@@ -77,7 +100,7 @@ def find_rough_distances(
                 u0 = wp.where(edge < 2, alpha[k], -alpha[k])
                 v1 = wp.where((edge & 1) == 0, beta[k], _PI - beta[k])
                 line = wp.rint((b * u0 - a * v1) / (2.0 * _PI))
-                laps[k] = -line * float(inverse) - a * wp.floor(-line * float(inverse) / a)
+                laps[k] = -line * float(search.inverse) - a * wp.floor(-line * float(search.inverse) / a)
                 turns = 2.0 * _PI * line
                 length = ((a * v1 + turns) / b - u0) / a
                 room = 0.1 * length + wp.where(length < 0.0, -1.0e-3, 1.0e-3) / wp.max(a, b)
@@ -143,20 +166,43 @@ def find_rough_distances(
             phases_out[edge, start + k] = (u[k] + 2.0 * _PI * laps[k]) / a
 
 
+class _Search:
+    """Arrays for the search and the launches of all CPU threads, which are recorded once."""
+
+    def __init__(self):
+        device = as_device("cpu")
+        self.search = wp.zeros(1, dtype=Search, device=device)
+        self.places = [wp.zeros(_MOST, dtype=wp.float32, device=device) for _ in range(2)]
+        self.outputs = [wp.zeros((4, _MOST), dtype=wp.float32, device=device) for _ in range(2)]
+        blocks, arguments = _MOST // int(ABREAST), [self.search, *self.places, *self.outputs]
+        self.run = interleaved(find_rough_distances, blocks, arguments, device)
+
+
+@cache
+def _prepared() -> _Search:
+    return _Search()
+
+
 def rough_distances(curve: Curve, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the points of the curve nearest to places (M, 2) [m] on each of the four edges around them.
 
     Returns:
-        distances: (M, 4), from each edge [m].
-        phases: (M, 4), gamma of the nearest point of each edge [rad].
+        distances: (4, M), from each edge [m].
+        phases: (4, M), gamma of the nearest point of each edge [rad].
     """
-    count = len(places)
-    padded = np.zeros((2, -(-count // int(ABREAST)) * int(ABREAST)), dtype=np.float32)
-    padded[:, :count] = places.T
+    found = np.empty((2, 4, len(places)), dtype=np.float32)
     with compile_quietly():
-        outputs = [wp.empty((4, padded.shape[1]), dtype=wp.float32, device="cpu") for _ in range(2)]
-        x, y = (wp.array(each, dtype=wp.float32, device="cpu", copy=False) for each in padded)
-        shape = curve.half_width, curve.half_height, float(curve.a), float(curve.b), pow(curve.b, -1, curve.a)
-        wp.launch(find_rough_distances, padded.shape[1] // int(ABREAST), [*shape, x, y], outputs, device="cpu")
-    distances, phases = (each.numpy()[:, :count].T for each in outputs)
-    return distances, phases
+        prepared = _prepared()
+        inputs = [each.numpy() for each in prepared.places]
+        outputs = [each.numpy() for each in prepared.outputs]
+        for begin in range(0, len(places), _MOST):
+            part = places[begin : begin + _MOST]
+            for array, given in zip(inputs, part.T, strict=True):
+                array[: len(part)] = given
+            prepared.search.numpy()[0] = (
+                curve.half_width, curve.half_height, curve.a, curve.b, pow(curve.b, -1, curve.a), len(part)
+            )  # fmt: skip
+            prepared.run()
+            for array, kept in zip(outputs, found, strict=True):
+                kept[:, begin : begin + len(part)] = array[:, : len(part)]
+    return found[0], found[1]

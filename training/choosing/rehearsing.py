@@ -1,0 +1,59 @@
+"""Rehearsals: the candidates that a network prefers are played in simulation, and the best of them is chosen."""
+
+import dataclasses
+import math
+import warnings
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+from baselines.planning.playing import grid
+from baselines.policies.settings import PolicySettings
+from lissajous_env import Scenario
+from lissajous_env import scenario as make_scenario
+from lissajous_env.episodes.guarantee import CELLS
+from lissajous_env.parameters.assumptions import AssumptionWarning
+from lissajous_env.world.columns import COLLISIONS
+from training.choosing.playing import GUARANTEE, cost_of, play
+
+EPISODES, FIRST_SEED = 4, 800_000
+"""Episodes of a rehearsal, and the seed of the first; no results of a choice are from these seeds."""
+_CELLS_IN_A_SENSOR = 4.0
+
+
+def best_rehearsed(ranked: Sequence[PolicySettings], scenario: Scenario, objective: str, count: int) -> int | None:
+    """Return the index of the best of the first `count` settings that suit a scenario; None if none does.
+
+    The episodes do not depend on the machine's load or on what ran before, so that all robots on machines of one kind
+    choose the same.
+    """
+    given = tuple((each.policy, tuple(each.parameters.items())) for each in ranked)
+    return _best(given, _stage(scenario, objective), objective, count)
+
+
+@lru_cache(maxsize=256)
+def _best(
+    ranked: tuple[tuple[str, tuple[tuple[str, Any], ...]], ...], stage: Scenario, objective: str, count: int
+) -> int | None:
+    costs: dict[int, float] = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", AssumptionWarning)
+        for k, (policy, parameters) in enumerate(ranked):
+            found = play(PolicySettings(policy, dict(parameters)), stage, EPISODES, objective, FIRST_SEED)
+            if found[COLLISIONS.name] is not None:
+                time = math.inf if found["time"] is None else found["time"]
+                costs[k] = cost_of(time, found[COLLISIONS.name])
+            if len(costs) == count:
+                break
+    return min(costs, key=lambda k: costs[k], default=None)
+
+
+def _stage(scenario: Scenario, objective: str) -> Scenario:
+    """Return the scenario of rehearsals: without extensions and rogues, and with the grids that the objective needs."""
+    made = make_scenario(dataclasses.replace(scenario, extensions=()))
+    changes: dict[str, Any] = {"task.grid": None, "targets.rogues": None}
+    if objective != GUARANTEE:
+        changes["task.contamination"] = None
+    elif made.task.contamination is None:
+        changes["task.contamination"] = grid(made, CELLS, _CELLS_IN_A_SENSOR)
+    return make_scenario(made, **changes)
