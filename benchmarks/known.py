@@ -7,18 +7,24 @@ shorter worst-case undetected time than the stored one, of whole episodes or of 
 `baselines/planning/known`, together with this command and its figures. Plans with a collision, or without a bound, are
 not stored. `--again` first plays the stored plans of the scenario and stores their figures, which a change of the
 simulation or of the contamination grid alters. `--filtered` includes partitions and lines with the proved filter in the
-search, for scenarios in which they collide on the way from the start.
+search, for scenarios in which they collide on the way from the start. `--store` also plays the default policies and
+puts a table of them and of all stored plans into docs/figures.json.
 """
 
-import argparse
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
 
+import figures
+
+from baselines.benchmark.bounds import bounds_of
 from baselines.benchmark.standard import as_played
+from baselines.benchmark.tables import number
 from baselines.planning import best_known
 from baselines.planning.families.base import Settings
 from baselines.planning.families.known import Known
+from baselines.planning.families.shipped import Shipped
 from baselines.planning.families.tuned import LINES, PARTITIONS, Tuned
 from baselines.planning.plans import SETTLED, Plan
 from baselines.planning.playing import Episodes, play, quietly
@@ -64,9 +70,29 @@ def measure_again(name: str) -> None:
             best_known.keep_figures(each, figures)
 
 
+def row_of(name: str) -> list[str]:
+    """Return the row of a scenario: its lower bound, and the stored plans beside the best default policies [s]."""
+    task, defaults = as_played(name, {}), Shipped()
+    with quietly():
+        played = [play(defaults.plan(task, each), Episodes()) for each in defaults.starts(task)]
+    without = [each.figures for each in played if not each.figures.collisions]
+    whole = min((each.worst_case for each in without), default=math.inf)
+    settled = min((each.settled for each in without), default=math.inf)
+    best = [number(each) if math.isfinite(each) else "none" for each in (whole, settled)]
+    bounds = bounds_of(task)
+    return [
+        f"`{name}`",
+        number(bounds.worst_case),
+        number(bounds.best_known),
+        best[0],
+        number(bounds.best_known_settled),
+        best[1],
+    ]
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenarios", nargs="+")
+    parser = figures.parser(__doc__)
+    parser.add_argument("scenarios", nargs="*")
     parser.add_argument("--seconds", type=float, default=120.0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--again", action="store_true")
@@ -89,6 +115,11 @@ def main() -> None:
             of = each.figures
             words = f"worst {of.worst_case:.3g} s, second half {of.settled:.3g} s, {of.collisions} collisions"
             print(f"  {each.plan.settings.policy}: {words} ({each.plan.about})", flush=True)
+    if options.store:
+        names = dict.fromkeys(each.name.removesuffix(f"-{SETTLED}") for each in best_known.all_known())
+        titles = "scenario", "lower bound [s]", "best known [s]", "best default [s]"
+        titles = (*titles, "second half: best known [s]", "best default [s]")
+        figures.store({"known": {"columns": titles, "rows": [row_of(name) for name in names]}})
 
 
 if __name__ == "__main__":
