@@ -199,13 +199,16 @@ class Program:
         """Return, for each task, its first world, the one after its last, and number and count of its part of these."""
         return [(low, high, part, parts) for low, high in self._blocks for part in range(parts)]
 
+    def _lanes(self, stage: Stage) -> int:
+        """Return the number of threads that share the entities of a world."""
+        return 1 if self._device.is_cpu else self._sizes.get(stage.over, 1)
+
     def _task(self, stages: Sequence[Stage], *share: int) -> list[Any]:
         """Return the launches of those stages that have entities in this share."""
         return [launch for stage in stages if (launch := self._launch(stage, *share)) is not None]
 
     def _launch(self, stage: Stage, low: int, high: int, part: int, parts: int) -> Any:
-        size, names = self._sizes.get(stage.over, 1), stage.labels
-        lanes = 1 if self._device.is_cpu else size  # threads that share the entities of a world
+        size, lanes, names = self._sizes.get(stage.over, 1), self._lanes(stage), stage.labels
         begin, end = (size * edge // parts for edge in (part, part + 1))
         dim: tuple[int, ...] = (high - low,) if stage.layout == WORLDS else (high - low, lanes)
         if stage.layout == BLOCKS:
