@@ -22,8 +22,6 @@ from training.publish_rogue import HELD_OUT, SCRIPTS
 from training.rogue_settings import RogueTraining
 from training.sb3.foresight import Foresight, Visits
 
-WITHOUT = (("evaders", "laps"),)
-"""Scenarios and policies against which no rogue is shipped."""
 TITLES = ("scenario, policy", "best script [s]", "learned [s]", "with foresight [s]", "learned share of it")
 TITLES = (*TITLES, "never detected [s]")
 _MARGIN, _BLUR = 0.01, 0.3
@@ -70,19 +68,15 @@ def _play(policy: str, simulation: Simulation, seeds: Sequence[int]) -> np.ndarr
     return appears
 
 
-def row_of(name: str, policy: str, learned: str | None, seeds: Sequence[int]) -> list[str]:
+def row_of(name: str, policy: str, learned: str, seeds: Sequence[int]) -> list[str]:
     """Return a row of the table."""
     settings = RogueTraining(name)
-    rogues = [*SCRIPTS, learned] if learned else SCRIPTS
-    found = {each: survive(policy, settings.make_scenario(each), seeds).summary() for each in rogues}
+    found = {each: survive(policy, settings.make_scenario(each), seeds).summary() for each in (*SCRIPTS, learned)}
     known, left = with_foresight(policy, settings.make_scenario(), seeds)
     best = {key: max(found[each][key] for each in SCRIPTS) for key in ("mean", "longest")}
-    scripts, foreseen, cells = f"{best['mean']:.2f} ({best['longest']:.1f})", known.summary(), ["", ""]
-    if learned:
-        of = found[learned]
-        cells = [f"{of['mean']:.2f} ({of['longest']:.1f})", f"{of['mean'] / foreseen['mean']:.0%}"]
-    shown = f"{foreseen['mean']:.2f} ({foreseen['longest']:.1f})"
-    return [f"`{name}`, `{policy}`", scripts, cells[0], shown, cells[1], f"{left.mean():.1f}"]
+    of, foreseen = found[learned], known.summary()
+    times = [f"{each['mean']:.2f} ({each['longest']:.1f})" for each in (best, of, foreseen)]
+    return [f"`{name}`, `{policy}`", *times, f"{of['mean'] / foreseen['mean']:.0%}", f"{left.mean():.1f}"]
 
 
 def main() -> None:
@@ -97,8 +91,6 @@ def main() -> None:
         for policy in checkpoint.read_text(folder)["held_out_times"]:
             rows.append(row_of(rogue.trained_on, policy, learned, seeds))
             print(*rows[-1], sep=" | ", flush=True)
-    for name, policy in WITHOUT:
-        rows.append(row_of(name, policy, None, seeds))
     table = {"columns": TITLES, "rows": rows}
     figures.publish("foresight", "foresight", table, options.store)
 

@@ -93,6 +93,31 @@ def test_a_killed_training_resumes_from_its_last_evaluation(tmp_path, monkeypatc
     assert history["curve"][: len(text["rogues"]["curve"])] == text["rogues"]["curve"]
 
 
+def test_a_killed_imitation_resumes_after_its_last_round(trained, tmp_path, monkeypatch):
+    # Oracle: the evaluation after imitation, which depends on every round, is that of a training that was not killed.
+    from training.sb3.rogue_trainer import RogueTrainer
+
+    settings, visit = RogueTraining(**FAST, out=tmp_path / "run"), RogueTrainer._visit
+
+    class KilledError(Exception):
+        pass
+
+    def killed(trainer, k):
+        if k == 2:
+            raise KilledError
+        return visit(trainer, k)
+
+    monkeypatch.setattr(RogueTrainer, "_visit", killed)
+    with pytest.raises(KilledError):
+        train_rogues(settings, Console(quiet=True))
+    visited = []
+    monkeypatch.setattr(RogueTrainer, "_visit", lambda trainer, k: visited.append(k) or visit(trainer, k))
+    history = train_rogues(settings, Console(quiet=True))
+    assert visited == [2]
+    ours, theirs = (each["curve"][0] | {"seconds": 0} for each in (history, trained[1]))
+    assert ours == theirs
+
+
 def test_a_rogue_acts_as_its_network_says():
     # Oracle: the network in float64 NumPy, on the rows of the simulation, clipped and shortened as documented.
     scenario = lissajous_env.scenario("experiment", rogues="agents", **SMALL)

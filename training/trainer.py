@@ -166,7 +166,7 @@ class Trainer:
         differences = self.settings.differences(stored.settings)
         there, here = stored.home or {}, self.card.home or {}
         for part in here:
-            if not differences and there.get(part) != here[part]:
+            if part not in ("name", "description") and not differences and there.get(part) != here[part]:
                 differences.append(f"{part} of the scenario = {there.get(part)} there, {here[part]} here")
         code = self.card.settings["code"], stored.settings.get("code") or {}
         differences += [f"{part} has changed" for part in code[0] if code[0][part] != code[1].get(part)]

@@ -174,12 +174,8 @@ def may_fail(scenario: Scenario) -> np.ndarray:
 
 
 def stops_of(scenario: Scenario) -> np.ndarray:
-    """Return for each robot (N,) whether its tails are compatible although it stops dead, as 0 or 1.
-
-    With noise of the actuators there is no guarantee, and measured at equal times cars collide less often.
-    """
-    counted = scenario.faults.stop == "dead" and scenario.noise.actuator == 0
-    return (may_fail(scenario) & counted).astype(np.int32)
+    """Return for each robot (N,) whether its tails are compatible although it stops dead, as 0 or 1."""
+    return (may_fail(scenario) & (scenario.faults.stop == "dead")).astype(np.int32)
 
 
 def widest_of(scenario: Scenario) -> np.ndarray:

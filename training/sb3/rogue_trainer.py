@@ -46,6 +46,8 @@ _RATE = 1e-3
 """Learning rate of imitation."""
 _MOST_GAIN, _LEAST_WEIGHT = 2.0, 0.02
 """Gain of an action above which the weight of a label is constant [s], and weight of one without a gain."""
+_LABELLED = "imitation.rows", "imitation.actions", "imitation.weights"
+"""Names of the arrays of imitation in a checkpoint."""
 _CRITIC_STEPS = 100_000
 """Rogue steps of PPO in which only the critic learns."""
 
@@ -53,7 +55,7 @@ _CRITIC_STEPS = 100_000
 def train_rogues(settings: RogueTraining, console: Console | None = None) -> dict[str, Any]:
     """Train rogues until the last step, from the last checkpoint if `settings.out` has one; return the history.
 
-    An interrupted imitation begins again; PPO resumes from its last evaluation, in new episodes.
+    An interrupted imitation resumes after its last round; PPO resumes from its last evaluation, in new episodes.
 
     Raises:
         ValueError: the folder contains other files or results of other settings, or is in use by another process.
@@ -75,6 +77,8 @@ class RogueTrainer:
         self.model = RobotPPO(settings.learner(), self.env, self.card)  # type: ignore[arg-type]
         self.history: dict[str, Any] = {"steps": 0, "updates": 0, "seconds": 0.0, "curve": [], "rivals": {}}
         self.best: Network | None = None
+        self._labelled: list[Tensor] = []
+        """Rows, actions and weights of all rounds of imitation."""
         if (settings.out / checkpoint.FILE).exists():
             self._resume()
 
@@ -118,20 +122,24 @@ class RogueTrainer:
         if self.best is None or scores["mean"] > best:
             self.best = network
         history["curve"].append({"steps": history["steps"], "seconds": round(history["seconds"], 1), **scores})
+        self._save(self.best, {})
+        self._say(f"{history['steps']:>10,} steps of PPO, {in_words(history['seconds'])}: {_words(scores)}")
+
+    def _save(self, network: Network, arrays: Mapping[str, np.ndarray]) -> None:
+        """Write a checkpoint with the weights of a network, the state of the training and more arrays."""
+        history = self.history
         counters = {name: history[name] for name in ("steps", "updates")} | {"seconds": round(history["seconds"], 1)}
         notes = {"counters": counters, "rogues": {name: history[name] for name in ("curve", "rivals")}}
-        state = self.model.save_state()
+        state = self.model.save_state() | dict(arrays)
         del state["rows"]  # episodes begin anew
         if self.env.normal is not None:
             state |= {"normal.mean": self.env.normal[0], "normal.spread": self.env.normal[1]}
-        checkpoint.save(self.folder, self.best, self.card, state=state, notes=notes)
-        self._say(f"{history['steps']:>10,} steps of PPO, {in_words(history['seconds'])}: {_words(scores)}")
+        checkpoint.save(self.folder, network, self.card, state=state, notes=notes)
 
     def _imitate(self) -> None:
         """Fit the policy to the actions with foresight, in the states that it reaches."""
         settings, foresight = self.settings, Foresight(self.scenario)
-        kept: list[tuple[Tensor, ...]] = []
-        for k in range(settings.rounds):
+        for k in range(self.history["updates"], settings.rounds):
             began = time.monotonic()
             labels = foresight.label(self._visit(k))
             if not len(labels.rows):
@@ -141,13 +149,17 @@ class RogueTrainer:
             if self.env.normal is None:
                 spread = np.maximum(labels.rows.std(axis=0), 1e-3)
                 self.env.normal = labels.rows.mean(axis=0), spread.astype(np.float32)
-            kept.append(self._tensors(labels))
-            data = [torch.cat(parts) for parts in zip(*kept, strict=True)]
-            error = self._fit(data, last=k == settings.rounds - 1)
+            known, new = self._labelled, self._tensors(labels)
+            self._labelled = [torch.cat(parts) for parts in zip(known, new, strict=True)] if known else list(new)
+            error = self._fit(self._labelled, last=k == settings.rounds - 1)
             self.history["seconds"] += time.monotonic() - began
             self.history["updates"] += 1
+            rows = {name: part.cpu().numpy() for name, part in zip(_LABELLED, self._labelled, strict=True)}
+            self._save(self.network(), rows)
             if k < 2 or k % 4 == 3 or k == settings.rounds - 1:
-                self._say(f"imitation, round {k + 1} of {settings.rounds}: {len(data[0]):,} rows, error {error:.3f}")
+                self._say(
+                    f"imitation, round {k + 1} of {settings.rounds}: {len(self._labelled[0]):,} rows, error {error:.3f}"
+                )
 
     def _visit(self, k: int) -> Visits:
         """Play an episode in each world, by a script at first, then by the learner, and record the rogues' states."""
@@ -224,9 +236,11 @@ class RogueTrainer:
         with checkpoint.resuming(self.settings.out, text):
             if "normal.mean" in arrays:
                 self.env.normal = arrays.pop("normal.mean"), arrays.pop("normal.spread")
+            if _LABELLED[0] in arrays:
+                self._labelled = [torch.from_numpy(arrays.pop(name)).to(self.model.policy.device) for name in _LABELLED]
             self.model.load_state(arrays | {"rows": self.model.observation})
             self.history |= {**text["counters"], **text["rogues"]}
-        self.best = network
+        self.best = network if self.history["curve"] else None
 
     def _say(self, text: str) -> None:
         self.console.print(text, highlight=False, markup=False, soft_wrap=True)
