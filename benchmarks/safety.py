@@ -69,8 +69,21 @@ def as_table(scored: dict[tuple[str, str], dict[str, float]]) -> figures.Table:
     return {"columns": ["mean of an episode", first, "of those without the filter [%]", *others], "rows": rows}
 
 
+def by_filter(scored: dict[tuple[str, str], dict[str, float]]) -> figures.Table:
+    """Return the collisions per episode of each policy without a filter and with each of them."""
+    rows = [
+        [
+            f"`{scenario}`, `{name}`",
+            *(number(scored[scenario, name + ending]["collisions"]) for ending in ("", *FILTERS)),
+        ]
+        for scenario, name in scored
+        if name in POLICIES
+    ]
+    return {"columns": ["collisions per episode", "no filter", *(f"`{ending}`" for ending in FILTERS)], "rows": rows}
+
+
 def main():
-    parser = figures.parser("What the collision filter costs and what it buys.")
+    parser = figures.parser(__doc__)
     parser.add_argument("--seeds", type=int, default=64, help="episodes of each policy")
     parser.add_argument("--scenarios", nargs="+", default=["experiment", "rough", "intruders"])
     options = parser.parse_args()
@@ -82,15 +95,14 @@ def main():
             rows.append([f"{scenario}, `{name}{ending}`", number(mean), number(most), number(100 * changed)])
     columns = ["filter on one thread", "a robot and step [us]", "in the slowest step [us]", "actions it changed [%]"]
     cost: figures.Table = {"columns": columns, "rows": rows}
-    figures.show("what the filter costs", cost)
+    figures.publish("filter", "what the filter costs", cost, options.store)
 
     labels = [f"{name}{ending}" for name in POLICIES for ending in ("", *FILTERS)]
     scored = {(scenario, name): scores(name, scenario, options.seeds)
               for scenario in options.scenarios for name in labels}  # fmt: skip
-    table = as_table(scored)
-    figures.show(f"what it buys, {options.seeds} episodes", table)
-    if options.store:
-        figures.store({"filter": cost, "safety": table})
+    title = f"what it buys, {options.seeds} episodes"
+    figures.publish("safety", title, as_table(scored), options.store)
+    figures.publish("touches", title, by_filter(scored), options.store)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """Motion of robots: cars compared with closed forms of (12) and the integrator's order, points with the curve."""
 
+import itertools
 import math
 
 import numpy as np
@@ -359,6 +360,15 @@ def test_no_robots_of_a_team_collide_at_once():
     assert (changed[meets] >= 1).all()
     assert changed.max() <= 4  # of fifteen
     np.testing.assert_array_equal(apart.robots.track.numpy()[:, :, -1], apart.robots.position.numpy())
+
+
+def test_cars_of_the_included_space_can_all_come_to_rest_from_the_start():
+    # Oracle: with the same drag, cars without motors meet where cars that keep their speed for 1/drag do.
+    space = lissajous_env.scenario_space("monitoring-v1")
+    for scenario in itertools.islice(space.scenarios("train"), 12):
+        made = lissajous_env.scenario(scenario, **{"task.contamination": None, "task.grid": None})
+        least = _least_distances(lissajous_env.Simulation(made, 32), 1 / made.robot.drag)
+        assert (least > 0.999 * 2 * made.robot.radius).all(), scenario.name
 
 
 def test_a_start_without_room_ends():

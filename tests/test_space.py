@@ -21,12 +21,12 @@ DRAW = {
 }
 
 FROZEN = [
-    "24f934475fc315af",
-    "7a53a81f6fe91225",
-    "657fdc5286dc665f",
-    "38b6f34c61849acf",
-    "2109cb85be854a49",
-    "46265586de9655ab",
+    "840afdb32d796479",
+    "8ee81c5618a48cfc",
+    "d1c4e7396d7cfd7c",
+    "b96109032d7e871f",
+    "a9bbd3a69860a1d1",
+    "6afadd9dfc17e372",
 ]
 """Digests of the first scenario of each split and shift of monitoring-v1."""
 

@@ -152,6 +152,19 @@ def test_ctrl_c_keeps_what_was_learned(tmp_path, monkeypatch):
     assert checkpoint.read_text(tmp_path / "run")["counters"]["steps"] == 1920
 
 
+def test_a_training_resumes_if_only_the_words_about_its_scenario_changed(tmp_path):
+    lab = tmp_path / "lab.toml"
+
+    def trained(words, duration, steps):
+        lab.write_text(f'description = "{words}"\nbase = "failure"\n[task]\nduration = {duration}\n')
+        return train(small(tmp_path, steps=steps, scenario=str(lab), overrides={}, teacher="none", layers=()), QUIET)
+
+    done = trained("A hall.", 2.0, 1280).steps
+    assert trained("A hall with five robots.", 2.0, 2560).steps > done
+    with pytest.raises(ValueError, match="task of the scenario"):
+        trained("A hall with five robots.", 3.0, 3840)
+
+
 def test_a_policy_of_two_stages_is_published_with_one_curve(tmp_path):
     # Oracle: the two trainings' own curves and weights, and the scores of the command that evaluates.
     points = {"scenario": "failure", "overrides": {"task.duration": 2.0}, "teacher": "none", "layers": ()}
