@@ -76,7 +76,7 @@ def table_of(results: dict[str, list[list[float]]]) -> figures.Table:
     for kind, of in results.items():
         cells = np.array(of)
         spread = zip(cells.mean(axis=0), cells.min(axis=0), cells.max(axis=0), strict=True)
-        shown = [f"{mean:.2f}" + (f" ({low:.2f} to {high:.2f})" if len(of) > 1 else "") for mean, low, high in spread]
+        shown = [f"{mean:.2f}" + (f" ({low:.2f} to {high:.2f})" if low < high else "") for mean, low, high in spread]
         rows.append([TEAMS[kind], *shown])
     return {"columns": TITLES, "rows": rows}
 
