@@ -371,6 +371,13 @@ def test_cars_of_the_included_space_can_all_come_to_rest_from_the_start():
         assert (least > 0.999 * 2 * made.robot.radius).all(), scenario.name
 
 
+def test_action_minus_one_turns_the_motors_of_the_included_space_off_also_with_noise():
+    for scenario in itertools.islice(lissajous_env.scenario_space("monitoring-v1").scenarios("train"), 40):
+        robot = scenario.resolve().robot
+        deviation = 0.5 * scenario.noise.actuator * (robot.throttle_max - robot.throttle_min)
+        assert robot.throttle_min == pytest.approx(robot.dead_zone - 4 * deviation)
+
+
 def test_a_start_without_room_ends():
     # Two robots whose places are given leave no other draw: the last one remains, and a reset ends.
     together = {"formation.displaced": ((1, 2 * math.pi / 5), (1, 2 * math.pi / 5)), "formation.start_headway": 0.2}

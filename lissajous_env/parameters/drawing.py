@@ -9,7 +9,7 @@ from lissajous_env.wording import shown
 
 Look = Callable[[str], Any]
 Drawing = Callable[[float, Look], Any]
-"""Function of a number in [0, 1) and of the values drawn before, which returns the value of a field."""
+"""Function of a number in [0, 1) and of the other values, which returns the value of a field."""
 
 
 def drawing(name: str, given: Any) -> Drawing:

@@ -47,8 +47,8 @@ class ScenarioSpace:
 
             Under the key `choices`, a part itself has a list of mappings, of which one is drawn: fields that belong
             together. `variables` are numbers for formulas. `scale` may draw `length` and `time`, by which
-            `Scenario.scaled` finally multiplies all lengths and times. Values are drawn in the order given, and
-            formulas use those drawn before.
+            `Scenario.scaled` finally multiplies all lengths and times. Formulas can use every other value that is
+            drawn, in any order.
         require: Formulas of fields and properties of the scenario, such as `"sensing_radius < curve.half_height"`; a
             scenario for which one is False is drawn anew.
         shifts: For each shift, the draws that differ, in the form of `draw`.
@@ -188,14 +188,34 @@ class ScenarioSpace:
 
     def _drawn(self, seed: int, attempt: int) -> Scenario:
         values: dict[str, Any] = {}
-        look_up = functools.partial(self._value, values)
-        for name, draw in self._drawings.items():
-            value = draw(self._uniform(f"{attempt}/{name}", seed), look_up)
+        begun: list[str] = []
+
+        def value_of(name: str) -> Any:
+            if name not in values:
+                if name in begun:
+                    raise ValueError(f"{name}, which depends on itself")
+                begun.append(name)
+                values[name] = self._drawings[name](self._uniform(f"{attempt}/{name}", seed), look_up)
+            return values[name]
+
+        def look_up(name: str) -> Any:
+            if name in self.given:
+                return self.given[name]
+            for known in (name, f"variables.{name}"):
+                if known in self._drawings:
+                    return value_of(known)
             part, _, what = name.partition(".")
-            values |= {f"{part}.{each}": one for each, one in value.items()} if what == "choices" else {name: value}
-        changed = {name: value for name, value in values.items() if name.partition(".")[0] in PARTS}
+            together = value_of(f"{part}.choices") if f"{part}.choices" in self._drawings else {}
+            return together[what] if what in together else _property(self.base, name)
+
+        changed: dict[str, Any] = {}
+        for name in self._drawings:
+            part, _, what = name.partition(".")
+            if part in PARTS:
+                together = value_of(name) if what == "choices" else {what: value_of(name)}
+                changed |= {f"{part}.{each}": value for each, value in together.items()}
         changed.update(self.given)
-        scale = {name: values[f"scale.{name}"] for name in _SCALE if f"scale.{name}" in values}
+        scale = {name: value_of(f"scale.{name}") for name in _SCALE if f"scale.{name}" in self._drawings}
         try:
             made = overridden(self.base, changed).scaled(**scale)
         except ValueError as error:
@@ -206,15 +226,6 @@ class ScenarioSpace:
         """Return a number in [0, 1) that depends on the space's name, the seed and the purpose alone."""
         digest = hashlib.sha256(f"{self.name}/{seed}/{what}".encode()).digest()
         return int.from_bytes(digest[:8]) / 2**64
-
-    def _value(self, values: Mapping[str, Any], name: str) -> Any:
-        """Return a variable, or a field as given, as drawn or of the base, for a formula."""
-        for known, found in ((name, self.given), (name, values), (f"variables.{name}", values)):
-            if known in found:
-                return found[known]
-        if name in self._drawings:
-            raise ValueError(f"{name}, which is drawn later")
-        return _property(self.base, name)
 
 
 def _property(made: Scenario, dotted: str) -> Any:
