@@ -19,6 +19,7 @@ from training.choosing import playing
 from training.choosing.candidates import Candidate
 from training.choosing.chooser import FILE, Chooser, names, outputs
 from training.choosing.features import FEATURES, numbers_of
+from training.choosing.rehearsing import complementary
 from training.learned.network import Network
 
 SCENARIO = lissajous_env.scenario("monitoring-v1-8", **{"task.duration": 2.0, "task.contamination": None})
@@ -84,7 +85,7 @@ def test_the_best_of_the_rehearsed_candidates_is_chosen(objective):
         **{"task.duration": 20.0, "task.contamination": (30, 20), "sensing.radius": 0.8 * SCENARIO.curve.half_height},
     )
     alone = dataclasses.replace(made((0.0, 1.0, 2.0)), limits=tuple((-99.0, 99.0) for _ in FEATURES))
-    learned = dataclasses.replace(alone, rehearsed=3, about={"objective": objective})
+    learned = dataclasses.replace(alone, rehearsed=3, about={"objective": objective}, errors=np.zeros((1, 3)))
     column = "detection_time_mean" if objective == playing.DETECTION else "guaranteed_detection_time"
     costs = {}
     for settings in alone.ranked(scenario):
@@ -97,6 +98,25 @@ def test_the_best_of_the_rehearsed_candidates_is_chosen(objective):
     assert alone.chosen(scenario)[0].policy == "still"
     assert learned.chosen(scenario)[0].policy == min(costs, key=lambda policy: costs[policy]) != "still"
     assert sorted(each.policy for each in learned.chosen(scenario)) == ["partition", "still", "sweep"]
+
+
+def test_candidates_that_fail_together_are_not_rehearsed_together():
+    """Two equal candidates are predicted to be the best; the third is better where these are worse than predicted."""
+    predicted, errors = np.array([0.0, 0.1, 0.5]), np.array([[1.0, 1.0, 0.0], [-1.0, -1.0, 0.0]])
+    assert complementary(predicted, errors) == [0, 2, 1]
+    assert complementary(predicted, np.zeros((1, 3))) == [0, 1, 2]
+
+
+def test_every_candidate_comes_where_it_lowers_the_expected_smallest_cost_most():
+    """Oracle: the expected cost of each pair that contains the first one."""
+    rng = np.random.default_rng(0)
+    predicted, errors = rng.normal(size=6), rng.normal(size=(50, 6))
+    costs = predicted + errors
+    first, second, *others = complementary(predicted, errors)
+    assert sorted([first, second, *others]) == list(range(6))
+    assert first == costs.mean(axis=0).argmin()
+    pairs = {k: np.minimum(costs[:, first], costs[:, k]).mean() for k in range(6) if k != first}
+    assert second == min(pairs, key=lambda k: pairs[k])
 
 
 def test_a_candidate_that_does_not_suit_the_scenario_is_passed_over():
@@ -119,9 +139,11 @@ def test_a_scenario_outside_of_the_training_is_refused_by_name():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"format": 1}, "format must be 2"),
+        ({"format": 2}, "format must be 3"),
         ({"rehearsed": -1}, "rehearsed must be"),
         ({"rehearsed": 2}, "about must contain the objective, detection or guarantee, got"),
+        ({"rehearsed": 2, "about": {"objective": "detection"}}, r"errors must have a row or more of 3 numbers"),
+        ({"errors": [["many"]]}, "could not convert"),
         ({"features": ["luck"]}, "features must be of"),
         ({"candidates": [{"policy": "sweep", "parameters": {"cruise": "fast"}}]}, "cruise of sweep must be a finite"),
         ({"limits": []}, "limits must have"),

@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,12 +23,12 @@ from lissajous_env.wording import few_of, shown
 from training.choosing.candidates import Candidate
 from training.choosing.features import FEATURES
 from training.choosing.playing import DETECTION, GUARANTEE
-from training.choosing.rehearsing import best_rehearsed
+from training.choosing.rehearsing import best_rehearsed, complementary
 from training.learned import policy
 from training.learned.network import Network
 
 FILE = "choice.json"
-FORMAT = 2
+FORMAT = 3
 _LONGEST = 400
 """Most letters of a message about a damaged file, which can contain any text."""
 _SHIPPED = Path(__file__).parent.parent / "policies"
@@ -54,7 +54,9 @@ class Chooser:
     home: Mapping[str, Any]
     """First scenario of the training as plain values of `Scenario.to_dict`, including derived fields."""
     rehearsed: int = 0
-    """Number of the best candidates that are played in simulation before one of them is chosen; 0: the best one is."""
+    """Number of candidates that are played in simulation before one of them is chosen; 0: the best ranked one is."""
+    errors: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    """Costs (E, K) of the candidates less the predicted ones, in scenarios that a fit did not use."""
 
     def __post_init__(self) -> None:
         for name in self.features:
@@ -67,6 +69,8 @@ class Chooser:
         if self.rehearsed > 0 and self.about.get("objective") not in (DETECTION, GUARANTEE):
             got = shown(self.about.get("objective"))
             raise ValueError(f"about must contain the objective, {DETECTION} or {GUARANTEE}, got {got}")
+        if self.rehearsed > 0 and (self.errors.ndim != 2 or self.errors.shape[1] != sizes[1] or not len(self.errors)):
+            raise ValueError(f"errors must have a row or more of {sizes[1]} numbers, got shape {self.errors.shape}")
         for name in ("limits", "seen"):
             if np.shape(getattr(self, name)) != (sizes[0], 2):
                 raise ValueError(f"{name} must have a lowest and a highest value for each of {sizes[0]} features")
@@ -78,16 +82,7 @@ class Chooser:
             UnsuitableScenarioError: the robots are not cars, or a number of the scenario is outside of the limits.
         """
         made = make_scenario(scenario).resolve()
-        if made.robot.kind != "car":
-            raise UnsuitableScenarioError(f"robot.kind must be car, got {made.robot.kind}")
-        features = [FEATURES[name] for name in self.features]
-        values = np.array([float(feature.read(made)) for feature in features])
-        for feature, value, (low, high) in zip(features, values, self.limits, strict=True):
-            if not low <= value <= high:
-                rule = f"must be from {feature.written(low)} to {feature.written(high)}, for which patrols are chosen"
-                raise UnsuitableScenarioError(f"{feature.meaning} {rule}, got {feature.written(value)}")
-        low, high = np.array(self.seen).T
-        ranks = np.argsort(-outputs(self.network, np.clip(values, low, high)), kind="stable")
+        ranks = np.argsort(-self._values(made), kind="stable")
         return [self.candidates[k].settings(made) for k in ranks]
 
     def chosen(self, scenario: str | Scenario) -> list[PolicySettings]:
@@ -99,9 +94,25 @@ class Chooser:
         found = self.ranked(scenario)
         if self.rehearsed > 0:
             made = make_scenario(scenario).resolve()
-            best = best_rehearsed(found, made, self.about["objective"], self.rehearsed)
-            found.insert(0, found.pop(best or 0))
+            varied = [self.candidates[k].settings(made) for k in complementary(-self._values(made), self.errors)]
+            best = best_rehearsed(varied, made, self.about["objective"], self.rehearsed)
+            if best is not None:
+                found.remove(varied[best])
+                found.insert(0, varied[best])
         return found
+
+    def _values(self, scenario: Scenario) -> np.ndarray:
+        """Return the network's output (K,) for each candidate in a resolved scenario."""
+        if scenario.robot.kind != "car":
+            raise UnsuitableScenarioError(f"robot.kind must be car, got {scenario.robot.kind}")
+        features = [FEATURES[name] for name in self.features]
+        values = np.array([float(feature.read(scenario)) for feature in features])
+        for feature, value, (low, high) in zip(features, values, self.limits, strict=True):
+            if not low <= value <= high:
+                rule = f"must be from {feature.written(low)} to {feature.written(high)}, for which patrols are chosen"
+                raise UnsuitableScenarioError(f"{feature.meaning} {rule}, got {feature.written(value)}")
+        low, high = np.array(self.seen).T
+        return outputs(self.network, np.clip(values, low, high))
 
     def make(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
         """Make the best candidate that the scenario suits.
@@ -152,6 +163,7 @@ class Chooser:
             about=dict(text["about"]),
             home=dict(text["scenario"]),
             rehearsed=whole_number("rehearsed", text["rehearsed"], 0),
+            errors=np.array(text["errors"], float),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -164,6 +176,7 @@ class Chooser:
             "format": FORMAT,
             "about": dict(self.about),
             "rehearsed": self.rehearsed,
+            "errors": _rounded(self.errors),
             "scenario": dict(self.home),
             "features": list(self.features),
             "limits": [list(each) for each in self.limits],

@@ -60,14 +60,15 @@ def choose(
         evaluation_scenarios: number of scenarios of the split `validation`, on which the choice is compared with each
             patrol alone.
         episodes: episodes of each patrol in each scenario.
-        rehearsed: number of patrols that the network prefers and that are played in simulation, 4 episodes each, when
-            a policy is made: the best one of them is chosen. With 0 the network chooses alone.
+        rehearsed: number of patrols that are played in simulation, 4 episodes each, when a policy is made: the best one
+            of them is chosen. They are those among which, given the errors of the network, the best one is most likely.
+            With 0 the network chooses alone.
         seed: seed of the network.
         out: folder of the results.
         output: Console output.
     """
     try:
-        from training.choosing.fitting import fit
+        from training.choosing.fitting import errors, fit
     except ImportError as error:
         raise missing("choose", "train", error) from error
 
@@ -92,8 +93,9 @@ def choose(
             )
         numbers = np.array([numbers_of(each) for each in learned])
         low, high = _range([*numbers, *(numbers_of(each) for split in shifted for each in split)])
+        costs = playing.costs(found, candidates, learned)
         chooser = Chooser(
-            network=fit(numbers, playing.costs(found, candidates, learned), seed),
+            network=fit(numbers, costs, seed),
             features=tuple(FEATURES),
             candidates=candidates,
             limits=_pairs(low - _MARGIN * (high - low), high + _MARGIN * (high - low)),
@@ -101,6 +103,7 @@ def choose(
             about=given,
             home=plain(learned[0].resolve().to_dict()),
             rehearsed=rehearsed,
+            errors=errors(numbers, costs, seed) if rehearsed > 0 else np.empty((0, 0)),
         )
         folder.write(FILE, json.dumps(chooser.to_dict(), allow_nan=False) + "\n")
     rows = _compared(chooser, found, evaluated)

@@ -4,12 +4,15 @@ import numpy as np
 import torch
 from torch import nn
 
+from training.choosing.chooser import outputs
 from training.learned.network import Network
 
 _MEMBERS, _UNITS = 16, 32
 """Networks whose mean is the result, and hidden units of each."""
 _PASSES, _LEARNING_RATE, _DECAY = 150, 1e-2, 1.0
 """Steps of AdamW over all scenarios, its learning rate, and its weight decay."""
+_LEFT_OUT = 4
+"""One in so many scenarios is left out of the fit whose errors are measured."""
 
 
 def fit(numbers: np.ndarray, costs: np.ndarray, seed: int) -> Network:
@@ -35,6 +38,17 @@ def fit(numbers: np.ndarray, costs: np.ndarray, seed: int) -> Network:
     last = np.concatenate(last_weights, axis=1) / _MEMBERS
     last_bias = np.mean(last_biases, axis=0) + values.mean(axis=0)
     return Network((first, last), (first_bias, last_bias), "tanh")
+
+
+def errors(numbers: np.ndarray, costs: np.ndarray, seed: int) -> np.ndarray:
+    """Return the costs less the predicted ones (E, K) in every fourth scenario, predicted by a fit to the others.
+
+    Both are relative to the mean over the candidates.
+    """
+    left = np.arange(len(costs)) % _LEFT_OUT == 0
+    network = fit(numbers[~left], costs[~left], seed)
+    predicted = -np.array([outputs(network, each) for each in numbers[left]])
+    return costs[left] - costs[left].mean(axis=1, keepdims=True) - predicted
 
 
 def _member(inputs: torch.Tensor, targets: torch.Tensor) -> list[np.ndarray]:

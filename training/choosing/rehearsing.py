@@ -1,4 +1,4 @@
-"""Rehearsals: the candidates that a network prefers are played in simulation, and the best of them is chosen."""
+"""Rehearsals: candidates among which the best one is probably found are played in simulation; the best is chosen."""
 
 import dataclasses
 import math
@@ -6,6 +6,8 @@ import warnings
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
+
+import numpy as np
 
 from baselines.planning.playing import grid
 from baselines.policies.settings import PolicySettings
@@ -19,6 +21,25 @@ from training.choosing.playing import GUARANTEE, cost_of, play
 EPISODES, FIRST_SEED = 4, 800_000
 """Episodes of a rehearsal, and the seed of the first; no results of a choice are from these seeds."""
 _CELLS_IN_A_SENSOR = 4.0
+
+
+def complementary(predicted: np.ndarray, errors: np.ndarray) -> list[int]:
+    """Return the order of candidates in which each next one lowers the expected smallest cost most.
+
+    Similar candidates are often predicted to be good together and fail together, so only one of them comes early.
+
+    Args:
+        predicted: Predicted cost (K,) of each candidate.
+        errors: Costs less predicted costs (E, K), which are taken as E possible errors of this prediction.
+    """
+    costs = predicted + errors
+    best, order = np.full(len(costs), np.inf), []
+    for _ in predicted:
+        expected = np.minimum(best[:, None], costs).mean(axis=0)
+        expected[order] = np.inf
+        order.append(int(expected.argmin()))
+        best = np.minimum(best, costs[:, order[-1]])
+    return order
 
 
 def best_rehearsed(ranked: Sequence[PolicySettings], scenario: Scenario, objective: str, count: int) -> int | None:
