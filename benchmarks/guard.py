@@ -91,10 +91,12 @@ def as_table(found: Results, policies: list[str]) -> figures.Table:
     for name in policies:
         collisions = [row["collisions"] for (_, policy), row in found.items() if policy == name and "collisions" in row]
         collisions = np.array([each for each in collisions if each is not None])
-        cells = [in_words(ratios(name, failing), np.median) for failing in (False, True)]
-        rows.append([f"`{name}`" if name != PLAN else name, str(len(ratios(name, False))), *cells,
-                     in_words(collisions, np.mean)])  # fmt: skip
-    titles = ["policy", "scenarios", "worst case over that of the plan (median)", "where robots fail", "collisions"]
+        every, failing = ratios(name, False), ratios(name, True)
+        rows.append([f"`{name}`" if name != PLAN else name, str(len(every)), in_words(every, np.median),
+                     f"{every.min():.2f} to {every.max():.2f}", in_words(failing, np.median),
+                     in_words(failing, geometric_mean), in_words(collisions, np.mean)])  # fmt: skip
+    titles = ["policy", "scenarios", "worst case over that of the plan (median)", "range", "where robots fail (median)",
+              "where robots fail (geometric mean)", "collisions"]  # fmt: skip
     return {"columns": titles, "rows": rows}
 
 

@@ -19,7 +19,7 @@ from lissajous_env.settings.checks import whole_number
 from lissajous_env.storage.folder import Folder
 from lissajous_env.world.columns import COLLISIONS
 from training.choosing import playing
-from training.choosing.candidates import GUARDS, PATROLS
+from training.choosing.candidates import GUARDS, PATROLS, PROVED
 from training.choosing.chooser import FILE, Chooser, outputs
 from training.choosing.features import FEATURES, numbers_of
 from training.scenarios import EVALUATED, LEARNED, without_warnings
@@ -38,6 +38,7 @@ def choose(
     evaluation_scenarios: int = 64,
     episodes: int = 8,
     rehearsed: int = 0,
+    proved: bool = False,
     seed: int = 0,
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("runs/choice"),
     output: OutputOptions = DEFAULT_OUTPUT,
@@ -63,6 +64,7 @@ def choose(
         rehearsed: number of patrols that are played in simulation, 4 episodes each, when a policy is made: the best one
             of them is chosen. They are those among which, given the errors of the network, the best one is most likely.
             With 0 the network chooses alone.
+        proved: True to choose among patrols with the proved collision filter; for the detection time only.
         seed: seed of the network.
         out: folder of the results.
         output: Console output.
@@ -78,8 +80,11 @@ def choose(
     whole_number("rehearsed", rehearsed, 0)
     whole_number("seed", seed, 0)
     drawn_from = named.scenario_space(space)
-    candidates = PATROLS if objective == playing.DETECTION else GUARDS
-    given = {"space": space, "objective": objective, "scenarios": scenarios, "episodes": episodes, "seed": seed}
+    if proved and objective != playing.DETECTION:
+        raise ValueError(f"proved must be False for the objective {objective}; give a chosen folder the ending -proved")
+    candidates = GUARDS if objective == playing.GUARANTEE else PROVED if proved else PATROLS
+    given = {"space": space, "objective": objective, "scenarios": scenarios, "episodes": episodes, "proved": proved,
+             "seed": seed}  # fmt: skip
     with without_warnings(drawn_from), Folder(out, (FILE, _TABLE)) as folder:
         learned, evaluated, *shifted = (
             playing.scenarios_of(drawn_from, split, count, objective)
