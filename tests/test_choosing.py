@@ -181,6 +181,16 @@ def test_costs_order_candidates_by_time_and_collisions():
     assert third > first
 
 
+def test_below_a_control_step_only_collisions_count():
+    step = SCENARIO.task.step
+    found = {
+        (SCENARIO.digest(), each.name): {"time": time * step, "collisions": collisions}
+        for each, time, collisions in zip(PATROLS, (0.1, 0.9, 1.1), (1.0, 0.0, 0.0), strict=True)
+    }
+    ((first, second, third),) = playing.costs(found, PATROLS, [SCENARIO])
+    assert (first, second, third) == pytest.approx((0.1, 0.0, np.log(1.1)))
+
+
 @pytest.mark.parametrize("objective", [playing.DETECTION, playing.GUARANTEE])
 def test_what_was_played_is_not_played_again(objective, tmp_path, monkeypatch):
     made = lissajous_env.scenario("monitoring-v1-8", **{"task.duration": 2.0})
@@ -209,6 +219,25 @@ def test_a_rule_in_the_costs_is_found():
     unseen = rng.normal(5.0, 2.0, (200, 4))
     picked = np.array([np.argmax(outputs(network, each)) for each in unseen])
     assert np.mean(picked == (unseen[:, 1] > 5.0)) > 0.9
+
+
+def test_the_proved_filter_is_chosen_for_the_detection_time_only(tmp_path):
+    pytest.importorskip("torch")
+    from training.choosing.command import choose
+
+    with pytest.raises(ValueError, match="proved must be False for the objective guarantee"):
+        choose(objective="guarantee", proved=True, out=tmp_path / "choice")
+    assert not (tmp_path / "choice").exists()
+
+
+@pytest.mark.parametrize("seed", [40, 41])
+def test_learned_proved_never_touches(seed):
+    """Scenarios of no split's first ones; robots fail and stop dead, actuators are noisy, and messages are lost."""
+    made = lissajous_env.scenario(f"monitoring-v1-{seed}", **{"task.duration": 30.0, "task.contamination": None})
+    assert training.chosen("learned-proved", made).policy.endswith("-proved")
+    rows = lissajous_env.evaluate(baselines.make("learned-proved", made, 8), made, range(8))
+    assert sum(row["collisions"] for row in rows) == 0
+    assert all(row["detected_fraction"] > 0 for row in rows)
 
 
 def test_a_choice_is_loaded_as_other_learned_policies(tmp_path):

@@ -25,7 +25,7 @@ from training.choosing.features import FEATURES, numbers_of
 from training.scenarios import EVALUATED, LEARNED, without_warnings
 
 _TABLE = "table.jsonl"
-_MARGIN = 0.25
+_MARGIN = 1.0
 """Largest distance of a number of a scenario from those of the space and its shifts, as a share of their range."""
 
 
@@ -37,7 +37,7 @@ def choose(
     scenarios: int = 400,
     evaluation_scenarios: int = 64,
     episodes: int = 8,
-    rehearsed: int = 0,
+    rehearsed: int = 5,
     proved: bool = False,
     seed: int = 0,
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("runs/choice"),

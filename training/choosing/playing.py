@@ -24,8 +24,8 @@ DETECTION, GUARANTEE = "detection", "guarantee"
 FIRST_SEED = 900_000
 _LONGEST = 20.0
 """Largest time of a candidate that counts, over the shortest of all candidates."""
-_SHORTEST = 0.1
-"""Smallest detection time that counts [control steps]."""
+SHORTEST = 1.0
+"""Smallest time that counts [control steps]: below, collisions alone decide."""
 _OPEN = 2.0
 """Worst case that counts where the episodes show no bound [episodes]."""
 _COLLISION, _COLLISIONS = 0.1, 20
@@ -107,7 +107,7 @@ def as_arrays(
         digest = scenario.digest()
         entries = [found[digest, each.name] for each in candidates]
         given = np.array([math.inf if entry["time"] is None else entry["time"] for entry in entries])
-        given = np.maximum(given, _SHORTEST * scenario.task.step)
+        given = np.maximum(given, SHORTEST * scenario.task.step)
         times[s] = np.minimum(given, _LONGEST * given.min())
         collisions[s] = [_COLLISIONS if entry[COLLISIONS.name] is None else entry[COLLISIONS.name] for entry in entries]
     return times, collisions
