@@ -31,7 +31,7 @@ CLASSICAL = (
     PAPERS, "kuramoto-gvf", "consensus-mpcc", "open-loop-mpcc", "sweep", "laps", "partition", "partition-repair",
     "line-abreast",
 )  # fmt: skip
-LEARNED = "learned-patrol", "learned-proved", "learned-patrol-proved"
+LEARNED = "learned-patrol", "learned-careful", "learned-patrol-proved"
 SPLITS = ("test", "larger", "longer", "faster")
 FIRST_SEED = 10_000
 KEPT = ("detection_time_mean", "detected_fraction", "collisions", "distance_mean", "speed_max", "sensed_fraction")

@@ -94,7 +94,7 @@ def test_the_best_of_the_rehearsed_candidates_is_chosen(objective):
         time = np.mean(times) if objective == playing.DETECTION else max(times)
         if objective == playing.GUARANTEE and any(row["guarantee_open"] for row in rows):
             time = 2 * 20.0
-        costs[settings.policy] = np.log(time) + 0.1 * min(np.mean([row["collisions"] for row in rows]), 20)
+        costs[settings.policy] = np.log(max(time, scenario.task.step)) + 0.1 * min(np.mean([row["collisions"] for row in rows]), 20)
     assert alone.chosen(scenario)[0].policy == "still"
     assert learned.chosen(scenario)[0].policy == min(costs, key=lambda policy: costs[policy]) != "still"
     assert sorted(each.policy for each in learned.chosen(scenario)) == ["partition", "still", "sweep"]
@@ -231,11 +231,11 @@ def test_the_proved_filter_is_chosen_for_the_detection_time_only(tmp_path):
 
 
 @pytest.mark.parametrize("seed", [40, 41])
-def test_learned_proved_never_touches(seed):
+def test_learned_careful_never_touches(seed):
     """Scenarios of no split's first ones; robots fail and stop dead, actuators are noisy, and messages are lost."""
     made = lissajous_env.scenario(f"monitoring-v1-{seed}", **{"task.duration": 30.0, "task.contamination": None})
-    assert training.chosen("learned-proved", made).policy.endswith("-proved")
-    rows = lissajous_env.evaluate(baselines.make("learned-proved", made, 8), made, range(8))
+    assert training.chosen("learned-careful", made).policy.endswith("-proved")
+    rows = lissajous_env.evaluate(baselines.make("learned-careful", made, 8), made, range(8))
     assert sum(row["collisions"] for row in rows) == 0
     assert all(row["detected_fraction"] > 0 for row in rows)
 
