@@ -94,7 +94,8 @@ def test_the_best_of_the_rehearsed_candidates_is_chosen(objective):
         time = np.mean(times) if objective == playing.DETECTION else max(times)
         if objective == playing.GUARANTEE and any(row["guarantee_open"] for row in rows):
             time = 2 * 20.0
-        costs[settings.policy] = np.log(max(time, scenario.task.step)) + 0.1 * min(np.mean([row["collisions"] for row in rows]), 20)
+        collisions = np.mean([row["collisions"] for row in rows])
+        costs[settings.policy] = np.log(max(time, scenario.task.step)) + 0.1 * min(collisions, 20)
     assert alone.chosen(scenario)[0].policy == "still"
     assert learned.chosen(scenario)[0].policy == min(costs, key=lambda policy: costs[policy]) != "still"
     assert sorted(each.policy for each in learned.chosen(scenario)) == ["partition", "still", "sweep"]

@@ -248,7 +248,7 @@ def _about(name: str) -> str:
     about = json.loads((_SHIPPED / name / FILE).read_text(encoding="utf-8"))["about"]
     purpose = "a short worst case" if about["objective"] == GUARANTEE else "a short detection time"
     filtered = " with the proved filter" if about["proved"] else ""
-    return f"Plays a patrol{filtered} for {purpose} that a network chooses for the scenario, learned on {about['space']}."
+    return f"Plays a patrol{filtered} for {purpose} that a network chooses, learned on {about['space']}."
 
 
 def _make(folder: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
