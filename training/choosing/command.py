@@ -112,9 +112,10 @@ def choose(
         )
         folder.write(FILE, json.dumps(chooser.to_dict(), allow_nan=False) + "\n")
     rows = _compared(chooser, found, evaluated)
-    titles = "patrol", "time over\nthe choice's", "collisions\nper episode", "chosen for\n[% of scenarios]"
+    titles = "patrol", "time over the\nnetwork's choice", "collisions\nper episode", "chosen for\n[% of scenarios]"
     print_table(output.console(), [Column(titles[0], prose=True), *map(Column, titles[1:])], _in_words(rows))
-    output.print(f"{len(evaluated)} scenarios of {space}:{EVALUATED}; times: geometric means. Wrote {out / FILE}")
+    output.print(f"{len(evaluated)} scenarios of {space}:{EVALUATED}, without rehearsals; times: geometric means")
+    output.print(f"Wrote {out / FILE}")
     output.print_json({"out": out, "patrols": rows})
 
 
@@ -132,7 +133,7 @@ def _pairs(low: np.ndarray, high: np.ndarray) -> tuple[tuple[float, float], ...]
 
 
 def _compared(chooser: Chooser, found: playing.Table, scenarios: Sequence[Scenario]) -> list[dict[str, Any]]:
-    """Return the choice's and each candidate's time relative to the choice's, and collisions, the shortest first."""
+    """Return each candidate's time over that of the network's choice, and collisions, the shortest first."""
     times, collisions = playing.as_arrays(found, chooser.candidates, scenarios)
     every = np.arange(len(scenarios))
     picked = np.array([int(np.argmax(outputs(chooser.network, numbers_of(each)))) for each in scenarios])
@@ -142,7 +143,7 @@ def _compared(chooser: Chooser, found: playing.Table, scenarios: Sequence[Scenar
         for k, each in enumerate(chooser.candidates)
     ]
     rows.sort(key=lambda row: row["time"])
-    return [_row("the choice", 1.0, collisions[every, picked].mean(), 1.0), *rows]
+    return [_row("the network's choice", 1.0, collisions[every, picked].mean(), 1.0), *rows]
 
 
 def _row(patrol: str, time: float, collisions: float, chosen: float) -> dict[str, Any]:
