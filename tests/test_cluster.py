@@ -199,6 +199,7 @@ def test_policies_that_fail_are_reported_and_the_others_go_on(one_node, tmp_path
     assert (healed.failures, healed.kept, len(healed.rows)) == ([], 8, 16)
 
 
+@pytest.mark.long
 def test_a_policy_whose_actions_are_no_numbers_ends_as_it_does_here(one_node, tmp_path):
     # Oracle: the engine `local`, whatever it makes of such a policy.
     own, given = {"blind": Blind, "slow": Slow}, {"policies": ("kuramoto",), "episodes": 2}

@@ -289,6 +289,7 @@ def test_killed_and_called_again_it_goes_on_with_equal_counters(tmp_path):
     assert [row["seed"] for row in lissajous_env.evaluate(policy, policy.scenario, range(2))] == [0, 1]
 
 
+@pytest.mark.long
 def test_a_node_is_killed_and_the_training_goes_on(tmp_path, monkeypatch):
     # Story: one worker is lost with its node; the other samples alone, and the lost one comes back on a third node.
     cluster = Cluster(initialize_head=True, head_node_args=HEAD)

@@ -90,6 +90,7 @@ def trained(algorithm, iterations):
     return algorithm.iteration, state.steps_sampled(algorithm), rates
 
 
+@pytest.mark.long
 def test_what_was_saved_goes_on_as_rllibs_own_checkpoint_does(make, tmp_path):
     # Oracle: RLlib's checkpoint, pickles and all: the same weights and moments to the bit, then equal counters and
     # learning rates. Weights cannot be compared later: RLlib draws its actions anew each time.

@@ -40,6 +40,7 @@ def test_a_rogue_that_passes_cells_within_a_step_is_found():
         assert found.undetected >= found.stated - 0.2
 
 
+@pytest.mark.long
 def test_rogues_between_the_narrow_gaps_of_the_hall_are_found():
     # Oracle: the simulation detects the rogue. Gaps narrower than a cell follow the rogue for most of its way.
     overrides = {"task.duration": 120.0}

@@ -293,9 +293,8 @@ def _kinds() -> dict[str, str | None]:
     return kinds
 
 
-def _drives(name: str, kind: str) -> bool:
-    """Return whether a policy drives robots of a kind, by itself or as if they were cars."""
-    drives = _kinds()[name]
+def _drives(name: str, drives: str | None, kind: str) -> bool:
+    """Return whether a policy, made for a kind or all, drives robots of a kind, by itself or as if they were cars."""
     if drives in (None, kind):
         return True
     plain, suffix = _parted(name)
@@ -356,7 +355,7 @@ def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
     if scenario is None:
         return tuple(_kinds())
     kind = make_scenario(scenario).robot.kind
-    return tuple(name for name in _kinds() if _drives(name, kind))
+    return tuple(name for name, drives in _kinds().items() if _drives(name, drives, kind))
 
 
 def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
