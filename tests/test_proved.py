@@ -173,6 +173,28 @@ def test_wheelbase_and_drive_are_learned_within_bounds_that_hold_the_truth():
         assert np.median(high - low) < 1e-3
 
 
+@pytest.mark.parametrize("most", [1.0, 1e3])
+def test_they_are_learned_with_noisy_commands_and_measurements_too(most):
+    """Oracle: the constants of the simulated cars. With `most` far above 1, every command is at an end of its range."""
+    noise = {"noise.actuator": 0.05, "noise.heading": 0.01, "noise.speed": 0.02, "noise.position": 0.01}
+    noisy = lissajous_env.scenario(FIVE, **noise, **{"task.duration": 60.0})
+    simulation = lissajous_env.Simulation(noisy, 40, seed=3)
+    policy = Proved(Idle(noisy, 40))
+    rng = np.random.default_rng(0)
+    widths = []
+    for _ in range(400):
+        wanted = np.clip(most * at_random(simulation, rng), -1, 1)
+        simulation.step(policy.filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu")))
+        known = policy._memory.known.numpy()
+        widths.append(np.median(known[..., 1::2] - known[..., ::2], axis=(0, 1)))
+    curvature = simulation.scenario.robot.wheelbase / simulation.robots.wheelbase.numpy()
+    drive = simulation.robots.drive.numpy() / simulation.scenario.robot.drive
+    for truth, low, high in ((curvature, known[..., 0], known[..., 1]), (drive, known[..., 2], known[..., 3])):
+        assert (low <= truth).all()
+        assert (truth <= high).all()
+    assert (widths[-1] < 0.7 * widths[0]).all()
+
+
 def test_far_from_all_the_action_passes_bit_for_bit():
     """Oracle: the wanted action, of cars whose tails cannot meet."""
     wide = lissajous_env.scenario(

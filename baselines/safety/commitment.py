@@ -7,7 +7,7 @@ import warp as wp
 
 from baselines.policies.own_row import hears, own_heading, own_key, own_position, own_speed, own_works
 from baselines.safety.compatibility import FAR, GONE, NEW, OLD, THERE, Plans, is_compatible, room_of
-from baselines.safety.own_motion import Bounds, chord_slack, drive, learn, tail_from, within_grip
+from baselines.safety.own_motion import Bounds, average, averaged, chord_slack, drive, learn, tail_from, within_grip
 from baselines.safety.tails import arc_end, lay_out, roll_on
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
@@ -33,6 +33,8 @@ class Memory:
     """Action of the steering on the tail, and on the previous tail."""
     known: wp.array2d(dtype=wp.vec4)
     """Bounds of the robot's own curvature and drive as factors of the nominal: least, most; least, most."""
+    sums: wp.array2d(dtype=wp.vec4)
+    """Sums from which these bounds follow where commands are noisy: `baselines.safety.own_motion.average`."""
     last: wp.array2d(dtype=wp.vec4)
     """Measured heading [rad], speed [m/s] and the action of the latest step."""
     presence: wp.array2d(dtype=wp.int32)
@@ -76,8 +78,15 @@ def begin(
         memory.tail[w, i] = memory.old_tail[w, i]
         memory.tube[w, i] = memory.old_tube[w, i]
         memory.steering[w, i] = wp.vec2(memory.steering[w, i][1], memory.steering[w, i][1])
-    elif bounds.learns == 1 and is_off_the_wall(bounds, car, memory.last[w, i][1]):
-        memory.known[w, i] = learn(bounds, robot, memory.known[w, i], widest, memory.last[w, i], car[2], car[3])
+    elif is_off_the_wall(bounds, car, memory.last[w, i][1]):
+        if bounds.wobble == 0.0:
+            memory.known[w, i] = learn(bounds, robot, memory.known[w, i], widest, memory.last[w, i], car[2], car[3])
+        else:
+            sums = average(bounds, robot, memory.sums[w, i], memory.last[w, i], car[2], car[3])
+            curvature = averaged(sums[0], sums[1], wp.vec2(widest[0], widest[1]))
+            pull = averaged(sums[2], sums[3], wp.vec2(widest[2], widest[3]))
+            memory.sums[w, i] = sums
+            memory.known[w, i] = wp.vec4(curvature[0], curvature[1], pull[0], pull[1])
     memory.last[w, i] = wp.vec4(car[2], car[3], 0.0, 0.0)
     tail = memory.tail[w, i]
     away = wp.length(wp.vec2(car[0] - tail[0], car[1] - tail[1]))
@@ -159,12 +168,14 @@ def propose(
 
 @wp.func
 def turn_after(k: int, bounds: Bounds, robot: RobotStruct, known: wp.vec4, speed: float, action: wp.vec2) -> float:
-    """Return the steering of the k-th tail after an action: that of the action, or the most to either side.
+    """Return the steering of the k-th tail after an action: that of the action, the most to either side, or none.
 
     Grip limits the steering also at `speed`, that before the action [m/s], and within the step.
     """
     if k == 0:
         return action[0]
+    if k == 3:
+        return 0.0
     return within_grip(bounds, robot, known, speed, wp.vec2(wp.where(k == 1, 1.0, -1.0), action[1]))[0]
 
 

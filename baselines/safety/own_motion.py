@@ -2,7 +2,7 @@
 
 Every number is an interval: the errors of measured positions, headings and speeds are within `Bounds`. A robot stores
 bounds on the factors of its own curvature and drive, which are as wide as the scenario allows at first and narrow with
-each step (`learn`).
+each step: to what the step allows (`learn`) or, where commands are noisy, to the mean of the steps (`average`).
 """
 
 import warp as wp
@@ -14,6 +14,9 @@ from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.trig import cos_sin
 
 wp.set_module_options(OPTIONS)
+
+BIAS = wp.constant(0.003)
+"""Bound of the bias of a mean of factors: of the curvature's dependence on the steering, and of noisy ways."""
 
 
 @wp.struct
@@ -44,12 +47,16 @@ class Bounds:
     """Distance of the simulation's straight sub-steps from the path, divided by the acceleration [s^2]."""
     coarseness: wp.float32
     """Relative error of the path in the simulation's integration."""
-    learns: wp.int32
-    """1 where a robot learns its curvature and drive from its own motion."""
+    wobble: wp.float32
+    """Standard deviation of the noise of an action, which the error of a step includes once."""
+    heading_noise: wp.float32
+    """Standard deviation of the noise of a measured heading [rad]."""
+    speed_noise: wp.float32
+    """Standard deviation of the noise of a measured speed [m/s]."""
     coasts: wp.int32
     """1 where a robot's motor may fail in any step, and the robot coasts."""
     tails: wp.int32
-    """Number of tails that are tried after an action: one with its steering, and two with the most to either side."""
+    """Number of tails that are tried after an action: with its steering, the most to either side, and none."""
 
 
 @wp.func
@@ -92,12 +99,16 @@ def drive(
     nominal = curvature_of(robot, action[0])
     curvature = 0.5 * (known[0] + known[1]) * nominal
     bend = 0.5 * (known[1] - known[0]) * wp.abs(nominal)
+    if bounds.wobble > 0.0:
+        slope = wp.tan(steering_angle(robot, action[0]))
+        bend += known[1] * bounds.wobble * robot.steering_max * (1.0 + slope * slope) / robot.wheelbase
     tau = throttle(robot, action[1])
     push = float(0.0)
     slack = float(0.0)
     if tau > robot.dead_zone:
         push = 0.5 * (known[2] + known[3]) * robot.drive * tau - robot.offset
         slack = 0.5 * (known[3] - known[2]) * robot.drive * tau
+        slack += known[3] * robot.drive * 0.5 * (robot.throttle_max - robot.throttle_min) * bounds.wobble
     speed = car[3]
     gone = 1.0 - bounds.left
     late = (bounds.step - gone / robot.drag) / robot.drag
@@ -163,6 +174,71 @@ def learn(
         found[0] = span[0]
         found[1] = span[1]
     return found
+
+
+@wp.func
+def felt(action: float, wobble: float) -> wp.vec2:
+    """Return mean and standard deviation of an action with noise, clipped at 1; deviation 0: neither is known.
+
+    At an end of the range, half of the noise is clipped: of min(n, 0), the mean is -1 / sqrt(2 pi) and the variance
+    1 / 2 - 1 / (2 pi).
+    """
+    if wp.abs(action) >= 1.0:
+        return wp.vec2(wp.sign(action) * (1.0 - 0.39894 * wobble), 0.58381 * wobble)
+    if wp.abs(action) > 1.0 - 3.0 * wobble:
+        return wp.vec2(action, 0.0)
+    return wp.vec2(action, wobble)
+
+
+@wp.func
+def average(bounds: Bounds, robot: RobotStruct, sums: wp.vec4, last: wp.vec4, heading: float, speed: float) -> wp.vec4:
+    """Add the latest step to the sums of weights, and of weighted factors less 1, of curvature and of drive.
+
+    The motion of a step with a noisy command shows a factor with a standard deviation; the weight is 1 over its square.
+    Steps in which noise may turn off the motor, or grip may limit the turn, do not count.
+    """
+    gone = 1.0 - bounds.left
+    push = robot.drag * (speed - last[1] * bounds.left) / gone
+    push_blur = robot.drag * bounds.speed_noise * (1.0 + bounds.left) / gone
+    found = sums
+    pull = felt(last[3], bounds.wobble)
+    tau = throttle(robot, pull[0])
+    tau_blur = 0.5 * (robot.throttle_max - robot.throttle_min) * pull[1]
+    if tau - 3.0 * tau_blur > robot.dead_zone and pull[1] > 0.0 and speed > 0.0:
+        unit = robot.drive * tau
+        weight = 1.0 / (tau_blur * tau_blur / (tau * tau) + push_blur * push_blur / (unit * unit))
+        found[2] += weight
+        found[3] += weight * ((push + robot.offset) / unit - 1.0)
+    way = 0.5 * (last[1] + speed) * bounds.step
+    way_blur = 0.7071 * bounds.speed_noise * bounds.step
+    turn = felt(last[2], bounds.wobble)
+    slope = wp.tan(steering_angle(robot, wp.abs(turn[0])))
+    unit = way * curvature_of(robot, turn[0])
+    fastest = wp.max(speed, last[1])
+    grips = fastest * fastest * curvature_of(robot, wp.abs(last[2]) + 3.0 * bounds.wobble)
+    if (
+        way > 10.0 * way_blur
+        and slope > 1.0e-3
+        and wp.abs(unit) < 2.0
+        and turn[1] > 0.0
+        and grips < 0.9 * robot.lateral_acceleration_max
+    ):
+        turned = heading - last[0]
+        turned -= 6.2831853 * wp.rint(turned / 6.2831853)
+        turn_blur = bounds.heading_noise / unit
+        steering_blur = turn[1] * robot.steering_max * (1.0 + slope * slope) / slope
+        variance = 2.0 * turn_blur * turn_blur + steering_blur * steering_blur + way_blur * way_blur / (way * way)
+        found[0] += 1.0 / variance
+        found[1] += (turned / unit - 1.0) / variance
+    return found
+
+
+@wp.func
+def averaged(weight: float, weighted: float, widest: wp.vec2) -> wp.vec2:
+    """Return the bounds of a factor from its sums: the mean of the steps -+ four standard errors."""
+    if weight <= 0.0:
+        return widest
+    return narrowed(widest[0], widest[1], 1.0 + weighted / weight, 4.0 / wp.sqrt(weight) + BIAS, widest)
 
 
 @wp.func

@@ -160,10 +160,11 @@ def bounds_of(scenario: Scenario, parameters: ProvedParameters) -> Any:
     bounds.loss = noise.message_loss**parameters.repeats
     bounds.chord = (task.step / task.substeps) ** 2 / 8
     bounds.coarseness = integration_error(scenario)
-    bounds.learns = int(noise.actuator == 0)
+    bounds.wobble, bounds.heading_noise, bounds.speed_noise = noise.actuator, noise.heading, noise.speed
     bounds.coasts = int(scenario.faults.stop == "coast" and any(may_fail(scenario)))
-    # A robot that coasts continues with the steering of its action, so its tail cannot have another one.
-    bounds.tails = 3 if not bounds.coasts and (any(stops_of(scenario)) or noise.actuator > 0) else 1
+    # A robot that coasts continues with the steering of its action, so its tail cannot have another one. With noise, a
+    # straight tail is the narrowest, because it does not depend on the wheelbase.
+    bounds.tails = 1 if bounds.coasts else 4 if noise.actuator > 0 else 3 if any(stops_of(scenario)) else 1
     return bounds
 
 
