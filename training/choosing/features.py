@@ -30,7 +30,7 @@ class Feature:
 
     def written(self, value: float) -> str:
         """Return the number that a network reads as `value`, in words."""
-        return f"{math.exp(min(value, 700.0)) if self.as_logarithm else value:.3g}"
+        return f"{math.exp(min(value, 700.0)) if self.as_logarithm else value:.4g}"
 
 
 def spacing(scenario: Scenario) -> float:
