@@ -208,7 +208,7 @@ def decide(
         change = changes[k / bounds.tails]
         action = within_grip(bounds, robot, known, car[3], want + change)
         if k % bounds.tails > 0 and change[0] != 0.0:
-            continue  # with the most steering after it, only actions with the wanted steering are tried
+            continue  # before a tail with another steering, only actions with the wanted steering are tried
         if (change[0] != 0.0 and action[0] == want[0]) or (change[1] != 0.0 and action[1] == want[1]):
             continue  # the box or grip undoes the change
         turn = turn_after(k % bounds.tails, bounds, robot, known, car[3], action)
