@@ -1,14 +1,15 @@
 """The best known plans of included scenarios: `python benchmarks/known.py NAME --seconds 120 --seed 0`.
 
 Searches for plans of each scenario, as a benchmark plays it, whose robots begin where the scenario places them. The
-candidates are the stored plans of all scenarios with the same start, partitions and lines, and then free-form paths
-from the best of these. The seconds are processor time, so the result depends little on other programs. A plan with a
-shorter worst-case undetected time than the stored one, of whole episodes or of their second halves, replaces it in
-`baselines/planning/known`, together with this command and its figures. Plans with a collision, or without a bound, are
-not stored. `--again` first plays the stored plans of the scenario and stores their figures, which a change of the
-simulation or of the contamination grid alters. `--filtered` includes partitions and lines with the proved filter in the
-search, for scenarios in which they collide on the way from the start. `--store` also plays the default policies and
-puts a table of them and of all stored plans into docs/figures.json.
+candidates are the stored plans of all scenarios with the same start, partitions, lines, the patrols that the included
+learned policies choose, and then free-form paths from the best of these. The seconds are processor time, so the result
+depends little on other programs. A plan with a shorter worst-case undetected time than the stored one, of whole
+episodes or of their second halves, replaces it in `baselines/planning/known`, together with this command and its
+figures. Plans with a collision, or without a bound, are not stored. `--again` first plays the stored plans of the
+scenario and stores their figures, which a change of the simulation or of the contamination grid alters. `--filtered`
+includes partitions and lines with the proved filter in the search, for scenarios in which they collide on the way from
+the start. `--store` also plays the default policies and puts a table of them and of all stored plans into
+docs/figures.json.
 """
 
 import math
@@ -30,6 +31,7 @@ from baselines.planning.plans import SETTLED, Plan
 from baselines.planning.playing import Episodes, play, quietly
 from baselines.planning.search import Search
 from lissajous_env.parameters.scenario import Scenario
+from training.choosing import chooser
 
 
 class Alike(Known):
@@ -48,6 +50,24 @@ class Alike(Known):
         """Return a stored plan on the task."""
         (found,) = (each for each in best_known.all_known() if each.name == settings["stored"])
         return Plan(self.name, task, found.settings, settings["stored"])
+
+
+class Chosen(Known):
+    """The patrols that the included choices play, with the parameters that they have there."""
+
+    name = "learned choices"
+
+    def starts(self, task: Scenario) -> Sequence[Settings]:
+        """Return the included choices."""
+        return [{"choice": name} for name in chooser.names()]
+
+    def plan(self, task: Scenario, settings: Settings) -> Plan:
+        """Return the patrol that a choice plays."""
+        return Plan(self.name, task, chooser.chosen(settings["choice"], task), settings["choice"])
+
+    def refusal(self, task: Scenario) -> str:
+        """Return nothing: a choice refuses a scenario itself."""
+        return ""
 
 
 def filtered(family: Tuned) -> Tuned:
@@ -101,7 +121,7 @@ def main() -> None:
     for name in options.scenarios:
         if options.again:
             measure_again(name)
-        task, families = as_played(name, {}), (Alike(), PARTITIONS, LINES)
+        task, families = as_played(name, {}), (Alike(), PARTITIONS, LINES, Chosen())
         if options.filtered:
             families += filtered(PARTITIONS), filtered(LINES)
         search = Search(task, Episodes(), families, options.seed, fixed_start=True, clock=time.process_time)

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from baselines.policies import registry
 from training.choosing import chooser
 
-FILTERED = ("sweep", "kuramoto-mpcc", "partition-repair", "learned-rough")
+FILTERED = ("sweep", "kuramoto-mpcc", "partition-repair", "learned-intruders")
 """Policies that are tested under each collision filter too, one of each kind of memory."""
 
 

@@ -210,7 +210,7 @@ def test_what_a_file_names_is_looked_up_and_never_loaded(here):
     # Story: a checkpoint of a stranger names a module of the folder that one is in.
     (here / "evil.py").write_text("open('done', 'w')\n")
     folder = here / "policy"
-    shutil.copytree(learned.find("learned-rough"), folder)
+    shutil.copytree(learned.find("learned-intruders"), folder)
     text = json.loads((folder / "checkpoint.json").read_text())
     for name in ("evil:scenario", "evil.toml", "theirs:scenario"):
         text["policy"]["scenario"] = name

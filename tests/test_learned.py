@@ -145,20 +145,20 @@ def test_a_penalty_is_of_what_is_added_alone():
 
 
 def test_shipped_policies_are_played_like_the_classical_ones():
-    assert "learned-rough" in baselines.names("rough")
-    assert "learned-rough" not in baselines.names("failure")
-    rows = lissajous_env.evaluate(baselines.make("learned-rough", "rough", 2), "rough", seeds=range(2))
-    assert [row["policy"] for row in rows] == ["learned-rough"] * 2
-    assert baselines.make("learned-rough-safe", "rough").name == "learned-rough-safe"
-    assert baselines.policies.registry.made_for("learned-rough", "rough-lost")
-    assert not baselines.policies.registry.made_for("learned-rough-safe", "experiment")
+    assert "learned-intruders" in baselines.names("rough")
+    assert "learned-intruders" not in baselines.names("failure")
+    rows = lissajous_env.evaluate(baselines.make("learned-intruders", "rough", 2), "rough", seeds=range(2))
+    assert [row["policy"] for row in rows] == ["learned-intruders"] * 2
+    assert baselines.make("learned-intruders-safe", "rough").name == "learned-intruders-safe"
+    assert baselines.policies.registry.made_for("learned-intruders", "intruders")
+    assert not baselines.policies.registry.made_for("learned-intruders-safe", "experiment")
 
 
 @pytest.mark.parametrize(
     ("name", "rival", "scenario", "share", "collisions"),
     [
         ("learned-intruders-proved", "kuramoto-mpcc", "intruders", 0.25, 0.0),
-        ("learned-rough", "kuramoto-mpcc", "rough-lost", 0.9, 4.0),
+        ("learned-careful", "kuramoto-mpcc", "rough-lost", 0.9, 0.0),
     ],
 )
 def test_shipped_policies_beat_the_papers_method(name, rival, scenario, share, collisions):
@@ -197,11 +197,11 @@ def test_the_commands_take_a_folder_for_a_name(tmp_path):
 
 def test_a_folder_with_the_suffix_of_a_wrapper_is_its_policy_wrapped():
     # Oracle: the included policy of that folder, which has a wrapped one of its own.
-    folder = training.learned.policy.find("learned-rough")
+    folder = training.learned.policy.find("learned-intruders")
     made = lissajous_env.scenario("rough", **{"task.duration": 5.0})
     ours, same = (
         lissajous_env.evaluate(baselines.make(name, made, 4), made, range(4))
-        for name in (f"{folder}-safe", "learned-rough-safe")
+        for name in (f"{folder}-safe", "learned-intruders-safe")
     )
     without_name = [[repr(row | {"policy": ""}) for row in rows] for rows in (ours, same)]  # NaN equals no NaN
     assert without_name[0] == without_name[1]
@@ -217,11 +217,11 @@ def test_an_unknown_name_is_refused_with_what_there_is(name):
 
 def test_no_torch_is_needed(monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
-    policy = training.load("learned-rough", num_worlds=3)
+    policy = training.load("learned-intruders", num_worlds=3)
     assert policy.act(Simulation("rough", 3).observation.numpy()).shape == (3, 5, 2)
 
 
-@pytest.mark.parametrize("base", ["learned-rough", "learned-rough-safe", "nothing", "folder"])
+@pytest.mark.parametrize("base", ["learned-intruders", "learned-intruders-safe", "nothing", "folder"])
 def test_a_base_that_is_no_classical_policy_is_refused(base, tmp_path):
     # A folder could be that of this very policy.
     card = Card.of(lissajous_env.scenario("intruders"), base="laps")
@@ -246,7 +246,7 @@ def test_a_network_that_does_not_fit_its_card_is_refused():
 
 
 def test_a_folder_is_opened_by_a_program_that_imports_baselines_alone():
-    folder = training.learned.policy.find("learned-rough")
+    folder = training.learned.policy.find("learned-intruders")
     program = f"import baselines; print(baselines.make({str(folder)!r} + '-safe', 'rough').name)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == f"{folder}-safe"

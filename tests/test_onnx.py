@@ -29,7 +29,7 @@ def session(path):
 def test_without_the_extra_it_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "onnx", None)
     with pytest.raises(ImportError, match=r"export_onnx requires the libraries of the extra onnx"):
-        training.export_onnx("learned-rough", tmp_path / "policy.onnx")
+        training.export_onnx("learned-intruders", tmp_path / "policy.onnx")
     assert not list(tmp_path.iterdir())
 
 

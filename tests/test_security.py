@@ -97,7 +97,7 @@ def test_the_state_of_a_training_in_other_clothes(tmp_path, marker, capsys, form
 
 @pytest.mark.parametrize("command", ["run", "evaluate", "benchmark"])
 def test_a_folder_of_a_policy(attacked, tmp_path, command):
-    shipped = policy.find("learned-rough")
+    shipped = policy.find("learned-intruders")
 
     def play(folder):
         out = tmp_path / "out"
@@ -160,7 +160,7 @@ def test_a_recording(attacked, tmp_path, capsys):
 def test_what_a_checkpoint_names_stays_in_its_folder(tmp_path, capsys):
     # Story: the manifest names a file elsewhere, by a path; only its last part counts.
     folder = tmp_path / "policy"
-    shutil.copytree(policy.find("learned-rough"), folder)
+    shutil.copytree(policy.find("learned-intruders"), folder)
     text = json.loads((folder / "checkpoint.json").read_text())
     (weights,) = folder.glob("weights-*")
     weights.rename(tmp_path / weights.name)

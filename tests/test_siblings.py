@@ -21,7 +21,7 @@ import pickle, sys
 import lissajous_env
 
 scenario = lissajous_env.scenario("rough", **{{"task.duration": 0.5}})
-made = [lissajous_env.policy("kuramoto-mpcc-safe", scenario, 2), lissajous_env.load("learned-rough", scenario, 2)]
+made = [lissajous_env.policy("kuramoto-mpcc-safe", scenario, 2), lissajous_env.load("learned-intruders", scenario, 2)]
 rows = [lissajous_env.evaluate(each, scenario, seeds=range(2)) for each in made]
 print([row["distance_mean"] for each in rows for row in each])
 
@@ -34,7 +34,7 @@ class Mine(lissajous_env.Policy):
 mine = pickle.loads(pickle.dumps(lissajous_env.policy("sweep", scenario)))
 assert lissajous_env.evaluate(mine, scenario, seeds=[0])[0]["distance_mean"] > 0
 assert lissajous_env.evaluate(Mine(scenario), scenario, seeds=[0])[0]["distance_mean"] > 0
-assert "learned-rough" in lissajous_env.policies("rough")
+assert "learned-intruders" in lissajous_env.policies("rough")
 assert lissajous_env.import_ours("baselines.mpcc").Mpcc
 {last}
 """
@@ -56,7 +56,7 @@ def write(folder, *names):
 def expected():
     """Distances that the script prints: those of this process, in which nothing is hidden."""
     scenario = lissajous_env.scenario("rough", **{"task.duration": 0.5})
-    made = [baselines.make("kuramoto-mpcc-safe", scenario, 2), training.load("learned-rough", scenario, 2)]
+    made = [baselines.make("kuramoto-mpcc-safe", scenario, 2), training.load("learned-intruders", scenario, 2)]
     rows = [lissajous_env.evaluate(each, scenario, seeds=range(2)) for each in made]
     return str([row["distance_mean"] for each in rows for row in each])
 
@@ -127,7 +127,7 @@ def test_commands_in_such_a_folder(start, tmp_path):
     assert len(warned) == 2
     assert all(f"of lissajous-env ({ROOT}" in line for line in warned)
     quiet = run(tmp_path, *start, "policies", "--quiet", "--json")
-    assert "learned-rough" in quiet.stdout
+    assert "learned-intruders" in quiet.stdout
     assert quiet.stderr == ""
     listed = run(tmp_path, *start, "--help").stdout
     assert "Compare policies on scenarios" in listed, "what a command does stands in its source, in our package"
@@ -157,8 +157,8 @@ def test_policies_by_lissajous_env_alone(tmp_path, monkeypatch):
     )
     assert type(lissajous_env.policy("sweep", "rough")) is type(baselines.make("sweep", "rough"))
     assert lissajous_env.policy("mine_of_siblings:Mine", "rough", 3).num_worlds == 3
-    assert lissajous_env.policy("learned-rough", "rough").card == training.load("learned-rough").card
-    folder = ROOT / "training" / "policies" / "learned-rough"
+    assert lissajous_env.policy("learned-intruders", "rough").card == training.load("learned-intruders").card
+    folder = ROOT / "training" / "policies" / "learned-intruders"
     assert lissajous_env.policy(folder, "rough").card == lissajous_env.load(folder).card
     assert lissajous_env.policies("failure") == baselines.names("failure")
     with pytest.raises(ValueError, match="did you mean kuramoto"):

@@ -11,13 +11,13 @@ import training
 from baselines.benchmark.tables import number
 from speeds import Options, Part
 
-POLICIES = ("learned-intruders", "learned-rough")
+POLICY = "learned-intruders"
 WORLDS = (1, 32, 1024)
 
 
-def times_per_row(name: str, worlds: int, calls: int, rounds: int) -> list[float]:
+def times_per_row(worlds: int, calls: int, rounds: int) -> list[float]:
     """Return times per robot [us], the median of the rounds: `act`, the network's kernel, and its matrices by NumPy."""
-    policy = training.load(name, num_worlds=worlds)
+    policy = training.load(POLICY, num_worlds=worlds)
     simulation = lissajous_env.Simulation(policy.scenario, worlds)
     seen, network = simulation.observation.numpy(), policy.network
     rows = np.random.default_rng(0).normal(size=(worlds * simulation.num_robots, network.inputs)).astype(np.float32)
@@ -40,11 +40,10 @@ def times_per_row(name: str, worlds: int, calls: int, rounds: int) -> list[float
 def tables(options: Options) -> dict[str, Table]:
     """Measure, and return the table `learned-act`."""
     rows = []
-    for name in POLICIES:
-        for worlds in WORLDS:
-            calls = 1 if options.quick else 100 if worlds < 100 else 5
-            times = times_per_row(name, worlds, calls, options.rounds)
-            rows.append([f"`{name}`, {worlds:,} world{'s' * (worlds > 1)}", *map(number, times)])
+    for worlds in WORLDS:
+        calls = 1 if options.quick else 100 if worlds < 100 else 5
+        times = times_per_row(worlds, calls, options.rounds)
+        rows.append([f"`{POLICY}`, {worlds:,} world{'s' * (worlds > 1)}", *map(number, times)])
     columns = ["time of a robot, median", "act [us]", "its network [us]", "its matrices by NumPy [us]"]
     return {"learned-act": {"columns": columns, "rows": rows}}
 

@@ -15,8 +15,8 @@ CASES = (
     ("experiment", "kuramoto-mpcc"),
     ("experiment", "kuramoto-mpcc-safe"),
     ("experiment", "partition-repair"),
-    ("experiment", "learned-rough"),
     ("intruders", "kuramoto-mpcc"),
+    ("intruders", "learned-intruders"),
     ("team", "kuramoto-mpcc"),
     ("team", "partition-repair"),
 )

@@ -169,7 +169,7 @@ def hostile_rows(draw: np.random.Generator) -> str | None:
 
 def hostile_network(draw: np.random.Generator) -> str | None:
     """Networks of any sizes and numbers: refused by name, or played like the formula in float64."""
-    base = draw.choice([None, None, "laps", "learned-rough", ".", "nothing"])
+    base = draw.choice([None, None, "laps", "learned-intruders", ".", "nothing"])
     sizes = [int(size) for size in draw.choice([0, 1, 2, 31, 32, 33, 64, 100], int(draw.integers(0, 4)))]
     if draw.random() < 0.8:
         sizes = [CAR_INPUTS if base is None else CAR_INPUTS + 2, *(max(size, 1) for size in sizes), 2]

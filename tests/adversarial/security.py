@@ -52,7 +52,7 @@ def _made(kind: str) -> Path:
     if kind == "policy":
         import training.learned.policy
 
-        shutil.copytree(training.learned.policy.find("learned-rough"), folder)
+        shutil.copytree(training.learned.policy.find("learned-intruders"), folder)
     else:
         if kind == "recording":
             folder.mkdir()
