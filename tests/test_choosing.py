@@ -130,8 +130,11 @@ def test_a_candidate_that_does_not_suit_the_scenario_is_passed_over():
 
 def test_a_scenario_outside_of_the_training_is_refused_by_name():
     fast = lissajous_env.scenario(SCENARIO, **{"targets.speed": 5 * SCENARIO.robot.top_speed})
-    with pytest.raises(UnsuitableScenarioError, match=r"top speed over that of the robots must be from .* got 2"):
+    with pytest.raises(UnsuitableScenarioError, match=r"top speed over that of the robots must be at most .* got 2"):
         made().make(fast)
+    long = lissajous_env.scenario(SCENARIO, **{"curve.half_width": 900 * SCENARIO.curve.half_height})
+    with pytest.raises(UnsuitableScenarioError, match=r"over its height must be from .* to .*, for which .* got 900"):
+        made().make(long)
     points = lissajous_env.scenario("ideal")
     with pytest.raises(UnsuitableScenarioError, match=r"robot\.kind must be car, got curve"):
         made().make(points)

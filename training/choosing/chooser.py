@@ -109,7 +109,8 @@ class Chooser:
         values = np.array([float(feature.read(scenario)) for feature in features])
         for feature, value, (low, high) in zip(features, values, self.limits, strict=True):
             if not low <= value <= high:
-                rule = f"must be from {feature.written(low)} to {feature.written(high)}, for which patrols are chosen"
+                least = f"from {feature.written(low)} to" if feature.as_logarithm else "at most"
+                rule = f"must be {least} {feature.written(high)}, for which patrols are chosen"
                 raise UnsuitableScenarioError(f"{feature.meaning} {rule}, got {feature.written(value)}")
         low, high = np.array(self.seen).T
         return outputs(self.network, np.clip(values, low, high))

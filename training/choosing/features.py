@@ -16,7 +16,7 @@ from lissajous_env.theory.geometry import turning_radius
 
 @dataclass(frozen=True)
 class Feature:
-    """A number of a scenario of cars."""
+    """A number of a scenario of cars, which is not negative."""
 
     meaning: str
     of: Callable[[Scenario], float]
