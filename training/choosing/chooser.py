@@ -54,7 +54,8 @@ class Chooser:
     home: Mapping[str, Any]
     """First scenario of the training as plain values of `Scenario.to_dict`, including derived fields."""
     rehearsed: int = 0
-    """Number of candidates that are played in simulation before one of them is chosen; 0: the best ranked one is."""
+    """Number of candidates that are played in simulation before one of them is chosen, twice as many for a scenario with
+    a number that the training has not seen; 0: the best ranked one is chosen."""
     errors: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     """Costs (E, K) of the candidates less the predicted ones, in scenarios that a fit did not use."""
 
@@ -95,7 +96,8 @@ class Chooser:
         if self.rehearsed > 0:
             made = make_scenario(scenario).resolve()
             varied = [self.candidates[k].settings(made) for k in complementary(-self._values(made), self.errors)]
-            best = best_rehearsed(varied, made, self.about["objective"], self.rehearsed)
+            count = self.rehearsed if self._has_seen(made) else 2 * self.rehearsed
+            best = best_rehearsed(varied, made, self.about["objective"], count)
             if best is not None:
                 found.remove(varied[best])
                 found.insert(0, varied[best])
@@ -105,8 +107,7 @@ class Chooser:
         """Return the network's output (K,) for each candidate in a resolved scenario."""
         if scenario.robot.kind != "car":
             raise UnsuitableScenarioError(f"robot.kind must be car, got {scenario.robot.kind}")
-        features = [FEATURES[name] for name in self.features]
-        values = np.array([float(feature.read(scenario)) for feature in features])
+        features, values = [FEATURES[name] for name in self.features], self._numbers(scenario)
         for feature, value, (low, high) in zip(features, values, self.limits, strict=True):
             if not low <= value <= high:
                 least = f"from {feature.written(low)} to" if feature.as_logarithm else "at most"
@@ -114,6 +115,14 @@ class Chooser:
                 raise UnsuitableScenarioError(f"{feature.meaning} {rule}, got {feature.written(value)}")
         low, high = np.array(self.seen).T
         return outputs(self.network, np.clip(values, low, high))
+
+    def _numbers(self, scenario: Scenario) -> np.ndarray:
+        return np.array([float(FEATURES[name].read(scenario)) for name in self.features])
+
+    def _has_seen(self, scenario: Scenario) -> bool:
+        low, high = np.array(self.seen).T
+        values = self._numbers(scenario)
+        return bool(np.all((low <= values) & (values <= high)))
 
     def make(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
         """Make the best candidate that the scenario suits.

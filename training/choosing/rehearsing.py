@@ -1,4 +1,8 @@
-"""Rehearsals: candidates among which the best one is probably found are played in simulation; the best is chosen."""
+"""Rehearsals: candidates among which the best one is probably found are played in simulation; the best is chosen.
+
+Each is played in a few episodes, and the best ones of these in more, because the best of many results in few episodes
+is often a lucky one.
+"""
 
 import dataclasses
 import math
@@ -20,6 +24,8 @@ from training.choosing.playing import GUARANTEE, SHORTEST, cost_of, play
 
 EPISODES, FIRST_SEED = 4, 800_000
 """Episodes of a rehearsal, and the seed of the first; no results of a choice are from these seeds."""
+FINALISTS, FINAL_EPISODES = 2, 16
+"""Number of the best candidates that are played again, and in how many episodes."""
 _CELLS_IN_A_SENSOR = 4.0
 
 
@@ -56,17 +62,29 @@ def best_rehearsed(ranked: Sequence[PolicySettings], scenario: Scenario, objecti
 def _best(
     ranked: tuple[tuple[str, tuple[tuple[str, Any], ...]], ...], stage: Scenario, objective: str, count: int
 ) -> int | None:
-    costs: dict[int, float] = {}
+    given = [(k, PolicySettings(policy, dict(parameters))) for k, (policy, parameters) in enumerate(ranked)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", AssumptionWarning)
-        for k, (policy, parameters) in enumerate(ranked):
-            found = play(PolicySettings(policy, dict(parameters)), stage, EPISODES, objective, FIRST_SEED)
-            if found[COLLISIONS.name] is not None:
-                time = math.inf if found["time"] is None else max(found["time"], SHORTEST * stage.task.step)
-                costs[k] = cost_of(time, found[COLLISIONS.name])
-            if len(costs) == count:
-                break
+        costs = _costs(given, stage, objective, EPISODES, count)
+        finalists = sorted(costs, key=lambda k: costs[k])[:FINALISTS]
+        if len(finalists) > 1:
+            costs = _costs([given[k] for k in finalists], stage, objective, FINAL_EPISODES, FINALISTS)
     return min(costs, key=lambda k: costs[k], default=None)
+
+
+def _costs(
+    given: Sequence[tuple[int, PolicySettings]], stage: Scenario, objective: str, episodes: int, count: int
+) -> dict[int, float]:
+    """Play the first `count` settings that suit a scenario, and return the cost of each by its number."""
+    costs: dict[int, float] = {}
+    for k, settings in given:
+        found = play(settings, stage, episodes, objective, FIRST_SEED)
+        if found[COLLISIONS.name] is not None:
+            time = math.inf if found["time"] is None else max(found["time"], SHORTEST * stage.task.step)
+            costs[k] = cost_of(time, found[COLLISIONS.name])
+        if len(costs) == count:
+            break
+    return costs
 
 
 def _stage(scenario: Scenario, objective: str) -> Scenario:
