@@ -23,7 +23,7 @@ _STYLES = len(COLOURS) * len(MARKS)
 
 _FIXED = (
     "kuramoto-mpcc", "open-loop-mpcc", "consensus-mpcc", "sweep", "laps", "learned-intruders", "learned-careful",
-    "random", "partition", "partition-repair", "line-abreast", clairvoyant.NAME,
+    "random", "partition", "partition-repair", "line-abreast", "learned-guard", clairvoyant.NAME,
 )  # fmt: skip
 """Policies of the standard comparison for cars, without the filter, in the order of their styles."""
 

@@ -54,8 +54,8 @@ class Chooser:
     home: Mapping[str, Any]
     """First scenario of the training as plain values of `Scenario.to_dict`, including derived fields."""
     rehearsed: int = 0
-    """Number of candidates that are played in simulation before one of them is chosen, twice as many for a scenario with
-    a number that the training has not seen; 0: the best ranked one is chosen."""
+    """Number of candidates that are played in simulation before one of them is chosen, twice as many for a scenario
+    with a number that the training has not seen; 0: the best ranked one is chosen."""
     errors: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     """Costs (E, K) of the candidates less the predicted ones, in scenarios that a fit did not use."""
 
