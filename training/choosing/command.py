@@ -61,9 +61,10 @@ def choose(
         evaluation_scenarios: number of scenarios of the split `validation`, on which the choice is compared with each
             patrol alone.
         episodes: episodes of each patrol in each scenario.
-        rehearsed: number of patrols that are played in simulation, 4 episodes each, when a policy is made: the best one
-            of them is chosen. They are those among which, given the errors of the network, the best one is most likely.
-            With 0 the network chooses alone.
+        rehearsed: number of patrols that are played in simulation when a policy is made: 4 episodes of each, then 16 of
+            the two best, of which the better one is chosen. They are those among which, given the errors of the
+            network, the best one is most likely. For a scenario with a number outside of the range of the training they
+            are twice as many. With 0 the network chooses alone.
         proved: True to choose among patrols with the proved collision filter; for the detection time only.
         seed: seed of the network.
         out: folder of the results.

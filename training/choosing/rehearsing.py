@@ -51,8 +51,8 @@ def complementary(predicted: np.ndarray, errors: np.ndarray) -> list[int]:
 def best_rehearsed(ranked: Sequence[PolicySettings], scenario: Scenario, objective: str, count: int) -> int | None:
     """Return the index of the best of the first `count` settings that suit a scenario; None if none does.
 
-    The episodes do not depend on the machine's load or on what ran before, so that all robots on machines of one kind
-    choose the same.
+    The `FINALISTS` best of `EPISODES` episodes are compared in `FINAL_EPISODES`. The episodes do not depend on the
+    machine's load or on what ran before, so that all robots on machines of one kind choose the same.
     """
     given = tuple((each.policy, tuple(each.parameters.items())) for each in ranked)
     return _best(given, _stage(scenario, objective), objective, count)
