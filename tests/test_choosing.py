@@ -12,10 +12,11 @@ import lissajous_env
 import training
 from baselines.policies import registry
 from baselines.policies.base import UnsuitableScenarioError
+from baselines.policies.settings import PolicySettings
 from lissajous_env import Simulation
 from lissajous_env.console.terminal import plain
 from lissajous_env.storage.journal import Journal
-from training.choosing import playing
+from training.choosing import chooser, playing, rehearsing
 from training.choosing.candidates import Candidate
 from training.choosing.chooser import FILE, Chooser, names, outputs
 from training.choosing.features import FEATURES, numbers_of
@@ -99,6 +100,29 @@ def test_the_best_of_the_rehearsed_candidates_is_chosen(objective):
     assert alone.chosen(scenario)[0].policy == "still"
     assert learned.chosen(scenario)[0].policy == min(costs, key=lambda policy: costs[policy]) != "still"
     assert sorted(each.policy for each in learned.chosen(scenario)) == ["partition", "still", "sweep"]
+
+
+def test_a_lucky_rehearsal_does_not_decide(monkeypatch):
+    # Story: `lucky` is the best one in few episodes, and fails in more; `third` is not played again.
+    times = {("lucky", 4): 1.0, ("lucky", 16): 5.0, ("second", 4): 2.0, ("second", 16): 2.0, ("third", 4): 3.0}
+
+    def play(settings, scenario, episodes, objective, first_seed):
+        return {"time": times[settings.policy, episodes], "collisions": 0.0}
+
+    monkeypatch.setattr(rehearsing, "play", play)
+    given = [PolicySettings(name, {}) for name in ("third", "lucky", "second")]
+    assert rehearsing.best_rehearsed(given, SCENARIO, playing.DETECTION, 3) == 2
+    assert rehearsing.best_rehearsed(given, SCENARIO, playing.DETECTION, 1) == 0
+
+
+def test_more_candidates_are_rehearsed_outside_of_the_training(monkeypatch):
+    counts = []
+    monkeypatch.setattr(chooser, "best_rehearsed", lambda ranked, scenario, objective, count: counts.append(count))
+    learned = dataclasses.replace(made(), rehearsed=1, about={"objective": playing.DETECTION}, errors=np.zeros((1, 3)))
+    farther = dataclasses.replace(learned, seen=tuple((value - 1.0, value - 0.5) for value in numbers_of(SCENARIO)))
+    for each in (learned, farther):
+        each.chosen(SCENARIO)
+    assert counts == [1, 2]
 
 
 def test_candidates_that_fail_together_are_not_rehearsed_together():
