@@ -35,7 +35,7 @@ from training.choosing.playing import GUARANTEE, play, scenarios_of
 
 CLASSICAL = ("line-abreast", "partition", "partition-repair", "sweep", "laps", "kuramoto-mpcc")
 PLAN = "best plan"
-REHEARSED = 0, 5, 10, 17
+REHEARSED = 0, 5, 10, 18
 """Numbers of rehearsed patrols that are compared, the first without any."""
 
 Results = dict[tuple[str, str], dict[str, Any]]
