@@ -115,6 +115,21 @@ def test_a_lucky_rehearsal_does_not_decide(monkeypatch):
     assert rehearsing.best_rehearsed(given, SCENARIO, playing.DETECTION, 1) == 0
 
 
+def test_rehearsals_for_detection_play_the_rogues_of_the_scenario(monkeypatch):
+    stages = []
+
+    def play(settings, scenario, episodes, objective, first_seed):
+        stages.append(scenario)
+        return {"time": 1.0, "collisions": 0.0}
+
+    monkeypatch.setattr(rehearsing, "play", play)
+    hunted = lissajous_env.scenario(SCENARIO, **{"targets.rogues": "flee", "targets.speed_limit": 9.0})
+    for objective in (playing.DETECTION, playing.GUARANTEE):
+        rehearsing.best_rehearsed([PolicySettings("sweep", {})], hunted, objective, 1)
+    assert [each.targets.rogues for each in stages] == ["flee", None]
+    assert [each.task.contamination is None for each in stages] == [True, False]
+
+
 def test_more_candidates_are_rehearsed_outside_of_the_training(monkeypatch):
     counts = []
     monkeypatch.setattr(chooser, "best_rehearsed", lambda ranked, scenario, objective, count: counts.append(count))

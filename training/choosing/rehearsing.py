@@ -88,11 +88,13 @@ def _costs(
 
 
 def _stage(scenario: Scenario, objective: str) -> Scenario:
-    """Return the scenario of rehearsals: without extensions and rogues, and with the grids that the objective needs."""
+    """Return the scenario of rehearsals: without extensions, with the rogues or the grid that the objective needs."""
     made = make_scenario(dataclasses.replace(scenario, extensions=()))
-    changes: dict[str, Any] = {"task.grid": None, "targets.rogues": None}
+    changes: dict[str, Any] = {"task.grid": None}
     if objective != GUARANTEE:
         changes["task.contamination"] = None
-    elif made.task.contamination is None:
-        changes["task.contamination"] = grid(made, CELLS, _CELLS_IN_A_SENSOR)
+    else:
+        changes["targets.rogues"] = None
+        if made.task.contamination is None:
+            changes["task.contamination"] = grid(made, CELLS, _CELLS_IN_A_SENSOR)
     return make_scenario(made, **changes)
