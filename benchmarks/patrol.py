@@ -36,6 +36,8 @@ SPLITS = ("test", "larger", "longer", "faster")
 FIRST_SEED = 10_000
 KEPT = ("detection_time_mean", "detected_fraction", "collisions", "distance_mean", "speed_max", "sensed_fraction")
 LEAST = 1e-9
+SLOWEST = 0.1
+"""Least speed limit of rogues, over the robots' top speed."""
 
 Scores = dict[tuple[str, str], dict[str, Any]]
 """Scores by scenario and policy; `refused` with the reason where the policy cannot be made."""
@@ -65,7 +67,11 @@ def scores_of(path: Path, split: str, options: argparse.Namespace) -> Scores:
     policies = dict.fromkeys([*CLASSICAL, *options.policies])
     with path.open("a", encoding="utf-8") as file:
         for drawn in itertools.islice(lissajous_env.scenario_space(options.space).scenarios(split), options.scenarios):
-            made = lissajous_env.scenario(drawn, **{"task.grid": None, "task.contamination": None})
+            changes: dict[str, Any] = {"task.grid": None, "task.contamination": None}
+            if options.rogues:
+                limit = max(drawn.rogue_speed, SLOWEST * drawn.robot.top_speed)
+                changes |= {"targets.rogues": options.rogues, "targets.speed_limit": limit}
+            made = lissajous_env.scenario(drawn, **changes)
             for name in policies:
                 if (made.name, name) not in scores:
                     row = scores[made.name, name] = played(name, made, options.episodes)
@@ -124,17 +130,19 @@ def main() -> None:
     parser.add_argument("--space", default="monitoring-v1")
     parser.add_argument("--splits", nargs="+", default=SPLITS)
     parser.add_argument("--scenarios", type=int, default=32, help="scenarios of each split")
+    parser.add_argument("--rogues", help="rogues that move all targets")
     parser.add_argument("--episodes", type=int, default=8, help="episodes of each scenario")
     parser.add_argument("--out", type=Path, default=Path("results/patrol"))
     options = parser.parse_args()
     warnings.simplefilter("ignore", AssumptionWarning)
     options.out.mkdir(parents=True, exist_ok=True)
     for split in options.splits:
-        scores = scores_of(options.out / f"{split}-{options.episodes}.jsonl", split, options)
+        name = f"{split} {options.rogues}" if options.rogues else split
+        scores = scores_of(options.out / f"{name}-{options.episodes}.jsonl", split, options)
         table = as_table(scores, [*CLASSICAL, *options.policies])
-        figures.show(f"{options.space}:{split}, {options.scenarios} scenarios, {options.episodes} episodes each", table)
+        figures.show(f"{options.space}:{name}, {options.scenarios} scenarios, {options.episodes} episodes each", table)
         if options.store:
-            figures.store({f"patrol {split}": table | {"episodes": options.episodes}})
+            figures.store({f"patrol {name}": table | {"episodes": options.episodes}})
 
 
 if __name__ == "__main__":
