@@ -1,4 +1,4 @@
-"""The report of a benchmark: contents, replays, and the format for marl-eval."""
+"""The report of a benchmark: contents and replays."""
 
 import io
 import json
@@ -15,7 +15,6 @@ import lissajous_env
 import training.report
 from baselines.benchmark import failures, local, replays, report_page
 from baselines.benchmark.comparison import with_derived
-from baselines.benchmark.marl_eval import as_marl_eval
 from baselines.benchmark.ranking import rankings
 from baselines.benchmark.running import run
 from baselines.benchmark.tables import number
@@ -302,43 +301,3 @@ def test_a_command_names_the_scenario_as_it_was_changed():
     assert report_page.command_of("team", {}) == "team"
     changes = {"task.duration": 30.0, "faults.schedule": ((0, 1.0, 2.0),)}
     assert report_page.command_of("team", changes) == "team --set task.duration=30.0 'faults.schedule=((0, 1.0, 2.0),)'"
-
-
-def test_marl_eval_finds_what_it_needs(small_one):
-    """Reads the file as `data_process_pipeline` and `create_matrices_for_rliable` of marl-eval 0.0.4 do."""
-    folder, rows, _ = small_one
-    raw = json.loads((folder / "marl-eval.json").read_text())
-    assert raw.keys() == {"lissajous evaders", "lissajous failure"}  # of each kind of robot there is but one
-    for tasks in raw.values():
-        algorithms = [set(of) for of in tasks.values()]
-        assert all(each == algorithms[0] for each in algorithms)
-        runs = [set(runs) for of in tasks.values() for runs in of.values()]
-        assert all(each == runs[0] for each in runs)
-        steps = [step for of in tasks.values() for runs in of.values() for step in runs.values()]
-        assert all(list(each) == ["step_0", "absolute_metrics"] for each in steps)
-        metrics = [set(part) - {"step_count"} for each in steps for part in each.values()]
-        assert all(each == metrics[0] for each in metrics)
-        assert all(type(each["step_0"]["step_count"]) is int for each in steps)
-        assert {"return_mean", "collisions", "detection_time_mean"} <= metrics[0]
-        numbers = [each["absolute_metrics"][name] for each in steps for name in metrics[0]]
-        assert all(len(values) == 1 and math.isfinite(values[0]) for values in numbers)
-    laps = raw["lissajous evaders"]["evaders"]["laps"]
-    means = {seed: of["absolute_metrics"]["detection_time_mean"] for seed, of in laps.items()}
-    for row in rows:
-        if (row["scenario"], row["policy"]) == ("evaders", "laps"):
-            assert means[f"seed_{row['seed']}"] == [pytest.approx(row["detection_time_mean"], rel=1e-5)]
-
-
-def test_marl_eval_has_the_policies_that_played_all_scenarios_of_a_kind_together():
-    scenarios = {name: lissajous_env.scenario(name) for name in ("team", "evaders", "failure")}
-    numbers = dict.fromkeys(COLUMNS, 1.0)
-    played = [("team", "x", 0), ("team", "x", 1), ("evaders", "x", 0), ("team", "y", 0), ("failure", "z", 0)]
-    rows = [{"scenario": s, "policy": p, "seed": seed, **numbers} for s, p, seed in played]
-    rows[0]["recovery_time"] = math.nan
-    raw = json.loads(as_marl_eval(rows, scenarios))
-    assert list(raw) == ["lissajous car", "lissajous team", "lissajous evaders", "lissajous failure"]
-    assert {task: {p: list(runs) for p, runs in of.items()} for task, of in raw["lissajous car"].items()} == {
-        "team": {"x": ["seed_0"]}, "evaders": {"x": ["seed_0"]},
-    }  # fmt: skip
-    assert "recovery_time" not in raw["lissajous car"]["team"]["x"]["seed_0"]["absolute_metrics"]
-    assert "recovery_time" in raw["lissajous evaders"]["evaders"]["x"]["seed_0"]["absolute_metrics"]

@@ -8,13 +8,14 @@ doubled. Machines of one kind return the rows of the engine `local`, bit for bit
 import contextlib
 import importlib
 import logging
+import socket
 import textwrap
 from collections import deque
 from collections.abc import Iterator
 from importlib.metadata import version
 from typing import Any
 
-from baselines.benchmark import ray_address, results_folder
+from baselines.benchmark import results_folder
 from baselines.benchmark.local import failure_of, play
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.types import Batch, Benchmark, Cell, Failure
@@ -27,18 +28,19 @@ _RETRIES = 3
 """Times that a batch is played again after its worker or node was lost: a policy that kills its process must end."""
 _AHEAD = 2
 """Batches handed out for each CPU, so that none waits for work."""
+_PATIENCE = 10.0
+"""Time in which a cluster must accept a connection [s]."""
 _STORE = 100_000_000
 """Memory that the workers of a Ray of our own share [bytes]; what they exchange is small."""
 
 
-def check(device: str, address: str | None) -> None:
+def check(device: str) -> None:
     """Refuse what no Ray cluster can do.
 
     Raises:
-        ValueError: Ray is not installed, a device by its number, or what is no address of a cluster.
+        ValueError: Ray is not installed, or a device by its number.
     """
     _ray()
-    ray_address.check(address)
     if device not in ("cpu", "cuda"):
         raise ValueError(
             f"device of engine ray must be cpu or cuda, because Ray selects the device; got {shown(device)}"
@@ -52,8 +54,8 @@ def connected(address: str | None) -> Iterator[Any]:
     A process that is connected already stays with the cluster that it has.
 
     Raises:
-        ValueError: Ray is not installed, what is no address, or a cluster that cannot be joined.
-        ConnectionError: no cluster answers at the address.
+        ValueError: Ray is not installed, or the cluster cannot be joined.
+        ConnectionError: nothing answers at the address.
     """
     ray = _ray()
     if ray.is_initialized():
@@ -67,8 +69,7 @@ def connected(address: str | None) -> Iterator[Any]:
 
 
 def _join(ray: Any, address: str) -> None:
-    ray_address.check(address)
-    ray_address.knock(address)
+    _reach(address)
     own = {"object_store_memory": _STORE, "include_dashboard": False} if address == "local" else {}
     try:
         ray.init(address, log_to_driver=False, logging_level=logging.ERROR, **own)
@@ -77,6 +78,17 @@ def _join(ray: Any, address: str) -> None:
             raise ValueError(f"Ray cannot be started: {_one_line(error)}") from error
         kind = ConnectionError if isinstance(error, OSError) else ValueError
         raise kind(f"the Ray cluster at {address} cannot be joined: {_one_line(error)}") from error
+
+
+def _reach(address: str) -> None:
+    """Raise a ConnectionError if nothing listens at HOST:PORT; Ray itself would wait for minutes without a word."""
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if not colon or not port.isdecimal():
+        return
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), _PATIENCE).close()
+    except (OSError, OverflowError, UnicodeError) as error:
+        raise ConnectionError(f"no Ray cluster answers at {address}: {error}") from error
 
 
 def play_all(

@@ -146,7 +146,7 @@ def plan(
         raise ValueError(f"scenarios must differ in name, got {few_of(scenario.name for scenario in made)}")
     replays.check(settings.replays, cells, range(settings.seed, settings.seed + settings.episodes))
     if settings.engine == "ray":
-        cluster.check(settings.device, settings.address)
+        cluster.check(settings.device)
     else:
         as_device(settings.device)
     return cells

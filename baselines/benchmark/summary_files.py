@@ -14,7 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from baselines.benchmark import marl_eval, report_page
+from baselines.benchmark import report_page
 from baselines.benchmark.comparison import Comparisons
 from baselines.benchmark.ratios import TAUS
 from baselines.benchmark.types import Outcome
@@ -25,16 +25,15 @@ from lissajous_env.storage.files import write_atomically
 from lissajous_env.storage.folder import Folder
 from lissajous_env.world.columns import NAMES as ENTRIES
 
-NAMES = ("episodes.csv", "summary.json", MARKDOWN, marl_eval.NAME, report_page.NAME)
+NAMES = ("episodes.csv", "summary.json", MARKDOWN, report_page.NAME)
 """Files that are derived from the episodes."""
 
 
 def write_files(folder: Folder, outcome: Outcome, comparisons: Comparisons) -> None:
-    """Write episodes.csv, marl-eval.json, summary.json and table.md of all episodes in the folder."""
-    rows, scenarios = outcome.held_rows, outcome.held_scenarios
+    """Write episodes.csv, summary.json and table.md of all episodes in the folder."""
+    rows = outcome.held_rows
     folder.write("episodes.csv", as_csv(rows))
     summary = summarized(outcome, rows, comparisons)
-    folder.write(marl_eval.NAME, marl_eval.as_marl_eval(rows, scenarios) + "\n")
     folder.write("summary.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
     folder.write(MARKDOWN, markdown(table_of(comparisons)))
 

@@ -37,7 +37,7 @@ def train(settings: TrainingSettings, console: Console | None = None) -> History
         ConnectionError: there is no cluster at the address.
         KeyboardInterrupt: Ctrl-C; a checkpoint has been written.
     """
-    cluster.check(settings.device, settings.address)
+    cluster.check(settings.device)
     console = console or make_console()
     if settings.algorithm != "ppo":
         raise ValueError(f"algorithm of engine ray must be ppo, got {settings.algorithm}")

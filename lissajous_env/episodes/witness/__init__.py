@@ -12,8 +12,8 @@ after it, from the recorded ways of the sensors:
 4. The way is replayed in the same world as an ordinary target. The time at which the simulation detects it is the
    result: a lower bound of the worst case, whatever the search assumed.
 
-`thorough` searches the whole lattice instead (`search`), which takes seconds. The replay can compute the bound of
-`task.conservative`, too, which no rogue exceeds. The worst case lies between the two.
+The replay can compute the bound of `task.conservative`, too, which no rogue exceeds. The worst case lies between the
+two.
 """
 
 import dataclasses
@@ -23,10 +23,9 @@ from typing import Any
 
 from lissajous_env.episodes.evaluation import ActingPolicy, name_of
 from lissajous_env.episodes.guarantee import check_follows
-from lissajous_env.episodes.witness.nearest import Longest, longest_ways
-from lissajous_env.episodes.witness.played import Played, Watcher, Way, play, resolution
+from lissajous_env.episodes.witness.nearest import longest_ways
+from lissajous_env.episodes.witness.played import Played, Watcher, Way, play
 from lissajous_env.episodes.witness.replayed import Replayed, replay
-from lissajous_env.episodes.witness.search import longest_way
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import WORST_CASE
@@ -78,7 +77,6 @@ def witness_of(
     scenario: str | Scenario,
     seed: int = 0,
     device: Any = "cpu",
-    thorough: bool = False,
     prove: bool = True,
 ) -> Witness | None:
     """Return the rogue that a policy misses for longest in an episode; None if no rogue is undetected at any moment.
@@ -88,13 +86,12 @@ def witness_of(
         scenario: The scenario, with `task.contamination`.
         seed: Seed of the episode.
         device: Warp device of the simulation.
-        thorough: True to search the whole rectangle at all times, which takes seconds.
         prove: True to compute the bound of `task.conservative`, too.
 
     Raises:
         ValueError: `task.contamination` of the scenario is None.
     """
-    return witnesses_of(policy, scenario, [seed] * policy.num_worlds, device, thorough, prove)[0]
+    return witnesses_of(policy, scenario, [seed] * policy.num_worlds, device, prove)[0]
 
 
 def witnesses_of(
@@ -102,7 +99,6 @@ def witnesses_of(
     scenario: str | Scenario,
     seeds: Sequence[int],
     device: Any = "cpu",
-    thorough: bool = False,
     prove: bool = True,
 ) -> list[Witness | None]:
     """Return the rogue of `witness_of` for each seed; the policy has as many worlds as there are seeds."""
@@ -110,17 +106,14 @@ def witnesses_of(
     check_follows(scenario)
     scenario = dataclasses.replace(scenario, task=dataclasses.replace(scenario.task, conservative=False))
     episodes = play(policy, scenario, [fold_seed(seed) for seed in seeds], device)
-    return witnesses_in(episodes, name_of(policy), device, thorough, prove)
+    return witnesses_in(episodes, name_of(policy), device, prove)
 
 
 def witnesses_in(
-    episodes: Sequence[Played], policy: str, device: Any = "cpu", thorough: bool = False, prove: bool = True
+    episodes: Sequence[Played], policy: str, device: Any = "cpu", prove: bool = True
 ) -> list[Witness | None]:
     """Return the rogue of `witness_of` in each of some episodes of a scenario, which a policy of this name played."""
-    if thorough:
-        longest = [Longest(longest_way(each, True), resolution(each.scenario)) for each in episodes]
-    else:
-        longest = longest_ways(episodes)
+    longest = longest_ways(episodes)
     ways = [each.way for each in longest]
     there = [k for k, way in enumerate(ways) if way is not None]
     chosen = [episodes[k] for k in there], [way for way in ways if way is not None]
