@@ -49,8 +49,6 @@ SHORTER = {
     "guarantee": "--radii 2 --cells 16 --episodes 1",
     "train": "--steps 2000 --worlds 4 --evaluation-episodes 1 --rivals sweep --imitation-steps 0 --rollout 8",
     "train --side": "--rogue-rounds 2 --rogue-steps 200 --evaluation-episodes 1",
-    "train --league": "--league 1 --steps 2000 --worlds 4 --evaluation-episodes 8 --rivals --rollout 8 "
-    "--rogue-rounds 2 --rogue-starts 8",
     "exploit": "--episodes 1",
     "choose": "--scenarios 2 --evaluation-scenarios 2 --episodes 1",
 }

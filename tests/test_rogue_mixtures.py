@@ -1,10 +1,9 @@
-"""Mixtures: rogues of several kinds in one episode, and policies of several kinds in one batch."""
+"""Mixtures: rogues of several kinds in one episode."""
 
 import numpy as np
 import pytest
 
 import lissajous_env
-from baselines.exploitability.mixed_policies import MixedPolicies, mixed, policies_in
 from baselines.exploitability.tables import short_name
 from lissajous_env import Simulation
 from lissajous_env.parameters.rogues import rogue_of
@@ -70,28 +69,6 @@ def test_a_world_of_a_mixture_depends_on_its_seed_alone():
     assert (together[:, 0] != together[:, 1]).any()
 
 
-def test_worlds_are_divided_among_policies():
-    # Oracle: each policy alone, for its worlds; a reset of some worlds forgets only these.
-    scenario = lissajous_env.scenario("experiment")
-    together = MixedPolicies("sweep+still+sweep", scenario, 6)
-    sweep, still = lissajous_env.policy("sweep", scenario, 4), lissajous_env.policy("still", scenario, 2)
-    simulation = Simulation(scenario, 6, seed=5)
-    mask = np.array([True, False, False, True, False, True])
-    for step in range(20):
-        rows = simulation.observation.numpy()
-        actions = together.act(simulation.observation)
-        assert (actions[:4] == sweep.act(rows[:4])).all()
-        assert (actions[4:] == still.act(rows[4:])).all()
-        simulation.step(actions)
-        if step == 10:
-            together.reset(mask)
-            sweep.reset(mask[:4])
-            still.reset(mask[4:])
-            simulation.reset(mask)
-    shifted = MixedPolicies("sweep+still", scenario, 1, first=1)
-    assert (shifted.act(simulation.observation.numpy()[:1]) == still.act(simulation.observation.numpy()[:2])[:1]).all()
-
-
 def test_bad_input_is_refused_by_name():
     with pytest.raises(ValueError, match=r"targets.rogues must be one of .*, got 'fle'; did you mean flee\?"):
         rogue_of("wander+fle")
@@ -99,7 +76,3 @@ def test_bad_input_is_refused_by_name():
         rogue_of("wander+agents")
     with pytest.raises(ValueError, match=r"task.contamination must be given for the rogue flee\+hide, got None"):
         lissajous_env.scenario("experiment", rogues="flee+hide", **{"task.contamination": None})
-    with pytest.raises(ValueError, match=r"policies must be names or folders joined by \+, got 'sweep\+'"):
-        policies_in("sweep+")
-    with pytest.raises(ValueError, match="policy must be one of"):
-        mixed("sweep+swep", lissajous_env.scenario("experiment"), 2)

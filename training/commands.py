@@ -10,7 +10,6 @@ from rich.console import Console
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, make_console
 from lissajous_env.extras import missing
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
-from lissajous_env.parameters.rogues import AND
 from training.rogue_settings import RogueTraining
 from training.settings import TrainingSettings
 
@@ -18,25 +17,21 @@ from training.settings import TrainingSettings
 def train(
     settings: tyro.conf.OmitArgPrefixes[TrainingSettings],
     side: Literal["robots", "rogues"] = "robots",
-    rogues: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...", help_behavior_hint="")] = (),
-    against: Annotated[tuple[str, ...], tyro.conf.arg(metavar="POLICY ...", help_behavior_hint="")] = (),
+    against: Annotated[str | None, tyro.conf.arg(metavar="POLICY")] = None,
     rogue_rounds: int | None = None,
     rogue_steps: int | None = None,
     rogue_starts: int | None = None,
-    league: Annotated[int | None, tyro.conf.arg(metavar="ROUNDS")] = None,
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
-    """Train a policy of the robots; with `--side rogues`, train targets that hide from robots; with `--league`, both.
+    """Train a policy of the robots; with `--side rogues`, train targets that hide from robots.
 
     A *rogue* is a target that is controlled by an adversary. A training may be interrupted or killed at any moment; the
     same command resumes it from its last checkpoint.
 
     Example:
         lissajous train --scenario intruders --out runs/intruders
-        lissajous train --scenario evaders --rogues follow-gap runs/hiding --out runs/team
         lissajous train --side rogues --against sweep --scenario evaders --out runs/hiding
-        lissajous train --league 3 --against sweep laps --scenario evaders --base sweep --out runs/league
 
     Options:
         training: scenario, set, algorithm, steps, seed, start, out
@@ -49,64 +44,37 @@ def train(
         exploration: log_std, log_std_end, noise_steps
         evaluation: evaluate_every, evaluation_episodes, evaluation_scenarios, rivals
         where it runs: device, threads, engine, address, workers
-        rogues: rogues, side, against, rogue_rounds, rogue_steps, rogue_starts, league
+        rogues: side, against, rogue_rounds, rogue_steps, rogue_starts
 
     Args:
         settings: Scenario, algorithm and folder of the results.
         side: `robots`, or `rogues` for targets that learn to hide from robots that do not learn. Rogues accept only the
             options scenario, set, seed, out, layers, activation, gamma, evaluation_episodes, device, threads, and
-            those of this group except rogues.
-        rogues: rogues that move the targets while robots are trained: names, or folders of learned rogues. Of several,
-            one is drawn at random for each target; one that is given twice is drawn twice as often.
-        against: policies of the robots from which rogues learn to hide: names, or folders of checkpoints. The
-            environments are divided among several policies; one that is given twice has two shares.
+            those of this group.
+        against: policy of the robots from which rogues learn to hide: a name, or the folder of a checkpoint.
         rogue_rounds: rounds in which rogues imitate a rogue that knows the robots' future; more rounds make better
             rogues, 48 take some minutes and are the default.
         rogue_steps: rogue steps of PPO after the imitation; none by default, because they gain less than more rounds.
         rogue_starts: rogues per episode, each with a start of its own, 96 by default.
-        league: number of rounds; in each, rogues learn against a mixture of all teams so far, then a team against a
-            mixture of all rogues so far. `against` and `rogues` name those before the first round. The other options
-            apply to each training.
         output: Console output.
         overrides: fields changed in the scenario, as in --set task.reward_collision=-5 targets.count=5
     """
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
-    numbers = {"rounds": rogue_rounds, "steps": rogue_steps, "starts": rogue_starts}
-    of_rogues: dict[str, Any] = {name: value for name, value in numbers.items() if value is not None}
+    options = {"against": against, "rounds": rogue_rounds, "steps": rogue_steps, "starts": rogue_starts}
+    of_rogues: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     # Progress is printed to stderr if stdout is for the result alone.
     console = make_console(stderr=output.json, quiet=output.quiet)
-    if rogues or league is not None:
-        _require_no_rogues(settings, side)
-    if league is not None:
-        engine = _engine("training.sb3.league")
-        more = {"rogues": rogues} if rogues else {}
-        made = engine.LeagueSettings(league, settings, against, of_rogues=of_rogues, **more)
-        output.print_json({"out": settings.out, **engine.train_league(made, console)})
-        return
-    if against:
-        of_rogues["against"] = AND.join(against)
     if side == "rogues":
         output.print_json({"out": settings.out, **_train_rogues(settings, of_rogues, console)})
         return
     if of_rogues:
         raise ValueError(f"side must be rogues if options of rogues are given ({', '.join(of_rogues)}), got robots")
-    if rogues:
-        settings = dataclasses.replace(settings, overrides={**settings.overrides, "targets.rogues": AND.join(rogues)})
     uses_ray = settings.engine == "ray"
     engine = _engine(
         "training.rllib.trainer" if uses_ray else "training.sb3.trainer", "cluster" if uses_ray else "train"
     )
     history = engine.train(settings, console)
     output.print_json({"out": settings.out, **dataclasses.asdict(history)})
-
-
-def _require_no_rogues(settings: TrainingSettings, side: str) -> None:
-    """Raise ValueError if rogues are given in another way."""
-    for name in ("rogues", "targets.rogues"):
-        if name in settings.overrides:
-            raise ValueError(f"{name} must not be set with --set if --rogues or --league is given")
-    if side == "rogues":
-        raise ValueError("side must be robots with --rogues or --league, got rogues")
 
 
 def _engine(module: str, extra: str = "train") -> Any:

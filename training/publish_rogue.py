@@ -6,7 +6,6 @@ from typing import Annotated, Any
 
 import tyro
 
-from baselines.exploitability.mixed_policies import policies_in
 from baselines.exploitability.survival import survive
 from lissajous_env.parameters.rogues import CHECKPOINT
 from training.learned import checkpoint
@@ -34,14 +33,14 @@ def publish_rogue(
     network, card, text = checkpoint.read(source)
     stored = dict(card.settings)
     settings = RogueTraining(stored["scenario"], starts=stored["starts"], overrides=stored["overrides"])
+    policy = stored["against"]
+    rogues = dict(zip((*SCRIPTS, "learned"), (*SCRIPTS, str(source)), strict=True))
     times: dict[str, Any] = {}
-    for policy in dict.fromkeys(policies_in(stored["against"])):
-        found = {each: survive(policy, settings.make_scenario(each), HELD_OUT).summary() for each in SCRIPTS}
-        found["learned"] = survive(policy, settings.make_scenario(str(source)), HELD_OUT).summary()
-        times[policy] = {each: {key: round(value, 4) for key, value in of.items()} for each, of in found.items()}
-        for each, of in times[policy].items():
-            print(policy, each, of)
-    notes = {"command": command, "held_out_times": times, "rogues": text["rogues"]}
+    for rogue, moved_by in rogues.items():
+        summary = survive(policy, settings.make_scenario(moved_by), HELD_OUT).summary()
+        times[rogue] = {key: round(value, 4) for key, value in summary.items()}
+        print(policy, rogue, times[rogue])
+    notes = {"command": command, "held_out_times": {policy: times}, "rogues": text["rogues"]}
     with checkpoint.hold(folder / name) as held:
         checkpoint.save(held, network, card, notes=notes)
     print(f"wrote {folder / name / CHECKPOINT}", file=sys.stderr)

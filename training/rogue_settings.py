@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from baselines.exploitability.mixed_policies import mixed, policies_in
 from baselines.exploitability.survival import with_starts
+from baselines.policies.factories import named
 from lissajous_env import Scenario
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device.devices import as_device
@@ -71,10 +71,7 @@ class RogueTraining:
             raise ValueError("targets.rogues must be omitted if rogues are trained")
         as_device(self.device)
         self.learner()
-        for name in ("worlds", "evaluation_episodes"):
-            if getattr(self, name) < (shares := len(policies_in(self.against))):
-                raise ValueError(f"{name} must be at least the {shares} policies in against, got {getattr(self, name)}")
-        mixed(self.against, self.make_scenario(), len(policies_in(self.against)), self.device)
+        named(self.against)(self.make_scenario(), 1, self.device)  # raises for an unknown or unfit policy
 
     @classmethod
     def from_common(cls, common: TrainingSettings, **more: Any) -> "RogueTraining":

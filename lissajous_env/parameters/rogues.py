@@ -43,8 +43,8 @@ class Rogue:
     """Rogues of a mixture, each as often as its share is large; none for a single rogue."""
     trained_on: str = ""
     """Scenario on which a learned rogue was trained."""
-    trained_against: tuple[str, ...] = ()
-    """Policies of the robots against which a learned rogue was trained."""
+    trained_against: str = ""
+    """Policy of the robots against which a learned rogue was trained."""
 
 
 CHECKPOINT = "checkpoint.json"

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from baselines.exploitability.mixed_policies import policies_in
 from lissajous_env import Scenario
 from lissajous_env.console.terminal import plain
 from lissajous_env.parameters.rogues import Rogue
@@ -57,8 +56,8 @@ def as_rogue(name: str, network: Network, card: Card) -> Rogue:
 
         return decide
 
-    against = tuple(dict.fromkeys(policies_in(str(card.settings.get("against") or ""))))
-    words = f"learned on {card.scenario}" + (f" against {', '.join(against)}" if against else "")
+    against = str(card.settings.get("against") or "")
+    words = f"learned on {card.scenario}" + (f" against {against}" if against else "")
     return Rogue(name, None, words, bind=bind, trained_on=card.scenario, trained_against=against)
 
 

@@ -10,7 +10,6 @@ import math
 import tempfile
 import time
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,8 +19,8 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
 from baselines.benchmark.progress import in_words
-from baselines.exploitability.mixed_policies import mixed
 from baselines.exploitability.survival import survive
+from baselines.policies.factories import named
 from lissajous_env import Simulation
 from lissajous_env.console.terminal import make_console
 from lissajous_env.episodes.evaluation import EpisodeRunner
@@ -72,7 +71,7 @@ class RogueTrainer:
         torch.set_num_threads(1)
         self.scenario = settings.make_scenario()
         self.card = rogue_card(self.scenario, settings.to_dict())
-        robots = mixed(settings.against, self.scenario, settings.worlds, settings.device)
+        robots = named(settings.against)(self.scenario, settings.worlds, settings.device)
         self.env = RogueVecEnv(self.scenario, settings.worlds, robots, settings.device, threads=settings.threads)
         self.model = RobotPPO(settings.learner(), self.env, self.card)  # type: ignore[arg-type]
         self.history: dict[str, Any] = {"steps": 0, "updates": 0, "seconds": 0.0, "curve": [], "rivals": {}}
@@ -167,7 +166,7 @@ class RogueTrainer:
         scenario = settings.make_scenario(_SCRIPTS[k]) if k < len(_SCRIPTS) else self.scenario
         simulation = Simulation(scenario, settings.worlds, device=settings.device, threads=settings.threads)
         first = k * settings.worlds  # number of the first episode
-        driver: Any = mixed(settings.against, scenario, settings.worlds, settings.device, first)
+        driver: Any = named(settings.against)(scenario, settings.worlds, settings.device)
         if k >= len(_SCRIPTS):
             driver = _WithRogues(driver, simulation, self._act)
         seed = _FIRST_SEED * (1 + settings.seed) + first
@@ -225,7 +224,7 @@ class RogueTrainer:
     def _evaluated(self, rogues: str) -> dict[str, float]:
         settings, scenario = self.settings, self.settings.make_scenario(rogues)
         seeds = range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + settings.evaluation_episodes)
-        return survive(partial(mixed, settings.against), scenario, seeds, settings.device).summary()
+        return survive(settings.against, scenario, seeds, settings.device).summary()
 
     def _resume(self) -> None:
         network, card, text = checkpoint.read(self.settings.out)
