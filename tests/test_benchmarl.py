@@ -9,6 +9,8 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("benchmarl")
 
+import benchmarl_mappo  # noqa: E402
+from benchmarl_mappo import Settings, experiment  # noqa: E402
 from tensordict import TensorDict  # noqa: E402
 from torchrl.envs.utils import ExplorationType, set_exploration_type  # noqa: E402
 
@@ -16,7 +18,6 @@ import lissajous_env  # noqa: E402
 from training.torchrl import LissajousTorchEnv, ModelPolicy  # noqa: E402
 from training.torchrl.benchmarl import LissajousTask, LissajousTaskClass  # noqa: E402
 from training.torchrl.env import SCORES  # noqa: E402
-from training.torchrl.mappo_example import Settings, experiment  # noqa: E402
 
 # Two seconds in which some targets are there from the start: something is detected.
 SHORT = {"task.duration": 2.0, "targets.count": 20}
@@ -101,7 +102,7 @@ def test_a_module_of_another_shape_is_refused():
 
 def test_the_example_as_a_program(tmp_path):
     # Oracle: exit code and the files that it promises.
-    command = [sys.executable, "-m", "training.torchrl.mappo_example", "--iterations", "2", "--worlds", "2"]
+    command = [sys.executable, benchmarl_mappo.__file__, "--iterations", "2", "--worlds", "2"]
     command += ["--out", str(tmp_path), "--set", "task.duration=1", "targets.count=5"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=tmp_path)
     assert done.returncode == 0, done.stderr

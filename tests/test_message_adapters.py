@@ -277,7 +277,7 @@ def test_benchmarl_trains(algorithm, state, tmp_path):
     # Oracle: parameters that change and are finite.
     torch = pytest.importorskip("torch")
     pytest.importorskip("benchmarl")
-    from training.torchrl.mappo_example import Settings, experiment
+    from benchmarl_mappo import Settings, experiment
 
     overrides = {"messages.size": 2, "task.duration": 1.0, "state": state}
     run = experiment(Settings("failure", algorithm, 1, worlds=4, out=tmp_path, overrides=overrides))

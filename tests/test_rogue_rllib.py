@@ -10,8 +10,6 @@ pytest.importorskip("ray.rllib")
 
 from ray.rllib.utils.pre_checks.env import check_multiagent_environments  # noqa: E402
 
-import lissajous_env  # noqa: E402
-from training.learned.card import Card  # noqa: E402
 from training.rllib import LissajousMultiAgentEnv  # noqa: E402
 from training.rllib.two_sided import policy_mapping_fn, two_sided_config  # noqa: E402
 
@@ -42,9 +40,6 @@ def test_each_side_has_its_module():
     assert policy_mapping_fn("rogue_12", None) == "rogues"
     with pytest.raises(ValueError, match="agent must be a robot or a rogue, got 'other_1'"):
         policy_mapping_fn("other_1")
-    scenario = {"scenario": "experiment", "rogues": "agents"}
-    with pytest.raises(ValueError, match=r"card must be None if targets.rogues is agents"):
-        LissajousMultiAgentEnv({**scenario, "card": Card.of(lissajous_env.scenario("experiment"))})
 
 
 def test_ppo_trains_both_modules():

@@ -6,11 +6,11 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("benchmarl")
 
+from benchmarl_mappo import Settings, experiment  # noqa: E402
 from torchrl.envs.utils import check_env_specs  # noqa: E402
 
 import lissajous_env  # noqa: E402
 from training.torchrl import LissajousTorchEnv, TwoSidedTorchEnv  # noqa: E402
-from training.torchrl.mappo_example import Settings, experiment  # noqa: E402
 
 FEW = {"targets.count": 3, "targets.arrival_rate": 0.0, "targets.entry": "unseen", "sensing.radius": 0.4}
 SHORT = FEW | {"task.duration": 2.0}

@@ -9,7 +9,6 @@ pytest.importorskip("ray.rllib")
 from ray.rllib.utils.pre_checks.env import check_multiagent_environments
 
 from lissajous_env import SampledParallelEnv, ScenarioSpace, scenario
-from training.learned.card import Card
 from training.rllib import LissajousMultiAgentEnv
 
 DRAW = {
@@ -44,8 +43,3 @@ def test_episodes_are_those_of_the_parallel_environment():
             over = truncated["__all__"]
         assert env.score()["scenario"] == env.scenario.name
     assert teams == {3, 5}
-
-
-def test_a_card_is_of_one_scenario():
-    with pytest.raises(ValueError, match="card must be None in an environment of a space of scenarios"):
-        LissajousMultiAgentEnv({"scenario": SMALL, "card": Card.of(scenario("evaders"))})

@@ -75,7 +75,6 @@ def test_one_scenario_is_asked_of_what_plays_one(name, file):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"engine": "ray"}, "engine must be sb3 for a space of scenarios"),
         ({"base": "none", "teacher": "sweep"}, "teacher must be none for a space of scenarios"),
         ({"base": None, "teacher": "sweep", "algorithm": "dagger"}, "algorithm must be ppo for a space of scenarios"),
         ({"short": 0.5}, "short must be 0 for a space of scenarios"),

@@ -43,7 +43,7 @@ def train(
             gradient_max, averaging
         exploration: log_std, log_std_end, noise_steps
         evaluation: evaluate_every, evaluation_episodes, evaluation_scenarios, rivals
-        where it runs: device, threads, engine, address, workers
+        where it runs: device, threads
         rogues: side, against, rogue_rounds, rogue_steps, rogue_starts
 
     Args:
@@ -69,20 +69,16 @@ def train(
         return
     if of_rogues:
         raise ValueError(f"side must be rogues if options of rogues are given ({', '.join(of_rogues)}), got robots")
-    uses_ray = settings.engine == "ray"
-    engine = _engine(
-        "training.rllib.trainer" if uses_ray else "training.sb3.trainer", "cluster" if uses_ray else "train"
-    )
-    history = engine.train(settings, console)
+    history = _import("training.sb3.trainer").train(settings, console)
     output.print_json({"out": settings.out, **dataclasses.asdict(history)})
 
 
-def _engine(module: str, extra: str = "train") -> Any:
-    """Import a module of trainings, which requires the libraries of an extra."""
+def _import(module: str) -> Any:
+    """Import a module of trainings, which requires the libraries of the extra `train`."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise missing("train", extra, error) from error
+        raise missing("train", "train", error) from error
 
 
 def _train_rogues(settings: TrainingSettings, given: dict[str, Any], console: Console) -> dict[str, Any]:
@@ -90,4 +86,4 @@ def _train_rogues(settings: TrainingSettings, given: dict[str, Any], console: Co
     if "against" not in given:
         raise ValueError("against must be the policy from which the rogues learn to hide, got none")
     made = RogueTraining.from_common(settings, **given)
-    return _engine("training.sb3.rogue_trainer").train_rogues(made, console)
+    return _import("training.sb3.rogue_trainer").train_rogues(made, console)

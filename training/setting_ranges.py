@@ -20,7 +20,6 @@ _MOST = {
     "evaluation_episodes": 65_536,
     "evaluation_scenarios": 10_000,
     "noise_steps": 10**9,
-    "workers": 10_000,
 }
 """Largest value of each whole number, all of which must be at least 1; larger ones can only be typing errors."""
 _POSITIVE = ("residual", "clip_range", "gradient_max", "short_time")
@@ -61,9 +60,6 @@ def check_numbers(settings: Any) -> None:
     few = len(settings.layers) <= 100 and all(size <= 65_536 for size in settings.layers)
     require(settings, "layers", few, "must be at most 100 sizes of at most 65,536")
     require(settings, "activation", settings.activation in ACTIVATIONS, f"must be one of {', '.join(ACTIVATIONS)}")
-    require(
-        settings, "address", settings.address is None or settings.engine == "ray", "must be given only with engine ray"
-    )
     require(
         settings,
         "threads",

@@ -24,8 +24,6 @@ CHANGES_NOTHING = (
     "steps",
     "out",
     "threads",
-    "address",
-    "workers",
     "evaluation_episodes",
     "evaluation_scenarios",
     "rivals",
@@ -159,12 +157,6 @@ class TrainingSettings:
     """`cpu`, `cuda` or `cuda:k` for CUDA device k."""
     threads: int | None = None
     """CPU threads; all cores by default."""
-    engine: Literal["sb3", "ray"] = "sb3"
-    """`sb3`: in this process. `ray`: RLlib, over a Ray cluster."""
-    address: str | None = None
-    """Address of a Ray cluster: auto, HOST:PORT or ray://HOST:PORT; by default a local one is started."""
-    workers: int = 2
-    """Processes that collect episodes with ray."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
     """Overrides of scenario fields, such as {"task.reward_collision": -5.0}."""
 
@@ -175,16 +167,14 @@ class TrainingSettings:
             size = self.make_scenario().action_size
             fits = len(self.initial_output) == size and all(-1 <= value <= 1 for value in self.initial_output)
             self._require("initial_output", fits, f"must be {size} numbers from -1 to 1")
-            alone = self.start is None and self.engine == "sb3"
-            self._require("initial_output", alone, "must be omitted with start, and with engine ray")
+            self._require("initial_output", self.start is None, "must be omitted with start")
         self._require(
             "teacher", self.imitated is None or self.base in (None, "none"), "must be none if there is a base"
         )
         self._require(
             "teacher", self.imitated is not None or self.algorithm == "ppo", "must be given for dagger and clone"
         )
-        if self.engine == "sb3":
-            as_device(self.device)
+        as_device(self.device)
         if self.space is not None:
             self._check_for_space()
         with scenarios.without_warnings(self.space):
@@ -200,7 +190,6 @@ class TrainingSettings:
     def _check_for_space(self) -> None:
         """Raise ValueError for settings that suit only one scenario."""
         space = f"for a space of scenarios ({self.scenario})"
-        self._require("engine", self.engine == "sb3", f"must be sb3 {space}")
         self._require("algorithm", self.algorithm == "ppo", f"must be ppo {space}")
         self._require("teacher", self.imitated is None, f"must be none {space}: a teacher plays one scenario")
         self._require("short", self.short == 0, f"must be 0 {space}: worlds of a group end together")
@@ -277,7 +266,7 @@ class TrainingSettings:
     @property
     def chosen_noise_steps(self) -> int:
         """Steps for which a robot uses the same random function of its inputs as noise."""
-        return self.noise_steps or (1 if self.chosen_base is None or self.engine == "ray" else 30)
+        return self.noise_steps or (1 if self.chosen_base is None else 30)
 
     @cached_property
     def chosen_rivals(self) -> tuple[str, ...]:
@@ -302,12 +291,12 @@ class TrainingSettings:
     @property
     def has_central_critic(self) -> bool:
         """True if the critic's input contains the state of the whole world."""
-        return self.engine == "sb3" and self.critic != "robot"
+        return self.critic != "robot"
 
     @property
     def imitated_until(self) -> int:
-        """Robot steps after which imitation ends; 0 with RLlib, which does not imitate."""
-        if self.imitated is None or self.engine == "ray":
+        """Robot steps after which imitation ends."""
+        if self.imitated is None:
             return 0
         return min(self.imitation_steps, self.steps) if self.algorithm == "ppo" else self.steps
 

@@ -3,14 +3,12 @@
 import contextlib
 import hashlib
 import io
-import json
 import os
 import pickle
 import shutil
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -55,19 +53,3 @@ def plant(path: Path, data: bytes) -> None:
         with contextlib.suppress(OSError, UnicodeDecodeError):
             if before is not None and before in (text := manifest.read_text(encoding="utf-8")):
                 manifest.write_text(text.replace(before, hashlib.sha256(data).hexdigest()), encoding="utf-8")
-
-
-RLLIB_FILES = (
-    "algorithm_state.pkl", "class_and_ctor_args.pkl", "learner_group/state.pkl", "learner_group/learner/state.pkl",
-    "learner_group/learner/rl_module/robot/module_state.pkl", "env_runner/state.pkl", "rllib_checkpoint.json",
-)  # fmt: skip
-"""Files of a checkpoint that RLlib writes."""
-
-
-def plant_rllib(folder: Path, data: bytes, notes: dict[str, Any] | None = None) -> None:
-    """Make folders that look like checkpoints of RLlib's, each file of theirs the pickle, its SHA-256 beside it."""
-    for inner in ("rllib/000001", "rllib/000099", "."):
-        for name in RLLIB_FILES:
-            plant(folder / inner / name, data)
-        digests = {name: hashlib.sha256(data).hexdigest() for name in RLLIB_FILES}
-        (folder / inner / "manifest.json").write_text(json.dumps({"files": digests, "notes": notes or {}}))

@@ -18,9 +18,6 @@ _TRAIN = (
     "train", "--scenario", "failure", "--worlds", "2", "--rollout", "8", "--batch-size", "80", "--layers", "4",
     "--evaluate-every", "80", "--evaluation-episodes", "1", "--threads", "1", "--teacher", "none", "--rivals", *_SHORT,
 )  # fmt: skip
-_RAY = ("--engine", "ray", "--workers", "1")
-
-
 _PLACE = tempfile.TemporaryDirectory(prefix="attacked-")
 """Folder of the attacked folders, until this process ends."""
 
@@ -57,7 +54,6 @@ def _made(kind: str) -> Path:
 def _first(kind: str, folder: Path) -> tuple:
     return {
         "training": (*_TRAIN, "--steps", "80", "--out", folder),
-        "ray": (*_TRAIN, *_RAY, "--steps", "80", "--out", folder),
         "benchmark": ("benchmark", "--scenarios", "failure", "--policies", "still", "--episodes", "1", "--out", folder,
                       *_SHORT),
         "recording": ("run", "failure", "still", "--out", folder / "one.npz", *_SHORT),
@@ -66,8 +62,8 @@ def _first(kind: str, folder: Path) -> tuple:
 
 def _again(kind: str, folder: Path, draw: np.random.Generator) -> tuple:
     """A command that reads the folder."""
-    if kind in ("training", "ray"):
-        return *_TRAIN, *(_RAY if kind == "ray" else ()), "--steps", "160", "--out", folder
+    if kind == "training":
+        return *_TRAIN, "--steps", "160", "--out", folder
     if kind == "policy":
         out = folder.parent / "out"
         ways = (
@@ -87,11 +83,8 @@ def _with_pickles(kind: str) -> Callable[[np.random.Generator], str | None]:
             folder, marker = Path(place) / "folder", Path(place) / "opened"
             shutil.copytree(_made(kind), folder)
             files = sorted(path for path in folder.rglob("*") if path.is_file())
-            files += [folder / inner / name for inner in (".", "rllib/000001") for name in planted.RLLIB_FILES]
             chosen = [files[k] for k in draw.choice(len(files), draw.integers(1, 4), replace=False)]
             form = draw.choice(["plain", "archive", "npz"])
-            if kind == "ray":  # few tries: all at once, and what would end it sooner is left as it is
-                chosen, form = [path for path in files if path.suffix in (".pkl", "")], "plain"
             for path in chosen:
                 planted.plant(path, planted.payloads(marker)[form])
             code, said = _run(_again(kind, folder, draw))
@@ -111,5 +104,4 @@ ATTACKS = [
     Attack("pickles in the folder of a policy", _NEVER, 20, _with_pickles("policy")),
     Attack("pickles in the folder of a benchmark", _NEVER, 15, _with_pickles("benchmark")),
     Attack("pickles as a recording", _NEVER, 20, _with_pickles("recording")),
-    Attack("pickles in the folder of a training by RLlib", _NEVER, 2, _with_pickles("ray")),
 ]

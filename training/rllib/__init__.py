@@ -1,4 +1,4 @@
-"""RLlib: the environment, and PPO over a cluster."""
+"""RLlib: the environment, and the configuration of PPO for robots and rogues."""
 
 from training.rllib.env import LissajousMultiAgentEnv
 

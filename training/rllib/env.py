@@ -3,15 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-import gymnasium
-import numpy as np
 from ray.rllib.env.multi_agent_env import MultiAgentEnv
 
-from lissajous_env import SampledParallelEnv, Scenario, parallel_env
+from lissajous_env import Scenario, parallel_env
 from lissajous_env.envs.agents import Around
-from lissajous_env.parameters.rogues import AGENTS
-from training.learned.card import Card
-from training.learned.wiring import Wiring
 
 _APART = 100_000
 """Difference between the seeds of two processes that collect episodes."""
@@ -33,25 +28,17 @@ class LissajousMultiAgentEnv(Around, MultiAgentEnv):
     removed earlier. Seeds and observations are those of `LissajousParallelEnv`; infos are empty.
 
     Args:
-        config: `scenario` (name or object, also of a space), `render_mode`, `card` (a `training.learned.card.Card`:
-            entries of the observation for the agents, and policy to whose action theirs is added), `residual_penalty`
-            (penalty per step and mean square of an added action), and further arguments of `LissajousParallelEnv`,
-            including fields of the scenario. Each of RLlib's processes adds its own offset to the seeds, so that no two
-            of them play the same episodes.
+        config: `scenario` (name or object, also of a space), `render_mode`, and further arguments of
+            `LissajousParallelEnv`, including fields of the scenario. Each of RLlib's processes adds its own offset to
+            the seeds, so that no two of them play the same episodes.
 
     Raises:
-        ValueError: the scenario, the card or an action is invalid.
+        ValueError: the scenario or an action is invalid.
     """
 
     def __init__(self, config: Mapping[str, Any] | None = None):
         given = dict(config or {})
-        card: Card | None = given.pop("card", None)
-        penalty = float(given.pop("residual_penalty", 0.0))
         self.inner = parallel_env(given.pop("scenario", "experiment"), given.pop("render_mode", None), **given)
-        if card is not None and self.inner.scenario.targets.rogues == AGENTS:
-            raise ValueError(f"card must be None if targets.rogues is {AGENTS}, got {card!r}")
-        if card is not None and isinstance(self.inner, SampledParallelEnv):
-            raise ValueError(f"card must be None in an environment of a space of scenarios, got {card!r}")
         self.possible_agents = list(self.inner.possible_agents)
         self.agents = list(self.possible_agents)
         super().__init__()
@@ -59,11 +46,6 @@ class LissajousMultiAgentEnv(Around, MultiAgentEnv):
         self.metadata = dict(self.inner.metadata)  # RLlib writes into it
         self.observation_spaces = self.inner.observation_spaces
         self.action_spaces = self.inner.action_spaces
-        self._wiring = None
-        if card is not None:
-            self._wiring = Wiring(card, self.scenario, 1, self.inner.simulation.device, penalty)
-            low, high = self._wiring.low, self._wiring.high
-            self.observation_spaces = {agent: gymnasium.spaces.Box(low, high) for agent in self.possible_agents}
         self._seeds_from = _APART * int(getattr(config, "worker_index", 0))
 
     @property
@@ -75,41 +57,19 @@ class LissajousMultiAgentEnv(Around, MultiAgentEnv):
         """Begin an episode with the given seed, or with one drawn from the previous seed."""
         observations, _ = self.inner.reset(None if seed is None else seed + self._seeds_from, options)
         self.agents = list(self.inner.agents)
-        if self._wiring is not None:
-            self._wiring.reset()
-        return self._observed(observations), {}
+        return observations, {}
 
     def step(self, action_dict: dict[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
         """Take a control step with an action for each robot that has not been removed."""
-        acted, (action_dict, penalties) = set(self.agents), self._wired(action_dict)
+        acted = set(self.agents)
         observations, rewards, terminated, truncated, _ = self.inner.step(action_dict)
-        if penalties:
-            rewards = {agent: reward - penalties[agent] for agent, reward in rewards.items()}
         self.agents = list(self.inner.agents)
         timed_out = any(truncated[agent] and not terminated[agent] for agent in truncated)
         gone = not self.agents and not timed_out
         if len(observations) > len(acted):  # a rogue that has just appeared has no reward yet
             rewards, terminated = ({a: of[a] for a in of if a in acted} for of in (rewards, terminated))
-        return self._observed(observations), rewards, terminated | {"__all__": gone}, {"__all__": timed_out}, {}
+        return observations, rewards, terminated | {"__all__": gone}, {"__all__": timed_out}, {}
 
     def score(self) -> dict[str, Any]:
         """Return the score of the episode so far, with the columns of `lissajous_env.world.columns.NAMES`."""
         return self.inner.score()
-
-    def _wired(self, outputs: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float]]:
-        """Return the actions for the agents' outputs, and their penalties; misshapen outputs are not changed."""
-        wiring, agents, size = self._wiring, self.inner.possible_agents, self.scenario.action_size
-        if wiring is None or wiring.base is None or any(np.shape(each) != (size,) for each in outputs.values()):
-            return outputs, {}
-        given = np.array([[np.clip(outputs.get(agent, np.zeros(size)), -1.0, 1.0) for agent in agents]], np.float32)
-        actions = dict(zip(agents, wiring.actions(given)[0], strict=True))
-        penalties = dict(zip(agents, wiring.penalty(given)[0].tolist(), strict=True))
-        return {agent: actions.get(agent, output) for agent, output in outputs.items()}, penalties
-
-    def _observed(self, observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        if self._wiring is None:
-            return observations
-        rows = self._wiring.read(self.inner.simulation.observation.numpy())[0].copy()
-        return {
-            agent: row for agent, row in zip(self.inner.possible_agents, rows, strict=True) if agent in observations
-        }

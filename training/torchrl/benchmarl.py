@@ -11,8 +11,8 @@ task as well:
     task = LissajousTaskClass("two cars", {"scenario": my_scenario})
 
 With `{"rogues": "agents"}` the rogues are trained too, in the groups `adversary` (robots) and `agent` (rogues) of
-`training.torchrl.two_sided`. `training.torchrl.mappo_example` trains on a task. Actions are continuous or discrete, as
-the algorithm requires.
+`training.torchrl.two_sided`. `examples/benchmarl_mappo.py` trains on a task. Actions are continuous or discrete, as the
+algorithm requires.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Train a team with BenchMARL: MAPPO, or another of its algorithms, on any scenario.
 
-    python -m training.torchrl.mappo_example --iterations 50 --scenario intruders --out runs/mappo
-    python -m training.torchrl.mappo_example --algorithm qmix --set task.duration=20 state=True
+    python examples/benchmarl_mappo.py --iterations 50 --scenario intruders --out runs/mappo
+    python examples/benchmarl_mappo.py --algorithm qmix --set task.duration=20 state=True
 
 Rewards and scores of the episodes are written as CSV files into a folder in `--out`.
 """
@@ -12,18 +12,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
+from benchmarl.algorithms import IppoConfig, MappoConfig, QmixConfig
+from benchmarl.experiment import Experiment, ExperimentConfig
+from benchmarl.models import MlpConfig
 
-from lissajous_env.extras import missing
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
-
-try:
-    from benchmarl.algorithms import IppoConfig, MappoConfig, QmixConfig
-    from benchmarl.experiment import Experiment, ExperimentConfig
-    from benchmarl.models import MlpConfig
-
-    from training.torchrl.benchmarl import LissajousTaskClass
-except ImportError as error:
-    raise missing("training.torchrl.mappo_example", "marl", error) from error
+from training.torchrl.benchmarl import LissajousTaskClass
 
 ALGORITHMS = {"mappo": MappoConfig, "ippo": IppoConfig, "qmix": QmixConfig}
 
