@@ -2,6 +2,11 @@
 
 from typing import Any as _Any
 
+from lissajous_env.console.interrupts import watch as _watch
+
+_watch()
+
+# isort: split
 # Before all others: a scenario can be made only once the robot models and the scripted rogues are registered.
 from lissajous_env.world import robots as _robots  # noqa: F401
 from lissajous_env.world import rogues as _rogues  # noqa: F401

@@ -134,17 +134,19 @@ def cloud_rows(message: Any, width: int) -> np.ndarray:
     """Return the rows (K, width) of a point cloud: x, y [m] and, if requested and present, vx, vy [m/s].
 
     Raises:
-        ValueError: the cloud has no x and y as 32-bit floats.
+        ValueError: the cloud has no x and y as 32-bit floats, or its data is shorter than its points.
     """
     offsets = {each.name: each.offset for each in message.fields if each.datatype == ros.PointField.FLOAT32}
     if not {"x", "y"} <= offsets.keys():
         raise ValueError(f"a point cloud must have x and y as FLOAT32, got {[each.name for each in message.fields]}")
     count, order = message.width * message.height, ">f4" if message.is_bigendian else "<f4"
+    data, names = bytes(message.data), [name for name in ("x", "y", "vx", "vy")[:width] if name in offsets]
+    # A point needs room for its fields, so the length of the data limits the number of points that are allocated.
+    if message.point_step < max(offsets[name] for name in names) + 4 or len(data) < count * message.point_step:
+        claim = f"{count} points of {message.point_step} bytes"
+        raise ValueError(f"a point cloud must have room and data for x and y of its points, got {len(data)} bytes for {claim}")
     rows = np.zeros((count, width), dtype=np.float32)
-    data = bytes(message.data)
-    if len(data) < count * message.point_step:
-        raise ValueError(f"a point cloud of {count} points must have as much data, got {len(data)} bytes")
     for k, name in enumerate(("x", "y", "vx", "vy")[:width]):
-        if name in offsets and count:
+        if name in names and count:
             rows[:, k] = np.ndarray(count, order, data, offsets[name], (message.point_step,))
     return rows

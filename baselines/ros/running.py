@@ -3,6 +3,7 @@
 import faulthandler
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -30,7 +31,8 @@ class RosProcess:
             executor.add_node(node)
         try:
             while not self.ended:
-                executor.spin_once(timeout_sec=0.1)
+                with signals_deferred():
+                    executor.spin_once(timeout_sec=0.1)
         finally:
             for node in self.nodes:
                 node.rest()
@@ -70,3 +72,24 @@ def _ended_in_time() -> Iterator[None]:
             yield
         finally:
             faulthandler.cancel_dump_traceback_later()
+
+
+@contextmanager
+def signals_deferred() -> Iterator[None]:
+    """Handle Ctrl-C and SIGTERM at the end of a block of compiled code that calls Python.
+
+    The error of a handler that runs within the block would become another one on its way through the compiled code.
+    """
+    arrived: list[tuple[int, Any]] = []
+    is_main = threading.current_thread() is threading.main_thread()
+    before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)} if is_main else {}
+    handlers = {number: handler for number, handler in before.items() if callable(handler)}
+    for number in handlers:
+        signal.signal(number, lambda *given: arrived.append(given))
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    for number, frame in arrived[:1]:
+        handlers[signal.Signals(number)](number, frame)

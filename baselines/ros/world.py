@@ -11,6 +11,7 @@ from baselines.onboard import Limits, Twist, inputs_of
 from baselines.ros import conversions
 from baselines.ros import library as ros
 from baselines.ros.conversions import cloud_message, odometry_message, pose_message, seconds, stamp_of
+from baselines.ros.running import signals_deferred
 from baselines.ros.settings import WorldSettings
 from baselines.ros.vehicle import Vehicle
 from lissajous_env.console.terminal import CommandError
@@ -152,7 +153,8 @@ class WorldNode(ros.Node):
             if monotonic() - self._clock_sent_at >= _CLOCK_PERIOD:
                 self._clock_sent_at = monotonic()
                 self._send_clock(ros.Clock(clock=stamp_of(self.now)))
-        self.loop.spin_once(timeout_sec=max(timeout, 0.0))
+        with signals_deferred():
+            self.loop.spin_once(timeout_sec=max(timeout, 0.0))
 
     def _spin_until(self, holds: Callable[[], bool], limit: float, every: Callable[[], None] | None = None) -> bool:
         """Receive messages and call a function regularly until a condition is true; return False after a time limit."""

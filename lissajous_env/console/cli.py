@@ -23,7 +23,9 @@ from typing import Any
 import tyro
 
 from lissajous_env import siblings
+from lissajous_env.console import interrupts
 from lissajous_env.console.help import print_help
+from lissajous_env.console.interrupts import INTERRUPTED
 from lissajous_env.console.terminal import CommandError, complain, make_console
 from lissajous_env.device import kernel_cache
 from lissajous_env.wording import few_of, nearest, shown, where_raised
@@ -31,7 +33,6 @@ from lissajous_env.wording import few_of, nearest, shown, where_raised
 GROUP = "lissajous_env.commands"
 FAILED = 1
 BAD_INPUT = 2
-INTERRUPTED = 130
 TRACEBACK = "LISSAJOUS_TRACEBACK"
 """Environment variable that enables tracebacks."""
 ROS_ARGUMENTS = "--ros-args"
@@ -126,7 +127,8 @@ def _dispatch(arguments: list[str]) -> int:
         return 0
     given, named = _bound(function, program, arguments[words:])
     try:
-        result = function(*given, **named)
+        with interrupts.raised():
+            result = function(*given, **named)
     except SystemExit as ended:
         if isinstance(ended.__context__, BrokenPipeError):  # Rich found a closed pipe
             raise

@@ -186,6 +186,10 @@ class Together:
         self._works: list[Work | None] = []
         self._joined: SideBySide | None = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without the joined work, which contains addresses; it is made anew by the next step."""
+        return self.__dict__ | {"_works": [], "_joined": None}
+
     def advance(self, simulations: Sequence[Simulation]) -> None:
         """Advance all simulations by one control step, with the actions that were stored by `take`."""
         works = [each.stages.work for each in simulations]

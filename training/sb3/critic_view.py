@@ -1,5 +1,7 @@
 """Input of a central critic: the state of the whole world, computed by a kernel with one thread per world."""
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
@@ -103,6 +105,7 @@ class CriticView:
 
     def __init__(self, simulation: Simulation, places: int | None = None):
         scenario, device = simulation.scenario, simulation.device
+        self._made_of = simulation, places
         ring = np.array(scenario.ring)
         ahead = np.array([np.roll(ring, -int(np.flatnonzero(ring == i)[0])) for i in range(len(ring))])
         zones = COLUMNS * ROWS if scenario.target_capacity or places is not None else 0
@@ -139,3 +142,10 @@ class CriticView:
             self._wanted.assign(worlds.astype(np.int32))
         self._show()
         return self._view.numpy().reshape(-1, self.size)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"made_of": self._made_of, "view": self._view.numpy()}
+
+    def __setstate__(self, saved: dict[str, Any]) -> None:
+        self.__init__(*saved["made_of"])
+        self._view.assign(saved["view"])

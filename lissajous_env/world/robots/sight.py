@@ -27,8 +27,10 @@ def nearest_sensor(w: int, place: wp.vec2, robots: Robots, bins: Bins) -> wp.vec
 
 
 @wp.func
-def nearest_sensors(w: int, count: int, x: Floats, y: Floats, robots: Robots, bins: Bins) -> tuple[Ints, Floats]:
-    """Compute `nearest_sensor` for `count` places side by side: index, squared distance [m^2]."""
+def nearest_sensors(
+    w: int, count: int, x: Floats, y: Floats, within: Floats, robots: Robots, bins: Bins
+) -> tuple[Ints, Floats]:
+    """Compute `nearest_sensor` for `count` places side by side, at any distance: index, squared distance [m^2]."""
     nearest = Ints()
     least = Floats(1.0e30)
     for i in range(robots.sensor.shape[1]):
@@ -114,16 +116,31 @@ def nearest_listed(w: int, place: wp.vec2, robots: Robots, bins: Bins) -> wp.vec
 
 @wp.func
 def nearest_listed_together(
-    w: int, count: int, x: Floats, y: Floats, robots: Robots, bins: Bins
+    w: int, count: int, x: Floats, y: Floats, within: Floats, robots: Robots, bins: Bins
 ) -> tuple[Ints, Floats]:
-    """Compute `nearest_listed` for `count` places: index, squared distance [m^2]."""
+    """Compute `nearest_listed` for `count` places: index, squared distance [m^2].
+
+    Where lists reach less far than `within` [m] and contain no robot that is near, all robots are compared.
+    """
     nearest = Ints()
     least = Floats(1.0e30)
     for k in range(count):
-        found = nearest_listed(w, wp.vec2(x[k], y[k]), robots, bins)
+        place = wp.vec2(x[k], y[k])
+        found = nearest_listed(w, place, robots, bins)
+        if within[k] > bins.reach and found[1] > bins.reach * bins.reach:
+            found = nearest_sensor(w, place, robots, bins)
         nearest[k] = int(found[0])
         least[k] = found[1]
     return nearest, least
+
+
+@wp.func
+def leaves_lists(before: wp.vec2, after: wp.vec2, radius: float, bins: Bins) -> bool:
+    """Return whether a target moved too far for the list of the bin in which it was to contain all that detect it.
+
+    Half of the margin of the lists is for the rounding of a target that moves exactly as far as they reach.
+    """
+    return wp.length(after - before) > 0.5 * (bins.reach + bins.widened) - radius
 
 
 @wp.func
@@ -131,7 +148,7 @@ def first_sight_listed(
     w: int, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots: Robots, bins: Bins
 ) -> wp.vec2:
     """Compute `first_sight` from the list of the bin in which a target was, or from all robots if it moved far."""
-    if wp.length(after - before) > bins.reach - radius:
+    if leaves_lists(before, after, radius, bins):
         return first_sight(w, before, after, radius, reach, robots, bins)
     finder = int(-1)
     least = float(2.0)

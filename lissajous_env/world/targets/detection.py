@@ -104,17 +104,16 @@ class Flock:
     x: Floats
     y: Floats
     heading: Floats
-    reach: Floats
-    """Largest distance at the end of the step of a robot that can have detected it within the step [m]."""
+    flight: Floats
+    """Distance to a robot below which it flees [m]; 0 for one that never flees."""
 
 
 @wp.func
-def gather(w: int, count: int, number: Ints, near: float, way: float, radius: float, targets: Targets) -> Flock:
+def gather(w: int, count: int, number: Ints, target: TargetStruct, targets: Targets) -> Flock:
     """Load the targets of these numbers; one that an extension moves has already moved."""
     flock = Flock()
     flock.count = count
     flock.number = number
-    flock.reach = Floats(near + way)
     for k in range(count):
         t = number[k]
         place = targets.position[w, t]
@@ -127,11 +126,12 @@ def gather(w: int, count: int, number: Ints, near: float, way: float, radius: fl
         if targets.motion[w, t] == CUSTOM:
             before = targets.before[w, t]
             targets.before[w, t] = place
-            flock.reach[k] = radius + wp.length(place - before) + way
         flock.before_x[k] = before[0]
         flock.before_y[k] = before[1]
         if targets.stage[w, t] == HIDDEN:
             flock.motion[k] = STILL
+        if flock.motion[k] == FLEEING:
+            flock.flight[k] = target.flee_radius
     return flock
 
 
@@ -162,7 +162,7 @@ def move_together(
             y[k] = wp.where(is_moved(motion[k]), moved[1], y[k])
             heading[k] = moved[2]
     for k in range(flock.count):
-        if square[k] < target.flee_radius * target.flee_radius and flock.motion[k] == FLEEING:
+        if square[k] < flock.flight[k] * flock.flight[k]:
             fled = flee(wp.vec2(flock.x[k], flock.y[k]), robots.sensor[w, nearest[k]], step, curve, target)
             x[k] = fled[0]
             y[k] = fled[1]
@@ -211,8 +211,8 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module
         square: Floats,
         x: Floats,
         y: Floats,
-        near: float,
         far: float,
+        way: float,
         radius: float,
         robots: Robots,
         targets: Targets,
@@ -221,26 +221,35 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module
     ) -> wp.vec2i:
         """Let robots detect targets that are at x, y now [m]; return how many wait on, and are in sight.
 
-        `square` is of `nearest_to`, at the places before.
+        `square` is of `nearest_to`, at the places before. No robot moves farther than `way` [m] in the step, and a
+        robot that can have detected a target but is more than `far` [m] from it at the end is not in its list.
         """
+        before_x = flock.before_x
+        before_y = flock.before_y
+        near = Floats()
+        for k in range(ABREAST):
+            if k < width():
+                across = x[k] - before_x[k]
+                up = y[k] - before_y[k]
+                near[k] = radius + wp.sqrt(across * across + up * up)
         comes_near = bool(False)
         for k in range(flock.count):
-            comes_near = comes_near or square[k] < near * near
+            comes_near = comes_near or square[k] < near[k] * near[k]
         # A target that was far from every sensor cannot have come into one's reach in this step.
         nearest = Ints()
         least = square
         if comes_near:
-            nearest, least = nearest_to(w, flock.count, x, y, robots, bins)
+            nearest, least = nearest_to(w, flock.count, x, y, Floats(), robots, bins)
         waiting = int(0)
         sighted = int(0)
         stage = flock.stage
-        reach = flock.reach
         seen = Ints()
         asks = Ints()
         for k in range(ABREAST):
             if k < width():
                 seen[k] = wp.where(least[k] < radius * radius, 1, 0)
-                met = wp.where(square[k] < reach[k] * reach[k] or reach[k] > far, 1, 0)
+                reach = near[k] + way
+                met = wp.where(square[k] < reach * reach or reach > far, 1, 0)
                 appears = wp.where(stage[k] == HIDDEN, 1, 0)
                 asks[k] = wp.where(stage[k] == FOUND, 0, seen[k] | met | appears)
         for k in range(flock.count):
@@ -254,7 +263,7 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module
                 sight = wp.vec2(-1.0, 2.0)
                 if flock.stage[k] == PRESENT:
                     before = wp.vec2(flock.before_x[k], flock.before_y[k])
-                    sight = sight_of(w, before, wp.vec2(x[k], y[k]), radius, flock.reach[k], robots, bins)
+                    sight = sight_of(w, before, wp.vec2(x[k], y[k]), radius, near[k] + way, robots, bins)
                 at_end = wp.vec2(float(nearest[k]), least[k])
                 waiting -= detect(w, t, now, at_end, sight, radius, targets, latest)
         return wp.vec2i(waiting, sighted)
@@ -286,7 +295,6 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module
         now = clock.step[w]
         key = randomness.step_key(clock.seed[w], now)
         way, radius = max_displacement(w, robots), sensing.radius
-        near = radius + task.step * wp.max(target.speed, target.flee_speed)
         # A target that an extension moved farther than lists reach may have met any robot.
         far = wp.where(bins.columns > 0, bins.widened + way, 1.0e30)
         total = wp.vec2i(0, 0)
@@ -307,10 +315,10 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module
                         count += 1
                     t += lanes
             if count > 0:
-                flock = gather(w, count, number, near, way, radius, targets)
-                nearest, square = nearest_to(w, count, flock.x, flock.y, robots, bins)
+                flock = gather(w, count, number, target, targets)
+                nearest, square = nearest_to(w, count, flock.x, flock.y, flock.flight, robots, bins)
                 x, y = move_together(w, key, flock, nearest, square, task.step, curve, target, robots, targets)
-                total += detect_together(w, now, flock, square, x, y, near, far, radius, robots, targets, bins, latest)
+                total += detect_together(w, now, flock, square, x, y, far, way, radius, robots, targets, bins, latest)
         if total[0] > 0:
             atomic.add(latest.waiting, w, total[0])
         if total[1] > 0:

@@ -1,0 +1,108 @@
+"""Copies in mid-episode continue like the original, bit for bit, whatever is copied.
+
+The oracle is the original itself, which had taken steps before it was copied: what is built by the first step, such as
+recorded launches, is not in what has just been made.
+"""
+
+import copy
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lissajous_env
+from training.sb3.mixed_vec_env import MixedVecEnv
+from training.sb3.vec_env import RobotVecEnv
+from training.torchrl.env import LissajousTorchEnv
+
+SHORT = {"task.duration": 1.5}
+SPACE = "monitoring-v1"
+
+
+def simulation(scenario, worlds, threads):
+    return lissajous_env.Simulation(lissajous_env.scenario(scenario, **SHORT), worlds, "cpu", 2, threads)
+
+
+MADE: dict[str, Callable[[int], Any]] = {
+    "simulation": lambda threads: simulation("intruders", 6, threads),
+    "crowd": lambda threads: simulation("swarm", 1, threads),
+    "mixture": lambda threads: lissajous_env.Mixture(SPACE, 3, 2, seed=2, threads=threads),
+    "mixture of one group": lambda threads: lissajous_env.Mixture(SPACE, 1, 2, seed=2, threads=threads),
+    "vector": lambda threads: lissajous_env.vector_env("intruders", num_envs=3, threads=threads, **SHORT),
+    "parallel": lambda threads: lissajous_env.parallel_env("intruders", **SHORT),
+    "turns": lambda threads: lissajous_env.env("intruders", **SHORT),
+    "sampled": lambda threads: lissajous_env.SampledParallelEnv(SPACE, **SHORT),
+    "sampled team": lambda threads: lissajous_env.SampledEnv(SPACE, **SHORT),
+    "team": lambda threads: lissajous_env.LissajousEnv("intruders", **SHORT),
+    "rogues": lambda threads: lissajous_env.LissajousRogueEnv("intruders", **SHORT),
+    "two sides": lambda threads: lissajous_env.parallel_env("intruders", rogues="agents", **SHORT),
+    "rows": lambda threads: RobotVecEnv("intruders", 3, threads=threads, seed=2, **SHORT),
+    "rows with all of the world": lambda threads: RobotVecEnv("intruders", 3, threads=threads, seed=2, central=True, **SHORT),
+    "mixed rows": lambda threads: MixedVecEnv(SPACE, 3, 2, seed=2, threads=threads),
+    "mixed rows of one group": lambda threads: MixedVecEnv(SPACE, 1, 2, seed=2, threads=threads, central=True),
+}  # fmt: skip
+
+
+def advance(env, step):
+    """Take a step with drawn actions, after which an episode that is over begins anew; return its results as text."""
+    draw = np.random.default_rng(step)
+    with np.printoptions(threshold=np.inf, floatmode="unique"):
+        if isinstance(env, lissajous_env.Simulation | lissajous_env.Mixture):
+            env.step(draw.uniform(-1, 1, env.action_shape).astype(np.float32))
+            result = [np.array(each) for each in (env.over, env.reward, env.observation)] + [str(env.score())]
+            if np.any(env.over):
+                env.reset(np.flatnonzero(env.over))
+            return repr(result)
+        if isinstance(env, RobotVecEnv | MixedVecEnv):
+            result = env.step(draw.uniform(-1, 1, (env.num_envs, *env.action_space.shape)).astype(np.float32))
+            for info in result[3]:
+                info.get("episode", {}).pop("t", None)  # the time of the day
+            return repr(result)
+        if hasattr(env, "agent_iter"):
+            shape = env.action_space(env.agent_selection).shape
+            over = env.terminations[env.agent_selection] or env.truncations[env.agent_selection]
+            env.step(None if over else draw.uniform(-1, 1, shape).astype(np.float32))
+            if not env.agents:
+                env.reset(seed=step)
+            return repr(env.last())
+        if hasattr(env, "possible_agents"):
+            spaces = {agent: env.action_space(agent).shape for agent in env.agents}
+            result = env.step({a: draw.uniform(-1, 1, shape).astype(np.float32) for a, shape in spaces.items()})
+            if not env.agents:
+                env.reset(seed=step)
+            return repr(result)
+        result = env.step(draw.uniform(-1, 1, env.action_space.shape).astype(np.float32))
+        if not hasattr(env, "num_envs") and (result[2] or result[3]):
+            env.reset(seed=step)
+        return repr(result)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("name", MADE)
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
+def test_a_copy_after_steps_continues_like_the_original(name, threads, copied):
+    env = MADE[name](threads)
+    if not isinstance(env, lissajous_env.Simulation | lissajous_env.Mixture):
+        env.reset() if isinstance(env, RobotVecEnv | MixedVecEnv) else env.reset(seed=1)
+    for step in range(5):
+        advance(env, step)
+    twin = copied(env)
+    expected = [advance(env, step) for step in range(5, 25)]
+    assert len(set(expected)) > 10
+    assert [advance(twin, step) for step in range(5, 25)] == expected
+    again = copied(twin)
+    assert advance(again, 25) == advance(twin, 25)
+
+
+def test_a_copy_of_a_torchrl_environment_continues_like_the_original():
+    env = LissajousTorchEnv("intruders", num_worlds=2, **SHORT)
+    env.set_seed(1)
+    state = env.reset()
+    for _ in range(5):
+        state = env.step(env.rand_action(state))["next"]
+    twin = copy.deepcopy(env)
+    action = env.rand_action(state)
+    one, other = (each.step(action.clone())["next"] for each in (env, twin))
+    assert (one == other).all()
