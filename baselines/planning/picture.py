@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.patches import Circle
 
 from baselines.planning.plans import Planned
+from baselines.planning.playing import quietly
 from baselines.planning.tables import worst_in_words
 from baselines.reproduce.drawing import GREY, SERIES, Sheet
 from lissajous_env.world.simulation import Simulation
@@ -50,7 +51,8 @@ def _draw_plan(axes, each: Planned, seed: int) -> None:
 def _paths(each: Planned, seed: int) -> np.ndarray:
     """Return the positions (steps, N, 2) of the robots in the last part of the first episode [m]."""
     scenario = each.plan.scenario
-    policy, simulation = each.plan.settings.make(scenario), Simulation(scenario, seed=seed, threads=1)
+    with quietly():
+        policy, simulation = each.plan.settings.make(scenario), Simulation(scenario, seed=seed, threads=1)
     steps = scenario.task.steps
     first = steps - max(round(_SHARE * steps), 1)
     found = []

@@ -17,8 +17,8 @@ from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, OP
 WHOLE, SETTLED = "whole", "settled"
 """Goals: the worst case of whole episodes, and of their second halves, when all robots have reached their places."""
 LOST, SETTLED_TIME, GROWN = "lost", "settled_time", "still_growing"
-"""Entries of a score row of planning: the robots that are removed, the worst-case undetected time of the second half [s],
-and whether the worst case is that of the last moment and longer than any before it."""
+"""Entries of a score row of planning: the robots that are removed, the worst-case undetected time of the second half of
+the episode [s], and whether the worst case is that of the last moment and longer than any before it."""
 MESSAGES = "nothing", "phases of ring neighbours", "positions of ring neighbours"
 """Contents of messages, those that are the least to communicate first; any other comes last."""
 
@@ -102,9 +102,7 @@ def top_speed(task: Scenario) -> float:
     return robot_speed_limit(task) if cars is None else cars.robot.top_speed
 
 
-def figures_of(
-    rows: Sequence[dict[str, Any]], failed: Sequence[dict[str, Any]], plan: Plan, messages: str
-) -> Figures:
+def figures_of(rows: Sequence[dict[str, Any]], failed: Sequence[dict[str, Any]], plan: Plan, messages: str) -> Figures:
     """Return the figures of a plan from its score rows, and `messages`, which is not among these."""
     duration, body = plan.scenario.task.duration, 2 * plan.scenario.robot.radius
     detection_low, detection_high = t_interval(_of(DETECTION_TIME, rows))

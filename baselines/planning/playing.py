@@ -238,7 +238,9 @@ def _played(
         return None
     grown = field.age_max.numpy() > before
     rows = [
-        {"policy": plan.settings.policy} | row | {LOST: lost, SETTLED_TIME: float(age) * scenario.task.step, GROWN: bool(grows)}
+        {"policy": plan.settings.policy}
+        | row
+        | {LOST: lost, SETTLED_TIME: float(age) * scenario.task.step, GROWN: bool(grows)}
         for row, lost, age, grows in zip(simulation.score(), losses, settled, grown, strict=True)
     ]
     return rows, policy.communicates

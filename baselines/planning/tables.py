@@ -69,6 +69,14 @@ def print_formations(console: Any, plans: Sequence[Planned]) -> list[str]:
     return print_table(console, [Column(title) for title in titles], rows)
 
 
+def untried_in_words(outcome: Outcome) -> str:
+    """Return a warning that names the families of which no plan was tried; "" if there is none."""
+    names = list(dict.fromkeys(name for families in outcome.untried.values() for name in families))
+    if not names:
+        return ""
+    return f"Not tried for lack of time: {', '.join(names)}. Their plans may be better: more --seconds are needed."
+
+
 def sentences(outcome: Outcome) -> list[str]:
     """Return what was played, what the figures mean, and the reasons of the families that have no plan."""
     episodes = outcome.episodes
@@ -95,7 +103,8 @@ def sentences(outcome: Outcome) -> list[str]:
         words += _of_guarantee(outcome)
     for number, refusals in outcome.refusals.items():
         at = f" ({number} robots)" if len(outcome.tasks) > 1 else ""
-        words += [f"No plan of {family}{at}: {reason}." for family, reason in refusals.items() if family != KNOWN]
+        refusals = {family: reason.removesuffix(".") for family, reason in refusals.items() if family != KNOWN}
+        words += [f"No plan of {family}{at}: {reason}." for family, reason in refusals.items()]
     return words
 
 
