@@ -26,10 +26,10 @@ from baselines.benchmark.progress import Progress
 from baselines.benchmark.types import Benchmark, Cell, Failure, Outcome
 from baselines.policies import registry
 from baselines.policies.factories import Factory, as_factory, is_ones_own, named
-from lissajous_env import scenario as make_scenario
 from lissajous_env.console.terminal import make_console
 from lissajous_env.device.devices import as_device
 from lissajous_env.episodes.evaluation import ActingPolicy
+from lissajous_env.parameters.named import build
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import few_of
@@ -116,9 +116,7 @@ def plan(
     kinds = {name: _kind_of(name) for name in own if registry.is_folder(name)}
     others = [name for name in settings.policies if name not in own and not everything]
     unnamed = not (own or others)
-    made = [
-        make_scenario(each, **settings.overrides) for each in (settings.scenarios if scenarios is None else scenarios)
-    ]
+    made = [build(each, **settings.overrides) for each in (settings.scenarios if scenarios is None else scenarios)]
     for name in others:
         if not any(name in registry.names(scenario) for scenario in made):
             registry.make(name, made[0])  # names the defect

@@ -6,7 +6,7 @@ The command, its report, the table of the documentation and the figures for pape
 from collections.abc import Mapping
 from typing import Any
 
-from lissajous_env import scenario as make_scenario
+from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 
 SCENARIOS = (
@@ -35,4 +35,4 @@ def overrides_of(scenario: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
 
 def as_played(scenario: str, overrides: Mapping[str, Any]) -> Scenario:
     """Make a scenario as a benchmark plays it."""
-    return make_scenario(scenario, **overrides_of(scenario, overrides))
+    return named.build(scenario, **overrides_of(scenario, overrides))

@@ -70,7 +70,7 @@ def plan(
             all plans are formations.
         rogue_speed: top speed of evading targets that know the robots' future [m/s]; 0 by default.
         entry: place where targets appear: anywhere in the rectangle, on its boundary, or outside all sensing discs.
-        failures: number of robots that fail for good at random times, and are removed.
+        failures: number of robots that fail for good: each combination of as many is removed once.
         guarantee: time within which every target must be detected [s]; if robots is a range, the command searches for
             the smallest number that achieves it.
         seconds: duration of the search [s].
@@ -109,7 +109,8 @@ def plan(
         "looked_at": outcome.looks,
         "played": len(outcome.finals),
         "refusals": outcome.refusals,
-        "words": tables.sentences(outcome),
+        "untried": outcome.untried,
+        "words": [words for words in (tables.untried_in_words(outcome), *tables.sentences(outcome)) if words],
     })  # fmt: skip
     if outcome.interrupted:
         raise KeyboardInterrupt("the plans above are the best that were played until then")
@@ -133,6 +134,8 @@ def _search(outcome: planner.Outcome, seconds: float, optimise: bool, fixed_star
 
 def _print(console: Any, outcome: planner.Outcome, plans: list) -> None:
     left_out: list[str] = []
+    if untried := tables.untried_in_words(outcome):
+        print_line(console, untried, "bold")
     if plans:
         title = f"Plans for {_asked(outcome)}: {len(plans)} that no other dominates"
         print_line(console, title, "italic")
@@ -140,7 +143,7 @@ def _print(console: Any, outcome: planner.Outcome, plans: list) -> None:
         console.print()
         left_out += tables.print_formations(console, plans)
     else:
-        print_line(console, f"No plan for {_asked(outcome)} is without collisions.")
+        print_line(console, f"No plan without collisions was found for {_asked(outcome)}.")
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     for line in tables.sentences(outcome):
         print_line(console, line)

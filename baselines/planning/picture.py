@@ -1,6 +1,5 @@
 """A picture of plans: the paths of the robots, the sensing discs at the end, and the figures."""
 
-import math
 from collections.abc import Sequence
 from itertools import cycle
 
@@ -8,6 +7,8 @@ import numpy as np
 from matplotlib.patches import Circle
 
 from baselines.planning.plans import Planned
+from baselines.planning.playing import quietly
+from baselines.planning.tables import worst_in_words
 from baselines.reproduce.drawing import GREY, SERIES, Sheet
 from lissajous_env.world.simulation import Simulation
 
@@ -24,9 +25,8 @@ def draw(plans: Sequence[Planned], seed: int) -> bytes:
         for k, each in enumerate(shown):
             axes = sheet.figure.add_subplot(1, len(shown), k + 1)
             _draw_plan(axes, each, seed)
-            figures = each.figures
-            words = "no bound" if math.isinf(figures.worst_case) else f"{figures.worst_case:.3g} s"
-            axes.set_title(f"{k + 1}: {each.plan.settings.policy}\nworst case {words}", fontsize=8)
+            words = f"worst case of {len(each.rows)} [s]: {worst_in_words(each.figures.worst_case, each.rows)}"
+            axes.set_title(f"{k + 1}: {each.plan.settings.policy}\n{words}", fontsize=8)
         return sheet.picture(
             "Paths of the robots in the last third of an episode; discs: bodies and sensing ranges at its end."
         ).content
@@ -51,7 +51,8 @@ def _draw_plan(axes, each: Planned, seed: int) -> None:
 def _paths(each: Planned, seed: int) -> np.ndarray:
     """Return the positions (steps, N, 2) of the robots in the last part of the first episode [m]."""
     scenario = each.plan.scenario
-    policy, simulation = each.plan.settings.make(scenario), Simulation(scenario, seed=seed, threads=1)
+    with quietly():
+        policy, simulation = each.plan.settings.make(scenario), Simulation(scenario, seed=seed, threads=1)
     steps = scenario.task.steps
     first = steps - max(round(_SHARE * steps), 1)
     found = []

@@ -40,6 +40,8 @@ class Outcome:
     """All plans that were played to the end."""
     refusals: dict[int, dict[str, str]] = field(default_factory=dict)
     """Reasons why families have no plan without collisions, by number of robots."""
+    untried: dict[int, list[str]] = field(default_factory=dict)
+    """Families of which there was no time to try a plan, by number of robots."""
     looks: int = 0
     """Number of plans that were looked at."""
     unplayed: int = 0
@@ -128,7 +130,8 @@ def prepare(
         turning_radius: Radius of a car's tightest circle [m]; None for points on the curve, or the scenario's robots.
         rogue_speed: Top speed of evading targets [m/s].
         entry: Place where targets appear, as in `targets.entry`.
-        failures: Robots that fail for good, each at a random time in the middle half of an episode.
+        failures: Robots that fail for good: each combination of as many is removed in an episode of its own, after a
+            quarter of it; of more than 64 combinations, 64 are drawn at random.
         guarantee: Time within which every target must be detected [s]; the search ends at the smallest number of robots
             that achieves it.
         seed: Seed of the episodes and of the search.
@@ -201,6 +204,7 @@ def _search(
             outcome.guarantees,
         )
         outcome.finals += running.finals
+        outcome.untried[number] = running.untried()
         outcome.refusals[number] = running.refusals()
         outcome.looks += len(running.looks)
         outcome.broken += running.broken

@@ -16,6 +16,9 @@ from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, OP
 
 WHOLE, SETTLED = "whole", "settled"
 """Goals: the worst case of whole episodes, and of their second halves, when all robots have reached their places."""
+LOST, SETTLED_TIME, GROWN = "lost", "settled_time", "still_growing"
+"""Entries of a score row of planning: the robots that are removed, the worst-case undetected time of the second half of
+the episode [s], and whether the worst case is that of the last moment and longer than any before it."""
 MESSAGES = "nothing", "phases of ring neighbours", "positions of ring neighbours"
 """Contents of messages, those that are the least to communicate first; any other comes last."""
 
@@ -99,16 +102,14 @@ def top_speed(task: Scenario) -> float:
     return robot_speed_limit(task) if cars is None else cars.robot.top_speed
 
 
-def figures_of(
-    rows: Sequence[dict[str, Any]], failed: Sequence[dict[str, Any]], plan: Plan, settled: float, messages: str
-) -> Figures:
-    """Return the figures of a plan from its score rows; `settled` [s] and `messages` are not among these."""
+def figures_of(rows: Sequence[dict[str, Any]], failed: Sequence[dict[str, Any]], plan: Plan, messages: str) -> Figures:
+    """Return the figures of a plan from its score rows, and `messages`, which is not among these."""
     duration, body = plan.scenario.task.duration, 2 * plan.scenario.robot.radius
     detection_low, detection_high = t_interval(_of(DETECTION_TIME, rows))
     collisions_failed = sum(_of(COLLISIONS, failed))
     return Figures(
         worst_case=worst_case(rows),
-        settled=math.inf if math.isinf(worst_case(rows)) else settled,
+        settled=max(bounds_of(rows, SETTLED_TIME)),
         worst_case_failed=math.inf if collisions_failed else worst_case(failed),
         detection_time=_mean(_of(DETECTION_TIME, rows)),
         collisions=sum(_of(COLLISIONS, rows)),
@@ -123,9 +124,15 @@ def figures_of(
 
 def worst_case(rows: Sequence[dict[str, Any]]) -> float:
     """Return the worst-case undetected time of some episodes [s]; infinite if one shows no bound, NaN for none."""
-    if not rows:
-        return math.nan
-    return math.inf if any(_of(OPEN, rows)) else max(_of(WORST_CASE, rows))
+    return max(bounds_of(rows), default=math.nan)
+
+
+def bounds_of(rows: Sequence[dict[str, Any]], name: str = WORST_CASE.name) -> list[float]:
+    """Return a worst-case undetected time of each episode [s]; infinite if an episode shows no bound.
+
+    That is so, too, where the time was still growing at the end, for less than half of the episode.
+    """
+    return [math.inf if row[OPEN.name] or row[GROWN] else row[name] for row in rows]
 
 
 def t_interval(values: Sequence[float]) -> tuple[float, float]:

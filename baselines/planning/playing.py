@@ -1,12 +1,16 @@
 """Plans that are played: a first look with an early end, and the final episodes from which figures are printed."""
 
+import itertools
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from baselines.planning.plans import Plan, Planned, figures_of
+import numpy as np
+
+from baselines.planning.plans import GROWN, LOST, SETTLED_TIME, Plan, Planned, figures_of
+from baselines.policies.patience import StoppedError, patience
 from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.episodes.limits import guaranteed_time_limit
 from lissajous_env.parameters import named
@@ -14,13 +18,16 @@ from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import where_raised
 from lissajous_env.world.columns import COLLISIONS
+from lissajous_env.world.robots.faults import removal_steps
 from lissajous_env.world.score import is_open
 from lissajous_env.world.simulation import Simulation
 
-EPISODES, FAILED_EPISODES = 4, 8
-"""Final episodes of a plan without failures, and with failures."""
-_SCREENED, _SCREENED_FAILED = 2, 2
-"""Episodes of a first look."""
+EPISODES, MOST_LOSSES = 4, 64
+"""Final episodes of a plan without failures, and most episodes with failures."""
+_SCREENED, _SCREENED_LOSSES = 2, 8
+"""Episodes of a first look without failures, and most of these with failures."""
+_LOST_AT = 0.25
+"""Share of an episode after which robots are removed: early enough for a gap to grow for more than half of it."""
 _SHARE = 0.5
 """Duration of an episode of a first look, over that of a final one."""
 _EVERY = 8
@@ -33,10 +40,6 @@ class _BeyondCutoffError(Exception):
     """Raised in a running episode when the plan is known to be worse than another one."""
 
 
-class StoppedError(Exception):
-    """Raised in a running episode when the planning is over."""
-
-
 @dataclass(frozen=True)
 class Episodes:
     """The episodes of every plan: with the same seeds for all, so that plans are compared on the same failures."""
@@ -44,13 +47,29 @@ class Episodes:
     seed: int = 0
     """Seed of the first episode without failures and of the first with failures."""
     failures: int = 0
-    """Robots that fail in an episode with failures."""
+    """Robots that fail for good in an episode with failures."""
     count: int = EPISODES
-    failed_count: int = FAILED_EPISODES
 
     def with_failures(self, scenario: Scenario) -> Scenario:
-        """Return a scenario in which robots fail for good, at random times in the middle half of an episode."""
+        """Return a scenario in which so many more robots fail for good; `remove_early` determines which and when."""
         return named.build(scenario, **{"faults.lost": scenario.faults.lost + self.failures})
+
+    def losses(self, scenario: Scenario) -> list[tuple[int, ...]]:
+        """Return the robots that are removed in each episode with failures.
+
+        These are all combinations of as many robots as fail, or, of more than `MOST_LOSSES`, so many random ones.
+        """
+        robots, lost = scenario.num_robots, self.with_failures(scenario).faults.lost
+        if self.combinations(scenario) <= MOST_LOSSES:
+            return list(itertools.combinations(range(robots), lost))
+        draw, chosen = np.random.default_rng(self.seed), {}
+        while len(chosen) < MOST_LOSSES:
+            chosen[tuple(sorted(draw.choice(robots, lost, replace=False).tolist()))] = None
+        return list(chosen)
+
+    def combinations(self, scenario: Scenario) -> int:
+        """Return the number of combinations of as many robots as fail in an episode with failures."""
+        return math.comb(scenario.num_robots, self.with_failures(scenario).faults.lost)
 
 
 @dataclass(frozen=True)
@@ -93,14 +112,13 @@ def look_at(plan: Plan, episodes: Episodes, cutoff: float, stopped: Callable[[],
         changed = {"task.contamination": coarse_grid(plan.scenario), "task.grid": (1, 1)}
         scenario = named.build(plan.scenario, **changed)
         until = max(round(_SHARE * task.steps), 1)
-        found = _raced(plan, scenario, episodes.seed, _SCREENED, until, cutoff, stopped)
-        collisions, worst, settled, age = found
-        failed = 0.0
-        if episodes.failures and not collisions:
-            failed = math.inf
-        if episodes.failures and not collisions and worst < math.inf:
-            scenario = episodes.with_failures(scenario)
-            _, failed, *_ = _raced(plan, scenario, episodes.seed, _SCREENED_FAILED, task.steps, math.inf, stopped)
+        whole = [()] * _SCREENED
+        collisions, worst, settled, age = _raced(plan, scenario, episodes.seed, whole, until, cutoff, stopped)
+        failed = math.inf if episodes.failures and not collisions else 0.0
+        if failed and worst < math.inf:
+            scenario, losses = episodes.with_failures(scenario), episodes.losses(scenario)
+            losses = losses[:: math.ceil(len(losses) / _SCREENED_LOSSES)]
+            _, failed, *_ = _raced(plan, scenario, episodes.seed, losses, task.steps, math.inf, stopped)
         return Look(plan, collisions, worst, failed, settled, age)
     except StoppedError:
         raise
@@ -109,14 +127,22 @@ def look_at(plan: Plan, episodes: Episodes, cutoff: float, stopped: Callable[[],
 
 
 def _raced(
-    plan: Plan, scenario: Scenario, seed: int, worlds: int, until: int, cutoff: float, stopped: Callable[[], bool]
+    plan: Plan,
+    scenario: Scenario,
+    seed: int,
+    losses: Sequence[tuple[int, ...]],
+    until: int,
+    cutoff: float,
+    stopped: Callable[[], bool],
 ) -> tuple[int, float, float, float]:
     """Return collisions and the worst case, that of the second half, and the mean age [s] of episodes.
 
     They may end early.
     """
-    policy = plan.settings.make(scenario, worlds)
-    simulation = Simulation(scenario, worlds, threads=1, seed=seed)
+    with patience(stopped):
+        policy = plan.settings.make(scenario, len(losses))
+    simulation = Simulation(scenario, len(losses), threads=1, seed=seed)
+    remove_early(simulation, losses)
     runner = EpisodeRunner(policy, simulation)
     policy.reset()
     settled = 0
@@ -157,40 +183,46 @@ def play(
         cutoff: Returns a worst-case undetected time [s]; for a plan that exceeds it, or collides where it is not
             infinite, the result is None.
     """
-    found = _played(plan, plan.scenario, episodes.seed, episodes.count, stopped, cutoff)
+    found = _played(plan, plan.scenario, episodes.seed, [()] * episodes.count, stopped, cutoff)
     if found is None:
         return None
-    rows, settled, messages = found
+    rows, messages = found
     failed: list[dict[str, Any]] = []
     if episodes.failures and not any(row[COLLISIONS.name] for row in rows):
         scenario = episodes.with_failures(plan.scenario)
-        found = _played(plan, scenario, episodes.seed, episodes.failed_count, stopped)
+        found = _played(plan, scenario, episodes.seed, episodes.losses(plan.scenario), stopped)
         assert found is not None, "without a cutoff every episode is played to the end"
-        failed, *_ = found
+        failed, _ = found
     limit = guaranteed_time_limit(plan.scenario)
-    return Planned(plan, figures_of(rows, failed, plan, settled, messages), limit, rows, failed)
+    return Planned(plan, figures_of(rows, failed, plan, messages), limit, rows, failed)
 
 
 def _played(
     plan: Plan,
     scenario: Scenario,
     seed: int,
-    worlds: int,
+    losses: Sequence[tuple[int, ...]],
     stopped: Callable[[], bool],
     cutoff: Callable[[], float] = lambda: math.inf,
-) -> tuple[list[dict[str, Any]], float, str] | None:
-    """Return the score rows of some episodes, the worst case of their second halves [s], and the policy's messages.
+) -> tuple[list[dict[str, Any]], str] | None:
+    """Return the score rows of some episodes, with what `plans` adds to these, and the policy's messages.
 
     Beyond the cutoff [s], the result is None.
     """
-    policy = plan.settings.make(scenario, worlds)
-    simulation = Simulation(scenario, worlds, threads=1)
+    with patience(stopped):
+        policy = plan.settings.make(scenario, len(losses))
+    simulation = Simulation(scenario, len(losses), threads=1)
     tally, field = simulation.tally, simulation.contamination
-    settled = [0]
+    settled = np.zeros(len(losses), dtype=int)
+    before = np.zeros(len(losses), dtype=int)
 
     def check(taken: int) -> None:
+        if taken == 0:
+            remove_early(simulation, losses)
         if 2 * taken > scenario.task.steps:
-            settled.append(int(field.age.numpy().max()))
+            np.maximum(settled, field.age.numpy(), out=settled)
+        if taken == scenario.task.steps - 1:
+            before[:] = field.age_max.numpy()
         if taken % _EVERY:
             return
         if stopped():
@@ -201,11 +233,31 @@ def _played(
             raise _BeyondCutoffError
 
     try:
-        EpisodeRunner(policy, simulation).play(range(seed, seed + worlds), check)
+        EpisodeRunner(policy, simulation).play(range(seed, seed + len(losses)), check)
     except _BeyondCutoffError:
         return None
-    rows = [{"policy": plan.settings.policy} | row for row in simulation.score()]
-    return rows, max(settled) * scenario.task.step, policy.communicates
+    grown = field.age_max.numpy() > before
+    rows = [
+        {"policy": plan.settings.policy}
+        | row
+        | {LOST: lost, SETTLED_TIME: float(age) * scenario.task.step, GROWN: bool(grows)}
+        for row, lost, age, grows in zip(simulation.score(), losses, settled, grown, strict=True)
+    ]
+    return rows, policy.communicates
+
+
+def remove_early(simulation: Simulation, losses: Sequence[tuple[int, ...]]) -> None:
+    """Let the robots that each world loses be removed after a quarter of the episode, in place of random ones.
+
+    An empty loss leaves a world as it is.
+    """
+    task, faults = simulation.scenario.task, simulation.scenario.faults
+    removed_at = simulation.robots.removed_at.numpy().copy()
+    for row, lost in zip(removed_at, losses, strict=True):
+        if lost:
+            row[:] = removal_steps(faults, len(row), task.step)
+            row[list(lost)] = np.minimum(row[list(lost)], round(_LOST_AT * task.steps))
+    simulation.robots.removed_at.assign(removed_at)
 
 
 def grid(scenario: Scenario, longest: int, cells_in_a_sensor: float) -> tuple[int, int]:

@@ -1,5 +1,6 @@
-"""The search: first looks at the plans of all families while time allows, then the final episodes of the best."""
+"""The search: looks at the first plan of each family, the defaults, then more looks, and final episodes of the best."""
 
+import itertools
 import math
 import threading
 import time
@@ -14,12 +15,15 @@ from baselines.planning.families.known import NAME as KNOWN
 from baselines.planning.families.shipped import NAME as DEFAULTS
 from baselines.planning.optimising import optimise
 from baselines.planning.plans import SETTLED, WHOLE, Plan, Planned
-from baselines.planning.playing import Episodes, Look, StoppedError, look_at, play, reason_of
+from baselines.planning.playing import Episodes, Look, look_at, play, reason_of
 from baselines.planning.tried import Tried, first_of_each, in_turn, outcome_of, why
+from baselines.policies.patience import StoppedError
 from baselines.policies.settings import PolicySettings
 from lissajous_env.device.devices import cores
 from lissajous_env.parameters.scenario import Scenario
 
+_FIRSTS = 0.4
+"""Share of the time after which the looks at the first plan of each family end."""
 _DEFAULTS, _LOOKING = 0.7, 0.7
 """Shares of the time after which no default is begun, and after which no plan is looked at."""
 _LOOKING_LESS, _OPTIMISING = 0.25, 0.9
@@ -70,6 +74,8 @@ class Search:
         self._tried = {family.name: Tried(family) for family in families}
         self._random = np.random.default_rng(seed)
         self._known: set[tuple] = set()
+        self._played: set[tuple] = set()
+        """Plans of which the final episodes were begun."""
         self._optimised: list[Plan] = []
         self._longest = 0.0
         """Duration of the longest final episodes of a plan so far [s]."""
@@ -84,6 +90,11 @@ class Search:
         """Return for each family without a final plan the reason."""
         finals = {each.plan.family for each in self.finals if each.figures.collisions == 0}
         return {name: why(tried, self.task) for name, tried in self._tried.items() if name not in finals}
+
+    def untried(self) -> list[str]:
+        """Return the families of which no plan was tried, although they may have some."""
+        open_ones = [each for each in self._tried.values() if not (each.looks or each.unmade)]
+        return [each.family.name for each in open_ones if each.family.starts(self.task)]
 
     def run(
         self,
@@ -108,7 +119,7 @@ class Search:
         self._clock = lambda: self._time() - begin
         self._on_progress, self._seconds = on_progress, seconds
         with ThreadPoolExecutor(cores()) as threads:
-            for stage in (self._play_defaults, self._look, self._optimise, self._finish):
+            for stage in (self._look_at_firsts, self._play_defaults, self._look, self._optimise, self._finish):
                 if self._is_met:
                     return
                 try:
@@ -130,31 +141,30 @@ class Search:
         safe = [each.figures.worst_case for each in self.finals if each.figures.collisions == 0]
         return min(safe, default=math.inf)
 
+    def _is_late(self, share: float) -> bool:
+        """Return whether some share of the time is over, unless no plan was played yet: there is nothing to print."""
+        return self._over.is_set() or (bool(self.finals) and self._clock() > share * self._seconds)
+
     def _play_defaults(self, threads: ThreadPoolExecutor) -> None:
-        """Play the defaults to the end, except those that turn out to be worse than another plan before."""
+        """Play the defaults to the end, and in turn with them the best plans so far.
+
+        Those that turn out to be worse than another plan are not played to the end.
+        """
         tried = self._tried.get(DEFAULTS)
         if tried is None:
             return
         plans = [tried.family.plan(self.task, settings) for settings in tried.family.starts(self.task)]
         self._known |= {plan.key for plan in plans}
-        until, waiting = _DEFAULTS * self._seconds, iter(plans)
+        until, waiting = _DEFAULTS * self._seconds, in_turn([plans, [look.plan for look in self.ranked()]])
         running: dict[Future, tuple[Plan, float]] = {}
         # A default that is worse without failures may be better with them.
         slack = _CUTOFF if self.episodes.failures else 1.0
-
-        def over() -> bool:
-            # Without a plan that was played to the end there is nothing to print.
-            late = bool(self.finals) and self._clock() > _LATEST * self._seconds
-            return late or self._over.is_set() or self._is_met
 
         while True:
             while len(running) < cores() and self._clock() < until and not self._is_met:
                 if (plan := next(waiting, None)) is None:
                     break
-                running[threads.submit(play, plan, self.episodes, over, lambda: slack * self.best)] = (
-                    plan,
-                    self._clock(),
-                )
+                running[self._begun(threads, plan, _LATEST, lambda: slack * self.best)] = plan, self._clock()
             if not running:
                 break
             for each in self._ended(running):
@@ -163,8 +173,16 @@ class Search:
                 if found is not None:
                     self.finals.append(found)
                     self._longest = max(self._longest, self._clock() - began)
-                tried.looks += [({"policy": plan.settings.policy}, look)]
-        self.unplayed = sum(1 for _ in waiting)
+                if plan.family == DEFAULTS:
+                    tried.looks += [({"policy": plan.settings.policy}, look)]
+        self.unplayed = sum(plan.family == DEFAULTS for plan in waiting)
+
+    def _begun(
+        self, threads: ThreadPoolExecutor, plan: Plan, share: float, cutoff: Callable[[], float] = lambda: math.inf
+    ) -> Future:
+        """Begin the final episodes of a plan, which end when some share of the time is over."""
+        self._played.add(plan.key)
+        return threads.submit(play, plan, self.episodes, lambda: self._is_met or self._is_late(share), cutoff)
 
     def _ended(self, running: Iterable[Future]) -> set[Future]:
         """Wait for a moment, report the progress, and return those that have ended."""
@@ -172,31 +190,42 @@ class Search:
         self._on_progress(self._clock())
         return done
 
+    def _look_at_firsts(self, threads: ThreadPoolExecutor) -> None:
+        """Look at the first plan of each family."""
+        families = [each for each in self._tried.values() if each.family.name != DEFAULTS]
+        firsts = (
+            itertools.islice((job for given in each.family.starts(self.task) for job in self._new(each, given)), 1)
+            for each in families
+        )
+        share = min(_FIRSTS, _LOOKING_LESS) if self._optimises else _FIRSTS
+        self._look_at(threads, itertools.chain.from_iterable(firsts), share)
+
     def _look(self, threads: ThreadPoolExecutor) -> None:
         """Look at plans until some share of the time has passed."""
-        until = (_LOOKING_LESS if self._optimises else _LOOKING) * self._seconds
+        self._look_at(threads, self._jobs(), _LOOKING_LESS if self._optimises else _LOOKING)
+
+    def _look_at(self, threads: ThreadPoolExecutor, jobs: Iterator[tuple[Tried, Settings, Plan]], share: float) -> None:
+        """Look at the plans of some jobs until a share of the time has passed."""
 
         def over() -> bool:
-            # Without a plan that was looked at there is nothing to print.
-            return self._over.is_set() or (bool(self.looks) and self._clock() > until)
+            # Without a plan that may be played to the end there is nothing to print.
+            enough = share if any(not look.fails for look in self.looks) else 1.0
+            return self._over.is_set() or (bool(self.looks) and self._clock() > enough * self._seconds)
 
-        jobs = self._jobs()
-        running: dict[Future, tuple[Tried, Settings]] = {}
+        running: dict[Future, tuple[Tried, Settings, Plan]] = {}
         while running or not over():
-            while len(running) < 2 * cores() and not over():
-                job = next(jobs, None)
-                if job is None:
+            while len(running) < cores() and not over():
+                if (job := next(jobs, None)) is None:
                     break
-                tried, settings, plan = job
-                running[threads.submit(look_at, plan, self.episodes, self._cutoff(), over)] = tried, settings
+                running[threads.submit(look_at, job[2], self.episodes, self._cutoff(), over)] = job
             if not running:
                 break
             for each in self._ended(running):
-                tried, settings = running.pop(each)
+                tried, settings, plan = running.pop(each)
                 try:
                     tried.looks.append((settings, each.result()))
                 except StoppedError:
-                    continue
+                    self._known.discard(plan.key)
 
     def _optimise(self, threads: ThreadPoolExecutor) -> None:
         """Improve free-form paths, from the best plans of timed paths."""
@@ -257,20 +286,23 @@ class Search:
     def _finish(self, threads: ThreadPoolExecutor) -> None:
         """Play the best plans to the end, the best first, until the time is over."""
         self._over.clear()
-        played = {each.plan.key for each in self.finals}
-        waiting = [*self._optimised, *(look.plan for look in self.ranked() if look.plan.key not in played)]
+        waiting = [*self._optimised, *(look.plan for look in self.ranked())]
+        waiting = [plan for plan in waiting if plan.key not in self._played]
         if self.interrupted:
             waiting = waiting[:_FEWEST_FINALS]
         running: dict[Future, float] = {}
         while waiting or running:
             while waiting and len(running) < cores() and self._may_begin():
-                running[threads.submit(play, waiting.pop(0), self.episodes, self._over.is_set)] = self._clock()
+                share = math.inf if self.interrupted else 1.0
+                running[self._begun(threads, waiting.pop(0), share)] = self._clock()
             if not running:
                 return
             for each in self._ended(running):
                 self._longest = max(self._longest, self._clock() - running.pop(each))
                 try:
                     found = each.result()
+                except StoppedError:
+                    continue
                 except Exception as error:  # one policy that fails must not end the search
                     self.broken.append(reason_of(error))
                     continue

@@ -1,16 +1,18 @@
 """Tables of plans, and words about families without one."""
 
 import math
+import statistics
 from collections.abc import Sequence
 from typing import Any
 
 from baselines.benchmark.tables import between
 from baselines.planning.families.known import NAME as KNOWN
 from baselines.planning.planner import Outcome
-from baselines.planning.plans import Figures, Planned
+from baselines.planning.plans import SETTLED_TIME, Figures, Planned, bounds_of
 from baselines.policies import registry
 from baselines.policies.combinations import COMBINATIONS
 from lissajous_env.console.terminal import Column, print_table
+from lissajous_env.world.columns import OPEN, WORST_CASE
 
 
 def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> list[str]:
@@ -20,9 +22,9 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> lis
         Column("", name="number"),
         Column("plan", left=True),
         Column("N") if len(outcome.tasks) > 1 else None,
-        Column("worst case\n[s]"),
-        Column("second\nhalf [s]"),
-        Column(f"with {failures}\nlost [s]") if failures else None,
+        Column(f"worst case [s]\n{outcome.episodes.count} episodes"),
+        Column(f"second half [s]\n{outcome.episodes.count} episodes"),
+        Column(f"with {failures} lost [s]\n{_losses(outcome)} episodes") if failures else None,
         Column("lower\nbound [s]", rank=1),
         Column("detected in\nmean [s]", rank=1),
         Column("least gap\n[m]", rank=2),
@@ -37,8 +39,8 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> lis
             str(k),
             each.plan.settings.policy,
             str(each.plan.scenario.num_robots) if len(outcome.tasks) > 1 else None,
-            _time(figures.worst_case),
-            _time(figures.settled),
+            worst_in_words(figures.worst_case, each.rows),
+            worst_in_words(figures.settled, each.rows, SETTLED_TIME),
             _failed(each) if failures else None,
             _number(each.limit),
             _detection(figures),
@@ -67,6 +69,14 @@ def print_formations(console: Any, plans: Sequence[Planned]) -> list[str]:
     return print_table(console, [Column(title) for title in titles], rows)
 
 
+def untried_in_words(outcome: Outcome) -> str:
+    """Return a warning that names the families of which no plan was tried; "" if there is none."""
+    names = list(dict.fromkeys(name for families in outcome.untried.values() for name in families))
+    if not names:
+        return ""
+    return f"Not tried for lack of time: {', '.join(names)}. Their plans may be better: more --seconds are needed."
+
+
 def sentences(outcome: Outcome) -> list[str]:
     """Return what was played, what the figures mean, and the reasons of the families that have no plan."""
     episodes = outcome.episodes
@@ -75,8 +85,11 @@ def sentences(outcome: Outcome) -> list[str]:
     ]
     if episodes.failures:
         lost = "1 robot is removed" if episodes.failures == 1 else f"{episodes.failures} robots are removed"
-        words[0] += f", and {episodes.failed_count} in which {lost} (robot and time at random)"
-    words[0] += "."
+        all_or_some = "each combination of robots once" if episodes.failures > 1 else "each robot once"
+        if "of" in _losses(outcome):
+            all_or_some = "of as many combinations of robots, drawn at random"
+        words[0] += f", and {_losses(outcome)} in which {lost} after a quarter of the episode ({all_or_some})"
+    words[0] += ". A guarantee is the largest time of these episodes; the median is in brackets where it differs."
     if outcome.unplayed:
         words.append(f"{outcome.unplayed} defaults were not simulated: more --seconds are needed.")
     if outcome.broken:
@@ -90,7 +103,8 @@ def sentences(outcome: Outcome) -> list[str]:
         words += _of_guarantee(outcome)
     for number, refusals in outcome.refusals.items():
         at = f" ({number} robots)" if len(outcome.tasks) > 1 else ""
-        words += [f"No plan of {family}{at}: {reason}." for family, reason in refusals.items() if family != KNOWN]
+        refusals = {family: reason.removesuffix(".") for family, reason in refusals.items() if family != KNOWN}
+        words += [f"No plan of {family}{at}: {reason}." for family, reason in refusals.items()]
     return words
 
 
@@ -118,11 +132,37 @@ def _of_guarantee(outcome: Outcome) -> list[str]:
     return [*words, f"{fewest} robots are the fewest with which a plan was found that guarantees {asked}."]
 
 
+def _losses(outcome: Outcome) -> str:
+    """Return the number of episodes with failures, and the number of all combinations where these are a sample."""
+    counts = []
+    for task in outcome.tasks.values():
+        played, all_of_them = len(outcome.episodes.losses(task)), outcome.episodes.combinations(task)
+        counts.append(str(played) if played == all_of_them else f"{played} of {all_of_them}")
+    return " to ".join(dict.fromkeys([counts[0], counts[-1]]))
+
+
 def _failed(each: Planned) -> str:
     if each.figures.collisions_failed:
         count = each.figures.collisions_failed
         return "1 collision" if count == 1 else f"{count} collisions"
-    return _time(each.figures.worst_case_failed)
+    return worst_in_words(each.figures.worst_case_failed, each.failed_rows)
+
+
+def worst_in_words(worst: float, rows: Sequence[dict[str, Any]], name: str = WORST_CASE.name) -> str:
+    """Return the largest time of some episodes, with the median where it differs.
+
+    A time that was still growing at the end of an episode, for less than half of it, is a lower bound.
+
+    Args:
+        worst: The largest time [s].
+        rows: Score rows of the episodes.
+        name: Column of the time.
+    """
+    words = _time(worst)
+    if math.isinf(worst) and rows and not any(row[OPEN.name] for row in rows):
+        words = f"> {_number(max(row[name] for row in rows))}"
+    median = _time(statistics.median(bounds_of(rows, name))) if rows else words
+    return words if median in (words, "no bound") else f"{words} (median {median})"
 
 
 def _time(seconds: float) -> str:

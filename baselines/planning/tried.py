@@ -9,7 +9,8 @@ from typing import Any
 
 from baselines.planning.families.base import Family, Settings
 from baselines.planning.plans import Plan, Planned
-from baselines.planning.playing import Look, StoppedError, reason_of
+from baselines.planning.playing import Look, reason_of
+from baselines.policies.patience import StoppedError
 from lissajous_env.parameters.scenario import Scenario
 
 _ELITE = 4

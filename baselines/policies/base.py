@@ -12,10 +12,10 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.memory import clear_worlds
-from lissajous_env import scenario as make_scenario
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch
 from lissajous_env.device.program import launcher
+from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import few_of, shown
@@ -58,7 +58,7 @@ class Policy(Copyable):
             rule = f"must be one of {', '.join(_ARRAYS)}"
             raise ValueError(f"arrays of {type(self).__name__} {rule}, got {shown(self.arrays)}")
         self.num_worlds = whole_number("num_worlds", num_worlds)
-        self.scenario = make_scenario(scenario).resolve()
+        self.scenario = named.build(scenario).resolve()
         self.num_robots = self.scenario.num_robots
         self.device = as_device(device)
         self.name = type(self).__name__

@@ -12,6 +12,7 @@ from baselines.policies.base import Policy
 from lissajous_env import here
 from lissajous_env import scenario as make_scenario
 from lissajous_env.identity import parts_of
+from lissajous_env.parameters.named import build as build_scenario
 from lissajous_env.parameters.robot_models import model_of, robot_kinds
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import EntryPoints
@@ -354,7 +355,8 @@ def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
     """Return the names of the policies, or of those that can drive the robots of a scenario."""
     if scenario is None:
         return tuple(_kinds())
-    kind = make_scenario(scenario).robot.kind
+    made = scenario if isinstance(scenario, Scenario) else make_scenario(scenario)
+    kind = made.robot.kind
     return tuple(name for name, drives in _kinds().items() if _drives(name, drives, kind))
 
 
@@ -368,7 +370,7 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
     num_worlds = whole_number("num_worlds", num_worlds)
     if not isinstance(name, (str, os.PathLike)):
         raise ValueError(f"policy must be a name or a folder, got {shown(name)}")
-    made = make_scenario(scenario)
+    made = build_scenario(scenario)
     if is_folder(name):
         folder, suffix = _folder_of(name)
         return wrapped(_opener_of(folder).make(folder, made, num_worlds, device), suffix, str(name))

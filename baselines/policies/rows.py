@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from lissajous_env import scenario as make_scenario
+from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import nearest, shown
@@ -26,7 +26,7 @@ class Rows:
     """
 
     def __init__(self, observation: np.ndarray, scenario: str | Scenario):
-        self.scenario = make_scenario(scenario).resolve()
+        self.scenario = named.build(scenario).resolve()
         self.values = np.asarray(observation)
         self._layout = layout(self.scenario)
         curve, robot = self.scenario.curve, self.scenario.robot

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from baselines.policies.dubins import dubins_lengths, dubins_places
+from baselines.policies.patience import check_patience
 
 _PROFILE = np.linspace(0, 1, 21)
 _TRIES = 24
@@ -71,10 +72,13 @@ def transit(
     pose, loop_speed = loop_poses(loop, step)
     times = np.arange(2, longest + 1)
     at = times % loop.shape[1]
-    pieces = dubins_lengths(start[:, None, None], pose[None], car.turning)[:, :, at]  # (N, N, T, 6, 3)
-    lengths = pieces.sum(axis=-1)
-    possible = _drivable(lengths, speed[:, None, None, None], loop_speed[None][:, :, at, None], times, car, step)
-    arrival = np.where(possible.any(axis=3), times, np.inf).min(axis=2)
+    entries = pose[:, at], loop_speed[:, at, None]
+    arrival = []
+    for place, before in zip(start, speed, strict=True):  # one by one: all together need gigabytes for large teams
+        check_patience()
+        _, possible = _drivable(place, before, *entries, times, car, step)
+        arrival.append(np.where(possible.any(axis=2), times, np.inf).min(axis=1))
+    arrival = np.array(arrival)
     if not np.isfinite(arrival).any(axis=1).all():
         return None
     cost = np.where(np.isfinite(arrival), arrival, 100.0 * longest) ** 4
@@ -87,7 +91,10 @@ def transit(
         chosen = assignments[np.argmin(cost[robots, assignments].sum(axis=1))]
     if not np.isfinite(arrival[robots, chosen]).all():
         return None
-    ways = [_Ways(i, chosen[i], start, speed, loop, loop_speed, pieces, possible, times, car, step) for i in robots]
+    ways = [
+        _Ways(i, start[i], speed[i], loop[k], [each[k : k + 1] for each in entries], loop_speed[k], times, car, step)
+        for i, k in enumerate(chosen)
+    ]
     draw, order = np.random.default_rng(0), np.argsort(-arrival[robots, chosen], kind="stable")
     for _ in range(_TRIES):
         found = _selected([ways[i] for i in order], apart)
@@ -101,10 +108,27 @@ def transit(
 
 
 def _drivable(
-    lengths: np.ndarray, before: np.ndarray, after: np.ndarray, times: np.ndarray, car: Car, step: float
-) -> np.ndarray:
-    """Return which lengths (..., T, 6) can be driven in a time, from one speed to the other."""
-    duration = (times * step)[:, None]
+    start: np.ndarray,
+    before: float,
+    pose: np.ndarray,
+    after: np.ndarray,
+    times: np.ndarray,
+    car: Car,
+    step: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pieces (M, T, 6, 3) of a robot's paths into M loops [m], and which of these it can drive (M, T, 6).
+
+    Args:
+        start: (3,) pose at the start.
+        before: Speed at the start [m/s].
+        pose: (M, T, 3) poses on the loops at the times of arrival.
+        after: (M, T, 1) speeds there [m/s].
+        times: (T,) times of arrival [control step].
+        car: Constants of the cars.
+        step: Control step [s].
+    """
+    pieces = dubins_lengths(start, pose, car.turning)
+    lengths, duration = pieces.sum(axis=-1), (times * step)[:, None]
     swell = lengths / duration - (before + after) / 2
     possible = np.isfinite(lengths)
     for share in _PROFILE:
@@ -113,17 +137,17 @@ def _drivable(
         possible &= speed >= np.minimum(car.slowest, 0.9 * np.minimum(before, after)) - 1e-9 * car.speed
         possible &= speed <= np.maximum(car.speed, np.maximum(before, after)) * (1 + 1e-9)
         possible &= (gain <= car.drag * (car.top_speed - speed)) & (gain >= -0.85 * car.drag * speed)
-    return possible
+    return pieces, possible
 
 
 class _Ways:
     """The drivable ways of a robot into its loop, the earliest first."""
 
-    def __init__(self, robot, cell, start, speed, loop, loop_speed, pieces, possible, times, car, step):
+    def __init__(self, robot, start, speed, loop, entries, loop_speed, times, car, step):
         self.robot, self.car, self.step = robot, car, step
-        self.start, self.speed, self.loop, self.loop_speed = start[robot], speed[robot], loop[cell], loop_speed[cell]
-        self.pieces, self.times = pieces[robot, cell], times
-        which = np.argwhere(possible[robot, cell])
+        self.start, self.speed, self.loop, self.loop_speed, self.times = start, speed, loop, loop_speed, times
+        (self.pieces,), (possible,) = _drivable(start, speed, *entries, times, car, step)
+        which = np.argwhere(possible)
         lengths = self.pieces.sum(axis=-1)[which[:, 0], which[:, 1]]
         self.which = which[np.lexsort((lengths, which[:, 0]))][:_PER_ROBOT]
 
@@ -150,6 +174,7 @@ def _selected(ways: list[_Ways], apart: float) -> dict[int, tuple[np.ndarray, in
     halves = 2 * int(ways[0].times[-1]) + 2 * len(ways[0].loop)
     found: dict[int, tuple[np.ndarray, int]] = {}
     for way in ways:
+        check_patience()
         for k in range(len(way.which)):
             places, arrives = way.places(k, halves)
             clear = True

@@ -162,7 +162,7 @@ def evaluate(
         InvalidActionError: the policy returned actions that have a wrong shape or are not finite (a ValueError).
         ValueError: an invalid policy, scenario or seed.
     """
-    seeds, made = list(seeds), named.scenario(scenario, **overrides)
+    seeds, made = list(seeds), named.build(scenario, **overrides)
     if isinstance(policy, type) or not (callable(policy) or hasattr(policy, "act")):
         raise ValueError(f"policy must have reset, act and num_worlds, or be a function, got {shown(policy)}")
     acting: Any = policy
@@ -184,7 +184,7 @@ def episodes(
     `on_start` is called once, before the first step, and `on_step` after each step.
     """
     seeds = list(seeds)
-    simulation = Simulation(named.scenario(scenario), policy.num_worlds, device=device)
+    simulation = Simulation(named.build(scenario), policy.num_worlds, device=device)
     if on_start is not None:
         on_start(simulation)
     runner = EpisodeRunner(policy, simulation)

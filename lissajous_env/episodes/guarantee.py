@@ -47,7 +47,7 @@ def reach_of(scenario: str | Scenario, speed: float, radius: float | None = None
         radius: Sensing radius r_s [m]; by default that of the scenario.
         cells: Grid cells along the longer side of the rectangle.
     """
-    scenario = named.scenario(scenario)
+    scenario = named.build(scenario)
     radius = scenario.sensing_radius if radius is None else radius
     return Reach(radius, critical_speed(scenario, radius, cells), guaranteed_time(scenario, radius, speed, cells))
 
@@ -66,7 +66,7 @@ def worst_undetected_times(policy: ActingPolicy, scenario: str | Scenario, seeds
     Raises:
         ValueError: `task.contamination` of the scenario is None.
     """
-    scenario = named.scenario(scenario)
+    scenario = named.build(scenario)
     check_follows(scenario)
     simulation = Simulation(scenario, policy.num_worlds)
     ages: list[np.ndarray] = []
@@ -78,7 +78,7 @@ def worst_undetected_times(policy: ActingPolicy, scenario: str | Scenario, seeds
 
 def check_follows(scenario: str | Scenario) -> None:
     """Raise ValueError if `task.contamination` of a scenario is None."""
-    scenario = named.scenario(scenario)
+    scenario = named.build(scenario)
     if scenario.task.contamination is None:
         raise ValueError(f"task.contamination of {scenario.name} must be (columns, rows), got None")
 
@@ -97,7 +97,7 @@ def in_formation(
     Raises:
         ValueError: the targets are too fast for the grid.
     """
-    scenario = named.scenario(scenario)
+    scenario = named.build(scenario)
     curve, known = scenario.curve, scenario.resolve()
     side = 2 * max(curve.half_width, curve.half_height) / cells
     limit = 30 * side / scenario.task.step

@@ -76,7 +76,7 @@ def robot_speed_limit(scenario: str | Scenario) -> float:
     For a car it is the speed at full throttle with the largest drive that `robot.drive_factors` and
     `noise.drive_spread` allow; for a point it is alpha `phase_rate_max` max ||r'||.
     """
-    made = named.scenario(scenario).resolve()
+    made = named.build(scenario).resolve()
     if made.robot.kind == "car":
         strongest = made.robot.drive * made.noise.most_drive * float(made.drive_factors.max())
         return made.robot.steady_speed(strongest)
@@ -100,7 +100,7 @@ def mean_time_limit(scenario: str | Scenario) -> float:
     NaN if nothing is proved: no targets, a custom motion or robot model, or an episode that ends when robots are
     removed.
     """
-    scenario = named.scenario(scenario)
+    scenario = named.build(scenario)
     targets, task, speed = scenario.targets, scenario.task, robot_speed_limit(scenario)
     mean_arrivals = targets.arrival_rate * task.duration
     if (
@@ -134,7 +134,7 @@ def guaranteed_time_limit(scenario: str | Scenario) -> float:
     cell of the contamination grid, and may be lower by as much. The bound is NaN if nothing is proved: no targets, a
     custom robot model, or an episode that ends when robots are removed.
     """
-    scenario = named.scenario(scenario)
+    scenario = named.build(scenario)
     targets, task, speed, team = scenario.targets, scenario.task, robot_speed_limit(scenario), scenario.num_robots
     if not speed > 0 or _ends_early(scenario) or targets.count + targets.arrival_rate == 0:
         return math.nan

@@ -40,7 +40,7 @@ def policy(
         ValueError: the policy or the scenario is unknown, or they do not fit.
     """
     factories = import_ours("baselines.policies.factories")
-    return factories.named(os.fspath(name))(named.scenario(scenario), num_worlds, device)
+    return factories.named(os.fspath(name))(named.build(scenario), num_worlds, device)
 
 
 def policies(scenario: str | os.PathLike[str] | Scenario | None = None) -> tuple[str, ...]:

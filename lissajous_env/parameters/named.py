@@ -33,6 +33,10 @@ _SAMPLED = re.compile(rf"(.+\{SUFFIX}):(?:(.+)-)?(\d+)")
 """FILE.toml:SEED or FILE.toml:SHIFT-SEED, a scenario of the space in a file."""
 _reported: set[str] = set()
 """Violated assumptions about which this process has already warned."""
+_unused: set[str] = set()
+"""Violated assumptions of scenarios in folders of policies, which matter only if a policy uses the formation."""
+_POLICY = "policy.toml"
+"""Name of the file with the policy in such a folder."""
 
 _MOST_STEPS = 2**20
 """Limit on the steps of an episode."""
@@ -57,7 +61,7 @@ def register_scenario(made: Scenario) -> Scenario:
     if not isinstance(made, Scenario):
         raise ValueError(f"scenario must be a Scenario to be registered, got {shown(made)}")
     _check_name(made.name)
-    _warn(made)
+    warn_of_violations(made)
     if (there := _SHIPPED.get(made.name) or _REGISTERED.get(made.name)) is None:
         _REGISTERED[made.name] = made
         register_ids(made.name)
@@ -84,10 +88,13 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
     Warns:
         AssumptionWarning: the scenario violates an assumption of the paper in a way that no included scenario does;
             each violation is reported once per process. `lissajous_env.parameters.assumptions.violations` lists all.
+            The scenario in the folder of a policy is not reported: the policy may not use its formation.
     """
     made = build(name, **overrides)
-    if overrides or name not in _SHIPPED:
-        _warn(made)
+    if _is_of_policy(name):
+        _unused.update(violations(made))
+    elif overrides or name not in _SHIPPED:
+        warn_of_violations(made, _unused)
     return made
 
 
@@ -248,6 +255,12 @@ def is_scenario_file(name: Any) -> bool:
     return isinstance(name, str) and name.lower().endswith(SUFFIX)
 
 
+def _is_of_policy(name: Any) -> bool:
+    """Return whether a scenario is given as the file in the folder of a policy."""
+    given = os.fspath(name) if isinstance(name, os.PathLike) else name
+    return is_scenario_file(given) and os.path.isfile(os.path.join(os.path.dirname(given), _POLICY))
+
+
 def denotes_scenario(name: str) -> bool:
     """Return True for a registered name, also SPACE-SEED, for the path of a file, and for FILE.toml:SEED."""
     return _is_known(name) or is_scenario_file(name) or _SAMPLED.fullmatch(name) is not None
@@ -265,9 +278,10 @@ def with_cycles(made: Scenario, max_cycles: int | None) -> Scenario:
     return build(made, **{"task.duration": steps * made.task.step})
 
 
-def _warn(made: Scenario) -> None:
-    """Warn about violated assumptions not yet reported in this process and not violated by an included scenario."""
-    if new := [words for words in violations(made) if words not in _reported and words not in _violated_on_purpose()]:
+def warn_of_violations(made: Scenario, allowed: Iterable[str] = ()) -> None:
+    """Warn about violated assumptions that are new in this process, not allowed, and in no included scenario."""
+    known = {*_reported, *allowed, *_violated_on_purpose()}
+    if new := [words for words in violations(made) if words not in known]:
         _reported.update(new)
         warnings.warn(f"scenario {made.name}: {'; '.join(new)}", AssumptionWarning, stacklevel=3)
 

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
 from baselines.planning.families.base import FILTERS, Choices, Settings
 from baselines.planning.plans import Plan, top_speed
 from baselines.policies.as_cars import like_cars
@@ -133,7 +135,11 @@ def _curves(task: Scenario) -> list[Curve]:
 def _may_work(task: Scenario, curve: Curve) -> bool:
     """Return whether the undisturbed formation neither collides nor leaves a gap, and cars can follow most of it."""
     n, robot = task.num_robots, (like_cars(task) or task).robot
-    if geometry.smallest_distance(curve, n) < 2 * robot.radius * _ROOM:
+    apart, halves = 2 * robot.radius * _ROOM, np.pi * np.arange(1, n // 2 + 1) / n
+    # The distances at some phases refuse most curves, long before the smallest of all phases is known.
+    if geometry.chord_length(curve, geometry.lap_phases(curve, 1)[:, None], halves).min(initial=math.inf) < apart:
+        return False
+    if geometry.smallest_distance(curve, n) < apart:
         return False
     if robot.kind == "car":
         turning = geometry.turning_radius(robot.wheelbase, robot.steering_max)

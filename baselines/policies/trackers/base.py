@@ -10,6 +10,7 @@ from baselines.policies.base import Policy
 from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
+from lissajous_env.parameters.named import warn_of_violations
 from lissajous_env.parameters.scenario import Scenario
 
 PHASES = "phases of ring neighbours"
@@ -39,6 +40,9 @@ class Coordinated(Policy):
 
     `coordinator(scenario, num_worlds, device)` makes the coordinator: its class, or a `partial` of it that fixes
     parameters of its own.
+
+    Warns:
+        AssumptionWarning: the scenario violates an assumption of the paper about its formation.
     """
 
     arrays = "warp"
@@ -51,6 +55,7 @@ class Coordinated(Policy):
         device: Any = "cpu",
     ):
         super().__init__(scenario, num_worlds, device)
+        warn_of_violations(self.scenario)
         self.coordinator = coordinator(self.scenario, num_worlds, self.device)
         self.communicates = getattr(self.coordinator, "communicates", PHASES)
         self._curve = curve_struct(self.scenario.curve, self.device)

@@ -102,7 +102,7 @@ def witnesses_of(
     prove: bool = True,
 ) -> list[Witness | None]:
     """Return the rogue of `witness_of` for each seed; the policy has as many worlds as there are seeds."""
-    scenario = named.scenario(scenario)
+    scenario = named.build(scenario)
     check_follows(scenario)
     scenario = dataclasses.replace(scenario, task=dataclasses.replace(scenario.task, conservative=False))
     episodes = play(policy, scenario, [fold_seed(seed) for seed in seeds], device)
