@@ -69,7 +69,7 @@ class Bounds:
 
 @wp.func
 def is_clipped(bounds: Bounds, speed: float) -> bool:
-    """Return whether a speed [m/s] is at the end of the range of the observation, so that the true one may be higher."""
+    """Return whether a speed [m/s] is at the end of the observed range, so that the true one may be higher."""
     return speed >= bounds.clip
 
 
