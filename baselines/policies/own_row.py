@@ -61,6 +61,12 @@ def own_key(w: int, i: int, observation: wp.array3d(dtype=float)) -> int:
 
 
 @wp.func
+def has_heard(w: int, i: int, observation: wp.array3d(dtype=float)) -> bool:
+    """Return whether the row contains a message of a ring neighbour, of any age; that of a removed robot has none."""
+    return observation[w, i, OWN + HEARD] > 0.5 or observation[w, i, OWN + LINK + HEARD] > 0.5
+
+
+@wp.func
 def hears(w: int, i: int, side: int, observation: wp.array3d(dtype=float)) -> bool:
     """Return whether a recent enough message from a ring neighbour is known."""
     start = OWN + LINK * side

@@ -5,9 +5,19 @@
 
 import warp as wp
 
-from baselines.policies.own_row import hears, own_heading, own_key, own_position, own_speed, own_works
-from baselines.safety.compatibility import FAR, GONE, NEW, OLD, THERE, Plans, is_compatible, room_of
-from baselines.safety.own_motion import Bounds, average, averaged, chord_slack, drive, learn, tail_from, within_grip
+from baselines.policies.own_row import has_heard, own_heading, own_key, own_position, own_speed, own_works
+from baselines.safety.compatibility import FAILED, FAR, GONE, NEW, OLD, THERE, UNHEARD, Plans, is_compatible, room_of
+from baselines.safety.own_motion import (
+    Bounds,
+    average,
+    averaged,
+    chord_slack,
+    drive,
+    is_clipped,
+    learn,
+    tail_from,
+    within_limits,
+)
 from baselines.safety.tails import arc_end, lay_out, roll_on
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
@@ -38,7 +48,7 @@ class Memory:
     last: wp.array2d(dtype=wp.vec4)
     """Measured heading [rad], speed [m/s] and the action of the latest step."""
     presence: wp.array2d(dtype=wp.int32)
-    """THERE, GONE, or 0."""
+    """UNHEARD, THERE, FAILED or GONE."""
     steps: wp.array(dtype=wp.int32)
     """Steps decided in this episode."""
     holds: wp.array(dtype=wp.int32)
@@ -50,6 +60,31 @@ def is_off_the_wall(bounds: Bounds, car: wp.vec4, speed: float) -> bool:
     """Return whether a car that had a speed [m/s] a step before cannot have met the wall since."""
     way = (speed + car[3]) * bounds.step + bounds.place
     return wp.min(bounds.half_width - wp.abs(car[0]), bounds.half_height - wp.abs(car[1])) > way
+
+
+@wp.func
+def presence_of(before: int, works: bool, heard: bool, is_first: bool) -> int:
+    """Return the presence of a robot, from its presence before and its row (condition 5).
+
+    The messages of its neighbours disappear from a row only if the robot is removed. A robot that does not work in the
+    first row of an episode, and has heard nothing, is removed as well. Otherwise one that never heard a neighbour is in
+    its place.
+    """
+    if heard:
+        return wp.where(works, THERE, FAILED)
+    if works or (before == UNHEARD and not is_first):
+        return UNHEARD
+    return GONE
+
+
+@wp.func
+def may_stand(w: int, i: int, before: int, bounds: Bounds, car: wp.vec4, memory: Memory) -> bool:
+    """Return whether the row of a robot that a collision has stopped can be like this: it still shows the speed.
+
+    `before` is the presence in the step before. The next row shows whether the robot stands.
+    """
+    now = memory.presence[w, i]
+    return bounds.halts == 1 and car[3] > 0.0 and (now == UNHEARD or (now == FAILED and before != FAILED))
 
 
 @wp.func
@@ -65,20 +100,21 @@ def begin(
 ) -> bool:
     """Advance a robot's memory to the step that begins; return whether the robot is on its tail (condition 6).
 
-    A robot that is elsewhere, as at the beginning of an episode, begins a tail at its position.
+    A robot that is elsewhere, as at the beginning of an episode, begins a tail at its position. So does one that comes
+    back after its removal, and one whose speed is beyond the range of the observation.
     """
     works = own_works(w, i, observation)
-    if hears(w, i, 0, observation) or hears(w, i, 1, observation):
-        memory.presence[w, i] = THERE
-    elif not works and (memory.presence[w, i] == THERE or memory.steps[w] == 0):
-        memory.presence[w, i] = GONE
+    before = memory.presence[w, i]
+    now = presence_of(before, works, has_heard(w, i, observation), memory.steps[w] == 0)
+    memory.presence[w, i] = now
+    is_known = memory.steps[w] > 0 and (before != GONE or now == GONE) and not is_clipped(bounds, car[3])
     if memory.steps[w] == 0:
         memory.known[w, i] = widest
     elif not works:
         memory.tail[w, i] = memory.old_tail[w, i]
         memory.tube[w, i] = memory.old_tube[w, i]
         memory.steering[w, i] = wp.vec2(memory.steering[w, i][1], memory.steering[w, i][1])
-    elif is_off_the_wall(bounds, car, memory.last[w, i][1]):
+    elif is_off_the_wall(bounds, car, memory.last[w, i][1]) and not is_clipped(bounds, memory.last[w, i][1]):
         if bounds.wobble == 0.0:
             memory.known[w, i] = learn(bounds, robot, memory.known[w, i], widest, memory.last[w, i], car[2], car[3])
         else:
@@ -90,7 +126,7 @@ def begin(
     memory.last[w, i] = wp.vec4(car[2], car[3], 0.0, 0.0)
     tail = memory.tail[w, i]
     away = wp.length(wp.vec2(car[0] - tail[0], car[1] - tail[1]))
-    if memory.steps[w] > 0 and away <= memory.tube[w, i][1] + bounds.place:
+    if is_known and away <= memory.tube[w, i][1] + bounds.place:
         return True
     errors = wp.vec3(bounds.place, bounds.heading, bounds.speed)
     tail, tube = tail_from(bounds, robot, memory.known[w, i], car, errors, memory.steering[w, i][0])
@@ -176,7 +212,7 @@ def turn_after(k: int, bounds: Bounds, robot: RobotStruct, known: wp.vec4, speed
         return action[0]
     if k == 3:
         return 0.0
-    return within_grip(bounds, robot, known, speed, wp.vec2(wp.where(k == 1, 1.0, -1.0), action[1]))[0]
+    return within_limits(bounds, robot, known, speed, wp.vec2(wp.where(k == 1, 1.0, -1.0), action[1]))[0]
 
 
 @wp.func
@@ -206,7 +242,7 @@ def decide(
     room = wp.vec2(-FAR, -1.0)
     for k in range(changes.shape[0] * bounds.tails):
         change = changes[k / bounds.tails]
-        action = within_grip(bounds, robot, known, car[3], want + change)
+        action = within_limits(bounds, robot, known, car[3], want + change)
         if k % bounds.tails > 0 and change[0] != 0.0:
             continue  # before a tail with another steering, only actions with the wanted steering are tried
         if (change[0] != 0.0 and action[0] == want[0]) or (change[1] != 0.0 and action[1] == want[1]):
@@ -248,15 +284,19 @@ def commit(
     w = wp.tid()
     n = observation.shape[1]
     step = memory.steps[w]
+    is_clear = bool(True)
     for i in range(n):
         here = own_position(w, i, curve, observation)
         speed = wp.max(own_speed(w, i, bounds.speed_unit, observation), 0.0)
         car = wp.vec4(here[0], here[1], own_heading(w, i, observation), speed)
         plans.decided[w, i] = 0
+        before = memory.presence[w, i]
         if not begin(w, i, bounds, robot, widest[i], car, memory, observation):
             memory.holds[w] = 0
+        if is_clipped(bounds, speed) or may_stand(w, i, before, bounds, car, memory):
+            is_clear = False
         let_roll(w, i, bounds, robot, stops[i], memory, plans)
-    if memory.holds[w] == 0:
+    if memory.holds[w] == 0 and is_clear:
         memory.holds[w] = is_compatible(w, bounds, stops, memory.presence, plans)
     for turn in range(n):
         i = (turn + step) % n
@@ -271,6 +311,7 @@ def commit(
         action_out[w, i, 0] = chosen[0]
         action_out[w, i, 1] = chosen[1]
         for k in range(2, action_out.shape[2]):
-            action_out[w, i, k] = wanted[w, i, k]  # a message
+            message = wanted[w, i, k]  # one that is not finite would void the whole action
+            action_out[w, i, k] = wp.where(wp.isfinite(message), message, 0.0)
         memory.last[w, i] = wp.vec4(memory.last[w, i][0], memory.last[w, i][1], chosen[0], chosen[1])
     memory.steps[w] = step + 1

@@ -15,8 +15,9 @@ wp.set_module_options(OPTIONS)
 OLD, NEW = wp.constant(0), wp.constant(1)
 """Plans of a robot for a step: it continues its old tail, or it takes an action and a new tail follows."""
 PLANS = wp.constant(2)
-THERE, GONE = wp.constant(1), wp.constant(2)
-"""Presence of a robot: it has heard a ring neighbour; it was removed."""
+UNHEARD, THERE, FAILED, GONE = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
+"""Presence of a robot: it has heard no ring neighbour yet; it works; it has failed; it was removed. All but the last
+are in their places."""
 FAR = wp.constant(1.0e30)
 """Distance beyond any other [m]."""
 

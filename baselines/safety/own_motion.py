@@ -17,6 +17,8 @@ wp.set_module_options(OPTIONS)
 
 BIAS = wp.constant(0.003)
 """Bound of the bias of a mean of factors: of the curvature's dependence on the steering, and of noisy ways."""
+EDGE = wp.constant(1.0e-6)
+"""Distance of a throttle from the dead zone, in full throttles, within which rounding decides if the motor is on."""
 
 
 @wp.struct
@@ -53,10 +55,22 @@ class Bounds:
     """Standard deviation of the noise of a measured heading [rad]."""
     speed_noise: wp.float32
     """Standard deviation of the noise of a measured speed [m/s]."""
+    fastest: wp.float32
+    """Speed up to which a car may accelerate, so that it can be observed; infinite where no car can exceed it [m/s]."""
+    clip: wp.float32
+    """Speed from which on the observation may show less than the true speed [m/s]."""
+    halts: wp.int32
+    """1 where robots that collide stop dead."""
     coasts: wp.int32
     """1 where a robot's motor may fail in any step, and the robot coasts."""
     tails: wp.int32
     """Number of tails that are tried after an action: with its steering, the most to either side, and none."""
+
+
+@wp.func
+def is_clipped(bounds: Bounds, speed: float) -> bool:
+    """Return whether a speed [m/s] is at the end of the observed range, so that the true one may be higher."""
+    return speed >= bounds.clip
 
 
 @wp.func
@@ -165,7 +179,9 @@ def learn(
     way = (last[1] - speed + push * bounds.step) / robot.drag
     way_error = (2.0 * bounds.speed + push_error * bounds.step) / robot.drag
     unit = way * curvature_of(robot, last[2])
-    if way > 2.0 * way_error and wp.abs(unit) > 10.0 * bounds.heading and wp.abs(unit) < 2.0:
+    # A car that has stopped within the step has driven less than this; one that turns by more than pi hides a turn.
+    shows = speed > 0.0 and way > 2.0 * way_error and wp.abs(unit) > 10.0 * bounds.heading
+    if shows and wp.abs(unit) * known[1] < 3.0:
         turned = heading - last[0]
         turned -= 6.2831853 * wp.rint(turned / 6.2831853)
         value = turned / unit
@@ -242,9 +258,18 @@ def averaged(weight: float, weighted: float, widest: wp.vec2) -> wp.vec2:
 
 
 @wp.func
-def within_grip(bounds: Bounds, robot: RobotStruct, known: wp.vec4, speed: float, wanted: wp.vec2) -> wp.vec2:
-    """Clip an action to the box, and so that grip never limits the yaw rate, in the step or after it (condition 1)."""
+def within_limits(bounds: Bounds, robot: RobotStruct, known: wp.vec4, speed: float, wanted: wp.vec2) -> wp.vec2:
+    """Clip an action to the box, and so that two things hold in the step and after it.
+
+    Grip never limits the yaw rate (condition 1), and the speed stays in the range of the observation (condition 2).
+    """
     throttling = wp.clamp(wanted[1], -1.0, 1.0)
+    if wp.isfinite(bounds.fastest):
+        push = (bounds.fastest - (speed + bounds.speed) * bounds.left) * robot.drag / (1.0 - bounds.left)
+        above = (push + robot.offset) / (known[3] * robot.drive) - robot.throttle_min
+        throttling = wp.clamp(2.0 * above / (robot.throttle_max - robot.throttle_min) - 1.0, -1.0, throttling)
+    if wp.abs(throttle(robot, throttling) - robot.dead_zone) < EDGE * robot.throttle_max:
+        throttling = -1.0
     most = float(1.0)
     if wp.isfinite(robot.lateral_acceleration_max):
         push = wp.max(known[3] * robot.drive * throttle(robot, throttling) - robot.offset, 0.0)

@@ -10,6 +10,9 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms, geometry
 
+_OBSERVED = 4
+"""Largest speed in an observation [top speeds]."""
+
 
 class AssumptionWarning(UserWarning):
     """Warning that a scenario violates an assumption of the paper, with the numbers."""
@@ -67,6 +70,10 @@ def _of_robots(scenario: Scenario) -> list[str]:
             f"the curve requires up to {fastest:.3g} m/s, the cars reach {robot.top_speed:.3g} m/s (robot.speed_max)"
         )
         found.append(f"{words}; {share:.1%} of the arc is faster")
+    if scenario.top_speed_bound > _OBSERVED * robot.top_speed * (1 + geometry.SLACK):
+        words = f"the strongest car reaches {scenario.top_speed_bound:.3g} m/s, an observed speed is at most"
+        words = f"{words} {_OBSERVED * robot.top_speed:.3g} m/s, {_OBSERVED} top speeds"
+        found.append(f"{words}: policies read too low a speed (noise.drive_spread, robot.drive_factors)")
     least = 0.0
     if robot.throttle_min > robot.dead_zone:
         least = max((robot.drive * robot.throttle_min - robot.offset) / robot.drag, 0.0)

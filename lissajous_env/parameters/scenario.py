@@ -262,6 +262,12 @@ class Scenario:
             return np.full(self.num_robots, np.inf)
         return np.array([self.robot.steady_speed(self.robot.drive * factor) for factor in self.drive_factors])
 
+    @property
+    def top_speed_bound(self) -> float:
+        """Largest steady speed of a car at full throttle that the factors and the spread of drives permit [m/s]."""
+        drive = self.robot.drive * self.noise.most_drive * float(self.drive_factors.max())
+        return self.robot.steady_speed(drive)
+
     @cached_property
     def robot_radius_bound(self) -> float:
         """r_max of (6) [m]."""

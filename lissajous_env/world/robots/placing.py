@@ -93,7 +93,7 @@ def begin_on_curve(
     alpha = float(formation.alpha)
     robots.phase[w, i] = phase
     place_on_curve(w, i, formation.phase_rate / alpha, curve, alpha, robots)
-    robots.speed[w, i] = wp.min(robots.speed[w, i], top_speeds[i])
+    robots.speed[w, i] = wp.max(wp.min(robots.speed[w, i], top_speeds[i]), 0.0)
     for s in range(robots.track.shape[2]):
         robots.track[w, i, s] = robots.position[w, i]
 
