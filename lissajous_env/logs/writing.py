@@ -11,7 +11,8 @@ Topics, in the frame `map`, whose origin is the middle of the rectangle:
 | `/markers` | visualization_msgs/MarkerArray | curve, rectangle, bodies, headings, sensing discs, targets |
 | `/lissajous/episode` | std_msgs/String | JSON: scenario, seed, policy |
 
-The episode begins at `START` on the clock of the log.
+The episode begins at `START` on the clock of the log. Of a log that was scored, poses and commands that were unknown are
+left out, and unknown speeds are NaN.
 """
 
 import json
@@ -89,11 +90,13 @@ def _write(recording: Recording, topics: _Topics) -> None:
     topics.write(EPISODE, "std_msgs/msg/String", START, data=json.dumps(about))
     markers, commands = Markers(recording, topics.types), _commands(recording)
     step = recording.scenario.task.step
+    unknown = {name: recording.is_unknown(name) for name in ("pose", "speed", "command")}
     for moment in range(len(recording)):
         time = START + moment * step
         for robot in range(recording.scenario.num_robots):
-            _write_robot(recording, topics, robot, moment, time)
-            if moment + 1 < len(recording):
+            if not unknown["pose"][moment, robot]:
+                _write_robot(recording, topics, robot, moment, time, bool(unknown["speed"][moment, robot]))
+            if moment + 1 < len(recording) and not unknown["command"][moment, robot]:
                 values = commands[moment + 1, robot].astype(float)
                 topics.write(
                     COMMAND.format(robot),
@@ -117,13 +120,16 @@ def _commands(recording: Recording) -> np.ndarray:
     return commands
 
 
-def _write_robot(recording: Recording, topics: _Topics, robot: int, moment: int, time: float) -> None:
+def _write_robot(
+    recording: Recording, topics: _Topics, robot: int, moment: int, time: float, without_speed: bool
+) -> None:
     types, before = topics.types, max(moment - 1, 0)
     heading = float(recording.heading[moment, robot])
     turn = math.remainder(heading - float(recording.heading[before, robot]), 2 * math.pi)
     x, y, z = recording.position[moment, robot].tolist()
     pose = pose_of(types, x, y, z, heading)
-    twist = _twist(types, float(recording.speed[moment, robot]), turn / recording.scenario.task.step)
+    speed = math.nan if without_speed else float(recording.speed[moment, robot])
+    twist = _twist(types, speed, turn / recording.scenario.task.step)
     unknown = np.zeros(36)
     topics.write(
         ODOMETRY[0].format(robot),
