@@ -5,14 +5,17 @@ poses of the same file, each of which has both times. So neither a constant diff
 pace (a simulation's) changes anything.
 
 In the order of their recording, the stamps of a robot's poses rise, except for messages that arrived late. Where they
-fall and the poses in the order of their stamps would make no path, the clock went back, as when a simulator is reset:
-the log consists of several parts then, of which the longest counts.
+fall and the poses in the order of their stamps would make no path, the clock went back, as when a simulator is reset;
+where they jump ahead and the recorder's times do not, it was set. The log consists of several parts then, of which the
+longest counts.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+
+from lissajous_env.logs.log import Log
 
 SAME = 1e-4
 """Difference up to which two stamps of a robot's poses are the same [s]."""
@@ -22,6 +25,8 @@ _TOGETHER = 2.0
 """Difference of the recorder's times up to which clocks that go back do so together [s]."""
 _LAG = 1.0
 """Difference of two clocks from which on a note names them [s]."""
+_LEAP = 10.0
+"""Time by which stamps jump ahead while the recorder's times do not [s], from which on the clock was set."""
 _DETOUR = 1.5
 """Factor by which the way in the order of the stamps must exceed that in the order of the recording."""
 
@@ -48,16 +53,16 @@ class Clock:
 
     Args:
         poses: Poses of each robot.
-        called: Function that returns robots in words.
+        log: Names of the robots.
 
     Attributes:
         poses: The poses that count, in the order of their recording, all with stamps on this clock.
         notes: Remarks on what was left out or seems wrong.
     """
 
-    def __init__(self, poses: Sequence[Recorded], called: Callable[[Sequence[int]], str]):
+    def __init__(self, poses: Sequence[Recorded], log: Log):
         self.notes: list[str] = []
-        self._called = called
+        called = self._called = log.called
         ordered = [each.rows(np.lexsort((each.stamp, each.logged, each.bag))) for each in poses]
         stamped = [k for k, each in enumerate(ordered) if np.ptp(each.stamp) > 0] or list(range(len(ordered)))
         without = [k for k, each in enumerate(ordered) if not np.ptp(each.stamp) > 0]
@@ -65,7 +70,8 @@ class Clock:
             ordered = [each._replace(stamp=each.logged) for each in ordered]
         if without and any(len(poses[k].stamp) > 1 for k in without):
             self.notes.append(f"the poses of {called(without)} have no stamps; their times are the recorder's")
-        self.poses = [self._without_strays(k, each) for k, each in enumerate(ordered)]
+        self.poses = ordered
+        self._leave_out_strays(log)
         self._parts: dict[int, tuple[float, float]] = {}
         for bag in np.unique(np.concatenate([each.bag for each in self.poses])).tolist():
             self._choose_part(bag, stamped)
@@ -97,18 +103,22 @@ class Clock:
         ahead = float(np.median(stamp - self.times(bag, logged)))
         return ahead if abs(ahead) > _LAG else 0.0
 
-    def _without_strays(self, robot: int, poses: Recorded) -> Recorded:
+    def _leave_out_strays(self, log: Log) -> None:
         """Leave out poses whose stamps were not set, as before the first message of a simulator's clock."""
-        stray = np.abs(poses.stamp - np.median(poses.stamp)) > _DAY
-        if stray.any():
-            words = f"{int(stray.sum())} poses of {self._called([robot])} have stamps more than a day from the others"
-            self.notes.append(f"{words}, such as {poses.stamp[stray][0]:.3f} s, and are left out")
-        return poses.rows(~stray)
+        words = []
+        for robot, poses in enumerate(self.poses):
+            stray = np.abs(poses.stamp - np.median(poses.stamp)) > _DAY
+            if stray.any():
+                rule = "that are more than a day from the others"
+                got = f"{poses.stamp[stray][0]:.3f} s"
+                words.append((robot, f"has {int(stray.sum())} poses with stamps {rule} ({got}) and are left out"))
+                self.poses[robot] = poses.rows(~stray)
+        self.notes += log.grouped(words)
 
     def _choose_part(self, bag: int, stamped: Sequence[int]) -> None:
         """Choose the longest part of a file between two times at which the clock goes back."""
         own = {k: self.poses[k].rows(self.poses[k].bag == bag) for k in range(len(self.poses))}
-        begins = {k: own[k].logged[breaks(own[k].stamp, own[k].pose[:, :2])] for k in stamped if k in own}
+        begins = {k: each.logged[breaks(each)] for k, each in own.items() if k in stamped}
         every = np.sort(np.concatenate(list(begins.values())))
         if not len(every):
             return
@@ -129,7 +139,7 @@ class Clock:
             self.poses[k] = Recorded(*(np.concatenate(pair) for pair in zip(rest, chosen, strict=True)))
         those = [k for k, times in begins.items() if len(times)]
         self.notes.append(
-            f"the stamps of {self._called(those)} go back in the course of the recording, as when a clock is reset: "
+            f"the stamps of {self._called(those)} jump in the course of the recording, as when a clock is set: "
             f"the longest of {len(cuts) + 1} parts counts, and {int(sizes.sum() - sizes[best])} poses of the others "
             "are left out"
         )
@@ -173,19 +183,14 @@ def _pairs_of(poses: Sequence[Recorded]) -> tuple[np.ndarray, np.ndarray]:
     return logged[order][last], np.maximum.accumulate(stamp[order])[last]
 
 
-def breaks(stamp: np.ndarray, place: np.ndarray) -> list[int]:
-    """Return the rows, in the order of their recording, at which the clock of a robot's poses went back.
-
-    Args:
-        stamp: (K,) stamps [s].
-        place: (K, 2) positions [m].
-    """
-    begins: list[int] = []
-    first = 0
-    while (begin := _next_break(stamp[first:], place[first:])) is not None:
+def breaks(poses: Recorded) -> list[int]:
+    """Return the rows of a robot's poses, in the order of their recording, at which its clock was set."""
+    leaps = np.diff(poses.stamp) > _LEAP + 10 * np.diff(poses.logged)
+    begins, first = (np.flatnonzero(leaps) + 1).tolist(), 0
+    while (begin := _next_break(poses.stamp[first:], poses.pose[first:, :2])) is not None:
         first += begin
         begins.append(first)
-    return begins
+    return sorted(set(begins))
 
 
 def _next_break(stamp: np.ndarray, place: np.ndarray) -> int | None:

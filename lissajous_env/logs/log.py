@@ -1,5 +1,6 @@
 """A log of robots: the path of each over time, and what else was recorded of it."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -86,8 +87,23 @@ class Log:
         *others, last = [self.label(robot) for robot in robots]
         return f"robots {', '.join(others)} and {last}" if others else f"robot {last}"
 
+    def grouped(self, words: Sequence[tuple[int, str]]) -> list[str]:
+        """Return one note for all robots with the same words, in which "has", "counts" and so on become plural."""
+        those: dict[str, list[int]] = {}
+        for robot, said in words:
+            those.setdefault(said, []).append(robot)
+        return [
+            f"{self.called(robots)} {said if len(robots) == 1 else _plural(said)}" for said, robots in those.items()
+        ]
+
     @property
     def start(self) -> float:
         """Time at which the episode begins [s]."""
         first = max(float(track.time[0]) for track in self.tracks)
         return first if self.begin is None else max(first, self.begin)
+
+
+def _plural(words: str) -> str:
+    for one, several in (("has", "have"), ("it counts", "they count"), ("counts", "count"), ("jumps", "jump")):
+        words = re.sub(rf"\b{one}\b", several, words)
+    return words

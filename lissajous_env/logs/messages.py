@@ -70,7 +70,7 @@ class Bags:
             for connection in reader.connections:
                 if connection.topic == topic and connection.msgtype in kinds:
                     known.append(connection)
-                elif connection.topic == topic:
+                elif connection.topic == topic and connection.msgcount:
                     self.ignored[topic, connection.msgtype] += connection.msgcount
             with _undamaged(self.paths[bag]):
                 for connection, logged, raw in reader.messages(known) if known else ():

@@ -8,6 +8,7 @@ through several neighbouring poses: so many that their noise does not matter.
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -17,9 +18,9 @@ SAME = 1e-6
 """Difference up to which two times are the same [s]."""
 _WINDOWS = (5, 7, 11, 17, 25, 41, 61, 101, 161)
 """Numbers of neighbouring poses that a velocity is derived from."""
-_PRECISE = 0.05
+_PRECISE = 0.02
 """Standard deviation of a velocity up to which it is precise, in typical speeds of the robot."""
-_LONGEST = 1.5
+_LONGEST = 1.0
 """Longest time over which a velocity is derived where fewer poses are less precise [s]."""
 _CONTRADICTING = 0.25
 """Share of the poses of a moving robot, from which on logged speeds contradict them."""
@@ -160,7 +161,7 @@ def _derived(track: Track, edges: np.ndarray) -> tuple[np.ndarray, float]:
 
     The number of poses of which each is computed is the least that is precise enough, for the whole track.
     """
-    stretches = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    stretches = [slice(a, b) for a, b in pairwise(edges.tolist())]
     velocity, error = np.zeros_like(track.position), 0.0
     noise = [_slopes(track.time[s], track.position[s], 7)[1] for s in stretches if s.stop - s.start >= 7]
     deviation = float(np.median(np.concatenate(noise))) if noise else 0.0
@@ -178,7 +179,7 @@ def _derived(track: Track, edges: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _slopes(time: np.ndarray, place: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fit a cubic to the poses around each of a stretch.
+    """Fit a cubic to the poses around each of a stretch; near its ends, no slope exceeds the nearest between them.
 
     Returns:
         Slopes (K, 3) [m/s], standard deviations (K,) of the poses from the cubics [m], and the factors (K,) by which
@@ -187,7 +188,7 @@ def _slopes(time: np.ndarray, place: np.ndarray, count: int) -> tuple[np.ndarray
     k = len(time)
     count = min(count, k)
     if k < 2:
-        return np.zeros_like(place), np.zeros(k), np.full(k, np.inf)
+        return np.zeros_like(place), np.zeros(k), np.zeros(k)
     order = min(3, count - 1)
     slope, deviation, factor = np.zeros_like(place), np.zeros(k), np.zeros(k)
     for low in range(0, k, _CHUNK):
@@ -202,4 +203,7 @@ def _slopes(time: np.ndarray, place: np.ndarray, count: int) -> tuple[np.ndarray
         rest = np.einsum("kcp,kpx->kcx", powers, fitted) - place[chosen]
         deviation[rows] = np.sqrt((rest[..., :2] ** 2).sum(axis=(1, 2)) / (2 * max(count - order - 1, 1)))
         factor[rows] = np.linalg.norm(inverse[:, 1], axis=1) / unit
+    length = np.linalg.norm(slope, axis=1)
+    inner = np.clip(np.arange(k), count // 2, k - count + count // 2)
+    slope *= np.minimum(1, length[inner] / np.maximum(length, 1e-12))[:, None]
     return slope, deviation, factor

@@ -19,9 +19,11 @@ def remarks(
     log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.ndarray, status: np.ndarray
 ) -> list[str]:
     """Return notes on the gaps, jumps, speeds, headings and places of the robots in an episode at some times [s]."""
-    notes = []
+    words = []
     for robot, motion in enumerate(motions):
-        notes += _gaps(log.called([robot]), motion, times, bool((status[:, robot] == int(REMOVED)).any()))
+        was_removed = bool((status[:, robot] == int(REMOVED)).any())
+        words += [(robot, said) for said in _gaps(motion, times, was_removed)]
+    notes = log.grouped(words)
     reasons = dict.fromkeys(motion.derived for motion in motions if motion.derived)
     for reason in reasons:
         those = log.called([robot for robot, motion in enumerate(motions) if motion.derived == reason])
@@ -38,7 +40,7 @@ def remarks(
     return notes
 
 
-def _gaps(name: str, motion: Motion, times: np.ndarray, was_removed: bool) -> list[str]:
+def _gaps(motion: Motion, times: np.ndarray, was_removed: bool) -> list[str]:
     """Return notes on the times at which the motion of a robot is not known."""
     time, first, last = motion.track.time, float(times[0]), float(times[-1])
     unknown = np.flatnonzero(~motion.known)
@@ -48,13 +50,13 @@ def _gaps(name: str, motion: Motion, times: np.ndarray, was_removed: bool) -> li
     if gaps:
         those = _listed([f"{begin:.3f} to {end:.3f} s" for begin, end in gaps])
         total = sum(end - begin for begin, end in gaps)
-        notes.append(f"{name} has gaps of {total:.3g} s in all ({those}), in which it counts as failed")
+        notes.append(f"has gaps of {total:.3g} s in all ({those}), in which it counts as failed")
     if len(jumps):
         ways = np.linalg.norm(np.diff(motion.track.position, axis=0), axis=1)
         those = _listed([f"{ways[k]:.3g} m at {time[k]:.3f} s" for k in jumps])
-        notes.append(f"{name} jumps, faster than a robot of the scenario can drive ({those})")
+        notes.append(f"jumps, faster than a robot of the scenario can drive ({those})")
     if time[-1] < last - 1e-6 and not was_removed:
-        notes.append(f"{name} has no pose after {time[-1]:.3f} s, and counts as failed from then on")
+        notes.append(f"has no pose after {time[-1]:.3f} s, and counts as failed from then on")
     return notes
 
 

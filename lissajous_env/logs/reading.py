@@ -15,7 +15,7 @@ from lissajous_env.logs.messages import Bags, Message
 from lissajous_env.logs.poses import Found, Poses
 from lissajous_env.logs.robots import ODOMETRY, Robot, robots_of
 from lissajous_env.settings.checks import is_whole
-from lissajous_env.wording import shown
+from lissajous_env.wording import few_of, shown
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
 
 EPISODE = "/lissajous/episode"
@@ -71,12 +71,17 @@ class _Reading:
         poses = Poses(bags)
         self._robots, self._notes = robots_of(bags, poses, topics, name)
         self._labels = tuple(robot.label for robot in self._robots)
-        self._called = Log(name, (), labels=self._labels).called
-        found = [self._poses(k, robot, poses) for k, robot in enumerate(self._robots)]
+        self._blank = Log(name, (), labels=self._labels)
+        self._called = self._blank.called
+        found = [self._poses(robot, poses) for robot in self._robots]
+        words = [(k, f"has {each.broken} poses that are not finite and are left out") for k, each in enumerate(found)]
+        self._notes += self._blank.grouped([each for each in words if found[each[0]].broken])
+        words = [(k, f"has {each.turned} quaternions that are not of length 1") for k, each in enumerate(found)]
+        self._notes += self._blank.grouped([each for each in words if found[each[0]].turned])
         self._check_frames(found)
-        self._clock = Clock([each.recorded for each in found], self._called)
+        self._clock = Clock([each.recorded for each in found], self._blank)
         self._notes += self._clock.notes
-        self._ignored: Counter[str] = Counter()
+        self._ignored: dict[str, Counter[str]] = {}
 
     def log(self, commands: str) -> Log:
         """Return the log."""
@@ -91,23 +96,19 @@ class _Reading:
         phases = self._others(PHASE, ("std_msgs/msg/Float64",), _number_of)
         statuses = self._others(STATUS, ("std_msgs/msg/UInt8",), _status_of)
         for (topic, kind), count in sorted(self._bags.ignored.items()):
-            if count:
-                self._notes.append(f"the messages of {topic} are ignored: {kind} is not understood there")
-        self._notes += [f"{count} {words}" for words, count in self._ignored.items() if count]
+            self._ignored.setdefault(f"type {kind} is not understood there", Counter())[topic] += count
+        for reason, topics in self._ignored.items():
+            self._notes.append(f"{topics.total()} messages of {few_of(topics)} are ignored: {reason}")
         numbers = [{k: Series(s.time, s.value[:, 0]) for k, s in each.items()} for each in (phases, statuses)]
         return Log(self._name, tuple(tracks), given, *numbers, episode, begin, self._labels, tuple(self._notes))
 
-    def _poses(self, k: int, robot: Robot, poses: Poses) -> Found:
+    def _poses(self, robot: Robot, poses: Poses) -> Found:
         found = poses.of(robot.topic, robot.part, robot.bag)
         name = robot.topic if robot.part is None else f"{robot.topic}:{robot.part}"
         if found is None or len(found.recorded.stamp) < _FEWEST:
             count = 0 if found is None else len(found.recorded.stamp)
             broken = f" and {found.broken} that are not finite" if found is not None and found.broken else ""
             raise ValueError(f"topic {name} of {self._name} must have at least {_FEWEST} poses, got {count}{broken}")
-        if found.broken:
-            self._notes.append(f"{found.broken} poses of {self._called([k])} are not finite, and are left out")
-        if found.turned:
-            self._notes.append(f"{found.turned} quaternions of {self._called([k])} are not of length 1")
         return found
 
     def _check_frames(self, found: Sequence[Found]) -> None:
@@ -186,11 +187,11 @@ class _Reading:
             if not isinstance(values, str):
                 names, numbers = values
                 if not all(map(math.isfinite, numbers)):
-                    values = "have numbers that are not finite"
+                    values = "they have numbers that are not finite"
                 elif rows and (rows[0][1][0], len(rows[0][1][1])) != (names, len(numbers)):
-                    values = "have other names or numbers than the first"
+                    values = "they have other names or another length than the first"
             if isinstance(values, str):
-                self._ignored[f"messages of {topic} {values}, and are ignored"] += 1
+                self._ignored.setdefault(values, Counter())[topic] += 1
             else:
                 rows.append((message, values))
         return rows
@@ -245,7 +246,7 @@ def _command_of(message: Any) -> Values | str:
         return (), [float(value) for value in message.data]
     names = list(message.name)
     if len(message.position) != len(names) or len(set(names)) != len(names):
-        return "do not have one position for each name"
+        return "they do not have one position for each name"
     order = sorted(range(len(names)), key=lambda k: names[k])
     return tuple(names[k] for k in order), [float(message.position[k]) for k in order]
 
@@ -256,5 +257,5 @@ def _number_of(message: Any) -> Values | str:
 
 def _status_of(message: Any) -> Values | str:
     if message.data not in (int(WORKING), int(STUCK), int(REMOVED)):
-        return f"have the unknown status {message.data}"
+        return f"they have the unknown status {message.data}"
     return (), [int(message.data)]

@@ -86,8 +86,7 @@ def _named(bags: Bags, poses: Poses, topics: Sequence[str], name: str) -> list[R
             robots += [Robot("", topic, None, bag) for bag in holders]
         else:
             robots.append(Robot("", topic))
-    begin, end = ODOMETRY[0].split("{}")
-    usual = re.compile(re.escape(begin) + r"(\d+)/.*")
+    usual = re.compile(re.escape(ODOMETRY[0].partition("{}")[0]) + r"(\d+)/.*")
     numbers = [match[1] for robot in robots if robot.part is None and (match := usual.fullmatch(robot.topic))]
     if len(set(numbers)) < len(robots):
         numbers = [re.sub(r"\D*(\d+).*", r"\1", robot.part or "") for robot in robots]

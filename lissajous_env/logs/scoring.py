@@ -80,8 +80,8 @@ def score(
 
     Poses are interpolated at the control steps of the scenario, beginning with the first time at which all robots have
     one. A robot fails when its status in the log says so, and when its motion is not known: between two poses that are
-    farther apart than `gap`, or than it can drive, and after its last one. It then detects nothing, and nothing collides
-    with it.
+    farther apart than `gap`, or than it can drive, and after its last one. It then detects nothing and collides with
+    nothing.
 
     Args:
         log: The log.
@@ -100,6 +100,7 @@ def score(
     made = given.resolve()
     if len(log.tracks) != made.num_robots:
         got = f"{len(log.tracks)}: {log.called(range(len(log.tracks)))}"
+        got = "; ".join((got, *log.notes))
         raise ValueError(f"log {log.name} must have the {made.num_robots} robots of {made.name}, got {got}")
     if not gap >= made.task.step:
         raise ValueError(f"gap must be at least the control step of {made.task.step:g} s, got {shown(gap)}")
@@ -117,6 +118,7 @@ def score(
     notes = [*log.notes, *remarks(log, made, motions, times, status), *refused]
     recorder = Recorder(simulation)
     recorder.take()
+    _check_length(log, made.task.step, len(times) - 1, recorder.most_moments - 1)
     for moment in range(1, len(times)):
         action = np.zeros(simulation.action_shape[1:], np.float32) if actions is None else actions[moment - 1]
         simulation.step(np.broadcast_to(action, simulation.action_shape).astype(np.float32))
@@ -166,15 +168,21 @@ def _moments(log: Log, step: float, gap: float) -> np.ndarray:
             f"log {log.name} must have poses of all robots for at least a control step of {step:g} s, "
             f"got {max(float(lasts[0]) - log.start, 0):.3g} s"
         )
-    if steps > MOST_STEPS:
-        widest = [int(np.argmax(np.diff(track.time))) for track in log.tracks]
-        robot = int(np.argmax([np.diff(track.time)[k] for track, k in zip(log.tracks, widest, strict=True)]))
-        before, after = log.tracks[robot].time[widest[robot] : widest[robot] + 2].tolist()
-        raise ValueError(
-            f"log {log.name} must last at most {MOST_STEPS:,} control steps of {step:g} s, got {steps:,}; the longest "
-            f"time without a pose is that of {log.called([robot])}, from {before:.3f} to {after:.3f} s"
-        )
+    _check_length(log, step, steps, MOST_STEPS)
     return log.start + step * np.arange(steps + 1)
+
+
+def _check_length(log: Log, step: float, steps: int, most: int) -> None:
+    """Refuse a log of too many control steps, and name its longest gap, which is where a clock may have jumped."""
+    if steps <= most:
+        return
+    widest = [int(np.argmax(np.diff(track.time))) for track in log.tracks]
+    robot = int(np.argmax([np.diff(track.time)[k] for track, k in zip(log.tracks, widest, strict=True)]))
+    before, after = log.tracks[robot].time[widest[robot] : widest[robot] + 2].tolist()
+    raise ValueError(
+        f"log {log.name} must last at most {most:,} control steps of {step:g} s in this scenario, got {steps:,}; the "
+        f"longest time without a pose is that of {log.called([robot])}, from {before:.3f} to {after:.3f} s"
+    )
 
 
 def _motions(log: Log, scenario: Scenario, gap: float) -> list[Motion]:

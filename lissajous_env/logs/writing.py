@@ -11,8 +11,8 @@ Topics, in the frame `map`, whose origin is the middle of the rectangle:
 | `/markers` | visualization_msgs/MarkerArray | curve, rectangle, bodies, headings, sensing discs, targets |
 | `/lissajous/episode` | std_msgs/String | JSON: scenario, seed, policy |
 
-The episode begins at `START` on the clock of the log. Of a log that was scored, poses and commands that were unknown are
-left out, and unknown speeds are NaN.
+The episode begins at `START` on the clock of the log. If it is itself a log that was scored, unknown poses and commands
+are left out, and unknown speeds are NaN.
 """
 
 import json
