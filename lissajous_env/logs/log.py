@@ -50,6 +50,8 @@ class Track:
     """(K,) float64 headings, not wrapped [rad]; NaN where the log has none."""
     speed: np.ndarray
     """(K,) float64 speeds over the ground, forwards [m/s]; NaN where the log has none."""
+    measured: bool = True
+    """False if the log says that its speeds are no measurements, by a first covariance of -1."""
 
     def __len__(self) -> int:
         return len(self.time)
@@ -99,8 +101,7 @@ class Log:
     @property
     def start(self) -> float:
         """Time at which the episode begins [s]."""
-        first = max(float(track.time[0]) for track in self.tracks)
-        return first if self.begin is None else max(first, self.begin)
+        return max(float(track.time[0]) for track in self.tracks) if self.begin is None else self.begin
 
 
 def _plural(words: str) -> str:

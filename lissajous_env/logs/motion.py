@@ -1,9 +1,9 @@
 """The motion of a robot between its poses, and what is not known of it.
 
 Nothing is known of a robot between two poses that are far apart in time (a gap), between two that it cannot have driven
-between (a jump), and after its last one. Elsewhere it moves along a cubic through its poses, whose slopes are the
-logged speeds along the headings. Where speeds were not logged, or contradict the poses, the slopes are those of cubics
-through several neighbouring poses: so many that their noise does not matter.
+between (a jump), before its first one, and after its last one. Elsewhere it moves along a cubic through its poses,
+whose slopes are the logged speeds along the headings. Where speeds were not logged, or contradict the poses, the slopes
+are those of cubics through several neighbouring poses: so many that their noise does not matter.
 """
 
 import math
@@ -82,8 +82,8 @@ class Motion:
 
     def _overlap(self, begin: np.ndarray, end: np.ndarray, inside: bool = False) -> np.ndarray:
         time = self.track.time
-        first = np.append(time[:-1][~self.known], time[-1])
-        last = np.append(time[1:][~self.known], np.inf)
+        first = np.concatenate([[-np.inf], time[:-1][~self.known], time[-1:]])
+        last = np.concatenate([time[:1], time[1:][~self.known], [np.inf]])
         if inside:
             k = np.searchsorted(first, begin, side="right") - 1
             return (k >= 0) & (end <= last[np.maximum(k, 0)])
@@ -127,6 +127,7 @@ def motion_of(track: Track, gap: float = math.inf, top_speed: float = math.inf, 
         speed = np.where(odd | ~logged, speed, track.speed)
         velocity = np.where((odd | ~logged)[:, None], velocity, along * speed[:, None])
     else:
+        reason = "" if track.measured else "were not logged"
         speed, velocity = track.speed, along * track.speed[:, None]
     whole = Track(track.time, track.position, heading, speed)
     return Motion(whole, velocity, known, np.flatnonzero(jumps), reason, turned, headless)

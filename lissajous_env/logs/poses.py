@@ -42,6 +42,8 @@ class Found(NamedTuple):
     """Number of poses that are not finite."""
     turned: int
     """Number of orientations that are not of length 1."""
+    unmeasured: int = 0
+    """Number of speeds that are no measurements, with a first covariance of -1."""
 
 
 class Sightings:
@@ -122,13 +124,16 @@ class Poses:
         """Return the poses of a robot, of one file alone if it is given; None if there are none."""
         if part is not None:
             return self._of_topic(topic).get(part)
-        sightings = Sightings()
+        sightings, unmeasured = Sightings(), 0
         for message in self._bags.of(topic, tuple(SINGLE)):
             if bag is None or message.bag == bag:
                 content = message.content
-                speed = content.twist.twist.linear.x if message.kind == ODOMETRY else math.nan
+                speed = math.nan
+                if message.kind == ODOMETRY:
+                    speed = content.twist.twist.linear.x
+                    unmeasured += content.twist.covariance[0] == -1
                 sightings.add(message, content.header, *SINGLE[message.kind](content), speed)
-        return sightings.found()
+        return sightings.found()._replace(unmeasured=int(unmeasured))
 
     def _of_topic(self, topic: str) -> dict[str, Found]:
         if topic not in self._shared:

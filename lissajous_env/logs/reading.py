@@ -4,6 +4,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,7 @@ class _Reading:
         self._notes += self._blank.grouped([each for each in words if found[each[0]].broken])
         words = [(k, f"has {each.turned} quaternions that are not of length 1") for k, each in enumerate(found)]
         self._notes += self._blank.grouped([each for each in words if found[each[0]].turned])
+        self._measured = [not each.unmeasured for each in found]
         self._check_frames(found)
         self._clock = Clock([each.recorded for each in found], self._blank)
         self._notes += self._clock.notes
@@ -88,6 +90,7 @@ class _Reading:
         if "{}" not in commands and len(self._robots) > 1 and self._robots[0].bag is None:
             raise ValueError(f"commands must be a topic in which {{}} stands for a robot's number, got {commands}")
         tracks = [self._track(k, poses) for k, poses in enumerate(self._clock.poses)]
+        tracks = [replace(track, measured=known) for track, known in zip(tracks, self._measured, strict=True)]
         self._check_times(tracks)
         episode, begin = self._episode(tracks)
         if begin is None:

@@ -238,12 +238,35 @@ def _simulation(
     for robot, motion in enumerate(motions):
         places, _, _ = motion.at(np.maximum(before, times[0]).ravel())
         _, heading, speed = motion.at(times)
-        tracks.append(places.reshape(len(times), substeps + 1, 3))
+        places = places.reshape(len(times), substeps + 1, 3)
+        _straighten(places, hidden[:, robot], motion.unknown(times))
+        tracks.append(places)
         headings.append(heading)
         speeds.append(np.where(hidden[:, robot], 0.0, speed))
         phases.append(_phases(log, scenario, robot, times, tracks[-1][:, -1], heading, hidden[:, robot]))
     paths = np.stack(tracks, axis=1), np.stack(headings, axis=1), np.stack(speeds, axis=1), np.stack(phases, axis=1)
     return PrescribedSimulation(scenario, *paths, hidden, num_worlds=num_worlds)
+
+
+def _straighten(places: np.ndarray, hidden: np.ndarray, unknown: np.ndarray) -> None:
+    """Put a robot on straight lines between the moments around steps that are not wholly known.
+
+    Before its first known moment, and after its last one, it stands still.
+
+    Args:
+        places: (M, S + 1, 3) places on the way to each moment [m].
+        hidden: (M,) True for steps that are not wholly known.
+        unknown: (M,) True for moments at which the pose is not known.
+    """
+    last = places.shape[1] - 1
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], hidden.astype(int), [0]]))).reshape(-1, 2)
+    for first, end in edges.tolist():
+        after = None if unknown[end - 1] else places[end - 1, last].copy()
+        before = places[first - 1, last].copy() if first else after
+        if before is None:
+            continue
+        share = (np.arange(end - first)[:, None] + np.arange(last + 1) / last) / (end - first)
+        places[first:end] = before + share[..., None] * ((before if after is None else after) - before)
 
 
 def _phases(

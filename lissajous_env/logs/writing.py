@@ -12,7 +12,7 @@ Topics, in the frame `map`, whose origin is the middle of the rectangle:
 | `/lissajous/episode` | std_msgs/String | JSON: scenario, seed, policy |
 
 The episode begins at `START` on the clock of the log. If it is itself a log that was scored, unknown poses and commands
-are left out, and unknown speeds are NaN.
+are left out, and speeds that were computed from the poses have -1 as their first covariance.
 """
 
 import json
@@ -128,9 +128,9 @@ def _write_robot(
     turn = math.remainder(heading - float(recording.heading[before, robot]), 2 * math.pi)
     x, y, z = recording.position[moment, robot].tolist()
     pose = pose_of(types, x, y, z, heading)
-    speed = math.nan if without_speed else float(recording.speed[moment, robot])
-    twist = _twist(types, speed, turn / recording.scenario.task.step)
-    unknown = np.zeros(36)
+    twist = _twist(types, float(recording.speed[moment, robot]), turn / recording.scenario.task.step)
+    unknown, measured = np.zeros(36), np.zeros(36)
+    measured[0] = -1.0 if without_speed else 0.0
     topics.write(
         ODOMETRY[0].format(robot),
         "nav_msgs/msg/Odometry",
@@ -138,7 +138,7 @@ def _write_robot(
         header=topics.header(time),
         child_frame_id=f"robot_{robot}",
         pose=types["geometry_msgs/msg/PoseWithCovariance"](pose=pose, covariance=unknown),
-        twist=types["geometry_msgs/msg/TwistWithCovariance"](twist=twist, covariance=unknown),
+        twist=types["geometry_msgs/msg/TwistWithCovariance"](twist=twist, covariance=measured),
     )
     phase, status = float(recording.phase[moment, robot]), int(recording.status[moment, robot])
     topics.write(PHASE.format(robot), "std_msgs/msg/Float64", time, data=phase)
