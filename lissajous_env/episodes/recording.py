@@ -302,7 +302,8 @@ def _loaded(file: BinaryIO) -> Recording:
         names = (tuple(about["observation_names"]), tuple(about["reward_names"]))
         arrays = archive.read_arrays(stored, ARRAYS)
         unknown = tuple(tuple(each) for each in about.get("unknown", ()))
-        recording = Recording(scenario, about["score"], *names, **arrays, unknown=unknown)
+        recording = Recording(scenario, about["score"], *names, **arrays)
+        recording = dataclasses.replace(recording, unknown=unknown)
     check(recording, _FIXED)
     return recording
 

@@ -164,7 +164,7 @@ def _derived(track: Track, edges: np.ndarray) -> tuple[np.ndarray, float]:
     """
     stretches = [slice(a, b) for a, b in pairwise(edges.tolist())]
     velocity, error = np.zeros_like(track.position), 0.0
-    noise = [_slopes(track.time[s], track.position[s], 7)[1] for s in stretches if s.stop - s.start >= 7]
+    noise = [local_deviations(track.time[s], track.position[s, :2]) for s in stretches if s.stop - s.start >= 7]
     deviation = float(np.median(np.concatenate(noise))) if noise else 0.0
     period = float(np.median(np.diff(track.time)))
     for count in _WINDOWS:
@@ -179,11 +179,16 @@ def _derived(track: Track, edges: np.ndarray) -> tuple[np.ndarray, float]:
     return velocity, error
 
 
+def local_deviations(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return standard deviations (K,) of values (K, C) over time [s] from cubics through seven neighbours."""
+    return _slopes(time, values, _WINDOWS[1])[1]
+
+
 def _slopes(time: np.ndarray, place: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Fit a cubic to the poses around each of a stretch; near its ends, no slope exceeds the nearest between them.
 
     Returns:
-        Slopes (K, 3) [m/s], standard deviations (K,) of the poses from the cubics [m], and the factors (K,) by which
+        Slopes (K, C) [m/s], standard deviations (K,) of the poses from the cubics [m], and the factors (K,) by which
         the deviation of a pose becomes that of a slope [1/s].
     """
     k = len(time)
@@ -202,7 +207,7 @@ def _slopes(time: np.ndarray, place: np.ndarray, count: int) -> tuple[np.ndarray
         fitted = np.einsum("kpc,kcx->kpx", inverse, place[chosen])
         slope[rows] = fitted[:, 1] / unit[:, None]
         rest = np.einsum("kcp,kpx->kcx", powers, fitted) - place[chosen]
-        deviation[rows] = np.sqrt((rest[..., :2] ** 2).sum(axis=(1, 2)) / (2 * max(count - order - 1, 1)))
+        deviation[rows] = np.sqrt((rest**2).mean(axis=2).sum(axis=1) / max(count - order - 1, 1))
         factor[rows] = np.linalg.norm(inverse[:, 1], axis=1) / unit
     length = np.linalg.norm(slope, axis=1)
     inner = np.clip(np.arange(k), count // 2, k - count + count // 2)

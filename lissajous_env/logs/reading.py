@@ -102,8 +102,11 @@ class _Reading:
             self._ignored.setdefault(f"type {kind} is not understood there", Counter())[topic] += count
         for reason, topics in self._ignored.items():
             self._notes.append(f"{topics.total()} messages of {few_of(topics)} are ignored: {reason}")
-        numbers = [{k: Series(s.time, s.value[:, 0]) for k, s in each.items()} for each in (phases, statuses)]
-        return Log(self._name, tuple(tracks), given, *numbers, episode, begin, self._labels, tuple(self._notes))
+        phases, statuses = (
+            {k: Series(s.time, s.value[:, 0]) for k, s in each.items()} for each in (phases, statuses)
+        )
+        notes = tuple(self._notes)
+        return Log(self._name, tuple(tracks), given, phases, statuses, episode, begin, self._labels, notes)
 
     def _poses(self, robot: Robot, poses: Poses) -> Found:
         found = poses.of(robot.topic, robot.part, robot.bag)
@@ -203,9 +206,9 @@ class _Reading:
         """Return the times of messages: of their stamps if they have any on the clock of the poses."""
         bag = np.array([message.bag for message in messages])
         logged = np.array([message.logged for message in messages])
-        stamps = [getattr(message.content, "header", None) for message in messages]
-        if all(header is not None for header in stamps):
-            stamp = np.array([header.stamp.sec + header.stamp.nanosec / 1e9 for header in stamps])
+        if all(hasattr(message.content, "header") for message in messages):
+            stamps = [message.content.header.stamp for message in messages]
+            stamp = np.array([each.sec + each.nanosec / 1e9 for each in stamps])
             ahead = self._clock.differs(bag, logged, stamp)
             if ahead == 0:
                 return stamp

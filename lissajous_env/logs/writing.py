@@ -29,6 +29,7 @@ from lissajous_env.logs.car_input import inputs_of
 from lissajous_env.logs.markers import Markers, pose_of
 from lissajous_env.logs.reading import COMMAND, EPISODE, ODOMETRY, PHASE, STATUS
 from lissajous_env.logs.ros_types import rosbags, type_store
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import replacing
 
 START = 1.0
@@ -83,11 +84,16 @@ def save_mcap(recording: Recording, path: str | Path) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
+def episode_text(scenario: Scenario, seed: int, policy: str) -> str:
+    """Return the content of the topic `/lissajous/episode`."""
+    parts = scenario.resolve().to_dict()
+    del parts["extensions"]  # a file must not cause imports
+    return json.dumps({"scenario": parts, "seed": seed, "policy": policy})
+
+
 def _write(recording: Recording, topics: _Topics) -> None:
-    scenario = recording.scenario.resolve().to_dict()
-    del scenario["extensions"]  # a file must not cause imports
-    about = {"scenario": scenario, "seed": int(recording.score["seed"]), "policy": recording.score.get("policy", "")}
-    topics.write(EPISODE, "std_msgs/msg/String", START, data=json.dumps(about))
+    about = episode_text(recording.scenario, int(recording.score["seed"]), str(recording.score.get("policy", "")))
+    topics.write(EPISODE, "std_msgs/msg/String", START, data=about)
     markers, commands = Markers(recording, topics.types), _commands(recording)
     step = recording.scenario.task.step
     unknown = {name: recording.is_unknown(name) for name in ("pose", "speed", "command")}
