@@ -27,6 +27,8 @@ _CONTRADICTING = 0.25
 SOME = "are missing or impossible at some poses"
 """Reason for which only some speeds are derived from the poses."""
 _CHUNK = 4096
+_STEEPEST = 3.0
+"""Largest velocity in those of the straight line between two poses, up to which a cubic does not overshoot."""
 _FASTER = 2.0
 """Factor on the top speed of the scenario's robots, above which the way between two poses is a jump."""
 
@@ -63,14 +65,20 @@ class Motion:
         share = np.where(np.abs(times - track.time[k + 1]) < SAME, 1.0, share)
         s, w = share[:, None], width[:, None]
         way = np.diff(track.position, axis=0)[k]
-        velocity = self.velocity
-        bend = s * (1 - s) * ((1 - s) * w * velocity[k] - s * w * velocity[k + 1] + (2 * s - 1) * way)
+        begin, end = self._limited(k, w, way), self._limited(k + 1, w, way)
+        bend = s * (1 - s) * ((1 - s) * w * begin - s * w * end + (2 * s - 1) * way)
         linear = np.where(s < 1, track.position[k] + s * way, track.position[k + 1])
         heading, speed = (
             np.where(share < 1, values[k] + share * np.diff(values)[k], values[k + 1])
             for values in (track.heading, track.speed)
         )
         return linear + np.where(known[k, None], bend, 0), heading, np.where(self.unknown(times), 0.0, speed)
+
+    def _limited(self, k: np.ndarray, width: np.ndarray, way: np.ndarray) -> np.ndarray:
+        """Return velocities with which a cubic does not overshoot, as that of a car that stops at once would."""
+        speed = np.linalg.norm(self.velocity[k], axis=1, keepdims=True)
+        most = _STEEPEST * np.linalg.norm(way, axis=1, keepdims=True)
+        return self.velocity[k] * np.minimum(1, most / np.maximum(width * speed, 1e-12))
 
     def unknown(self, times: np.ndarray) -> np.ndarray:
         """Return True for the times at which the robot's pose is not known."""
