@@ -232,6 +232,10 @@ def test_the_commands_score_and_identify(logged, tmp_path, capsys):
     assert (code, out, err) == (0, "", "")
     found = lissajous_env.scenario(str(tmp_path / "cars.toml"))
     assert found.robot.drive == pytest.approx(recording.scenario.robot.drive, rel=0.03)
+    code, out, err = called(capsys, "identify", path)
+    assert (code, err) == (0, "")
+    assert all(f"residuals of robot {k} over" in out for k in range(5))
+    assert "warning" not in out
 
 
 def test_run_writes_a_log(tmp_path, capsys):

@@ -102,9 +102,7 @@ class _Reading:
             self._ignored.setdefault(f"type {kind} is not understood there", Counter())[topic] += count
         for reason, topics in self._ignored.items():
             self._notes.append(f"{topics.total()} messages of {few_of(topics)} are ignored: {reason}")
-        phases, statuses = (
-            {k: Series(s.time, s.value[:, 0]) for k, s in each.items()} for each in (phases, statuses)
-        )
+        phases, statuses = ({k: Series(s.time, s.value[:, 0]) for k, s in each.items()} for each in (phases, statuses))
         notes = tuple(self._notes)
         return Log(self._name, tuple(tracks), given, phases, statuses, episode, begin, self._labels, notes)
 
