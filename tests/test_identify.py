@@ -15,7 +15,7 @@ NOISE = {"noise.position": 0.01, "noise.heading": 0.02, "noise.speed": 0.02, "fa
 
 def drive(robots, late=0, seed=1, **fields):
     """Log of simulated cars under random commands, which the cars receive `late` steps later, with true constants."""
-    made = lissajous_env.scenario("experiment", **NOISE, **fields).resolve()
+    made = lissajous_env.scenario("experiment", **(NOISE | fields)).resolve()
     simulation, random = lissajous_env.Simulation(made, seed=seed), np.random.default_rng(seed)
     wanted = np.repeat(random.uniform(-1, 1, (made.task.steps // 4, 5, 2)), 4, axis=0).astype(np.float32)
     poses = [simulation.robots.measured.numpy()[0].copy()]
@@ -33,6 +33,15 @@ def drive(robots, late=0, seed=1, **fields):
     return logs
 
 
+def standing(track):
+    return Track(track.time, 0 * track.position, 0 * track.heading, 0 * track.speed)
+
+
+def without_speeds(track, speed):
+    """The same log without measured speeds: NaN, never filled, or marked as no measurements."""
+    return Track(track.time, track.position, track.heading, speed, measured=False)
+
+
 def test_the_constants_of_a_car_are_recovered_within_two_percent_from_a_minute_of_noisy_odometry():
     # Oracle: the constants with which the car was simulated, those of its own body included.
     for track, commands, true in drive([0, 3]):
@@ -44,6 +53,30 @@ def test_the_constants_of_a_car_are_recovered_within_two_percent_from_a_minute_o
         assert found.residual["position"] == pytest.approx(0.01, rel=0.15)
         assert found.residual["speed"] == pytest.approx(0.02, rel=0.15)
         assert np.isnan(found.errors["dead_zone"])  # no throttle lies below it
+
+
+@pytest.mark.parametrize("noisy", [False, True])
+def test_poses_without_speeds_are_enough(noisy):
+    # Oracle: the constants with which the car was simulated. Differences of positions are no speeds.
+    fields = {} if noisy else dict.fromkeys((name for name in NOISE if name.startswith("noise")), 0.0)
+    ((track, commands, true),) = drive([2], **fields)
+    for speed in (np.nan * track.speed, 0 * track.speed) if noisy else (np.nan * track.speed,):
+        found = identify(without_speeds(track, speed), commands, Robot())
+        for name in ("wheelbase", "drag", "drive", "offset"):
+            assert found.values[name] == pytest.approx(true[name], rel=0.05 if noisy else 1e-3), name
+            assert abs(found.values[name] - true[name]) < 5 * found.errors[name] + 1e-4 * true[name], name
+        assert np.isnan(found.residual["speed"])
+        assert found.misfits == ()
+
+
+def test_commands_in_another_order_are_matched_by_name_or_named_as_a_misfit():
+    ((track, commands, true),) = drive([2])
+    named = Series(commands.time, commands.value[:, ::-1], ("throttle", "steering"))
+    found = identify(track, named, Robot())
+    assert found.values["drive"] == pytest.approx(true["drive"], rel=0.02)
+    assert found.misfits == ()
+    swapped = identify(track, Series(commands.time, commands.value[:, ::-1]), Robot())
+    assert swapped.misfits == ("position", "heading", "speed")
 
 
 def test_a_dead_zone_and_a_delay_are_recovered():
@@ -109,8 +142,11 @@ def test_actions_and_commands_are_inverse():
     ("change", "words"),
     [
         (lambda t, c: (Track(t.time[:10], t.position[:10], t.heading[:10], t.speed[:10]), c), "at least 20 poses"),
-        (lambda t, c: (Track(t.time, t.position, t.heading, 0 * t.speed), c), "whose steering and speed change"),
+        (lambda t, c: (standing(t), c), "whose steering and speed change"),
         (lambda t, c: (t, Series(c.time, 0 * c.value)), "whose steering and speed change"),
+        (lambda t, c: (t, Series(c.time, c.value, ("steer", "gas"))), r"steering \[rad\] and throttle, got steer, gas"),
+        (lambda t, c: (t, Series(c.time, c.value[:, :1])), "got 1 numbers without names"),
+        (lambda t, c: (t, Series(c.time, c.value * (57.3, 1))), "is it in degrees"),
     ],
 )
 def test_a_log_that_shows_nothing_is_refused(change, words):

@@ -12,7 +12,8 @@ import baselines
 import lissajous_env
 from lissajous_env.episodes.recording import record
 from lissajous_env.logs.log import Log, Track
-from lissajous_env.logs.scoring import resampled, score
+from lissajous_env.logs.motion import motion_of
+from lissajous_env.logs.scoring import score
 from lissajous_env.world.columns import NAMES
 
 pytest.importorskip("rosbags")
@@ -136,7 +137,7 @@ def test_a_log_of_a_lab_scores_as_the_motion_it_is_of(logged, tmp_path):
     tracks = []
     for track in read(path).tracks:
         times = np.sort(np.concatenate([track.time[[0, -1]], random.uniform(track.time[0], track.time[-1], 480)]))
-        position, heading, speed = resampled(track, times)
+        position, heading, speed = motion_of(track).at(times)
         tracks.append(Track(times, position, heading, speed))
     write_poses(tmp_path / "lab", tracks, "/car{}/pose", moved=(3.0, -2.0, 0.7))
     log = read(tmp_path / "lab", ["/car{}/pose"], origin=(3.0, -2.0, 0.7))
@@ -189,7 +190,7 @@ def test_interpolation_is_exact_for_a_cubic():
     # Oracle: Hermite interpolation reproduces cubics; here along x with its derivative as the speed.
     time = np.array([0.0, 1.0, 2.5])
     place = np.stack([time**3, 0 * time, 0 * time], axis=1)
-    found = resampled(Track(time, place, 0 * time, 3 * time**2), np.linspace(0, 2.5, 11))[0]
+    found = motion_of(Track(time, place, 0 * time, 3 * time**2)).at(np.linspace(0, 2.5, 11))[0]
     np.testing.assert_allclose(found[:, 0], np.linspace(0, 2.5, 11) ** 3, atol=1e-12)
 
 
@@ -231,6 +232,10 @@ def test_the_commands_score_and_identify(logged, tmp_path, capsys):
     assert (code, out, err) == (0, "", "")
     found = lissajous_env.scenario(str(tmp_path / "cars.toml"))
     assert found.robot.drive == pytest.approx(recording.scenario.robot.drive, rel=0.03)
+    code, out, err = called(capsys, "identify", path)
+    assert (code, err) == (0, "")
+    assert all(f"residuals of robot {k} over" in out for k in range(5))
+    assert "warning" not in out
 
 
 def test_run_writes_a_log(tmp_path, capsys):

@@ -9,19 +9,20 @@ import tyro
 
 from lissajous_env.console.recordings import check_file
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutFile, OutputOptions, print_left_out, print_table
-from lissajous_env.logs.reading import COMMAND, ODOMETRY
+from lissajous_env.logs.reading import COMMAND
+from lissajous_env.logs.robots import ODOMETRY
 from lissajous_env.parameters.scenario_file import as_toml
 
 if TYPE_CHECKING:
     from lissajous_env.logs.identification import Identified
     from lissajous_env.parameters.scenario import Scenario
 
-_Log = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
+_Logs = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG ...")]
 _Scenario = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
 
 
 def identify(
-    log: _Log,
+    logs: _Logs,
     scenario: _Scenario = None,
     topics: tuple[str, ...] = ODOMETRY,
     commands: str = COMMAND,
@@ -34,10 +35,12 @@ def identify(
         lissajous identify lab.mcap --out lab-cars.toml
 
     Args:
-        log: rosbag2 file (.mcap) or folder, with poses and commands of one or more cars.
+        logs: rosbag2 file (.mcap) or folder, with poses and commands of one or more cars, or several that belong
+            together.
         scenario: name of a scenario, .toml file, or module:attribute, from whose car the fit starts; by default that of
             the log, or the paper's experiment.
-        topics: topics of the robots' poses in their order, or one name in which {} stands for 0, 1, 2 ...
+        topics: topics of the robots' poses in their order, or one name in which {} stands for their numbers; for /tf
+            and arrays of poses also with a part, as in /tf:car_{}.
         commands: topic of the commands with {}: sensor_msgs/JointState with the joints steering [rad] and throttle, or
             std_msgs/Float64MultiArray of the two.
         out: .toml file to write: a scenario with these cars.
@@ -50,43 +53,58 @@ def identify(
     from lissajous_env.storage.files import write_atomically
 
     check_file(out, ".toml")
-    found = read(log, topics, commands)
+    found = read(logs, topics, commands)
     given = named.scenario(scenario) if scenario is not None else own_scenario(found) or named.scenario("experiment")
     if given.robot.kind != "car":
         raise ValueError(f"scenario must be of robots of kind car, got {given.robot.kind}")
     if not found.commands:
         raise ValueError(f"log {found.name} must have commands on a topic {commands}, got none")
-    cars = {
-        robot: fit(found.tracks[robot], series, given.robot, found.statuses.get(robot))
-        for robot, series in found.commands.items()
-    }
+    cars = {}
+    for robot, series in found.commands.items():
+        try:
+            cars[found.label(robot)] = fit(found.tracks[robot], series, given.robot, found.statuses.get(robot))
+        except ValueError as error:
+            raise ValueError(f"{found.called([robot])} of {found.name}: {error}") from error
     _print(output, cars)
+    for note in found.notes:
+        output.print(f"note: {note}", "yellow")
     if out is not None:
         write_atomically(out, _as_toml(cars, given, found.name))
         output.print(f"wrote {out}")
     output.print_json({
-        str(robot): {"values": car.values, "errors": car.errors, "residual": car.residual, "samples": car.samples}
+        robot: {"values": car.values, "errors": car.errors, "residual": car.residual, "samples": car.samples}
+        | {"misfits": car.misfits}
         for robot, car in cars.items()
     })  # fmt: skip
 
 
+_RESIDUALS = {"position": "m", "heading": "rad", "speed": "m/s"}
 _UNITS = {"wheelbase": "m", "drag": "1/s", "drive": "m/s^2", "offset": "m/s^2", "dead_zone": "", "delay": "s"}
 
 
-def _print(output: OutputOptions, cars: "dict[int, Identified]") -> None:
+def _print(output: OutputOptions, cars: "dict[str, Identified]") -> None:
     titles = [f"{name.replace('_', ' ')}\n[{unit}]" if unit else f"{name}\n" for name, unit in _UNITS.items()]
     columns = [Column("robot"), *map(Column, titles)]
-    columns += map(Column, ("residual of\nx, y [m]", "of heading\n[rad]", "of speed\n[m/s]", "poses"))
-    rows = []
-    for robot, car in cars.items():
-        cells = [_with_error(car.values[name], car.errors[name]) for name in _UNITS]
-        rows.append([str(robot), *cells, *(f"{car.residual[name]:.2g}" for name in car.residual), f"{car.samples:,}"])
+    rows = [
+        [robot, *(_with_error(car.values[name], car.errors[name]) for name in _UNITS)] for robot, car in cars.items()
+    ]
     console = output.console()
     left_out = print_table(console, columns, rows)
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     if any(math.isnan(car.errors["dead_zone"]) for car in cars.values()):
         words = "(given): the log does not determine this constant; no throttle in it lies within the dead zone."
         output.print(words)
+    for robot, car in cars.items():
+        sizes = [
+            f"{name} {car.residual[name]:.3g} {unit}" if car.residual[name] >= 0 else f"{name} not measured"
+            for name, unit in _RESIDUALS.items()
+        ]
+        output.print(f"residuals of robot {robot} over {car.samples:,} poses: {', '.join(sizes)}")
+        if car.misfits:
+            words = (
+                f"the model does not fit robot {robot}: the residual of {' and '.join(car.misfits)} is far above noise"
+            )
+            output.print(f"warning: {words}; check the units and the order of the commands, and the clocks", "yellow")
 
 
 def _with_error(value: float, error: float) -> str:
@@ -97,7 +115,7 @@ def _with_error(value: float, error: float) -> str:
     return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
-def _as_toml(cars: "dict[int, Identified]", scenario: "Scenario", log: str) -> str:
+def _as_toml(cars: "dict[str, Identified]", scenario: "Scenario", log: str) -> str:
     """Return the file of a scenario with the mean of the cars, the standard errors in comments."""
     mean, lines = {}, [f"# Cars identified from {log}: means with standard errors."]
     for name, unit in _UNITS.items():

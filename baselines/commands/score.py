@@ -1,6 +1,5 @@
 """The command `lissajous score`: a log of robots, scored as the simulation scores its own episodes."""
 
-import math
 from pathlib import Path
 from typing import Annotated
 
@@ -11,21 +10,21 @@ from baselines.benchmark.progress import bar
 from baselines.commands.playing import FORMATS, progress_console
 from lissajous_env.console.recordings import check_file, show
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out
-from lissajous_env.logs.reading import ODOMETRY
+from lissajous_env.logs.robots import ODOMETRY
 from lissajous_env.logs.scoring import GAP, own_scenario
 from lissajous_env.logs.scoring import score as score_log
 from lissajous_env.parameters import named
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from lissajous_env.storage.files import write_atomically
 
-_Log = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
+_Logs = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG ...")]
 _Scenario = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
 _Report = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 _Out = Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")]
 
 
 def score(
-    log: _Log,
+    logs: _Logs,
     scenario: _Scenario = None,
     topics: tuple[str, ...] = ODOMETRY,
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -48,9 +47,11 @@ def score(
         files: out, report
 
     Args:
-        log: rosbag2 file (.mcap) or folder; one that --out FILE.mcap wrote contains its own scenario.
+        logs: rosbag2 file (.mcap) or folder, or several that belong together, as one for each robot; a log that --out
+            FILE.mcap wrote contains its own scenario.
         scenario: name of a scenario, .toml file, or module:attribute; its robots and rectangle are those of the log.
-        topics: topics of the robots' poses in their order, or one name in which {} stands for 0, 1, 2 ...
+        topics: topics of the robots' poses in their order, or one name in which {} stands for their numbers; for /tf
+            and arrays of poses also with a part, as in /tf:car_{}.
         origin: x, y [m] and heading [rad] of the middle of the rectangle in the frame of the log.
         gap: longest time without a pose during which a robot counts as working [s].
         episodes: number of draws of virtual targets, each of which is scored.
@@ -69,14 +70,13 @@ def score(
     for file in out:
         check_file(file, ".csv", *FORMATS)
     check_file(report, ".html")
-    found = read(log, topics, origin=origin)
+    found = read(logs, topics, origin=origin)
     given = named.scenario(scenario) if scenario is not None else own_scenario(found)
     if given is not None and overrides:
         given = named.scenario(given, **parse_overrides(overrides))
     first = seed if seed is not None else int((found.episode or {}).get("seed", 0))
-    steps = math.floor((found.end - found.start) / given.task.step) if given is not None else 0
     with bar(progress_console(output), bars.TextColumn("{task.description}")) as shown_bar:
-        task = shown_bar.add_task(f"scoring {found.name}", total=max(steps, 1))
+        task = shown_bar.add_task(f"scoring {found.name}", total=None)
         scored = score_log(found, given, range(first, first + episodes), gap, lambda: shown_bar.advance(task))
     console, (name, *_) = output.console(), [row["policy"] for row in scored.rows]
     lasts = scored.scenario.task.duration

@@ -41,7 +41,9 @@ try:
     (SignalHandlerOptions,) = _names("rclpy.signals", "SignalHandlerOptions")
     (Clock,) = _names("rosgraph_msgs.msg", "Clock")
     JointState, PointCloud2, PointField = _names("sensor_msgs.msg", "JointState", "PointCloud2", "PointField")
-    ColorRGBA, Float32, Float64, UInt8 = _names("std_msgs.msg", "ColorRGBA", "Float32", "Float64", "UInt8")
+    ColorRGBA, Float32, Float64, String, UInt8 = _names(
+        "std_msgs.msg", "ColorRGBA", "Float32", "Float64", "String", "UInt8"
+    )
     (Trigger,) = _names("std_srvs.srv", "Trigger")
     Marker, MarkerArray = _names("visualization_msgs.msg", "Marker", "MarkerArray")
 except ImportError as error:
@@ -68,6 +70,7 @@ __all__ = [
     "PointField",
     "PoseStamped",
     "QoSOverridingOptions",
+    "String",
     "Time",
     "Trigger",
     "Twist",

@@ -16,6 +16,8 @@ from baselines.ros.settings import WorldSettings
 from baselines.ros.vehicle import Vehicle
 from lissajous_env.console.terminal import CommandError
 from lissajous_env.episodes.recording import Recorder, Recording
+from lissajous_env.logs.reading import EPISODE
+from lissajous_env.logs.writing import episode_text
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import REMOVED
@@ -73,6 +75,7 @@ class WorldNode(ros.Node):
         self.loop.add_node(self)
         self._robots = [self._connect(k) for k in range(count)]
         self._send_clock = self.create_publisher(ros.Clock, "/clock", ros.reliable(1)).publish
+        self._send_episode = self.create_publisher(ros.String, EPISODE, ros.lasting()).publish
         self._send_markers = self.create_publisher(ros.MarkerArray, "/markers", ros.reliable(1)).publish
 
     @property
@@ -191,6 +194,7 @@ class WorldNode(ros.Node):
     def _realtime(self) -> Iterator[None]:
         step = self.scenario.task.step
         end = self.now
+        self._announce_episode()
         self._publish(end)
         while not self.simulation.over[0]:
             begun, end = end, end + step
@@ -220,6 +224,8 @@ class WorldNode(ros.Node):
                 there = [k for k, status in enumerate(self._status) if status != int(REMOVED)]
                 return [k for k in there if key not in self._actions[k]]
 
+            if not taken:
+                self._announce_episode()
             publish()
             if not self._spin_until(lambda: not missing(), _PATIENCE, publish if missing() else None):
                 silent = ", ".join(f"robot_{k}" for k in missing())
@@ -230,6 +236,10 @@ class WorldNode(ros.Node):
             self.simulation.step(action)
             taken += 1
             yield
+
+    def _announce_episode(self) -> None:
+        """Publish the scenario and the seed, with which a recorded log contains all that `lissajous score` needs."""
+        self._send_episode(ros.String(data=episode_text(self.scenario, self.settings.seed, "ros")))
 
     def _publish(self, time: float) -> None:
         """Publish the measurements and detections of each robot at a time [s]."""

@@ -19,6 +19,10 @@ from lissajous_env.storage.files import replacing
 from lissajous_env.world.introduction import introduced_at
 from lissajous_env.world.simulation import Simulation, fold_seed
 
+Unknown = tuple[str, int, int, int]
+"""A range of moments in which something of a robot is unknown: `pose`, `speed` or `command`, the robot, the first and
+the last moment."""
+
 FORMAT = "lissajous recording 3"
 """Format written into every file; other formats are rejected."""
 
@@ -77,6 +81,8 @@ class Recording:
     follows `observation[f]`."""
     reward_terms: np.ndarray
     """(F, N, K) float32 terms of the reward of that step; zero at the reset."""
+    unknown: tuple[Unknown, ...] = ()
+    """Unknown poses, speeds and commands of a log that was scored, in whose place the arrays have other numbers."""
 
     def __len__(self) -> int:
         return len(self.position)
@@ -85,6 +91,14 @@ class Recording:
     def duration(self) -> float:
         """Time from the reset to the last moment [s]."""
         return (len(self) - 1) * self.scenario.task.step
+
+    def is_unknown(self, name: str) -> np.ndarray:
+        """Return (F, N) True where the `pose`, `speed` or `command` of a robot is unknown."""
+        mask = np.zeros(self.status.shape, bool)
+        for what, robot, first, last in self.unknown:
+            if what == name:
+                mask[first : last + 1, robot] = True
+        return mask
 
     def snapshot(self, moment: int) -> Snapshot:
         """Return the state after a number of steps, with the positions so far as the trail."""
@@ -109,7 +123,7 @@ class Recording:
         scenario = self.scenario.resolve().to_dict()
         del scenario["extensions"]  # a file must not cause imports
         names = {"observation_names": self.observation_names, "reward_names": self.reward_names}
-        about = {"format": FORMAT, "scenario": scenario, "score": self.score, **names}
+        about = {"format": FORMAT, "scenario": scenario, "score": self.score, "unknown": self.unknown, **names}
         arrays = {name: getattr(self, name).astype(dtype, copy=False) for name, dtype in ARRAYS.items()}
         _check_size(sum(array.nbytes for array in arrays.values()))
         with replacing(path) as temporary, open(temporary, "wb") as file:
@@ -161,6 +175,11 @@ class Recorder:
         self._bytes += sum(kept[-1].nbytes for kept in (*self._moments.values(), self._contact))
         _check_size(self._bytes)
         self._last = now
+
+    @property
+    def most_moments(self) -> int:
+        """Largest number of moments like those so far that a recording may contain."""
+        return archive.MOST_BYTES * len(self._contact) // max(self._bytes, 1)
 
     def _others(self) -> dict[str, np.ndarray]:
         """Return the arrays that are not part of a snapshot."""
@@ -281,7 +300,10 @@ def _loaded(file: BinaryIO) -> Recording:
             raise ValueError(f"its format is not {FORMAT!r}")
         scenario = made_scenario(about["scenario"])
         names = (tuple(about["observation_names"]), tuple(about["reward_names"]))
-        recording = Recording(scenario, about["score"], *names, **archive.read_arrays(stored, ARRAYS))
+        arrays = archive.read_arrays(stored, ARRAYS)
+        unknown = tuple(tuple(each) for each in about.get("unknown", ()))
+        recording = Recording(scenario, about["score"], *names, **arrays)
+        recording = dataclasses.replace(recording, unknown=unknown)
     check(recording, _FIXED)
     return recording
 

@@ -50,6 +50,12 @@ def check(recording: Any, fixed: Sequence[str]) -> None:
         raise ValueError("its contact must contain moments and robots of the recording")
     if f > scenario.task.steps + 1:
         raise ValueError(f"its moments must be at most the {scenario.task.steps} steps and the reset, got {f}")
+    for blank in recording.unknown:
+        what, *places = blank if len(blank) == 4 else ("",)
+        if what not in ("pose", "speed", "command") or not all(type(place) is int for place in places):
+            raise ValueError("its unknown must contain names with a robot and two moments")
+        if not 0 <= places[0] < scenario.num_robots or not 0 <= places[1] <= places[2] < f:
+            raise ValueError("its unknown must contain robots and moments of the recording")
     for name in ("observation_names", "reward_names"):
         if not all(isinstance(each, str) for each in getattr(recording, name)):
             raise ValueError(f"its {name} must contain text")

@@ -14,6 +14,9 @@ from lissajous_env.settings.parts import Robot
 
 wp.set_module_options(OPTIONS)
 
+LARGEST_STEERING = np.pi / 2
+"""Steering angle that no car reaches [rad]."""
+
 
 @wp.kernel
 def to_inputs(robot: RobotStruct, action: wp.array(dtype=wp.vec2), input_out: wp.array(dtype=wp.vec2)):

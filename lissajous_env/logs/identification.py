@@ -6,19 +6,26 @@ and speed, each in units of its own deviation. The dead zone, on which a predict
 best of the values between the throttles of the log.
 """
 
+import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
+from lissajous_env.logs.car_input import LARGEST_STEERING
 from lissajous_env.logs.log import Series, Track
+from lissajous_env.logs.motion import SOME, local_deviations, motion_of
 from lissajous_env.logs.rollouts import CONSTANTS, Rollouts
 from lissajous_env.settings.parts import Robot
+from lissajous_env.wording import few_of
 from lissajous_env.world.state import WORKING
 
 _SEGMENT = 2.0
 """Duration of a segment [s]."""
+_GAP = 0.5
+"""Longest time between two poses from which a speed is computed [s]."""
 _MOST_SEGMENTS = 120
 _MOST_ZONES = 48
 """Values of the dead zone that are compared at once."""
@@ -32,7 +39,19 @@ _LEAST = np.array([1e-4, 1e-5, 1e-5, 0.0, 0.0])
 """Least values of the smooth constants."""
 _LEAST_UNIT = np.array([1e-3, 1e-2, 1e-2, 1e-1, 1.0])
 """Least units in which they are fitted."""
+_ROUNDING = 1e-5
+"""Least relative standard error: predictions are computed in single precision."""
+_NOISES, _SPREAD = 3.0, 0.05
+"""Factors on the noise of the log and on the spread of the motion in a segment, up to which residuals are no misfit."""
+_FIRST_STEPS = 6
+"""Steps to the best starts with which a fit begins."""
+_SHARES = np.array([1.0, 0.3, 0.1, 0.0])
+"""Shares of a step to the best start that are compared."""
 _FIRST_SCALE = np.array([0.01, 0.01, 0.02, 0.02])
+
+
+INPUTS = ("steering", "throttle")
+"""Names of the commands."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +63,12 @@ class Identified:
     errors: dict[str, float]
     """Standard error of each; NaN for a constant that the log does not determine, whose value is then the given one."""
     residual: dict[str, float]
-    """Standard deviation of the log from the prediction: x and y together [m], heading [rad], speed [m/s]."""
+    """Standard deviation of the log from the prediction: x and y together [m], heading [rad], speed [m/s], NaN without
+    measured speeds."""
     samples: int
     """Number of poses that were used."""
+    misfits: tuple[str, ...] = ()
+    """Names of the residuals that exceed both the noise of the log and a twentieth of the motion in a segment."""
 
 
 def identify(track: Track, commands: Series, guess: Robot | None = None, status: Series | None = None) -> Identified:
@@ -54,14 +76,21 @@ def identify(track: Track, commands: Series, guess: Robot | None = None, status:
 
     Args:
         track: Its path.
-        commands: Its commands, steering angle [rad] and throttle.
+        commands: Its commands, with the names steering [rad] and throttle, or these two numbers without names.
         guess: Constants that are not fitted, and those to start from.
         status: Its status; segments in which it did not work are left out.
 
     Raises:
-        ValueError: the log is too short, or the car does not move or is never steered.
+        ValueError: the log is too short, the car does not move or is never steered, the commands have other names, or
+            their steering angles are not in radians.
     """
-    return _Fit(track, commands, guess or Robot(), status).run()
+    given = commands.columns(INPUTS)
+    if given is None:
+        got = few_of(commands.names) or f"{commands.value.shape[1]} numbers without names"
+        raise ValueError(f"commands must be {' [rad] and '.join(INPUTS)}, got {got}")
+    if (largest := float(np.abs(given[:, 0]).max())) >= LARGEST_STEERING:
+        raise ValueError(f"steering must be an angle below pi / 2 [rad], got {largest:.4g}: is it in degrees?")
+    return _Fit(track, Series(commands.time, given), guess or Robot(), status).run()
 
 
 class _Fit:
@@ -76,7 +105,8 @@ class _Fit:
                 f"log must contain at least 20 poses over {2 * _SEGMENT:g} s with commands, got {count} over "
                 f"{max(last - first, 0.0):.3g} s"
             )
-        measured = np.stack([*track.position.T[:2], track.heading, track.speed], axis=1)[inside]
+        motion = motion_of(track, _GAP)
+        measured = np.stack([*track.position.T[:2], motion.track.heading, motion.track.speed], axis=1)[inside]
         if np.ptp(measured[:, 3]) < 1e-3 or np.ptp(commands.value[:, 0]) < 1e-3:
             raise ValueError("log must be of a car whose steering and speed change")
         segment = ((time - time[0]) / _SEGMENT).astype(int)
@@ -87,10 +117,15 @@ class _Fit:
         if len(kept) > _MOST_SEGMENTS:
             kept = kept[np.linspace(0, len(kept) - 1, _MOST_SEGMENTS).astype(int)]
         chosen = np.isin(segment, kept)
+        self._time = time[chosen]
         self._segment = np.searchsorted(kept, segment[chosen])
         self._measured = measured[chosen]
+        # A speed that was computed from positions is no second measurement, and lags behind the car's.
+        logged = np.isfinite(track.speed) & (track.measured and motion.derived in ("", SOME))
+        self._known = np.ones(self._measured.shape, bool)
+        self._known[:, 3] = (logged & (motion.track.speed == track.speed))[inside][chosen]
         self._begin = np.append(np.flatnonzero(np.diff(self._segment, prepend=-1)), len(self._segment))
-        self._rollouts = Rollouts(guess, self._begin, time[chosen], commands.time, commands.value[:, :2])
+        self._rollouts = Rollouts(guess, self._begin, time[chosen], commands.time, commands.value)
         self._throttles = np.unique(commands.value[:, 1].round(7))
         # Between two throttles of the log, every value is as good.
         middles = 0.5 * (self._throttles[1:] + self._throttles[:-1])
@@ -108,34 +143,59 @@ class _Fit:
             constants[_ZONE], zone_error = self._best_zone(constants)
             self._scale = self._deviations(constants)
         constants, errors = self._fit(constants)
+        errors = np.maximum(errors, _ROUNDING * np.abs(constants))
         errors[_ZONE] = zone_error
         if np.isnan(zone_error):
             constants[_ZONE] = self._guess[_ZONE]
         deviations = self._deviations(constants)
-        residual = {"position": float(deviations[0]), "heading": float(deviations[2]), "speed": float(deviations[3])}
+        residual = {
+            "position": float(deviations[0]),
+            "heading": float(deviations[2]),
+            "speed": float(deviations[3]) if self._known[:, 3].any() else math.nan,
+        }
         values, deviations = (dict(zip(CONSTANTS, map(float, each), strict=True)) for each in (constants, errors))
-        return Identified(values, deviations, residual, len(self._measured))
+        return Identified(values, deviations, residual, len(self._measured), self._misfits(residual))
+
+    def _misfits(self, residual: dict[str, float]) -> tuple[str, ...]:
+        """Return the names of the residuals that the noise of the log does not explain."""
+        names, counts = [], np.diff(self._begin)
+        for name, columns in (("position", [0, 1]), ("heading", [2]), ("speed", [3])):
+            values, noise = self._measured[:, columns], []
+            for begin, end in pairwise(self._begin.tolist()):
+                noise.append(local_deviations(self._time[begin:end], values[begin:end]))
+            middle = np.add.reduceat(values, self._begin[:-1]) / counts[:, None]
+            spread = float((values - middle[self._segment]).std())
+            if residual[name] > max(_NOISES * float(np.median(np.concatenate(noise))), _SPREAD * spread):
+                names.append(name)
+        return tuple(names)
 
     def _residuals(self, constants: np.ndarray, starts: np.ndarray) -> np.ndarray:
         """Return the differences (P, K, 4) in units of their deviations."""
         away = self._rollouts.predict(constants, starts) - self._measured
         away[..., 2] = (away[..., 2] + np.pi) % (2 * np.pi) - np.pi
-        return away / self._scale
+        return np.where(self._known, away / self._scale, 0.0)
 
     def _deviations(self, constants: np.ndarray) -> np.ndarray:
         away = self._residuals(constants[None], self._starts[None])[0] * self._scale
         # A segment's start is fitted too, which costs one degree of freedom for each.
-        free = len(away) / max(len(away) - len(self._starts), 1)
-        square = (away**2).mean(axis=0) * free
+        known = self._known.sum(axis=0)
+        square = (away**2).sum(axis=0) / np.maximum(known - len(self._starts), 1)
         place = max(square[:2].mean(), 1e-12)
-        return np.sqrt(np.maximum([place, place, square[2], square[3]], 1e-12))
+        speed = square[3] if known[3] else self._scale[3] ** 2
+        return np.sqrt(np.maximum([place, place, square[2], speed], 1e-12))
 
     def _best_of(self, constants: np.ndarray, which: int, values: np.ndarray) -> np.ndarray:
         """Return the constants of the best fit of some that begin with, or have, these values of one of them."""
         sets = np.repeat(constants[None], len(values), axis=0)
         sets[:, which] = values
-        fits = [self._fit(each, evaluations=4)[0] for each in sets]
-        return min(fits, key=lambda fitted: (self._from_best_starts(fitted) ** 2).sum())
+        begun, fits = self._starts, []
+        for each in sets:
+            # A bad value leads the starts astray, from where the next value would not find back.
+            self._starts = begun
+            fitted = self._fit(each, evaluations=4)[0]
+            fits.append(((self._from_best_starts(fitted) ** 2).sum(), fitted, self._starts))
+        _, best, self._starts = min(fits, key=lambda fit: fit[0])
+        return best
 
     def _likely_zone(self, constants: np.ndarray) -> np.ndarray:
         """Return constants with a dead zone near the best, which depends on the other constants and they on it."""
@@ -166,22 +226,31 @@ class _Fit:
         def jacobian(x: np.ndarray) -> np.ndarray:
             return self._slopes(made(x), unit)
 
+        self._from_best_starts(constants, _FIRST_STEPS)
         low = _LEAST / unit
         begin: Any = np.maximum(constants[_SMOOTH] / unit, low)
         slopes: Any = jacobian
         found = least_squares(residuals, begin, slopes, (low, np.inf), max_nfev=evaluations)
-        free = max(len(found.fun) - len(found.x) - self._starts.size, 1)
+        free = max(int(self._known.sum()) - len(found.x) - self._starts.size, 1)
         covariance = np.linalg.pinv(found.jac.T @ found.jac) * (2 * found.cost / free)
         errors = np.full(len(CONSTANTS), np.nan)
         errors[_SMOOTH] = np.sqrt(np.diag(covariance)) * unit
         self._from_best_starts(made(found.x))
         return made(found.x), errors
 
-    def _from_best_starts(self, constants: np.ndarray) -> np.ndarray:
-        """Return the residuals (K, 4) from the best start of each segment, which two Gauss-Newton steps find."""
-        for _ in range(2):
+    def _from_best_starts(self, constants: np.ndarray, steps: int = 2) -> np.ndarray:
+        """Return the residuals (K, 4) from the best start of each segment, which some Gauss-Newton steps find.
+
+        A step that would make a segment's residuals larger is shortened, or left out.
+        """
+        first, segments = self._begin[:-1], np.arange(len(self._starts))
+        for _ in range(steps):
             away, slopes = self._start_slopes(constants)
-            self._starts = self._starts - self._explained(slopes, away[..., None])[..., 0] * self._scale
+            step = self._explained(slopes, away[..., None])[..., 0] * self._scale
+            tried = self._starts - _SHARES[:, None, None] * step
+            rest = self._residuals(np.repeat(constants[None], len(_SHARES), axis=0), tried)
+            costs = np.add.reduceat((rest**2).sum(axis=2), first, axis=1)
+            self._starts = tried[np.argmin(costs, axis=0), segments]
         return self._residuals(constants[None], self._starts[None])[0]
 
     def _start_slopes(self, constants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,5 +1,7 @@
 """A log of robots: the path of each over time, and what else was recorded of it."""
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,14 +16,26 @@ class Series:
     """(K,) float64 increasing times [s]."""
     value: np.ndarray
     """(K, ...) values."""
+    names: tuple[str, ...] = ()
+    """Names of the columns, where the messages have any."""
 
     def __len__(self) -> int:
         return len(self.time)
 
-    def before(self, time: np.ndarray) -> np.ndarray:
-        """Return the latest values at or before some times; the first value before the first time."""
-        tolerance = 1e-6
-        return self.value[np.maximum(np.searchsorted(self.time, time + tolerance, side="right") - 1, 0)]
+    def before(self, time: np.ndarray, late: float = 1e-6) -> np.ndarray:
+        """Return the latest values until some times [s], or up to `late` after; the first value before all times."""
+        return self.value[np.maximum(np.searchsorted(self.time, time + late, side="right") - 1, 0)]
+
+    def columns(self, names: Sequence[str]) -> np.ndarray | None:
+        """Return the columns (K, ...) with these names; None if there are others. Columns without names fit by number.
+
+        A series that has all of these names may have further ones.
+        """
+        if not self.names:
+            return self.value if self.value.shape[1] == len(names) else None
+        if not set(names) <= set(self.names):
+            return None
+        return self.value[:, [self.names.index(name) for name in names]]
 
 
 @dataclass(frozen=True)
@@ -33,9 +47,11 @@ class Track:
     position: np.ndarray
     """(K, 3) float64 x, y, z [m], with the origin in the middle of the rectangle."""
     heading: np.ndarray
-    """(K,) float64 headings, not wrapped [rad]."""
+    """(K,) float64 headings, not wrapped [rad]; NaN where the log has none."""
     speed: np.ndarray
-    """(K,) float64 speeds over the ground, forwards [m/s]."""
+    """(K,) float64 speeds over the ground, forwards [m/s]; NaN where the log has none."""
+    measured: bool = True
+    """False if the log says that its speeds are no measurements, by a first covariance of -1."""
 
     def __len__(self) -> int:
         return len(self.time)
@@ -57,13 +73,38 @@ class Log:
     """Statuses (K,) of the robots that have any: WORKING, STUCK or REMOVED of `lissajous_env.world.state`."""
     episode: dict[str, Any] | None = None
     """Scenario, seed and policy of a log that a simulation wrote."""
+    begin: float | None = None
+    """Time at which this episode begins [s]; None for the first time at which every robot has a pose."""
+    labels: tuple[str, ...] = ()
+    """Numbers of the robots in the log's names; by default 0, 1, 2 ..."""
+    notes: tuple[str, ...] = ()
+    """Remarks of the reader: what was left out, corrected, or seems wrong."""
+
+    def label(self, robot: int) -> str:
+        """Return the number of a robot in the log's names."""
+        return self.labels[robot] if self.labels else str(robot)
+
+    def called(self, robots: Sequence[int]) -> str:
+        """Return robots in words, such as "robots 0, 1 and 4"."""
+        *others, last = [self.label(robot) for robot in robots]
+        return f"robots {', '.join(others)} and {last}" if others else f"robot {last}"
+
+    def grouped(self, words: Sequence[tuple[int, str]]) -> list[str]:
+        """Return one note for all robots with the same words, in which "has", "counts" and so on become plural."""
+        those: dict[str, list[int]] = {}
+        for robot, said in words:
+            those.setdefault(said, []).append(robot)
+        return [
+            f"{self.called(robots)} {said if len(robots) == 1 else _plural(said)}" for said, robots in those.items()
+        ]
 
     @property
     def start(self) -> float:
-        """Earliest time at which every robot has a pose [s]."""
-        return max(float(track.time[0]) for track in self.tracks)
+        """Time at which the episode begins [s]."""
+        return max(float(track.time[0]) for track in self.tracks) if self.begin is None else self.begin
 
-    @property
-    def end(self) -> float:
-        """Latest time at which every robot has a pose [s]."""
-        return min(float(track.time[-1]) for track in self.tracks)
+
+def _plural(words: str) -> str:
+    for one, several in (("has", "have"), ("it counts", "they count"), ("counts", "count"), ("jumps", "jump")):
+        words = re.sub(rf"\b{one}\b", several, words)
+    return words

@@ -2,32 +2,36 @@
 
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
-from itertools import count
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from lissajous_env.logs.clocks import SAME, Clock, Recorded
 from lissajous_env.logs.log import Log, Series, Track
-from lissajous_env.logs.ros_types import rosbags, type_store
+from lissajous_env.logs.messages import Bags, Message
+from lissajous_env.logs.poses import Found, Poses
+from lissajous_env.logs.robots import ODOMETRY, Robot, robots_of
 from lissajous_env.settings.checks import is_whole
-from lissajous_env.wording import few_of, nearest
+from lissajous_env.wording import few_of, shown
+from lissajous_env.world.state import REMOVED, STUCK, WORKING
 
 EPISODE = "/lissajous/episode"
-ODOMETRY = ("/robot_{}/odom",)
 COMMAND, PHASE, STATUS = "/robot_{}/command", "/robot_{}/phase", "/robot_{}/status"
-_POSES = {
-    "nav_msgs/msg/Odometry": lambda message: message.pose.pose,
-    "geometry_msgs/msg/PoseStamped": lambda message: message.pose,
-    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda message: message.pose.pose,
-}
-"""Function that returns the pose in a message, by its type."""
+_JOINTS, _NUMBERS = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64MultiArray"
 _FEWEST = 2
+_LATE = 1.0
+"""Time between the first poses of two robots from which on a note says that the episode begins late [s]."""
+
+Values = tuple[tuple[str, ...], list[float]]
+"""Names of some numbers, or (), and the numbers."""
 
 
 def read(
-    path: str | Path,
+    path: str | Path | Sequence[str | Path],
     topics: Sequence[str] = ODOMETRY,
     commands: str = COMMAND,
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -35,164 +39,227 @@ def read(
     """Read a log.
 
     Args:
-        path: A file (.mcap) or the folder of a rosbag2.
-        topics: Topics of the poses, of type nav_msgs/Odometry, geometry_msgs/PoseStamped or
-            geometry_msgs/PoseWithCovarianceStamped: one for each robot in their order, or one name in which {} stands
-            for 0, 1, 2 ... (or 1, 2, 3 ...).
+        path: A file (.mcap) or the folder of a rosbag2, or several that belong together.
+        topics: Topics of the poses: one for each robot in their order, or one name in which {} stands for their
+            numbers. A topic with the poses of several robots is named alone, or with a part after a colon: a frame of
+            /tf (`/tf:car_{}`), or a place in an array (`/poses:2`). Of several files, one name without {} stands for
+            one robot in each.
         commands: Topic of the commands, with {} for the same numbers: sensor_msgs/JointState with joints named steering
             and throttle, or std_msgs/Float64MultiArray of the two.
         origin: x, y [m] and heading [rad] of the middle of the rectangle in the frame of the log.
 
     Raises:
         MissingExtraError: rosbags, of the extra `logs`, is not installed.
-        ValueError: the file is damaged or no log, has no such topic, or poses that are not finite.
-        OSError: the file cannot be read.
+        ValueError: a file is damaged or no log, has no such topic, or its poses are in several frames or of times that
+            do not overlap.
+        OSError: a file cannot be read.
     """
-    rosbag2 = rosbags()
-    path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(2, "there is no such log", str(path))
-    try:
-        with rosbag2.Reader(path) as reader:
-            return _Reading(reader, path.name, origin).log(tuple(topics), commands)
-    except (OSError, _RefusedError):
-        raise
-    except Exception as error:  # damaged bytes make the library raise almost any error
-        reason = str(error).partition("\n")[0] or type(error).__name__
-        raise ValueError(f"{path} must be an undamaged rosbag2 file (.mcap) or folder, but {reason}") from error
-
-
-class _RefusedError(ValueError):
-    """A log that can be read but has not what is needed."""
+    if len(origin) != 3 or not all(map(math.isfinite, origin)):
+        raise ValueError(f"origin must be three finite numbers, x, y [m] and heading [rad], got {shown(origin)}")
+    paths = [Path(path)] if isinstance(path, (str, Path)) else [Path(each) for each in path]
+    if not paths:
+        raise ValueError("path must name at least one log, got none")
+    name = paths[0].name if len(paths) == 1 else f"{paths[0].name} and {len(paths) - 1} more"
+    with Bags(paths) as bags:
+        return _Reading(bags, name, tuple(topics), origin).log(commands)
 
 
 class _Reading:
-    """An open log."""
+    """The files of a log that is being read."""
 
-    def __init__(self, reader: Any, name: str, origin: tuple[float, float, float]):
-        self._reader, self._name, self._origin = reader, name, origin
-        self._connections = {each.topic: each for each in reader.connections}
-        self._store = type_store()  # of ROS alone: the types that a file defines are not compiled
+    def __init__(self, bags: Bags, name: str, topics: tuple[str, ...], origin: tuple[float, float, float]):
+        self._bags, self._name, self._origin = bags, name, origin
+        poses = Poses(bags)
+        self._robots, self._notes = robots_of(bags, poses, topics, name)
+        self._labels = tuple(robot.label for robot in self._robots)
+        self._blank = Log(name, (), labels=self._labels)
+        self._called = self._blank.called
+        found = [self._poses(robot, poses) for robot in self._robots]
+        words = [(k, f"has {each.broken} poses that are not finite and are left out") for k, each in enumerate(found)]
+        self._notes += self._blank.grouped([each for each in words if found[each[0]].broken])
+        words = [(k, f"has {each.turned} quaternions that are not of length 1") for k, each in enumerate(found)]
+        self._notes += self._blank.grouped([each for each in words if found[each[0]].turned])
+        self._measured = [not each.unmeasured for each in found]
+        self._check_frames(found)
+        self._clock = Clock([each.recorded for each in found], self._blank)
+        self._notes += self._clock.notes
+        self._ignored: dict[str, Counter[str]] = {}
 
-    def log(self, topics: tuple[str, ...], commands: str) -> Log:
-        names, numbers = self._expanded(topics)
-        tracks = tuple(self._track(name) for name in names)
-        return Log(
-            self._name,
-            tracks,
-            self._others(commands, numbers, _command_of),
-            self._others(PHASE, numbers, lambda message: message.data),
-            self._others(STATUS, numbers, lambda message: message.data),
-            self._episode(),
-        )
+    def log(self, commands: str) -> Log:
+        """Return the log."""
+        if "{}" not in commands and len(self._robots) > 1 and self._robots[0].bag is None:
+            raise ValueError(f"commands must be a topic in which {{}} stands for a robot's number, got {commands}")
+        tracks = [self._track(k, poses) for k, poses in enumerate(self._clock.poses)]
+        tracks = [replace(track, measured=known) for track, known in zip(tracks, self._measured, strict=True)]
+        self._check_times(tracks)
+        episode, begin = self._episode(tracks)
+        if begin is None:
+            self._note_late(tracks)
+        given = self._others(commands, (_JOINTS, _NUMBERS), _command_of)
+        phases = self._others(PHASE, ("std_msgs/msg/Float64",), _number_of)
+        statuses = self._others(STATUS, ("std_msgs/msg/UInt8",), _status_of)
+        for (topic, kind), count in sorted(self._bags.ignored.items()):
+            self._ignored.setdefault(f"type {kind} is not understood there", Counter())[topic] += count
+        for reason, topics in self._ignored.items():
+            self._notes.append(f"{topics.total()} messages of {few_of(topics)} are ignored: {reason}")
+        phases, statuses = ({k: Series(s.time, s.value[:, 0]) for k, s in each.items()} for each in (phases, statuses))
+        notes = tuple(self._notes)
+        return Log(self._name, tuple(tracks), given, phases, statuses, episode, begin, self._labels, notes)
 
-    def _expanded(self, topics: tuple[str, ...]) -> tuple[list[str], list[int]]:
-        """Return the topic of each robot, and the number in the topics of its other messages."""
-        if len(topics) != 1 or "{}" not in topics[0]:
-            self._require(topics)
-            return list(topics), list(range(len(topics)))
-        pattern = topics[0]
-        first = 0 if pattern.format(0) in self._connections else 1
-        numbers = []
-        for number in count(first):
-            if pattern.format(number) not in self._connections:
-                break
-            numbers.append(number)
-        if not numbers:
-            self._require([pattern.format(0)])
-        return [pattern.format(number) for number in numbers], numbers
-
-    def _require(self, topics: Sequence[str]) -> None:
-        for topic in topics:
-            if topic not in self._connections:
-                there = sorted(name for name, each in self._connections.items() if each.msgtype in _POSES)
-                hint = nearest(topic, there)
-                raise _RefusedError(
-                    f"topics must be topics of poses in {self._name}, which has {few_of(there) or 'none'}, "
-                    f"got {topic}{hint}"
-                )
-            if (kind := self._connections[topic].msgtype) not in _POSES:
-                raise _RefusedError(f"topic {topic} of {self._name} must be of type {', '.join(_POSES)}, got {kind}")
-
-    def _messages(self, topic: str) -> list[tuple[float, Any]]:
-        """Return time [s] and content of each message of a topic, the time of its header if it has one."""
-        found = []
-        for connection, logged, raw in self._reader.messages([self._connections[topic]]):
-            message = self._store.deserialize_cdr(raw, connection.msgtype)
-            stamp = message.header.stamp if hasattr(message, "header") else None
-            time = logged / 1e9 if stamp is None or stamp.sec == 0 else stamp.sec + stamp.nanosec / 1e9
-            found.append((time, message))
+    def _poses(self, robot: Robot, poses: Poses) -> Found:
+        found = poses.of(robot.topic, robot.part, robot.bag)
+        name = robot.topic if robot.part is None else f"{robot.topic}:{robot.part}"
+        if found is None or len(found.recorded.stamp) < _FEWEST:
+            count = 0 if found is None else len(found.recorded.stamp)
+            broken = f" and {found.broken} that are not finite" if found is not None and found.broken else ""
+            raise ValueError(f"topic {name} of {self._name} must have at least {_FEWEST} poses, got {count}{broken}")
         return found
 
-    def _track(self, topic: str) -> Track:
-        self._require([topic])
-        pose_of = _POSES[kind := self._connections[topic].msgtype]
-        rows = []
-        for time, message in self._messages(topic):
-            pose = pose_of(message)
-            place, turn = pose.position, pose.orientation
-            heading = math.atan2(2 * (turn.w * turn.z + turn.x * turn.y), 1 - 2 * (turn.y**2 + turn.z**2))
-            speed = message.twist.twist.linear.x if kind == "nav_msgs/msg/Odometry" else math.nan
-            rows.append((time, place.x, place.y, place.z, heading, speed))
-        values = _in_order(np.array(rows, dtype=float).reshape(-1, 6))
-        if len(values) < _FEWEST:
-            raise _RefusedError(f"topic {topic} of {self._name} must have at least {_FEWEST} poses, got {len(values)}")
-        if not np.isfinite(values[:, :5]).all():
-            at = values[~np.isfinite(values[:, :5]).all(axis=1)][0, 0]
-            raise _RefusedError(
-                f"topic {topic} of {self._name} must have finite poses, got NaN or infinity at {at:.3f} s"
-            )
-        return self._moved(values)
+    def _check_frames(self, found: Sequence[Found]) -> None:
+        frames: dict[str, list[int]] = {}
+        for k, each in enumerate(found):
+            for frame in each.frames:
+                frames.setdefault(frame, []).append(k)
+        if len(frames) > 1:
+            got = "; ".join(f"{frame or 'no name'} of {self._called(those)}" for frame, those in sorted(frames.items()))
+            raise ValueError(f"the poses of {self._name} must be in one frame, got {got}")
 
-    def _moved(self, values: np.ndarray) -> Track:
-        """Return a track in the frame of the rectangle; a speed that was not logged is that of the positions."""
-        time, position, speed = values[:, 0], values[:, 1:4].copy(), values[:, 5]
+    def _track(self, robot: int, poses: Recorded) -> Track:
+        """Return a track in the frame of the rectangle."""
+        if len(poses.stamp) < _FEWEST:
+            words = f"must have at least {_FEWEST} poses in the part of {self._name} that counts"
+            raise ValueError(f"{self._called([robot])} {words}, got {len(poses.stamp)}")
+        poses = poses.rows(np.argsort(poses.stamp, kind="stable"))
+        poses = poses.rows(np.append(np.diff(poses.stamp) > SAME, True))
+        position, heading = poses.pose[:, :3].copy(), poses.pose[:, 3].copy()
         x, y, turn = self._origin
         if any(self._origin):
             away = position[:, :2] - (x, y)
             position[:, 0] = math.cos(turn) * away[:, 0] + math.sin(turn) * away[:, 1]
             position[:, 1] = math.cos(turn) * away[:, 1] - math.sin(turn) * away[:, 0]
-        heading = np.unwrap(values[:, 4]) - turn
-        if not np.isfinite(speed).all():
-            speed = np.linalg.norm(np.gradient(position[:, :2], time, axis=0), axis=1)
-        return Track(time, position, heading, speed)
+        known = np.isfinite(heading)
+        heading[known] = np.unwrap(heading[known]) - turn
+        speed = poses.pose[:, 4]
+        return Track(poses.stamp, position, heading, np.where(np.isfinite(speed), speed, np.nan))
 
-    def _others(self, pattern: str, numbers: list[int], value_of: Callable[[Any], Any]) -> dict[int, Series]:
+    def _check_times(self, tracks: Sequence[Track]) -> None:
+        """Check that there is a time at which all robots have poses."""
+        first, last = (np.array([track.time[place] for track in tracks]) for place in (0, -1))
+        if first.max() < last.min() or len(tracks) < 2:
+            return
+        together = (first[:, None] <= last) & (first <= last[:, None])
+        odd = int(np.argmin(together.sum(axis=1)))
+        rest = [k for k in range(len(tracks)) if k != odd]
+        raise ValueError(
+            f"the poses of all robots of {self._name} must overlap in time, got those of {self._called([odd])} from "
+            f"{first[odd]:.3f} to {last[odd]:.3f} s and the others' from {first[rest].min():.3f} to "
+            f"{last[rest].max():.3f} s: is a clock set wrong?"
+        )
+
+    def _note_late(self, tracks: Sequence[Track]) -> None:
+        first = np.array([track.time[0] for track in tracks])
+        if np.ptp(first) > _LATE:
+            words = f"the episode begins with the first pose of {self._called([int(np.argmax(first))])}"
+            self._notes.append(f"{words}, {np.ptp(first):.3g} s after that of {self._called([int(np.argmin(first))])}")
+
+    def _others(self, pattern: str, kinds: Sequence[str], value_of: Callable[[Any], Values | str]) -> dict[int, Series]:
+        """Return the values of the robots that have any on the topics of a pattern."""
         found = {}
-        for robot, number in enumerate(numbers):
-            topic = pattern.format(number)
-            if topic in self._connections:
-                rows = [(time, *np.atleast_1d(value_of(message))) for time, message in self._messages(topic)]
-                values = _in_order(np.array(rows, dtype=float))
-                series = values[:, 1:] if value_of is _command_of else values[:, 1]
-                found[robot] = Series(values[:, 0], series)
+        for k, robot in enumerate(self._robots):
+            topic = pattern.replace("{}", robot.label)
+            if topic not in self._bags.kinds:
+                continue
+            own = robot.bag if "{}" not in pattern else None
+            messages = [m for m in self._bags.of(topic, kinds) if own in (None, m.bag)]
+            messages = [message for message in messages if self._clock.counts(message.bag, message.logged)]
+            rows = self._understood(topic, messages, value_of)
+            if rows:
+                times = self._times(topic, [message for message, _ in rows])
+                values = np.array([values for _, (_, values) in rows], dtype=float)
+                order = np.argsort(times, kind="stable")
+                order = order[np.append(np.diff(times[order]) > 0, True)]
+                found[k] = Series(times[order], values[order], rows[0][1][0])
         return found
 
-    def _episode(self) -> dict[str, Any] | None:
-        if EPISODE not in self._connections:
-            return None
-        episode = json.loads(self._messages(EPISODE)[0][1].data)
-        if not isinstance(episode, dict) or not isinstance(episode.get("scenario"), dict):
-            raise ValueError(f"its {EPISODE} must contain a scenario")
-        seed: Any = episode.get("seed")
-        if not is_whole(seed) or not 0 <= seed < 2**31:
-            raise ValueError(f"its {EPISODE} must contain the seed, a whole number from 0 to {2**31 - 1}")
-        return episode
+    def _understood(
+        self, topic: str, messages: Sequence[Message], value_of: Callable[[Any], Values | str]
+    ) -> list[tuple[Message, Values]]:
+        """Return the messages with as many finite numbers, of the same names, as the first; note the others."""
+        rows: list[tuple[Message, Values]] = []
+        for message in messages:
+            values = value_of(message.content)
+            if not isinstance(values, str):
+                names, numbers = values
+                if not all(map(math.isfinite, numbers)):
+                    values = "they have numbers that are not finite"
+                elif rows and (rows[0][1][0], len(rows[0][1][1])) != (names, len(numbers)):
+                    values = "they have other names or another length than the first"
+            if isinstance(values, str):
+                self._ignored.setdefault(values, Counter())[topic] += 1
+            else:
+                rows.append((message, values))
+        return rows
+
+    def _times(self, topic: str, messages: Sequence[Message]) -> np.ndarray:
+        """Return the times of messages: of their stamps if they have any on the clock of the poses."""
+        bag = np.array([message.bag for message in messages])
+        logged = np.array([message.logged for message in messages])
+        if all(hasattr(message.content, "header") for message in messages):
+            stamps = [message.content.header.stamp for message in messages]
+            stamp = np.array([each.sec + each.nanosec / 1e9 for each in stamps])
+            ahead = self._clock.differs(bag, logged, stamp)
+            if ahead == 0:
+                return stamp
+            if ahead and stamp.any():
+                words = f"the stamps of {topic} differ by {abs(ahead):.3g} s from the clock of the poses"
+                self._notes.append(f"{words}; the recorder's times are used for them")
+        return self._clock.times(bag, logged)
+
+    def _episode(self, tracks: Sequence[Track]) -> tuple[dict[str, Any] | None, float | None]:
+        """Return what a simulation wrote about its episode, and when it began: with a pose."""
+        if EPISODE not in self._bags.kinds:
+            return None, None
+        messages = [m for m in self._bags.of(EPISODE, ("std_msgs/msg/String",)) if self._clock.counts(m.bag, m.logged)]
+        if not messages:
+            return None, None
+        if len({message.content.data for message in messages}) > 1 or len(messages) > len(self._bags.paths):
+            self._notes.append(f"{len(messages)} episodes begin in {self._name}: the last of them counts")
+        last = messages[-1]
+        time = float(self._clock.times(np.array([last.bag]), np.array([last.logged]))[0])
+        stamps = np.concatenate([track.time for track in tracks])
+        return _checked_episode(last.content.data, self._name), float(stamps[np.argmin(np.abs(stamps - time))])
 
 
-def _command_of(message: Any) -> list[float]:
-    """Return the values of a command."""
+def _checked_episode(text: str, name: str) -> dict[str, Any]:
+    rule = f"log {name} must be undamaged, but its {EPISODE}"
+    try:
+        episode = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{rule} is no JSON") from error
+    if not isinstance(episode, dict) or not isinstance(episode.get("scenario"), dict):
+        raise ValueError(f"{rule} contains no scenario")
+    seed: Any = episode.get("seed")
+    if not is_whole(seed) or not 0 <= seed < 2**31:
+        raise ValueError(f"{rule} does not contain the seed, a whole number from 0 to {2**31 - 1}")
+    return episode
+
+
+def _command_of(message: Any) -> Values | str:
+    """Return the values of a command, those with names in the order of their names."""
     if not hasattr(message, "name"):
-        return list(message.data)
+        return (), [float(value) for value in message.data]
     names = list(message.name)
-    if {"steering", "throttle"} <= set(names):
-        first = [names.index("steering"), names.index("throttle")]
-        order = first + [k for k in range(len(names)) if k not in first]
-        return [float(message.position[k]) for k in order]
-    return [float(value) for value in message.position]
+    if len(message.position) != len(names) or len(set(names)) != len(names):
+        return "they do not have one position for each name"
+    order = sorted(range(len(names)), key=lambda k: names[k])
+    return tuple(names[k] for k in order), [float(message.position[k]) for k in order]
 
 
-def _in_order(values: np.ndarray) -> np.ndarray:
-    """Return rows in the order of their times, in the first column, of equal ones the last."""
-    values = values[np.argsort(values[:, 0], kind="stable")]
-    return values[np.append(np.diff(values[:, 0]) > 0, True)] if len(values) else values
+def _number_of(message: Any) -> Values | str:
+    return (), [float(message.data)]
+
+
+def _status_of(message: Any) -> Values | str:
+    if message.data not in (int(WORKING), int(STUCK), int(REMOVED)):
+        return f"they have the unknown status {message.data}"
+    return (), [int(message.data)]

@@ -1,28 +1,36 @@
 """Score a log of robots as the simulation scores its own."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from lissajous_env.episodes.recording import Recorder, Recording
-from lissajous_env.logs.car_input import actions_of
-from lissajous_env.logs.log import Log, Track
+from lissajous_env.episodes.recording import Recorder, Recording, Unknown
+from lissajous_env.logs.car_input import LARGEST_STEERING, actions_of
+from lissajous_env.logs.log import Log
+from lissajous_env.logs.motion import SOME, Motion, motion_of
+from lissajous_env.logs.notes import remarks
 from lissajous_env.logs.prescribed import PrescribedSimulation
 from lissajous_env.parameters import named
 from lissajous_env.parameters.plain_scenario import scenario_of
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.theory.closed_forms import curve_derivatives
 from lissajous_env.theory.locating import locate
-from lissajous_env.wording import shown
+from lissajous_env.wording import few_of, shown
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
 
 GAP = 0.5
 """Longest time between two poses of a robot during which it counts as working, by default [s]."""
+MOST_STEPS = 1_000_000
+"""Largest number of control steps of a log."""
 _SAME = 1e-6
-"""Difference up to which two times are the same [s]."""
+"""Share of a step by which a log may be shorter than a number of them."""
+_LATE_STATUS = 0.2
+"""Share of a control step by which a status or a phase may be recorded after the pose that it belongs to."""
 OF_ACTIONS = ("return_mean", "smoothness")
 """Columns that cannot be computed without the commands."""
 
@@ -71,8 +79,9 @@ def score(
     """Score a log: its robots' paths are replayed in a simulation of a scenario, whose targets are virtual.
 
     Poses are interpolated at the control steps of the scenario, beginning with the first time at which all robots have
-    one. A robot fails when its status in the log says so, and when it has no pose for longer than `gap`: it then counts
-    as blind.
+    one. A robot fails when its status in the log says so, and when its motion is not known: between two poses that are
+    farther apart than `gap`, or than it can drive, and after its last one. It then detects nothing and collides with
+    nothing.
 
     Args:
         log: The log.
@@ -82,7 +91,7 @@ def score(
         on_step: Called after each step.
 
     Raises:
-        ValueError: there is no scenario, or the log does not fit it: another number of robots, or too short.
+        ValueError: there is no scenario, or the log does not fit it: another number of robots, or too short or long.
     """
     own = own_scenario(log)
     given = named.scenario(scenario) if scenario is not None else own
@@ -90,17 +99,26 @@ def score(
         raise ValueError(f"scenario must be given, because the log {log.name} has none")
     made = given.resolve()
     if len(log.tracks) != made.num_robots:
-        raise ValueError(f"log {log.name} must have the {made.num_robots} robots of {made.name}, got {len(log.tracks)}")
-    times = _moments(log, made.task.step)
-    status, notes = _statuses(log, times, gap)
+        got = f"{len(log.tracks)}: {log.called(range(len(log.tracks)))}"
+        got = "; ".join((got, *log.notes))
+        raise ValueError(f"log {log.name} must have the {made.num_robots} robots of {made.name}, got {got}")
+    if not gap >= made.task.step:
+        raise ValueError(f"gap must be at least the control step of {made.task.step:g} s, got {shown(gap)}")
+    times = _moments(log, made.task.step, gap)
+    motions = _motions(log, made, gap)
+    hidden = np.stack([motion.blind(times, made.task.step) for motion in motions], axis=1)
+    hidden[0] = [motion.unknown(times[:1])[0] for motion in motions]
+    status = _statuses(log, times, hidden)
     made = _as_logged(made, times, status)
     if seeds is None:
         seeds = [int(log.episode["seed"]) if log.episode else 0]
-    simulation = _simulation(log, made, times, len(seeds))
+    simulation = _simulation(log, made, motions, times, hidden, len(seeds))
     simulation.reset(seeds=np.array(list(seeds)))
-    actions = _actions(log, made, times)
+    actions, refused = _actions(log, made, times)
+    notes = [*log.notes, *remarks(log, made, motions, times, status), *refused]
     recorder = Recorder(simulation)
     recorder.take()
+    _check_length(log, made.task.step, len(times) - 1, recorder.most_moments - 1)
     for moment in range(1, len(times)):
         action = np.zeros(simulation.action_shape[1:], np.float32) if actions is None else actions[moment - 1]
         simulation.step(np.broadcast_to(action, simulation.action_shape).astype(np.float32))
@@ -110,43 +128,88 @@ def score(
     name = str((log.episode or {}).get("policy") or log.name)
     unknown = dict.fromkeys(OF_ACTIONS, float("nan")) if actions is None else {}
     if unknown:
-        notes = (*notes, f"{' and '.join(OF_ACTIONS)} are unknown without commands")
+        notes.append(f"{' and '.join(OF_ACTIONS)} are unknown without commands")
     rows = [
         {"policy": name, "episode": k} | row | unknown for k, row in enumerate(simulation.score(np.arange(len(seeds))))
     ]
     recording = recorder.recording(name)
-    recording = dataclasses.replace(recording, score=recording.score | unknown)
+    blanks = _unknown(motions, times, actions is None)
+    recording = dataclasses.replace(recording, score=recording.score | unknown, unknown=blanks)
     waited = [simulation.detection_times(world) for world in range(len(seeds))]
     found, unfound = (np.concatenate([each[known == kept] for each, known in waited]) for kept in (True, False))
-    return Scored(made, rows, recording, float(times[0]), notes, found, unfound)
+    return Scored(made, rows, recording, float(times[0]), tuple(notes), found, unfound)
 
 
-def _moments(log: Log, step: float) -> np.ndarray:
-    """Return the times at which the scenario's steps begin and end [s]."""
-    steps = int((log.end - log.start) / step + _SAME)
+def _unknown(motions: Sequence[Motion], times: np.ndarray, commands: bool) -> tuple[Unknown, ...]:
+    """Return the ranges of moments in which poses, speeds and commands are unknown."""
+    blanks, last = [], len(times) - 1
+    for robot, motion in enumerate(motions):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], motion.unknown(times).astype(int), [0]])))
+        blanks += [("pose", robot, int(begin), int(end) - 1) for begin, end in edges.reshape(-1, 2)]
+        if motion.derived and motion.derived != SOME:
+            blanks.append(("speed", robot, 0, last))
+        if commands:
+            blanks.append(("command", robot, 0, last))
+    return tuple(blanks)
+
+
+def _moments(log: Log, step: float, gap: float) -> np.ndarray:
+    """Return the times at which the scenario's steps begin and end [s].
+
+    They end with the last pose of a robot such that the poses of all others that ended before ended a gap before.
+    """
+    lasts, steps = np.sort([track.time[-1] for track in log.tracks]), 0
+    for k, last in enumerate(lasts.tolist()):
+        until = math.floor((last - log.start) / step + _SAME)
+        if not k or (log.start + until * step - lasts[:k] > gap).all():
+            steps = until
     if steps < 1:
         raise ValueError(
             f"log {log.name} must have poses of all robots for at least a control step of {step:g} s, "
-            f"got {max(log.end - log.start, 0):.3g} s"
+            f"got {max(float(lasts[0]) - log.start, 0):.3g} s"
         )
+    _check_length(log, step, steps, MOST_STEPS)
     return log.start + step * np.arange(steps + 1)
 
 
-def _statuses(log: Log, times: np.ndarray, gap: float) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Return the status (M, N) of each robot at each moment, and notes on gaps."""
-    if not gap > 0:
-        raise ValueError(f"gap must be above 0 [s], got {shown(gap)}")
-    status, notes = np.full((len(times), len(log.tracks)), int(WORKING)), []
-    for robot, track in enumerate(log.tracks):
-        if robot in log.statuses:
-            status[:, robot] = log.statuses[robot].before(times)
-        place = np.clip(np.searchsorted(track.time, times - _SAME), 1, len(track) - 1)
-        blind = np.diff(track.time)[place - 1] > gap
-        if blind.any():
-            lost = (times[1] - times[0]) * int(blind.sum())
-            notes.append(f"robot {robot} has gaps of {lost:.3g} s in all, in which it counts as failed")
-        status[blind & (status[:, robot] == int(WORKING)), robot] = int(STUCK)
-    return status, tuple(notes)
+def _check_length(log: Log, step: float, steps: int, most: int) -> None:
+    """Refuse a log of too many control steps, and name its longest gap, which is where a clock may have jumped."""
+    if steps <= most:
+        return
+    widest = [int(np.argmax(np.diff(track.time))) for track in log.tracks]
+    robot = int(np.argmax([np.diff(track.time)[k] for track, k in zip(log.tracks, widest, strict=True)]))
+    before, after = log.tracks[robot].time[widest[robot] : widest[robot] + 2].tolist()
+    raise ValueError(
+        f"log {log.name} must last at most {most:,} control steps of {step:g} s in this scenario, got {steps:,}; the "
+        f"longest time without a pose is that of {log.called([robot])}, from {before:.3f} to {after:.3f} s"
+    )
+
+
+def _motions(log: Log, scenario: Scenario, gap: float) -> list[Motion]:
+    """Return the motion of each robot, in the plane if the scenario is flat."""
+    flat, motions = scenario.curve.half_depth == 0, []
+    for track, speed in zip(log.tracks, _top_speeds(scenario), strict=True):
+        place = track.position * (1, 1, 0) if flat else track.position
+        motions.append(motion_of(dataclasses.replace(track, position=place), gap, speed, scenario.robot.radius))
+    return motions
+
+
+def _top_speeds(scenario: Scenario) -> np.ndarray:
+    """Return the top speed of each robot [m/s]: of a point, on the curve at its highest phase rate."""
+    if not model_of(scenario.robot.kind).keeps_to_curve:
+        return scenario.top_speeds
+    along = curve_derivatives(scenario.curve, np.linspace(0, 2 * np.pi, 4096))[0]
+    rate = scenario.resolve().robot.phase_rate_max or np.inf
+    return np.full(scenario.num_robots, np.linalg.norm(along, axis=-1).max() * scenario.alpha * rate)
+
+
+def _statuses(log: Log, times: np.ndarray, hidden: np.ndarray) -> np.ndarray:
+    """Return the status (M, N) of each robot at each moment; one of which nothing is known has failed."""
+    status = np.full(hidden.shape, int(WORKING))
+    for robot, series in log.statuses.items():
+        status[:, robot] = series.before(times, _LATE_STATUS * (times[1] - times[0]))
+    status[hidden & (status == int(WORKING))] = int(STUCK)
+    return status
 
 
 def _as_logged(scenario: Scenario, times: np.ndarray, status: np.ndarray) -> Scenario:
@@ -165,65 +228,92 @@ def _as_logged(scenario: Scenario, times: np.ndarray, status: np.ndarray) -> Sce
     return dataclasses.replace(scenario, faults=faults, task=task)
 
 
-def _simulation(log: Log, scenario: Scenario, times: np.ndarray, num_worlds: int) -> PrescribedSimulation:
+def _simulation(
+    log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.ndarray, hidden: np.ndarray, num_worlds: int
+) -> PrescribedSimulation:
     substeps = scenario.task.substeps
     before = np.linspace(0, 1, substeps + 1)[None, :] * scenario.task.step + (times - scenario.task.step)[:, None]
     before[:, -1], before[1:, 0] = times, times[:-1]
     tracks, headings, speeds, phases = [], [], [], []
-    for robot, track in enumerate(log.tracks):
-        places, _, _ = resampled(track, np.maximum(before, times[0]).ravel())
-        _, heading, speed = resampled(track, times)
-        tracks.append(places.reshape(len(times), substeps + 1, 3))
+    for robot, motion in enumerate(motions):
+        places, _, _ = motion.at(np.maximum(before, times[0]).ravel())
+        _, heading, speed = motion.at(times)
+        places = places.reshape(len(times), substeps + 1, 3)
+        _straighten(places, hidden[:, robot], motion.unknown(times))
+        tracks.append(places)
         headings.append(heading)
-        speeds.append(speed)
-        phases.append(_phases(log, scenario, robot, times, places[0], float(heading[0])))
-    # The phase of a point is its place; that of a car follows from its path.
-    known = model_of(scenario.robot.kind).keeps_to_curve and len(log.phases) == len(log.tracks)
-    phase = np.stack(phases, axis=1)[: None if known else 1]
-    paths = np.stack(tracks, axis=1), np.stack(headings, axis=1), np.stack(speeds, axis=1)
-    return PrescribedSimulation(scenario, *paths, phase, num_worlds=num_worlds)
+        speeds.append(np.where(hidden[:, robot], 0.0, speed))
+        phases.append(_phases(log, scenario, robot, times, tracks[-1][:, -1], heading, hidden[:, robot]))
+    paths = np.stack(tracks, axis=1), np.stack(headings, axis=1), np.stack(speeds, axis=1), np.stack(phases, axis=1)
+    return PrescribedSimulation(scenario, *paths, hidden, num_worlds=num_worlds)
+
+
+def _straighten(places: np.ndarray, hidden: np.ndarray, unknown: np.ndarray) -> None:
+    """Put a robot on straight lines between the moments around steps that are not wholly known.
+
+    Before its first known moment, and after its last one, it stands still.
+
+    Args:
+        places: (M, S + 1, 3) places on the way to each moment [m].
+        hidden: (M,) True for steps that are not wholly known.
+        unknown: (M,) True for moments at which the pose is not known.
+    """
+    last = places.shape[1] - 1
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], hidden.astype(int), [0]]))).reshape(-1, 2)
+    for first, end in edges.tolist():
+        after = None if unknown[end - 1] else places[end - 1, last].copy()
+        before = places[first - 1, last].copy() if first else after
+        if before is None:
+            continue
+        share = (np.arange(end - first)[:, None] + np.arange(last + 1) / last) / (end - first)
+        places[first:end] = before + share[..., None] * ((before if after is None else after) - before)
 
 
 def _phases(
-    log: Log, scenario: Scenario, robot: int, times: np.ndarray, place: np.ndarray, heading: float
+    log: Log,
+    scenario: Scenario,
+    robot: int,
+    times: np.ndarray,
+    place: np.ndarray,
+    heading: np.ndarray,
+    hidden: np.ndarray,
 ) -> np.ndarray:
-    """Return the phases of a robot in a log, or once that of the pose with which it begins."""
-    if robot in log.phases:
-        return log.phases[robot].before(times)
-    x, y, near = float(place[0]), float(place[1]), float(scenario.equilibrium[robot])
-    return np.full(len(times), locate(scenario.curve, scenario.alpha, x, y, heading, near))
+    """Return the phases (M,) of a robot; NaN where they follow from its path, which they do between gaps.
 
-
-def resampled(track: Track, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return places (K, 3) [m], headings and speeds (K,) of a track at some times, by cubic Hermite interpolation.
-
-    At the times of its poses they are those poses, to the last bit.
+    The phase of a point is its place; that of a car follows from its path.
     """
-    k = np.clip(np.searchsorted(track.time, times + _SAME, side="right") - 1, 0, len(track) - 2)
-    width = np.diff(track.time)[k]
-    share = np.clip((times - track.time[k]) / width, 0, 1)
-    share = np.where(np.abs(times - track.time[k]) < _SAME, 0.0, share)
-    share = np.where(np.abs(times - track.time[k + 1]) < _SAME, 1.0, share)
-    along = np.stack([np.cos(track.heading), np.sin(track.heading), 0 * track.heading], axis=1)
-    velocity = along * track.speed[:, None]
-    s, w = share[:, None], width[:, None]
-    way = np.diff(track.position, axis=0)[k]
-    bend = s * (1 - s) * ((1 - s) * w * velocity[k] - s * w * velocity[k + 1] + (2 * s - 1) * way)
-    linear = np.where(s < 1, track.position[k] + s * way, track.position[k + 1])
-    between = [
-        np.where(share < 1, values[k] + share * np.diff(values)[k], values[k + 1])
-        for values in (track.heading, track.speed)
-    ]
-    return linear + bend, between[0], between[1]
+    phase = np.full(len(times), np.nan)
+    logged = log.phases.get(robot)
+    if logged is not None:
+        phase = logged.before(times, _LATE_STATUS * scenario.task.step).copy()
+        if model_of(scenario.robot.kind).keeps_to_curve and len(log.phases) == len(log.tracks):
+            return phase
+    begins = np.append(True, hidden[:-1] & ~hidden[1:])
+    phase[~begins] = np.nan
+    for k in np.flatnonzero(begins & np.isnan(phase)).tolist():
+        x, y, near = float(place[k, 0]), float(place[k, 1]), float(scenario.equilibrium[robot])
+        phase[k] = locate(scenario.curve, scenario.alpha, x, y, float(heading[k]), near)
+    return phase
 
 
-def _actions(log: Log, scenario: Scenario, times: np.ndarray) -> np.ndarray | None:
-    """Return the actions (M - 1, N, A) of a log with the commands of every robot; None for another."""
+def _actions(log: Log, scenario: Scenario, times: np.ndarray) -> tuple[np.ndarray | None, list[str]]:
+    """Return the actions (M - 1, N, A) of a log with the commands of every robot, or None, and notes."""
     if len(log.commands) < scenario.num_robots:
-        return None
-    commands = np.stack([log.commands[robot].before(times[:-1]) for robot in range(scenario.num_robots)], axis=1)
-    if commands.shape[-1] != scenario.action_size:
-        return None
+        return None, []
+    names, commands = scenario.action_names, []
+    for robot, series in sorted(log.commands.items()):
+        columns = series.columns(names)
+        if columns is None:
+            got = few_of(series.names) or f"{series.value.shape[1]} numbers"
+            return None, [f"the commands are ignored, because those of {log.called([robot])} are {got}, "
+                          f"not {few_of(names)}"]  # fmt: skip
+        # A command that arrives in the first half of a step is the one in force for most of it.
+        in_force = dataclasses.replace(series, value=columns).before(times[:-1], 0.499 * scenario.task.step)
+        commands.append(in_force)
+    actions = np.stack(commands, axis=1)
     if scenario.robot.kind == "car":
-        commands[..., :2] = actions_of(scenario.robot, np.ascontiguousarray(commands[..., :2]))
-    return np.clip(commands, -1, 1)
+        beyond = np.abs(actions[..., 0]).max()
+        if beyond > LARGEST_STEERING:
+            return None, [f"the commands are ignored, because steering angles of {beyond:.3g} are not in radians"]
+        actions[..., :2] = actions_of(scenario.robot, np.ascontiguousarray(actions[..., :2]))
+    return np.clip(actions, -1, 1), []

@@ -11,7 +11,8 @@ Topics, in the frame `map`, whose origin is the middle of the rectangle:
 | `/markers` | visualization_msgs/MarkerArray | curve, rectangle, bodies, headings, sensing discs, targets |
 | `/lissajous/episode` | std_msgs/String | JSON: scenario, seed, policy |
 
-The episode begins at `START` on the clock of the log.
+The episode begins at `START` on the clock of the log. If it is itself a log that was scored, unknown poses and commands
+are left out, and speeds that were computed from the poses have -1 as their first covariance.
 """
 
 import json
@@ -28,6 +29,7 @@ from lissajous_env.logs.car_input import inputs_of
 from lissajous_env.logs.markers import Markers, pose_of
 from lissajous_env.logs.reading import COMMAND, EPISODE, ODOMETRY, PHASE, STATUS
 from lissajous_env.logs.ros_types import rosbags, type_store
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import replacing
 
 START = 1.0
@@ -82,18 +84,25 @@ def save_mcap(recording: Recording, path: str | Path) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
+def episode_text(scenario: Scenario, seed: int, policy: str) -> str:
+    """Return the content of the topic `/lissajous/episode`."""
+    parts = scenario.resolve().to_dict()
+    del parts["extensions"]  # a file must not cause imports
+    return json.dumps({"scenario": parts, "seed": seed, "policy": policy})
+
+
 def _write(recording: Recording, topics: _Topics) -> None:
-    scenario = recording.scenario.resolve().to_dict()
-    del scenario["extensions"]  # a file must not cause imports
-    about = {"scenario": scenario, "seed": int(recording.score["seed"]), "policy": recording.score.get("policy", "")}
-    topics.write(EPISODE, "std_msgs/msg/String", START, data=json.dumps(about))
+    about = episode_text(recording.scenario, int(recording.score["seed"]), str(recording.score.get("policy", "")))
+    topics.write(EPISODE, "std_msgs/msg/String", START, data=about)
     markers, commands = Markers(recording, topics.types), _commands(recording)
     step = recording.scenario.task.step
+    unknown = {name: recording.is_unknown(name) for name in ("pose", "speed", "command")}
     for moment in range(len(recording)):
         time = START + moment * step
         for robot in range(recording.scenario.num_robots):
-            _write_robot(recording, topics, robot, moment, time)
-            if moment + 1 < len(recording):
+            if not unknown["pose"][moment, robot]:
+                _write_robot(recording, topics, robot, moment, time, bool(unknown["speed"][moment, robot]))
+            if moment + 1 < len(recording) and not unknown["command"][moment, robot]:
                 values = commands[moment + 1, robot].astype(float)
                 topics.write(
                     COMMAND.format(robot),
@@ -117,14 +126,17 @@ def _commands(recording: Recording) -> np.ndarray:
     return commands
 
 
-def _write_robot(recording: Recording, topics: _Topics, robot: int, moment: int, time: float) -> None:
+def _write_robot(
+    recording: Recording, topics: _Topics, robot: int, moment: int, time: float, without_speed: bool
+) -> None:
     types, before = topics.types, max(moment - 1, 0)
     heading = float(recording.heading[moment, robot])
     turn = math.remainder(heading - float(recording.heading[before, robot]), 2 * math.pi)
     x, y, z = recording.position[moment, robot].tolist()
     pose = pose_of(types, x, y, z, heading)
     twist = _twist(types, float(recording.speed[moment, robot]), turn / recording.scenario.task.step)
-    unknown = np.zeros(36)
+    unknown, measured = np.zeros(36), np.zeros(36)
+    measured[0] = -1.0 if without_speed else 0.0
     topics.write(
         ODOMETRY[0].format(robot),
         "nav_msgs/msg/Odometry",
@@ -132,7 +144,7 @@ def _write_robot(recording: Recording, topics: _Topics, robot: int, moment: int,
         header=topics.header(time),
         child_frame_id=f"robot_{robot}",
         pose=types["geometry_msgs/msg/PoseWithCovariance"](pose=pose, covariance=unknown),
-        twist=types["geometry_msgs/msg/TwistWithCovariance"](twist=twist, covariance=unknown),
+        twist=types["geometry_msgs/msg/TwistWithCovariance"](twist=twist, covariance=measured),
     )
     phase, status = float(recording.phase[moment, robot]), int(recording.status[moment, robot])
     topics.write(PHASE.format(robot), "std_msgs/msg/Float64", time, data=phase)

@@ -61,7 +61,7 @@ class EpisodeTotals:
     distance_sum: wp.array(dtype=wp.float64)
     """(W,) distance travelled, summed over robots [m]."""
     speed_max: wp.array(dtype=wp.float32)
-    """(W,) largest speed of a robot [m/s]."""
+    """(W,) largest speed of a robot, forwards or backwards [m/s]."""
     change_sum: wp.array(dtype=wp.float64)
     """(W,) mean square of the change of the action, summed over steps, mean over the robots that were not removed."""
     outside_steps: wp.array(dtype=wp.int64)
@@ -137,7 +137,7 @@ def tally_driving(w: int, now: int, robots: Robots, latest: StepEvents, tally: E
             distance += wp.length(robots.track[w, i, s] - robots.track[w, i, s - 1])
         if robots.status[w, i] != REMOVED:
             there += 1
-            fastest = wp.max(fastest, robots.speed[w, i])
+            fastest = wp.max(fastest, wp.abs(robots.speed[w, i]))
             change += latest.change[w, i]
     tally.speed_max[w] = wp.max(tally.speed_max[w], fastest)
     if now > 0:

@@ -1,0 +1,210 @@
+"""One clock for all messages of a log: the stamps of the poses, to which the recorder's times are converted.
+
+A message with a stamp has the time of its stamp. A message without one has the recorder's time; it is converted by the
+poses of the same file, each of which has both times. So neither a constant difference of the two clocks nor a different
+pace (a simulation's) changes anything.
+
+In the order of their recording, the stamps of a robot's poses rise, except for messages that arrived late. Where they
+fall and the poses in the order of their stamps would make no path, the clock went back, as when a simulator is reset;
+where they jump ahead and the recorder's times do not, it was set. The log consists of several parts then, of which the
+longest counts.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from lissajous_env.logs.log import Log
+
+SAME = 1e-4
+"""Difference up to which two stamps of a robot's poses are the same [s]."""
+_DAY = 86_400.0
+"""Difference from the other stamps from which on a stamp counts as not set [s]."""
+_TOGETHER = 2.0
+"""Difference of the recorder's times up to which clocks that go back do so together [s]."""
+_LAG = 1.0
+"""Difference of two clocks from which on a note names them [s]."""
+_LEAP = 10.0
+"""Time by which stamps jump ahead while the recorder's times do not [s], from which on the clock was set."""
+_DETOUR = 1.5
+"""Factor by which the way in the order of the stamps must exceed that in the order of the recording."""
+
+
+class Recorded(NamedTuple):
+    """Poses of a robot as they were recorded, K rows."""
+
+    bag: np.ndarray
+    """(K,) number of the file."""
+    logged: np.ndarray
+    """(K,) times of the recorder [s]."""
+    stamp: np.ndarray
+    """(K,) stamps [s]."""
+    pose: np.ndarray
+    """(K, 5) x, y, z [m], heading [rad], speed [m/s]."""
+
+    def rows(self, chosen: np.ndarray) -> "Recorded":
+        """Return some of the rows."""
+        return Recorded(*(values[chosen] for values in self))
+
+
+class Clock:
+    """The clock of a log.
+
+    Args:
+        poses: Poses of each robot.
+        log: Names of the robots.
+
+    Attributes:
+        poses: The poses that count, in the order of their recording, all with stamps on this clock.
+        notes: Remarks on what was left out or seems wrong.
+    """
+
+    def __init__(self, poses: Sequence[Recorded], log: Log):
+        self.notes: list[str] = []
+        called = self._called = log.called
+        ordered = [each.rows(np.lexsort((each.stamp, each.logged, each.bag))) for each in poses]
+        stamped = [k for k, each in enumerate(ordered) if np.ptp(each.stamp) > 0] or list(range(len(ordered)))
+        without = [k for k, each in enumerate(ordered) if not np.ptp(each.stamp) > 0]
+        if without and len(without) == len(ordered):
+            ordered = [each._replace(stamp=each.logged) for each in ordered]
+        if without and any(len(poses[k].stamp) > 1 for k in without):
+            self.notes.append(f"the poses of {called(without)} have no stamps; their times are the recorder's")
+        self.poses = ordered
+        self._leave_out_strays(log)
+        self._parts: dict[int, tuple[float, float]] = {}
+        for bag in np.unique(np.concatenate([each.bag for each in self.poses])).tolist():
+            self._choose_part(bag, stamped)
+        self._pairs = self._paired(self._agreeing(stamped))
+        if len(without) < len(ordered):
+            for k in without:
+                self.poses[k] = self.poses[k]._replace(stamp=self.times(self.poses[k].bag, self.poses[k].logged))
+
+    def times(self, bag: np.ndarray, logged: np.ndarray) -> np.ndarray:
+        """Return times of the recorder of some files [s] as times of this clock [s]."""
+        converted = np.array(logged, dtype=float)
+        for number in np.unique(bag).tolist():
+            own, stamps = self._pairs.get(number, self._pairs[-1])
+            here = bag == number
+            given = converted[here]
+            converted[here] = np.interp(given, own, stamps) + np.minimum(given - own[0], 0)
+            converted[here] += np.maximum(given - own[-1], 0)
+        return converted
+
+    def counts(self, bag: int, logged: float) -> bool:
+        """Return whether a message was recorded in the part of its file that counts."""
+        begin, end = self._parts.get(bag, (-np.inf, np.inf))
+        return begin <= logged < end
+
+    def differs(self, bag: np.ndarray, logged: np.ndarray, stamp: np.ndarray) -> float:
+        """Return by how much stamps are ahead of this clock [s], 0 for less than a second; NaN if they do not rise."""
+        if len(stamp) > 1 and not np.ptp(stamp) > 0:
+            return np.nan
+        ahead = float(np.median(stamp - self.times(bag, logged)))
+        return ahead if abs(ahead) > _LAG else 0.0
+
+    def _leave_out_strays(self, log: Log) -> None:
+        """Leave out poses whose stamps were not set, as before the first message of a simulator's clock."""
+        words = []
+        for robot, poses in enumerate(self.poses):
+            stray = np.abs(poses.stamp - np.median(poses.stamp)) > _DAY
+            if stray.any():
+                rule = "that are more than a day from the others"
+                got = f"{poses.stamp[stray][0]:.3f} s"
+                words.append((robot, f"has {int(stray.sum())} poses with stamps {rule} ({got}) and are left out"))
+                self.poses[robot] = poses.rows(~stray)
+        self.notes += log.grouped(words)
+
+    def _choose_part(self, bag: int, stamped: Sequence[int]) -> None:
+        """Choose the longest part of a file between two times at which the clock goes back."""
+        own = {k: self.poses[k].rows(self.poses[k].bag == bag) for k in range(len(self.poses))}
+        begins = {k: each.logged[breaks(each)] for k, each in own.items() if k in stamped}
+        every = np.sort(np.concatenate(list(begins.values())))
+        if not len(every):
+            return
+        cuts = every[np.append(True, np.diff(every) > _TOGETHER)]
+        part = {}
+        for k, poses in own.items():
+            mine = begins.get(k, np.zeros(0))
+            near = [mine[(mine >= cut) & (mine < cut + _TOGETHER)] for cut in cuts]
+            edges = [float(times[0]) if len(times) else float(cut) for times, cut in zip(near, cuts, strict=True)]
+            part[k] = np.searchsorted(edges, poses.logged, side="right")
+        sizes = np.bincount(np.concatenate(list(part.values())), minlength=len(cuts) + 1)
+        best = int(np.argmax(sizes))
+        edges = np.concatenate([[-np.inf], cuts, [np.inf]])
+        self._parts[bag] = float(edges[best]), float(edges[best + 1])
+        for k, poses in own.items():
+            rest = self.poses[k].rows(self.poses[k].bag != bag)
+            chosen = poses.rows(part[k] == best)
+            self.poses[k] = Recorded(*(np.concatenate(pair) for pair in zip(rest, chosen, strict=True)))
+        those = [k for k, times in begins.items() if len(times)]
+        self.notes.append(
+            f"the stamps of {self._called(those)} jump in the course of the recording, as when a clock is set: "
+            f"the longest of {len(cuts) + 1} parts counts, and {int(sizes.sum() - sizes[best])} poses of the others "
+            "are left out"
+        )
+
+    def _agreeing(self, stamped: Sequence[int]) -> list[int]:
+        """Return the robots whose clocks agree by the recorder's times, and note the others."""
+        off: list[int] = []
+        for bag in np.unique(np.concatenate([self.poses[k].bag for k in stamped])).tolist():
+            own = {k: self.poses[k].rows(self.poses[k].bag == bag) for k in stamped}
+            own = {k: poses for k, poses in own.items() if len(poses.stamp) > 1}
+            if len(own) < 3:
+                continue  # of two clocks, nobody knows which one is off
+            base, stamps = _pairs_of([max(own.values(), key=lambda poses: len(poses.stamp))])
+            lags = {}
+            for k, poses in own.items():
+                both = (poses.logged >= base[0]) & (poses.logged <= base[-1])
+                if both.any():
+                    lags[k] = float(np.median((poses.stamp - np.interp(poses.logged, base, stamps))[both]))
+            middle = float(np.median(list(lags.values())))
+            for k, lag in lags.items():
+                if abs(lag - middle) > _LAG:
+                    off.append(k)
+                    words = f"by the recorder's times, the clock of {self._called([k])} is {abs(lag - middle):.3g} s"
+                    self.notes.append(f"{words} {'ahead of' if lag > middle else 'behind'} those of the others")
+        return [k for k in stamped if k not in off]
+
+    def _paired(self, robots: Sequence[int]) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+        """Return pairs of the recorder's times and stamps for each file, and at -1 for all of them."""
+        poses = [self.poses[k] for k in robots]
+        bags = np.unique(np.concatenate([each.bag for each in poses])).tolist()
+        pairs = {bag: _pairs_of([each.rows(each.bag == bag) for each in poses]) for bag in bags}
+        return pairs | {-1: _pairs_of(poses)}
+
+
+def _pairs_of(poses: Sequence[Recorded]) -> tuple[np.ndarray, np.ndarray]:
+    """Return increasing times of the recorder, and the latest stamp of a pose that was recorded until then."""
+    logged = np.concatenate([each.logged for each in poses])
+    stamp = np.concatenate([each.stamp for each in poses])
+    order = np.lexsort((stamp, logged))
+    last = np.append(np.diff(logged[order]) > 0, True)
+    return logged[order][last], np.maximum.accumulate(stamp[order])[last]
+
+
+def breaks(poses: Recorded) -> list[int]:
+    """Return the rows of a robot's poses, in the order of their recording, at which its clock was set."""
+    leaps = np.diff(poses.stamp) > _LEAP + 10 * np.diff(poses.logged)
+    begins, first = (np.flatnonzero(leaps) + 1).tolist(), 0
+    while (begin := _next_break(poses.stamp[first:], poses.pose[first:, :2])) is not None:
+        first += begin
+        begins.append(first)
+    return sorted(set(begins))
+
+
+def _next_break(stamp: np.ndarray, place: np.ndarray) -> int | None:
+    top = np.maximum.accumulate(stamp)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], stamp < top - SAME, [0]]).astype(int)))
+    for begin, end in edges.reshape(-1, 2).tolist():
+        earlier = np.arange(np.searchsorted(top, stamp[begin]), begin)
+        earlier = earlier[stamp[earlier] >= stamp[begin]]
+        recorded = np.concatenate([earlier, np.arange(begin, end)])
+        in_order = recorded[np.argsort(stamp[recorded], kind="stable")]
+        if end - begin > 1 and len(earlier) > 1 and _way(place[in_order]) > _DETOUR * _way(place[recorded]):
+            return begin
+    return None
+
+
+def _way(place: np.ndarray) -> float:
+    return float(np.nansum(np.linalg.norm(np.diff(place, axis=0), axis=1)))

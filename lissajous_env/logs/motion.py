@@ -1,0 +1,223 @@
+"""The motion of a robot between its poses, and what is not known of it.
+
+Nothing is known of a robot between two poses that are far apart in time (a gap), between two that it cannot have driven
+between (a jump), before its first one, and after its last one. Elsewhere it moves along a cubic through its poses,
+whose slopes are the logged speeds along the headings. Where speeds were not logged, or contradict the poses, the slopes
+are those of cubics through several neighbouring poses: so many that their noise does not matter.
+"""
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from lissajous_env.logs.log import Track
+
+SAME = 1e-6
+"""Difference up to which two times are the same [s]."""
+_WINDOWS = (5, 7, 11, 17, 25, 41, 61, 101, 161)
+"""Numbers of neighbouring poses that a velocity is derived from."""
+_PRECISE = 0.02
+"""Standard deviation of a velocity up to which it is precise, in typical speeds of the robot."""
+_LONGEST = 1.0
+"""Longest time over which a velocity is derived where fewer poses are less precise [s]."""
+_CONTRADICTING = 0.25
+"""Share of the poses of a moving robot, from which on logged speeds contradict them."""
+SOME = "are missing or impossible at some poses"
+"""Reason for which only some speeds are derived from the poses."""
+_CHUNK = 4096
+_STEEPEST = 3.0
+"""Largest velocity in those of the straight line between two poses, up to which a cubic does not overshoot."""
+_FASTER = 2.0
+"""Factor on the top speed of the scenario's robots, above which the way between two poses is a jump."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Motion of a robot."""
+
+    track: Track
+    """Its path, with a heading and a speed at every pose."""
+    velocity: np.ndarray
+    """(K, 3) velocities at the poses [m/s]."""
+    known: np.ndarray
+    """(K - 1,) True where the motion from a pose to the next is known."""
+    jumps: np.ndarray
+    """(J,) first poses of jumps."""
+    derived: str = ""
+    """Reason for which speeds are derived from the poses; "" if they are those of the log."""
+    turned: bool = False
+    """True if the robot does not drive along its headings."""
+    headless: bool = False
+    """True if headings are those of the direction of motion, because the log has none."""
+
+    def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return places (M, 3) [m], headings and speeds (M,) at some times [s]; where unknown, on straight lines.
+
+        At the times of its poses they are those poses, to the last bit.
+        """
+        track, known = self.track, self.known
+        k = np.clip(np.searchsorted(track.time, times + SAME, side="right") - 1, 0, len(track) - 2)
+        width = np.diff(track.time)[k]
+        share = np.clip((times - track.time[k]) / width, 0, 1)
+        share = np.where(np.abs(times - track.time[k]) < SAME, 0.0, share)
+        share = np.where(np.abs(times - track.time[k + 1]) < SAME, 1.0, share)
+        s, w = share[:, None], width[:, None]
+        way = np.diff(track.position, axis=0)[k]
+        begin, end = self._limited(k, w, way), self._limited(k + 1, w, way)
+        bend = s * (1 - s) * ((1 - s) * w * begin - s * w * end + (2 * s - 1) * way)
+        linear = np.where(s < 1, track.position[k] + s * way, track.position[k + 1])
+        heading, speed = (
+            np.where(share < 1, values[k] + share * np.diff(values)[k], values[k + 1])
+            for values in (track.heading, track.speed)
+        )
+        return linear + np.where(known[k, None], bend, 0), heading, np.where(self.unknown(times), 0.0, speed)
+
+    def _limited(self, k: np.ndarray, width: np.ndarray, way: np.ndarray) -> np.ndarray:
+        """Return velocities with which a cubic does not overshoot, as that of a car that stops at once would."""
+        speed = np.linalg.norm(self.velocity[k], axis=1, keepdims=True)
+        most = _STEEPEST * np.linalg.norm(way, axis=1, keepdims=True)
+        return self.velocity[k] * np.minimum(1, most / np.maximum(width * speed, 1e-12))
+
+    def unknown(self, times: np.ndarray) -> np.ndarray:
+        """Return True for the times at which the robot's pose is not known."""
+        return self._overlap(times - 2 * SAME, times + 2 * SAME, inside=True)
+
+    def blind(self, times: np.ndarray, step: float) -> np.ndarray:
+        """Return True for the times at whose end a step of some length [s] is not wholly known."""
+        return self._overlap(times - step, times)
+
+    def _overlap(self, begin: np.ndarray, end: np.ndarray, inside: bool = False) -> np.ndarray:
+        time = self.track.time
+        first = np.concatenate([[-np.inf], time[:-1][~self.known], time[-1:]])
+        last = np.concatenate([time[:1], time[1:][~self.known], [np.inf]])
+        if inside:
+            k = np.searchsorted(first, begin, side="right") - 1
+            return (k >= 0) & (end <= last[np.maximum(k, 0)])
+        k = np.searchsorted(last, begin + SAME, side="right")
+        return first[np.minimum(k, len(first) - 1)] < end - SAME
+
+
+def motion_of(track: Track, gap: float = math.inf, top_speed: float = math.inf, slack: float = 0.0) -> Motion:
+    """Return the motion of a robot along its track.
+
+    Args:
+        track: The track.
+        gap: Longest time between two poses between which the motion is known [s].
+        top_speed: Top speed of the robot [m/s].
+        slack: Distance that is no jump [m].
+    """
+    width, way = np.diff(track.time), np.linalg.norm(np.diff(track.position, axis=0), axis=1)
+    jumps = way > _FASTER * top_speed * width + slack + 6 * _roughness(track)
+    known = (width <= gap + SAME) & ~jumps
+    edges = np.concatenate([[0], np.flatnonzero(~known) + 1, [len(track)]])
+    velocity, error = _derived(track, edges)
+    reason = ""
+    heading, headless = _headings(track, velocity)
+    along = np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
+    length = np.linalg.norm(velocity[:, :2], axis=1)
+    judged = np.repeat(np.diff(edges) >= _WINDOWS[0], np.diff(edges))
+    moving = judged & (length > np.maximum(0.1 * np.quantile(length, 0.9), 4 * error + 1e-3))
+    forwards = (along * velocity).sum(axis=1)
+    turned = not headless and _many(np.abs(forwards) < 0.7 * length, moving)
+    speed = length * np.where(forwards < -1e-9, -1.0, 1.0)
+    logged = np.isfinite(track.speed)
+    off = np.linalg.norm((np.where(logged, track.speed, 0)[:, None] * along - velocity)[:, :2], axis=1)
+    far = off > np.maximum(0.5 * np.maximum(length, np.median(length[moving]) if moving.any() else 0), 4 * error)
+    odd = judged & (np.abs(np.where(logged, track.speed, 0)) > 4 * length.max(initial=0) + 4 * error + 1e-3)
+    if not logged.any():
+        reason = "were not logged"
+    elif _many(far | ~logged, moving):
+        reason = "do not match the poses"
+    elif (odd | ~logged).any():
+        reason = SOME
+        speed = np.where(odd | ~logged, speed, track.speed)
+        velocity = np.where((odd | ~logged)[:, None], velocity, along * speed[:, None])
+    else:
+        reason = "" if track.measured else "were not logged"
+        speed, velocity = track.speed, along * track.speed[:, None]
+    whole = Track(track.time, track.position, heading, speed)
+    return Motion(whole, velocity, known, np.flatnonzero(jumps), reason, turned, headless)
+
+
+def _many(contradicting: np.ndarray, moving: np.ndarray) -> bool:
+    return bool(moving.any() and (contradicting & moving).sum() > _CONTRADICTING * moving.sum())
+
+
+def _headings(track: Track, velocity: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Return a heading at every pose, and whether they are those of the motion because the log has none."""
+    known = np.isfinite(track.heading)
+    if known.all():
+        return track.heading, False
+    if known.sum() > 1:
+        return np.interp(track.time, track.time[known], track.heading[known]), False
+    return np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0])), True
+
+
+def _roughness(track: Track) -> float:
+    """Return about the standard deviation of the positions from a line through their neighbours [m]."""
+    if len(track) < 3:
+        return 0.0
+    time, place = track.time, track.position
+    share = ((time[1:-1] - time[:-2]) / (time[2:] - time[:-2]))[:, None]
+    off = place[1:-1] - (1 - share) * place[:-2] - share * place[2:]
+    return float(np.median(np.linalg.norm(off, axis=1)))
+
+
+def _derived(track: Track, edges: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return velocities (K, 3) from the positions of each stretch between two edges, and their standard deviation.
+
+    The number of poses of which each is computed is the least that is precise enough, for the whole track.
+    """
+    stretches = [slice(a, b) for a, b in pairwise(edges.tolist())]
+    velocity, error = np.zeros_like(track.position), 0.0
+    noise = [local_deviations(track.time[s], track.position[s, :2]) for s in stretches if s.stop - s.start >= 7]
+    deviation = float(np.median(np.concatenate(noise))) if noise else 0.0
+    period = float(np.median(np.diff(track.time)))
+    for count in _WINDOWS:
+        factors = []
+        for stretch in stretches:
+            velocity[stretch], _, factor = _slopes(track.time[stretch], track.position[stretch], count)
+            factors.append(factor)
+        error = deviation * float(np.median(np.concatenate(factors)))
+        typical = float(np.quantile(np.linalg.norm(velocity, axis=1), 0.75))
+        if error <= _PRECISE * typical or (count - 1) * period > _LONGEST:
+            break
+    return velocity, error
+
+
+def local_deviations(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return standard deviations (K,) of values (K, C) over time [s] from cubics through seven neighbours."""
+    return _slopes(time, values, _WINDOWS[1])[1]
+
+
+def _slopes(time: np.ndarray, place: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Fit a cubic to the poses around each of a stretch; near its ends, no slope exceeds the nearest between them.
+
+    Returns:
+        Slopes (K, C) [m/s], standard deviations (K,) of the poses from the cubics [m], and the factors (K,) by which
+        the deviation of a pose becomes that of a slope [1/s].
+    """
+    k = len(time)
+    count = min(count, k)
+    if k < 2:
+        return np.zeros_like(place), np.zeros(k), np.zeros(k)
+    order = min(3, count - 1)
+    slope, deviation, factor = np.zeros_like(place), np.zeros(k), np.zeros(k)
+    for low in range(0, k, _CHUNK):
+        rows = np.arange(low, min(low + _CHUNK, k))
+        chosen = np.clip(rows - count // 2, 0, k - count)[:, None] + np.arange(count)
+        away = time[chosen] - time[rows, None]
+        unit = np.maximum(np.abs(away).max(axis=1), 1e-9)
+        powers = (away / unit[:, None])[..., None] ** np.arange(order + 1)
+        inverse = np.linalg.pinv(powers)
+        fitted = np.einsum("kpc,kcx->kpx", inverse, place[chosen])
+        slope[rows] = fitted[:, 1] / unit[:, None]
+        rest = np.einsum("kcp,kpx->kcx", powers, fitted) - place[chosen]
+        deviation[rows] = np.sqrt((rest**2).mean(axis=2).sum(axis=1) / max(count - order - 1, 1))
+        factor[rows] = np.linalg.norm(inverse[:, 1], axis=1) / unit
+    length = np.linalg.norm(slope, axis=1)
+    inner = np.clip(np.arange(k), count // 2, k - count + count // 2)
+    slope *= np.minimum(1, length[inner] / np.maximum(length, 1e-12))[:, None]
+    return slope, deviation, factor

@@ -1,0 +1,285 @@
+"""Logs as other tools write them: each scores as the motion that it is of, with a note, or is refused by name.
+
+Oracle: five robots on circles at 0.5 m/s, whose way, speed and smallest distance are known in closed form.
+"""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from command_line import called
+from log_messages import (
+    EPOCH,
+    KINDS,
+    SPEED,
+    array,
+    circle,
+    circles,
+    joints,
+    moments,
+    odometry,
+    plain,
+    stamped,
+    transform,
+    transforms,
+    write,
+)  # fmt: skip
+
+from lissajous_env.logs.clocks import Recorded, breaks
+from lissajous_env.logs.reading import ODOMETRY, read
+from lissajous_env.logs.scoring import score
+
+LASTS = 4.0
+TIMES = moments(LASTS)
+RADIUS, CHORD = 0.2, 0.05
+"""Radius of the circles, and time between the places of a step whose distances are summed."""
+
+
+def way(duration):
+    """Way along the chords of a circle [m]."""
+    return duration / CHORD * 2 * RADIUS * math.sin(SPEED / RADIUS * CHORD / 2)
+
+
+def shrunk(**how):
+    return circles(**({"times": TIMES} | how))
+
+
+def scored(tmp_path, *bags, topics=ODOMETRY, scenario="evaders", **how):
+    paths = [write(tmp_path / f"bag_{k}", bag) for k, bag in enumerate(bags)]
+    return score(read(paths, topics, **how), scenario)
+
+
+def right(result, duration=LASTS, notes=()):
+    """Check the scores of the circles, and that notes contain some words."""
+    row = result.rows[0]
+    assert result.recording.duration == pytest.approx(duration)
+    assert row["distance_mean"] == pytest.approx(way(duration), rel=1e-3)
+    assert row["speed_max"] == pytest.approx(SPEED, rel=0.01)
+    assert (row["collisions"], row["outside_time"]) == (0, 0)
+    assert row["min_separation"] > 0.8
+    assert row["idleness_mean"] < 0.9
+    for words in notes:
+        assert any(words in note for note in result.notes), result.notes
+
+
+def of_robots(make, times=TIMES):
+    """Messages that `make(robot, time)` makes, recorded at that time."""
+    return [(f"/robot_{k}/odom", make(k, t), EPOCH + t) for t in times for k in range(5)]
+
+
+def extra(topic, make, times=TIMES):
+    return [(topic.format(k), make(t), EPOCH + t) for t in times for k in range(5)]
+
+
+def shifted(robot, t):
+    """A pose of another robot, or of robot 3 with its clock an hour off."""
+    return odometry(EPOCH + t + (3600 if robot == 3 else 0), *circle(robot, t))
+
+
+FIXED = {
+    "header stamps from zero": (of_robots(lambda k, t: odometry(t, *circle(k, t))), ()),
+    "stamps are never set": (of_robots(lambda k, t: odometry(0, *circle(k, t))), ("have no stamps",)),
+    "a twist is never filled": (of_robots(lambda k, t: odometry(EPOCH + t, *circle(k, t), 0.0)), ("computed from",)),
+    "robots reverse": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h + math.pi, -SPEED)), ()),
+    "speeds without a sign": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h + math.pi)), ("do not match",)),
+    "headings are never set": (shrunk(make=lambda t, x, y, h: stamped(t, x, y, 0)), ("along their headings",)),
+    "quaternions are zero": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h, length=0.0)), ("not of length 1",)),
+    "quaternions are long": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h, length=2.0)), ("not of length 1",)),
+    "poses without speeds": (shrunk(make=stamped), ("were not logged",)),
+    "heights": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h, z=math.sin(9 * t))), ()),
+    "one pose is NaN": (
+        of_robots(lambda k, t: odometry(EPOCH + t, math.nan if k == 0 and 1.9 < t < 1.95 else circle(k, t)[0],
+                                        *circle(k, t)[1:])),
+        (),
+    ),
+    "a status of another type": (
+        shrunk() + extra("/robot_{}/status", lambda t: plain("Bool", True)), ("/robot_0/status", "std_msgs/msg/Bool")
+    ),
+    "a status without a meaning": (
+        shrunk() + extra("/robot_{}/status", lambda t: plain("UInt8", 3)), ("unknown status 3",)
+    ),
+    "a status of text": (shrunk() + extra("/robot_{}/status", lambda t: plain("String", "ok")), ("msg/String",)),
+    "a command of another type": (
+        shrunk() + extra("/robot_{}/command", lambda t: KINDS["geometry_msgs/msg/Twist"](
+            *2 * [KINDS["geometry_msgs/msg/Vector3"](0.5, 0.0, 0.0)])),
+        ("/robot_0/command", "geometry_msgs/msg/Twist", "unknown without commands"),
+    ),
+    "commands with other names": (
+        shrunk() + extra("/robot_{}/command", lambda t: joints(EPOCH + t, ["left", "right"], [0.1, 0.2])),
+        ("robot 0 are left, right",),
+    ),
+    "commands in degrees": (
+        shrunk() + extra("/robot_{}/command", lambda t: joints(EPOCH + t, ["steering", "throttle"], [20.0, 0.2])),
+        ("not in radians",),
+    ),
+    "numbers with a gap": (
+        [(topic.replace("4", "9"), *rest) for topic, *rest in shrunk()], ("no robot 4, 5, 6, 7, 8",)
+    ),
+    "/tf alone": (
+        [("/tf", transforms(*(transform(EPOCH + t, *circle(k, t), f"robot_{k}/base_link") for k in range(5))),
+          EPOCH + t) for t in TIMES],
+        ("those of /tf",),
+    ),
+    "a tree of frames": (
+        [("/tf", transforms(
+            transform(EPOCH + t, circle(k, t)[0] - 1, *circle(k, t)[1:], f"robot_{k}/base_link", f"robot_{k}/odom"),
+            transform(EPOCH + t, 1.0, 0.0, 0.0, f"robot_{k}/odom")), EPOCH + t) for t in TIMES for k in range(5)],
+        ("those of /tf",),
+    ),
+    "an array of poses": (
+        [("/poses", array(EPOCH + t, [circle(k, t) for k in range(5)]), EPOCH + t) for t in TIMES], ("those of /poses",)
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", FIXED)
+def test_a_log_scores_as_the_motion_that_it_is_of(case, tmp_path):
+    messages, notes = FIXED[case]
+    right(scored(tmp_path, messages), notes=notes)
+
+
+def test_the_second_run_after_a_reset_is_left_out(tmp_path):
+    runs = [
+        (f"/robot_{k}/odom", odometry(1 + t + 0.037 * run, *circle(k, t + 3 * run)), EPOCH + t + 6 * run)
+        for run in range(2) for t in TIMES for k in range(5)
+    ]  # fmt: skip
+    right(scored(tmp_path, runs), notes=("jump in the course of the recording", "205 poses"))
+
+
+def test_clocks_that_are_set_while_recording_are_named(tmp_path):
+    for k, jump in enumerate((3600.0, -0.4, -2.0)):
+        set_late = of_robots(lambda k, t, jump=jump: odometry(EPOCH + t + jump * (t > 2.45), *circle(k, t)))
+        right(scored(tmp_path / str(k), set_late), 2.4, ("jump in the course of the recording",))
+
+
+def test_messages_before_the_first_clock_leave_a_gap(tmp_path):
+    late = [
+        (topic, odometry(0.0 if t < 0.25 else 100 + t, *circle(k, t)), 0.0 if t < 0.25 else 100 + t)
+        for t in TIMES for k in range(5) for topic in [f"/robot_{k}/odom"]
+    ]  # fmt: skip
+    result = scored(tmp_path, late)
+    row = result.rows[0]
+    assert (row["collisions"], row["outside_time"]) == (0, 0)
+    assert way(LASTS - 0.3) < row["distance_mean"] < way(LASTS)
+    assert row["speed_max"] == pytest.approx(SPEED)
+    assert any("robots 0, 1, 2, 3 and 4 have gaps" in note and "0.000 to 100.300 s" in note for note in result.notes)
+
+
+def test_a_clock_that_was_not_set_at_first_does_not_lengthen_the_log(tmp_path):
+    late = of_robots(lambda k, t: odometry(0.0 if t < 0.25 else EPOCH + t, *circle(k, t)))
+    right(scored(tmp_path, late), LASTS - 0.3, ("3 poses with stamps",))
+
+
+def test_a_robot_whose_messages_end_does_not_shorten_the_log(tmp_path):
+    result = scored(tmp_path, [each for each in shrunk() if not (each[0][7] == "2" and each[2] > EPOCH + 1.05)])
+    assert result.recording.duration == pytest.approx(LASTS)
+    assert (result.recording.status[12:, 2] == 1).all()
+    assert (result.recording.status[:, [0, 1, 3, 4]] == 0).all()
+    assert result.rows[0]["distance_mean"] == pytest.approx((4 * way(LASTS) + way(1.0)) / 5, rel=1e-3)
+    assert any("robot 2 has no pose after" in note for note in result.notes)
+
+
+def test_a_jump_is_named(tmp_path):
+    jumping = of_robots(lambda k, t: odometry(EPOCH + t, circle(k, t)[0] + (k == 1 and t > 2), *circle(k, t)[1:]))
+    result = scored(tmp_path, jumping)
+    assert any("robot 1 jumps" in note and "1700000002.0" in note for note in result.notes)
+    assert result.rows[0]["speed_max"] == pytest.approx(SPEED)
+
+
+def test_a_hint_says_that_an_origin_is_missing(tmp_path):
+    far = shrunk(make=lambda t, x, y, h: odometry(t, x + 435_000, y + 5.4e6, h))
+    assert any("--origin" in note for note in scored(tmp_path / "without", far).notes)
+    right(scored(tmp_path / "with", far, origin=(435_000.0, 5.4e6, 0.0)))
+
+
+def test_noise_of_positions_does_not_become_speed(tmp_path):
+    random = np.random.default_rng(0)
+
+    def noisy(t, x, y, heading):
+        return stamped(t, x + random.normal() * 0.01, y + random.normal() * 0.01, heading)
+
+    row = scored(tmp_path, shrunk(make=noisy, times=moments(LASTS, 0.02))).rows[0]
+    assert row["speed_max"] == pytest.approx(SPEED, rel=0.1)
+
+
+def test_several_bags_are_one_log(tmp_path):
+    bags = [[each for each in shrunk() if each[0][7] == str(k)] for k in range(5)]
+    right(scored(tmp_path / "each", *bags))
+    right(scored(tmp_path / "all", *([("/odom", *rest) for _, *rest in bag] for bag in bags), topics=["/odom"]))
+    split = [[each for each in shrunk() if (each[2] < EPOCH + 2) == first] for first in (True, False)]
+    right(scored(tmp_path / "split", *split))
+
+
+def test_frames_and_arrays_are_named_with_a_part(tmp_path):
+    frames = [
+        ("/tf", transforms(transform(EPOCH + t, *circle(k, t), f"{name}_{k}")), EPOCH + t)
+        for t in TIMES for k in range(5) for name in ("car", "goal")
+    ]  # fmt: skip
+    right(scored(tmp_path, frames, topics=["/tf:car_{}"]))
+    with pytest.raises(ValueError, match=r"topics must name the robots' frames in /tf.*car_\{\}, goal_\{\}"):
+        scored(tmp_path / "all", frames)
+
+
+REFUSED = {
+    "frames": (
+        of_robots(lambda k, t: odometry(EPOCH + t, *circle(k, t), frame=f"robot_{k}/odom")), {},
+        "must be in one frame, got robot_0/odom of robot 0; robot_1/odom of robot 1",
+    ),
+    "one frame differs": (
+        of_robots(lambda k, t: odometry(EPOCH + t, *circle(k, t), frame="map" if k else "odom")), {},
+        "map of robots 1, 2, 3 and 4; odom of robot 0",
+    ),
+    "an hour": (of_robots(shifted), {}, "got those of robot 3 from 1700003600.000"),
+    "a missing robot": ([each for each in shrunk() if each[0][7] != "2"], {}, "there is no robot 2 in the log"),
+    "twice": (shrunk(), {"topics": ["/robot_0/odom"] * 2}, "must name each topic once, got /robot_0/odom twice"),
+    "braces": (shrunk(), {"topics": ["/robot_{}/{}"]}, "stands once for a number"),
+    "origin": (shrunk(), {"origin": (math.nan, 0.0, 0.0)}, "origin must be three finite numbers"),
+    "all NaN": (of_robots(lambda k, t: odometry(EPOCH + t, math.nan, 0.0, 0.0)), {}, "41 that are not finite"),
+    "too long": (
+        [each for k in range(5) for t in (0.0, 1.0, 50_000.0)
+         for each in [(f"/robot_{k}/odom", odometry(t, *circle(k, t)), t)]],
+        {}, "longest time without a pose is that of robot 0, from 1.000 to 50000.000 s",
+    ),
+    "array": (
+        [("/poses", array(EPOCH + t, [circle(k, t) for k in range(5 - (t > 2))]), EPOCH + t) for t in TIMES], {},
+        "must have as many poses in every message, got 5 and 4",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_log_is_refused_by_name(case, tmp_path):
+    messages, how, words = REFUSED[case]
+    with pytest.raises(ValueError, match=r"\w") as caught:
+        scored(tmp_path, messages, **how)
+    assert words in str(caught.value)
+    assert "undamaged" not in str(caught.value)
+
+
+def test_a_score_is_written_and_scored_again_by_the_command(tmp_path, capsys):
+    write(tmp_path / "log", [each for each in shrunk() if not (each[0][7] == "1" and 1 < each[2] - EPOCH < 2.5)])
+    rows = []
+    for log, more in ((tmp_path / "log", ("--scenario", "evaders")), (tmp_path / "again.mcap", ())):
+        out = ("--out", tmp_path / "again.mcap") if more else ()
+        code, printed, err = called(capsys, "score", log, *more, *out, "--json")
+        assert (code, err) == (0, "")
+        rows.append(json.loads(printed)["episodes"][0])
+    first, second = rows
+    assert (first["smoothness"], first["return_mean"]) == (None, None)
+    for name, value in first.items():
+        assert second[name] == (pytest.approx(value, rel=1e-3) if isinstance(value, float) else value), name
+    again = read(tmp_path / "again.mcap")
+    assert (again.commands, again.episode["policy"]) == ({}, "log")
+    assert np.diff(again.tracks[1].time).max() > 1.4
+
+
+def test_a_message_that_arrives_late_is_no_jump_of_the_clock():
+    # Story: two publishers share a topic, one of them over a slow link, so that stamps fall all the time.
+    time = np.arange(100) * 0.1
+    place = np.stack([time, np.sin(time)], axis=1)
+    logged = time + np.where(np.arange(100) % 2 == 0, 2.0, 0.0)
+    order = np.argsort(logged, kind="stable")
+    poses = Recorded(np.zeros(100, int), logged, time, np.concatenate([place, np.zeros((100, 3))], axis=1))
+    assert breaks(poses.rows(order)) == []
+    assert len(breaks(poses._replace(stamp=time - 3.0 * (time > 5), logged=time))) == 1

@@ -1,0 +1,277 @@
+"""Laws of the score of a log, on generated logs: what changes nothing, and what may never be made up.
+
+A law is a function that writes a generated log twice and compares the two score rows, so no number is expected.
+"""
+
+import dataclasses
+import math
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+from log_messages import EPOCH, odometry, plain, stamped, write
+
+import lissajous_env
+from lissajous_env.logs.reading import ODOMETRY, read
+from lissajous_env.logs.scoring import score
+from lissajous_env.logs.writing import save_mcap
+
+PAIR = {"robot.count": 2, "formation.p": 1, "formation.ring": (0, 1), "faults.schedule": (), "task.grid": (18, 8)}
+SCENARIO = lissajous_env.scenario("experiment", **PAIR)
+STEP = SCENARIO.task.step
+COUNTED = ("targets", "collisions")
+"""Columns that must be equal."""
+CONTINUOUS = {
+    "distance_mean": 1e-3, "speed_max": 1e-3, "min_separation": 1e-3, "lateral_error_mean": 1e-3,
+    "spacing_factor": 1e-3, "contact_time": 1e-9, "outside_time": 1e-9, "phase_error": 2e-3,
+    "detection_time_mean": 0.03, "idleness_mean": 0.03, "idleness_max": 0.11, "sensed_fraction": 0.02,
+}  # fmt: skip
+"""Columns with the differences that rounding may make; where a cell or a target is just reached, a step's."""
+
+
+@dataclasses.dataclass
+class Sample:
+    """A pose of a robot."""
+
+    robot: int
+    time: float
+    x: float
+    y: float
+    heading: float
+    speed: float
+
+
+@dataclasses.dataclass
+class Story:
+    """A generated log: the motion of two robots, and how it was recorded."""
+
+    failed_at: float
+    with_speed: bool
+    header_begin: float
+    logged_begin: float
+    random: np.random.Generator
+    samples: list[Sample] = dataclasses.field(repr=False)
+
+    def messages(self, moved=lambda sample: sample, stamp=lambda t: t, logged=lambda t: t, z=0.0, names=(0, 1)):
+        """Messages of poses, and of the status of robot 1, which has no stamp."""
+        for sample in map(moved, self.samples):
+            time, place = self.header_begin + stamp(sample.time), (sample.x, sample.y, sample.heading)
+            message = odometry(time, *place, sample.speed, z=z) if self.with_speed else stamped(time, *place)
+            yield f"/robot_{names[sample.robot]}/odom", message, self.logged_begin + logged(sample.time)
+        for time, status in ((0.0, 0), (self.failed_at, 1), (self.failed_at + 1.0, 0)):
+            yield f"/robot_{names[1]}/status", plain("UInt8", status), self.logged_begin + logged(time)
+
+
+@st.composite
+def stories(draw):
+    """Robots that drive along smooth random paths, in two halves of the rectangle or in the same."""
+    random = np.random.default_rng(draw(st.integers(0, 2**32)))
+    period = draw(st.sampled_from([0.1, 0.05, 0.033]))
+    begin = [draw(st.sampled_from([0.0, 1.0, 123.456, EPOCH])) for _ in range(2)]
+    apart, backwards = draw(st.sampled_from([0.9, 0.1])), draw(st.booleans())
+    samples = []
+    for robot in range(2):
+        rates, phases = random.uniform(0.3, 1.5, 2), random.uniform(0, 2 * np.pi, 4)
+        times = np.arange(0, draw(st.floats(2.6, 3.5)), period) + random.uniform(0, 0.3 * period)
+        times = times + random.uniform(-0.2, 0.2, len(times)) * period
+        x = (2 * robot - 1) * apart + 0.3 * np.sin(rates[0] * times + phases[0])
+        y = 0.3 * np.sin(rates[1] * times + phases[1])
+        vx = 0.3 * rates[0] * np.cos(rates[0] * times + phases[0])
+        vy = 0.3 * rates[1] * np.cos(rates[1] * times + phases[1])
+        forwards = -1 if backwards else 1
+        heading, speed = np.arctan2(forwards * vy, forwards * vx), forwards * np.hypot(vx, vy)
+        samples += map(Sample, [robot] * len(times), *(v.tolist() for v in (times + 0.1, x, y, heading, speed)))
+    samples.sort(key=lambda sample: sample.time)
+    failed_at = draw(st.integers(5, 15)) * STEP + 0.5 * STEP
+    return Story(failed_at, draw(st.booleans()), *begin, random, samples)
+
+
+def scored(folder, *bags, topics=ODOMETRY, origin=(0.0, 0.0, 0.0)):
+    paths = [write(folder / f"{len(list(folder.iterdir()))}", bag) for bag in bags]
+    return score(read(paths, topics, origin=origin), SCENARIO, seeds=[3])
+
+
+def differences(one, other):
+    """Columns of two rows that differ."""
+    names = [name for name in COUNTED if one[name] != other[name]]
+    for name, tolerance in CONTINUOUS.items():
+        a, b = one[name], other[name]
+        if math.isnan(a) != math.isnan(b) or abs(a - b) > tolerance * (1 + abs(a)):
+            names.append((name, a, b))
+    return names
+
+
+def equal(folder, story, *bags, **how):
+    wanted, got = scored(folder, list(story.messages())), scored(folder, *bags, **how)
+    assert differences(wanted.rows[0], got.rows[0]) == []
+    return wanted, got
+
+
+# ---- Time ----------------------------------------------------------------------------------------------------------
+
+
+def a_constant_on_the_stamps(folder, story):
+    story.header_begin += (moved := story.random.choice([0.5, 100.0, 3600.0, 4e8]))
+    later = list(story.messages())
+    story.header_begin -= moved
+    equal(folder, story, later)
+
+
+def a_constant_on_the_recorders_clock(folder, story):
+    moved = story.random.choice([0.5, 100.0, 3600.0, 4e8])
+    equal(folder, story, list(story.messages(logged=lambda t: t + moved)))
+
+
+def another_pace_of_the_recorders_clock(folder, story):
+    pace = story.random.choice([0.1, 0.5, 2.0, 10.0])
+    equal(folder, story, list(story.messages(logged=lambda t: t / pace)))
+
+
+def poses_that_are_recorded_late_or_in_bursts(folder, story):
+    random = story.random
+    burst = random.choice([0.0, 0.3, 1.5])
+    late = [
+        (topic, message, time + random.uniform(0, 0.2) if not burst else math.ceil(time / burst) * burst)
+        if "odom" in topic else (topic, message, time)
+        for topic, message, time in story.messages()
+    ]  # fmt: skip
+    # The status is recorded on a clock that the poses give only roughly, so it is left out on both sides.
+    late = [each for each in late if "odom" in each[0]]
+    wanted = scored(folder, [each for each in story.messages() if "odom" in each[0]])
+    assert differences(wanted.rows[0], scored(folder, late).rows[0]) == []
+
+
+def stamps_that_are_doubled_or_moved_by_microseconds(folder, story):
+    random, doubled = story.random, []
+    for topic, message, time in story.messages(stamp=lambda t: t + random.uniform(-3e-6, 3e-6)):
+        doubled += [(topic, message, time)] * random.integers(1, 3)
+    equal(folder, story, doubled)
+
+
+def nothing_is_made_up_in_a_gap(folder, story):
+    begin = story.random.uniform(0.4, 1.2)
+    end = begin + story.random.uniform(0.8, 1.2)
+    whole = scored(folder, list(story.messages()))
+    story.samples = [s for s in story.samples if s.robot == 0 or not begin < s.time < end]
+    got = scored(folder, list(story.messages()))
+    less_is_known(whole, got)
+    assert any("robot 1 has gaps" in note for note in got.notes)
+
+
+def an_end_of_messages_is_a_failure(folder, story):
+    whole = scored(folder, list(story.messages()))
+    story.samples = [s for s in story.samples if s.robot == 0 or s.time < 1.5]
+    got = scored(folder, list(story.messages()))
+    assert any("robot 1 has no pose after" in note for note in got.notes)
+    first, last = (max(s.time for s in story.samples if s.robot == robot) for robot in (1, 0))
+    assert first < 1.5
+    assert got.recording.duration > last - story.samples[0].time - 2 * STEP - 0.1
+    assert (got.recording.status[-5:, 1] == 1).all()
+    less_is_known(whole, got)
+
+
+def less_is_known(whole, got):
+    """Nothing is in the second score that is not in the first."""
+    a, b = whole.rows[0], got.rows[0]
+    assert b["collisions"] <= a["collisions"]
+    assert b["contact_time"] <= a["contact_time"] + 1e-9
+    assert b["distance_mean"] <= a["distance_mean"] * 1.001 + 1e-6 or b["distance_mean"] == pytest.approx(
+        a["distance_mean"], rel=2e-3
+    )
+    assert b["speed_max"] <= a["speed_max"] * 1.01 + 1e-3
+    if not math.isnan(b["min_separation"]):
+        assert b["min_separation"] >= a["min_separation"] - 1e-3
+
+
+# ---- Identity ------------------------------------------------------------------------------------------------------
+
+
+def channels_and_files(folder, story):
+    parts = [(*each, int(story.random.integers(0, 3))) for each in story.messages()]
+    equal(folder, story, parts)
+    equal(folder, story, *([each for each in parts if each[3] == k] for k in range(3)))
+    equal(folder, story, *([each for each in parts if f"robot_{k}" in each[0]] for k in (1, 0)))
+
+
+def numbers_in_any_order(folder, story):
+    low, high = sorted(story.random.choice(50, 2, replace=False).tolist())
+    equal(folder, story, list(story.messages(names=(low, high))))
+    equal(folder, story, list(story.messages(names=(high, low))), topics=[f"/robot_{k}/odom" for k in (high, low)])
+
+
+# ---- Space ---------------------------------------------------------------------------------------------------------
+
+
+def heights(folder, story):
+    if story.with_speed:
+        equal(folder, story, list(story.messages(z=float(story.random.uniform(-5, 5)))))
+
+
+def a_rigid_motion_with_its_origin(folder, story):
+    x, y = story.random.choice([0.0, 10.0, 435_000.0]), story.random.choice([0.0, -3.0, 5.4e6])
+    turn = story.random.uniform(-np.pi, np.pi)
+    cos, sin = math.cos(turn), math.sin(turn)
+
+    def moved(sample):
+        place = {"x": x + cos * sample.x - sin * sample.y, "y": y + sin * sample.x + cos * sample.y}
+        return dataclasses.replace(sample, **place, heading=sample.heading + turn)
+
+    equal(folder, story, list(story.messages(moved=moved)), origin=(float(x), float(y), float(turn)))
+
+
+# ---- Round trip ----------------------------------------------------------------------------------------------------
+
+
+def written_and_scored_again(folder, story):
+    if story.random.random() < 0.5:
+        story.samples = [s for s in story.samples if s.robot == 0 or not 0.8 < s.time < 1.6]
+    first = scored(folder, list(story.messages()))
+    again = folder / "again.mcap"
+    save_mcap(first.recording, again)
+    log = read(again)
+    second = score(log)
+    assert differences(first.rows[0], second.rows[0]) == []
+    assert not log.commands
+    assert story.with_speed or not any(track.measured for track in log.tracks)
+    np.testing.assert_array_equal(first.recording.status, second.recording.status)
+
+
+LAWS = (
+    a_constant_on_the_stamps,
+    a_constant_on_the_recorders_clock,
+    another_pace_of_the_recorders_clock,
+    poses_that_are_recorded_late_or_in_bursts,
+    stamps_that_are_doubled_or_moved_by_microseconds,
+    nothing_is_made_up_in_a_gap,
+    an_end_of_messages_is_a_failure,
+    channels_and_files,
+    numbers_in_any_order,
+    heights,
+    a_rigid_motion_with_its_origin,
+    written_and_scored_again,
+)
+GENERATED = {"deadline": None, "suppress_health_check": list(HealthCheck), "database": None, "derandomize": True}
+GENERATED["phases"] = (Phase.generate, Phase.shrink)
+
+
+def obeys(law, story):
+    with tempfile.TemporaryDirectory() as folder:
+        law(Path(folder), story)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
+@settings(max_examples=3, **GENERATED)
+@given(story=stories())
+def test_the_score_of_a_log_obeys(law, story):
+    obeys(law, story)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
+@settings(max_examples=math.ceil(2000 / len(LAWS)), **GENERATED)
+@given(story=stories())
+def test_the_scores_of_two_thousand_logs_obey(law, story):
+    obeys(law, story)
