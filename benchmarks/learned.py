@@ -41,6 +41,7 @@ OTHERS = {
     "rough-lost": ("kuramoto-mpcc", "kuramoto-mpcc-safe", "arc-mpcc-safe", "sweep-safe"),
 }
 COLUMNS = {"detection_time_mean": "detection [s]", "collisions": "collisions", "recovery_time": "recovery [s]"}
+SUMMARIES = {each.name: each.summary for each in SHOWN if each.name in COLUMNS}
 
 
 def candidates(scenario: str, worlds: int) -> dict[str, Policy]:
@@ -69,7 +70,9 @@ def compare(scenario: str, episodes: int) -> dict[str, dict[str, Statistics]]:
     scores: dict[str, dict[str, Statistics]] = {}
     for label, policy in candidates(scenario, len(seeds)).items():
         rows = lissajous_env.evaluate(policy, scenario, seeds)
-        scores[label] = {column: summarize([row[column] for row in rows]) for column in COLUMNS}
+        scores[label] = {
+            column: summarize([row[column] for row in rows], summary=summary) for column, summary in SUMMARIES.items()
+        }
     return scores
 
 
@@ -77,12 +80,14 @@ def as_table(scores: dict[str, dict[str, dict[str, Statistics]]]) -> figures.Tab
     """Return each policy's scores by scenario, and the relative detection time of the learned one without a filter."""
     rows = []
     for scenario, policies in scores.items():
-        own = policies[LEARNED[scenario]]["detection_time_mean"].iqm
+        own = policies[LEARNED[scenario]]["detection_time_mean"].value
         for label, of in policies.items():
-            words = (in_words(of, shown) for shown in SHOWN if shown.name in COLUMNS)
+            words = (in_words(of[column]) for column in SUMMARIES)
             cells = [f"{value} ({ends})" if ends else value for value, ends in words]
             name, *tuned = label.partition(",")
-            rows.append([f"{scenario}, `{name}`{''.join(tuned)}", *cells, number(own / of["detection_time_mean"].iqm)])
+            rows.append(
+                [f"{scenario}, `{name}`{''.join(tuned)}", *cells, number(own / of["detection_time_mean"].value)]
+            )
     return {"columns": ["policy", *COLUMNS.values(), "the learned one's detection time, as a share"], "rows": rows}
 
 
@@ -95,8 +100,7 @@ def ratios(scenario: str, scores: dict[str, dict[str, Statistics]], console: Con
             continue
         parts = []
         for column in COLUMNS:
-            mine, theirs = own[column], other[column]
-            a, b = (mine.mean, theirs.mean) if column == "collisions" else (mine.iqm, theirs.iqm)
+            a, b = own[column].value, other[column].value
             share = "equal" if a == b else f"{a / b:.3f}" if b else "none there"
             parts.append(f"{column} {share}" if np.isfinite(a) and np.isfinite(b) else "")
         mine, theirs = own["detection_time_mean"], other["detection_time_mean"]

@@ -3,7 +3,7 @@
 Every policy plays each included scenario whose robots it drives, on the same few seeds; `benchmarks/table.py` plays
 fewer of them on more seeds. FOLDER contains the benchmark of each scenario. If the command is interrupted and called
 again, it resumes. A number is the interquartile mean over the episodes with its 95 % bootstrap interval; for
-collisions, the mean.
+collisions, the mean; for a guarantee, the largest, with the median and the number of episodes.
 """
 
 import math
@@ -41,7 +41,7 @@ def as_table(outcome: Outcome) -> dict[str, list]:
     there = [each for each in SHOWN if any(of[each.name].n_finite for of in cells.values() if each.name in of)]
     rows = []
     for policy, of in cells.items():
-        words = [in_words(of, each) for each in there]
+        words = [in_words(of[each.name]) for each in there]
         rows.append([f"`{policy}`", *(f"{value} ({between})" if between else value for value, between in words)])
     if math.isfinite(bounds.best_known) and WORST_CASE in there:
         rows.append([f"*{BEST_KNOWN}*", *(best_known_cell(each, bounds.best_known) for each in there)])

@@ -42,7 +42,7 @@ def test_over_the_limit_is_the_mean_over_the_bound():
     of = cells["intruders"]["a"][OVER_LOWER_BOUND.name]
     assert of.mean == pytest.approx(4 / limit)
     assert of.mean_low < of.mean < of.mean_high
-    assert tables.in_words(cells["intruders"]["a"], SHOWN[1])[0] == f"{4 / limit:.3g}"
+    assert tables.in_words(of)[0] == f"{4 / limit:.3g}"
 
 
 def test_no_ratio_to_a_limit_that_says_nothing():
@@ -63,7 +63,8 @@ def test_a_guarantee_that_is_open_is_a_lower_bound_and_never_best():
     cells = compare([*rows("a", **more), *rows("b", **closed)], INTRUDERS).cells["intruders"]
     text, _ = printed(tables.print_policies, Text("t"), cells, SHOWN)
     words = text.split()
-    assert words[words.index(">") + 1] == "27"
+    assert words[words.index(">") + 1] == "59.7"
+    assert "2 open" in text
     assert "9*" in words
 
 
@@ -99,7 +100,8 @@ def test_what_is_no_policy_stands_last_in_brackets_and_is_never_best_nor_the_ref
     comparisons = compare(played, INTRUDERS, clairvoyant.NAME)
     assert comparisons.against["intruders"][0] == "slow"
     text, _ = printed(tables.print_policies, Text("t"), comparisons.cells["intruders"], SHOWN)
-    names = [line.split()[0] for line in text.splitlines()[4:] if line.strip()]
+    words = [line.split()[0] for line in text.splitlines()[4:] if line.strip()]
+    names = [word for word in words if word in ("slow", "fast", "(clairvoyant)")]
     assert names == ["slow", "fast", "(clairvoyant)"]
     assert "2*" in text.split()
     assert "0.100*" not in text.split()

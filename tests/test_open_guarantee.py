@@ -1,6 +1,5 @@
-"""Episodes without a bound of the worst-case undetected time, and tables of censored episodes."""
+"""Episodes without a bound of the worst-case undetected time, and what tables state of them."""
 
-import dataclasses
 import math
 import os
 from itertools import pairwise
@@ -11,15 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 from rich.text import Text
-from scipy import stats
 
 import baselines
 import lissajous_env
 from baselines.benchmark import failures, tables
-from baselines.benchmark.censoring import summarize_censored
 from baselines.benchmark.comparison import compare
 from baselines.benchmark.shown_columns import SHOWN
-from baselines.benchmark.statistics import summarize
+from baselines.benchmark.statistics import summarize_largest
 from lissajous_env.world.columns import COLUMNS, OPEN
 from lissajous_env.world.score import is_open
 from lissajous_env.world.simulation import Simulation
@@ -45,9 +42,8 @@ def cells(*played):
     return compare([row for each in played for row in each], EVADERS).cells["evaders"]
 
 
-def words_of(of):
-    (shown,) = [each for each in SHOWN if each.name == "guaranteed_detection_time"]
-    return tables.in_words(of, shown)
+def words_of(times, **given):
+    return tables.in_words(cells(rows(times, **given))["a"]["guaranteed_detection_time"])
 
 
 def ages(leaps):
@@ -105,8 +101,8 @@ def test_an_episode_that_ends_at_its_worst_moment_is_not_open():
     for row in found:
         assert row[OPEN.name] == 0
         assert failures.failed(row)[1] is False
-        shown = words_of(cells([row, *rows([(9.3, 3.6), (12.8, 1.7), (8.4, 2.3)], "random")])["random"])
-        assert not shown[0].startswith(">")
+        of = cells([row, *rows([(9.3, 3.6), (12.8, 1.7), (8.4, 2.3)], "random")])["random"]
+        assert tables.in_words(of["guaranteed_detection_time"])[0] == "12.8"
 
 
 def test_where_a_rogue_stays_unseen_since_the_beginning_every_episode_is_open():
@@ -164,101 +160,42 @@ def test_where_nothing_is_followed_nothing_is_open():
 # What a table states.
 
 
-def test_an_episode_that_ended_at_its_worst_makes_no_lower_bound_of_the_row():
-    # Oracle: by hand. 4.4, 4.7 and 4.7, of which one continues, then 5.1 and 7.5: the censored episode passes its
-    # weight on, 1 / 13 of it to each longer time, and the weight of a longer time is 14 / 13. Of 16 episodes the first
-    # 4 go.
-    times = sorted(longest for longest, at_end in ENDED_AT_ITS_WORST if longest != at_end)
-    weights = np.array([1.0, 1.0] + [14 / 13] * 13)
-    last = np.cumsum(weights)
-    inside = np.minimum(last, 12) - np.maximum(last - weights, 4)
-    expected = np.maximum(inside, 0) @ times / 8
-    of = cells(rows(ENDED_AT_ITS_WORST))["a"]["guaranteed_detection_time"]
-    assert of.iqm == pytest.approx(expected)
-    assert of.iqm > summarize([longest for longest, _ in ENDED_AT_ITS_WORST]).iqm
-    assert not of.at_least
-    assert of.low < of.iqm < of.high < math.inf
-    assert words_of({"guaranteed_detection_time": of})[0] == f"{expected:.3g}"
+def test_an_open_episode_makes_the_largest_a_lower_bound():
+    # Oracle: by hand.
+    times = [(4.0, 1.0)] * 15 + [(59.9, 59.9)]
+    of = cells(rows(times, open_at=(15,)))["a"]["guaranteed_detection_time"]
+    assert (of.value, of.at_least, of.open, of.median) == (59.9, True, 1, 4.0)
+    assert tables.in_words(of) == ("> 59.9", "median 4, n = 16, 1 open")
+    assert words_of([(4.0, 1.0)] * 3 + [(2.0, 2.0)], open_at=(3,)) == ("> 4", "median 4, n = 4, 1 open")
 
 
-def test_a_row_is_a_lower_bound_where_more_than_a_quarter_of_its_episodes_is_open():
-    # Oracle: by hand. The middle half of 16 does without the 4 longest.
-    times = [(4.0, 1.0)] * 12 + [(59.9, 59.9)] * 4
-    of = cells(rows(times, open_at=range(12, 16)))["a"]["guaranteed_detection_time"]
-    assert (of.iqm, of.at_least) == (pytest.approx(4.0), False)
-    assert of.high == math.inf  # many a resample has five of them
-    assert words_of({"guaranteed_detection_time": of}) == ("4", "at least 4")
-    lost = [(4.0, 1.0)] * 11 + [(59.9, 59.9)] * 5
-    of = cells(rows(lost, open_at=range(11, 16)))["a"]["guaranteed_detection_time"]
-    assert (of.iqm, of.at_least) == (pytest.approx((7 * 4 + 59.9) / 8), True)
-    assert words_of({"guaranteed_detection_time": of})[0] == "> 11.0"
-    all_open = cells(rows([(59.9, 59.9)] * 16, open_at=range(16)))["a"]["guaranteed_detection_time"]
-    assert words_of({"guaranteed_detection_time": all_open}) == ("> 59.9", "")
+def test_with_half_of_the_episodes_open_there_is_no_median():
+    assert words_of([(4.0, 1.0), (59.9, 59.9)], open_at=(1,)) == ("> 59.9", "median open, n = 2, 1 open")
 
 
-def test_an_open_episode_is_not_taken_for_one_that_ends_with_the_others():
-    # Oracle: by hand. Of 8 episodes 3 are open at 40 s; a single one at 58 s does not bound them.
-    times = [(4.0, 1.0)] * 4 + [(40.0, 40.0)] * 3 + [(58.0, 1.0)]
-    assert cells(rows(times, open_at=(4, 5, 6)))["a"]["guaranteed_detection_time"].at_least
-    censored = cells(rows(times))["a"]["guaranteed_detection_time"]
-    assert (censored.at_least, censored.iqm) == (False, pytest.approx((2 * 4 + 2 * 58) / 4))
+def test_the_largest_is_a_lower_bound_where_only_growing_episodes_have_it():
+    # Story: an episode ends at its worst moment, 4.7 s; beside a longer one, or an equal one that ended, that is known.
+    assert words_of([(3.1, 3.1)]) == ("> 3.10", "median 3.10, n = 1")
+    assert words_of(ENDED_AT_ITS_WORST) == ("19.5", "median 11.2, n = 16")
+    assert words_of([(4.7, 4.7), (4.4, 3.2)]) == ("> 4.70", "median 4.55, n = 2")
+    assert words_of([(4.7, 4.7), (4.7, 3.2)]) == ("4.70", "median 4.70, n = 2")
 
 
-def test_one_censored_episode_alone_is_a_lower_bound():
-    of = cells(rows([(3.1, 3.1)]))["a"]
-    assert words_of(of) == ("> 3.10", "")
-    assert math.isnan(of["guaranteed_detection_time"].low)
+EPISODES = st.lists(st.tuples(st.floats(0.1, 60), st.booleans()), min_size=1, max_size=12)
 
 
-@given(st.lists(st.floats(0, 1e3), max_size=40))
-def test_where_nothing_is_censored_it_is_the_interquartile_mean(times):
-    # Oracle: the same statistics without censoring; and the weights of Kaplan and Meier, all equal, by the same route.
-    never = np.zeros(len(times), dtype=bool)
-    plain, found = summarize(times), summarize_censored(times, never, never)
-    np.testing.assert_equal(dataclasses.astuple(found), dataclasses.astuple(plain))  # NaN equals NaN
-    if times:  # one more that is open and the longest: the estimate goes through the weights
-        more, last = [*times, 2e3], [*never, True]
-        found, known = summarize_censored(more, last, last), summarize(more)
-        assert found.iqm == pytest.approx(known.iqm, rel=1e-9, abs=1e-12)
-        assert found.at_least == (len(more) < 4)
+@given(EPISODES, EPISODES, st.randoms())
+def test_more_episodes_never_lower_a_guarantee_and_their_order_does_not_matter(episodes, more, random):
+    # Law: the largest value, its lower bound and the number of open episodes grow with the episodes.
+    def of(played):
+        found = summarize_largest([time for time, _ in played], [is_open for _, is_open in played])
+        return found.value, found.open, found.at_least, found.n
 
-
-def test_the_weights_are_those_of_scipy():
-    # Oracle: scipy.stats.ecdf of right-censored times, ties among them; the middle half by its quantiles.
-    rng = np.random.default_rng(5)
-    for _ in range(50):
-        times, ended = rng.integers(1, 12, 40).astype(float), rng.random(40) < 0.8
-        curve = stats.ecdf(stats.CensoredData.right_censored(times, ~ended)).cdf
-        levels = (np.arange(40_000) + 0.5) / 80_000 + 0.25
-        if curve.probabilities[-1] < levels[-1]:
-            continue
-        oracle = curve.quantiles[np.searchsorted(curve.probabilities, levels)].mean()
-        found = summarize_censored(times, ~ended, np.zeros(40, dtype=bool))
-        assert not found.at_least
-        assert found.iqm == pytest.approx(oracle, abs=2e-3)
-
-
-def test_it_finds_the_truth_behind_artificial_censoring():
-    # Oracle: 200 samples of 64 lognormal times, a third of them cut off; the interquartile mean of 10^6 whole ones.
-    rng = np.random.default_rng(7)
-    truth = summarize_of_population(rng)
-    found, naive, covered = [], [], 0
-    for _ in range(200):
-        times, until = rng.lognormal(1.0, 0.5, 64), rng.exponential(8.0, 64)
-        of = summarize_censored(np.minimum(times, until), until < times, np.zeros(64, dtype=bool))
-        if not of.at_least:
-            found.append(of.iqm)
-            naive.append(summarize(np.minimum(times, until)).iqm)
-        covered += of.low <= truth <= of.high
-    assert len(found) > 180
-    assert np.mean(found) == pytest.approx(truth, rel=0.02)
-    assert np.mean(naive) < 0.85 * truth
-    assert 0.9 < covered / 200 < 0.99
-
-
-def summarize_of_population(rng):
-    drawn = np.sort(rng.lognormal(1.0, 0.5, 1_000_000))
-    return drawn[250_000:750_000].mean()
+    mixed = [*episodes, *more]
+    random.shuffle(mixed)
+    assert all(less <= most for less, most in zip(of(episodes), of(mixed), strict=True))
+    assert of(mixed) == of([*episodes, *more])
+    assert of(mixed)[0] == max(time for time, _ in mixed)
 
 
 def test_what_is_not_decided_seed_by_seed_counts_half():
@@ -268,18 +205,17 @@ def test_what_is_not_decided_seed_by_seed_counts_half():
     _, policies = compare([*ours, *theirs], EVADERS).against["evaders"]
     pair = policies["a"]["guaranteed_detection_time"]
     assert pair.better == (0.5 + 0 + 0 + 1) / 4
-    assert pair.difference == -1.0  # of the seed on which both are known
+    assert math.isnan(pair.difference)  # an episode shows no bound
 
 
-def test_the_table_and_its_legend_show_where_no_upper_end_is_known():
-    played = [*rows([(4.0, 1.0)] * 12 + [(59.9, 59.9)] * 4, open_at=range(12, 16))]
-    played += rows([(59.9, 59.9)] * 16, "lost", range(16))
+def test_the_table_and_its_legend_show_the_largest_and_the_open_episodes():
+    played = [*rows([(4.0, 1.0)] * 15 + [(5.0, 1.0)]), *rows([(59.9, 59.9)] * 16, "lost", range(16))]
     known = cells(played)
     console = Console(width=200, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
     tables.print_policies(console, Text("t"), known, SHOWN)
     said = console.export_text()
-    assert "4*" in said
-    assert "at least 4" in said
+    assert "5*" in said
+    assert said.count("n = 16") == 2
     assert "> 59.9" in said
     assert "59.9*" not in said
     assert any("a lower bound" in words for words in tables._legend({"evaders": known}, {}, 16))

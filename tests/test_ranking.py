@@ -46,6 +46,15 @@ def test_ranks_by_hand():
     assert cars.ranks["a"]["guaranteed_detection_time"] == (1.5, 1.5, 1.5)
 
 
+def test_guarantees_rank_by_their_largest_value():
+    # Story: "often short" is shorter on three seeds of four, and longer on one; a mean or a rank by seed prefers it.
+    times = {"often short": [3.0, 3.0, 3.0, 7.0], "always": [4.0, 4.0, 4.0, 4.0]}
+    played = [row for name, of in times.items() for row in rows("evaders", name, guaranteed_detection_time=of)]
+    (cars,) = rankings(with_derived(played, SCENARIOS), SCENARIOS)
+    of = {policy: ranks["guaranteed_detection_time"] for policy, ranks in cars.ranks.items()}
+    assert of == {"always": (1, 1, 1), "often short": (2, 2, 2)}
+
+
 def test_an_open_guarantee_ranks_below_any_that_is_not_and_equals_another():
     times = {"closed": 9.0, "open": 4.0, "open too": 60.0}
     played = []

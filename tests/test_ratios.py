@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from baselines.benchmark.bounds import Bounds
-from baselines.benchmark.ratios import TAUS, over_scenarios, profile, profiles, with_ratios
+from baselines.benchmark.ratios import TAUS, largest_over_scenarios, over_scenarios, profile, profiles, with_ratios
 from baselines.benchmark.statistics import bootstrap_interval, interquartile_mean, performance_profile
+from baselines.benchmark.tables import in_words
 from lissajous_env.world.columns import AT_END, COLUMNS, DETECTION_TIME, OPEN, WORST_CASE
 
 BOUNDS = {"small": Bounds(0.5, 2.0, math.nan), "large": Bounds(5.0, math.nan, math.nan)}
@@ -42,7 +43,7 @@ def test_ratios_by_hand():
     assert b1 == [4.0, math.inf, math.inf]
     assert grown[0] == other[0] == 1.0
     assert np.isnan([grown[1], other[1]]).all()  # no lower bound
-    assert grown[2] == math.inf  # still growing at the end
+    assert grown[2] == 1.0  # still growing at the end, but not open
     assert other[2] == 1.0
 
 
@@ -65,6 +66,15 @@ def test_a_scenario_in_other_units_has_the_same_ratios():
     scaled = {"small": Bounds(30.0, 120.0, math.nan)}
     assert np.allclose(ratios(plain), ratios(slow, scaled))
     assert np.min(ratios(plain), axis=0)[[0, 2]].tolist() == [1.0, 1.0]
+
+
+def test_a_guarantee_over_scenarios_is_its_largest_ratio():
+    # Oracle: by hand; the means of these would be 2, 2 and infinite.
+    of = largest_over_scenarios([1.0, 3.0], [2.0, math.nan], [1.0, math.inf])
+    assert in_words(of) == ("> 3", "median 3, n = 3, 1 open")
+    assert in_words(largest_over_scenarios([1.0, 3.0], [2.0], [2.0])) == ("3", "median 2, n = 3")
+    assert in_words(largest_over_scenarios([math.inf], [math.inf])) == ("no bound", "median open, n = 2, 2 open")
+    assert in_words(largest_over_scenarios([math.nan], [])) == ("\N{EM DASH}", "")
 
 
 def test_the_aggregate_is_the_interquartile_mean_over_scenarios():

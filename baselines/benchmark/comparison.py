@@ -2,20 +2,26 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from baselines.benchmark import clairvoyant
 from baselines.benchmark.bounds import Bounds, bounds_of, mean_time_bound
-from baselines.benchmark.censoring import summarize_censored
-from baselines.benchmark.ratios import Profiles, growing, over_scenarios, profiles, with_ratios
-from baselines.benchmark.rows import Rows, by_kind, grouped, numbers_of
+from baselines.benchmark.ratios import (
+    Profiles,
+    growing,
+    largest_over_scenarios,
+    over_scenarios,
+    profiles,
+    with_ratios,
+)
+from baselines.benchmark.rows import Rows, by_kind, column_of, grouped, numbers_of
 from baselines.benchmark.shown_columns import COMPARED, OVER_LOWER_BOUND, OVER_SCENARIOS, OVERALL, TIME_OVER_BOUND
-from baselines.benchmark.statistics import Paired, Statistics, paired, summarize
+from baselines.benchmark.statistics import Paired, Statistics, paired, summarize, summarize_largest
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.columns import DETECTION_TIME, OPEN, WORST_CASE, Column
+from lissajous_env.world.columns import DETECTION_TIME, LARGEST, OPEN, WORST_CASE, Column
 
 _REFERENCES = ("kuramoto-mpcc", "kuramoto")
 """The paper's method: what the others are compared with where it is played."""
@@ -71,10 +77,11 @@ def statistics(rows: Iterable[dict[str, Any]]) -> Cells:
 
 
 def _summarized(column: str, played: Rows) -> Statistics:
-    values = [row[column] for row in played]
-    if column != WORST_CASE.name:
-        return summarize(values)
-    return summarize_censored(values, [is_censored(row) for row in played], [row[OPEN.name] == 1 for row in played])
+    of = OVER_LOWER_BOUND if column == OVER_LOWER_BOUND.name else column_of(column)
+    values, summary = [row[column] for row in played], of.summary
+    if summary != LARGEST:
+        return summarize(values, summary=summary)
+    return summarize_largest(values, [row[OPEN.name] == 1 for row in played], [growing(row) for row in played])
 
 
 def overall(rows: Rows, scenarios: Mapping[str, Scenario]) -> Cells:
@@ -96,7 +103,9 @@ def overall(rows: Rows, scenarios: Mapping[str, Scenario]) -> Cells:
 
 def _over_all(column: Column, by_scenario: Sequence[Rows]) -> Statistics:
     strata = [[row.get(column.name, math.nan) for row in rows] for rows in by_scenario]
-    return over_scenarios(*strata) if column in OVER_SCENARIOS else summarize(*strata)
+    if column.summary == LARGEST:
+        return largest_over_scenarios(*strata)
+    return over_scenarios(*strata) if column in OVER_SCENARIOS else summarize(*strata, summary=column.summary)
 
 
 def complete(rows: Rows, scenarios: Mapping[str, Scenario]) -> dict[str, dict[str, dict[str, Rows]]]:
@@ -143,8 +152,20 @@ def _compared(pairs: Sequence[tuple[dict[str, Any], dict[str, Any]]]) -> dict[st
             known = [_worst_cases(ours, other) for ours, other in pairs]
         else:
             known = [(ours[column.name], other[column.name]) for ours, other in pairs]
-        found[column.name] = paired([ours for ours, _ in known], [other for _, other in known], column.better)
+        pair = paired([ours for ours, _ in known], [other for _, other in known], column.better)
+        if column.summary == LARGEST:
+            off = _difference_of_largest(*zip(*pairs, strict=True)) if pairs else math.nan
+            pair = replace(pair, difference=off, difference_low=math.nan, difference_high=math.nan)
+        found[column.name] = pair
     return found
+
+
+def _difference_of_largest(ours: Rows, others: Rows) -> float:
+    """Return the difference of the largest worst-case undetected times [s]; NaN if an episode shows no bound."""
+    first, second = (
+        max(math.inf if row[OPEN.name] == 1 else row[WORST_CASE.name] for row in rows) for rows in (ours, others)
+    )
+    return first - second if math.isfinite(first) and math.isfinite(second) else math.nan
 
 
 def _worst_cases(ours: dict[str, Any], other: dict[str, Any]) -> tuple[float, float]:

@@ -19,16 +19,21 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from baselines.benchmark import clairvoyant
-from baselines.benchmark.comparison import Comparisons, complete, is_censored, reference_of
+from baselines.benchmark.comparison import Comparisons, complete, reference_of
 from baselines.benchmark.plot_styles import STYLE, saved, styles_of
 from baselines.benchmark.ratios import profile, with_ratios
 from baselines.benchmark.rows import Rows, by_kind, grouped
 from baselines.benchmark.shown_columns import COMPARED, RATIOS, brought_in
-from baselines.benchmark.statistics import performance_profile, probability_of_improvement, summarize
+from baselines.benchmark.statistics import (
+    performance_profile,
+    probability_of_improvement,
+    summarize,
+    summarize_largest,
+)
 from baselines.benchmark.tables import shown_name
 from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.columns import OPEN, SHARE, WHOLE, WORST_CASE, Column
+from lissajous_env.world.columns import LARGEST, OPEN, SHARE, WHOLE, WORST_CASE, Column
 
 FORMATS = ("pdf", "svg", "png")
 WIDTH = 7.16
@@ -122,11 +127,11 @@ def draw(
 def _scores(rows: Rows, column: Column, scenario: Scenario) -> np.ndarray:
     """Return the scores of the episodes; times over T_max.
 
-    The worst-case undetected time of an episode that is open, or in which it was still growing at the end, is infinite.
+    The worst-case undetected time of an open episode is infinite.
     """
     values = np.array([row.get(column.name, math.nan) for row in rows], dtype=float)
     if column is WORST_CASE:
-        values[[row[OPEN.name] == 1 or is_censored(row) for row in rows]] = np.inf
+        values[[row[OPEN.name] == 1 for row in rows]] = np.inf
     return values / scenario.detection_time_bound if column.unit == "s" else values
 
 
@@ -228,24 +233,28 @@ def _improvement(group: Group, styles: Mapping[str, Any]) -> Figure:
 
 
 def _aggregates(group: Group, styles: Mapping[str, Any]) -> Figure:
-    """Draw the interquartile mean over the episodes of all scenarios, for collisions the mean, with its interval."""
+    """Draw the interquartile mean over the episodes of all scenarios, for collisions the mean, with its interval.
+
+    For a guarantee it is the largest of all episodes, with a bar from their median.
+    """
     policies = list(group.scores)
     figure, panels = _panels(_closed(group), _FIRST_ROW + _ROW * len(policies), rows=policies)
     for column, axes in panels.items():
         shown = []
         for place, policy in enumerate(policies):
             strata = group.scores[policy][column]
-            of = summarize(*strata)
-            found = (of.mean, of.mean_low, of.mean_high) if column.mean else (of.iqm, of.low, of.high)
+            is_largest = column.summary == LARGEST
+            of = summarize_largest(np.concatenate(strata)) if is_largest else summarize(*strata, summary=column.summary)
             endless = _endless(strata)
-            if endless <= _MOST_ENDLESS and np.isfinite(found[0]):
-                _interval(axes, place, found, styles[policy], policy)
-                shown.append(found[0])
+            if _is_closed(column, strata) and np.isfinite(of.value):
+                ends = (of.median, of.max) if is_largest else of.interval
+                _interval(axes, place, (of.value, *ends), styles[policy], policy)
+                shown.append(of.value)
             else:
                 words = {"transform": axes.get_yaxis_transform(), "fontsize": 6, "color": "#777777"}
                 axes.text(0.98, place, f"no bound in {100 * endless:.0f} %", ha="right", va="center", **words)
         _scaled(axes, column, np.array(shown or [1.0]))
-        axes.set_title(_title(column))
+        axes.set_title(_title(column) + (f", largest of {of.n}" if column.summary == LARGEST else ""))
     return figure
 
 
@@ -256,11 +265,19 @@ def _endless(strata: Sequence[np.ndarray]) -> float:
 
 def _closed(group: Group) -> list[Column]:
     """Return the columns of which some policy has an aggregate."""
-    return [c for c in group.columns if any(_endless(of[c]) <= _MOST_ENDLESS for of in group.scores.values())]
+    return [c for c in group.columns if any(_is_closed(c, of[c]) for of in group.scores.values())]
+
+
+def _is_closed(column: Column, strata: Sequence[np.ndarray]) -> bool:
+    """Return whether a column has an aggregate in spite of infinite scores, none of which a largest value allows."""
+    return _endless(strata) <= (0 if column.summary == LARGEST else _MOST_ENDLESS)
 
 
 def _distribution(name: str, of: Mapping[str, Rows], columns: Sequence[Column], styles: Mapping[str, Any]) -> Figure:
-    """Draw every episode of a scenario as a dot, and the quartiles of each policy as a box."""
+    """Draw every episode of a scenario as a dot, and the quartiles of each policy as a box.
+
+    For a guarantee the box is from the median to the largest, which is marked; an open episode is an arrow.
+    """
     policies = list(of)
     figure, panels = _panels(columns, _FIRST_ROW + _ROW * len(policies), rows=policies)
     figure.suptitle(name, x=0.005, ha="left", fontsize=8, fontweight="bold")
@@ -268,21 +285,27 @@ def _distribution(name: str, of: Mapping[str, Rows], columns: Sequence[Column], 
         axes, every = panels[column], []
         for place, policy in enumerate(policies):
             values = np.array([row.get(column.name, math.nan) for row in of[policy]], dtype=float)
-            values, colour = values[np.isfinite(values)], styles[policy].colour
+            known, colour = np.isfinite(values), styles[policy].colour
+            is_largest = column.summary == LARGEST
+            is_open = np.array([is_largest and row[OPEN.name] == 1 for row in of[policy]])[known]
+            values = values[known]
             if not len(values):
                 continue
             every.append(values)
-            low, middle, high = np.quantile(values, (0.25, 0.5, 0.75))
+            low, mark, high = np.quantile(values, (0.5, 1, 1) if is_largest else (0.25, 0.5, 0.75))
             axes.plot([low, high], [place, place], color=colour, lw=5, alpha=0.3, solid_capstyle="butt")
-            axes.plot([middle, middle], [place - 0.28, place + 0.28], color=colour, lw=1.4)
-            off = 0.18 * np.sin(2.4 * np.arange(len(values)))  # so that equal ones show
-            axes.plot(values, place + off, ls="none", marker=".", ms=2.5, mew=0, color=colour, alpha=0.7)
+            axes.plot([mark, mark], [place - 0.28, place + 0.28], color=colour, lw=1.4)
+            off = place + 0.18 * np.sin(2.4 * np.arange(len(values)))  # so that equal ones show
+            dots: dict[str, Any] = {"ls": "none", "mew": 0, "color": colour, "alpha": 0.7}
+            axes.plot(values[~is_open], off[~is_open], marker=".", ms=2.5, **dots)
+            axes.plot(values[is_open], off[is_open], marker=">", ms=2.5, **dots)
         values = np.concatenate(every)
         if values.min() > 0 and values.max() > 30 * np.median(values):
             axes.set_xscale("log")
         if column.unit != "s":
             _scaled(axes, column, values)
-        axes.set_title(column.heading)
+        counted = f", largest of {max(map(len, every))}" if column.summary == LARGEST else ""
+        axes.set_title(column.heading + counted)
     return figure
 
 

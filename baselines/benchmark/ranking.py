@@ -12,7 +12,7 @@ from baselines.benchmark.rows import Rows, by_kind
 from baselines.benchmark.shown_columns import COMPARED
 from baselines.benchmark.statistics import bootstrap_interval
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.columns import OPEN, WORST_CASE, Column
+from lissajous_env.world.columns import LARGEST, OPEN, WORST_CASE, Column
 
 Rank = tuple[float, float, float]
 """Mean rank, 1 for the best, and the ends of its 95 % bootstrap interval over seeds, stratified by scenario."""
@@ -35,6 +35,8 @@ class Ranking:
 def rankings(rows: Rows, scenarios: Mapping[str, Scenario]) -> list[Ranking]:
     """Rank the policies on each seed of each scenario, and average; of equal ones each has the mean of their ranks.
 
+    A guarantee is ranked by its largest value in a scenario, on every seed alike.
+
     Args:
         rows: Score rows with their derived columns.
         scenarios: Their scenarios by name.
@@ -53,8 +55,11 @@ def _ranking(kind: str, played: Mapping[str, Mapping[str, Rows]]) -> Ranking:
     places = [c for c in range(len(COMPARED)) if all(table[c].all(axis=0).any() for table in known)]
     columns = tuple(COMPARED[c] for c in places)
     # (C, P, n) of each scenario, on the seeds on which every policy has a number in each column.
-    ranks = [rankdata(table[places][:, :, there[places].all(axis=(0, 1))], axis=1)
-             for table, there in zip(worths, known, strict=True)]  # fmt: skip
+    common = [table[places][:, :, there[places].all(axis=(0, 1))] for table, there in zip(worths, known, strict=True)]
+    for c, column in enumerate(columns):
+        for table in common if column.summary == LARGEST else ():
+            table[c] = table[c].max(axis=1, keepdims=True)
+    ranks = [rankdata(table, axis=1) for table in common]
     of = {
         policy: {of.name: _mean([table[c, k] for table in ranks]) for c, of in enumerate(columns)}
         for k, policy in enumerate(policies)

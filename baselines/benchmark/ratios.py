@@ -14,7 +14,7 @@ import numpy as np
 from baselines.benchmark import clairvoyant
 from baselines.benchmark.bounds import Bounds
 from baselines.benchmark.shown_columns import DETECTION_OVER_BEST, RATIOS, WORST_CASE_OVER_BEST, WORST_CASE_OVER_BOUND
-from baselines.benchmark.statistics import CUT, RESAMPLES, Statistics, draws, summarize
+from baselines.benchmark.statistics import CUT, RESAMPLES, Statistics, draws, summarize, summarize_largest
 from lissajous_env.world.columns import AT_END, DETECTION_TIME, OPEN, WORST_CASE
 
 TAUS = (1.0, 1.05, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 10.0)
@@ -27,8 +27,8 @@ Rows = Sequence[Mapping[str, Any]]
 def with_ratios(rows: Rows, bounds: Mapping[str, Bounds]) -> list[dict[str, Any]]:
     """Return rows with the columns `RATIOS`.
 
-    A worst-case undetected time that was still growing at the end of its episode is infinite. The best policy is the
-    best on the same scenario and seed, the clairvoyant excepted; where no policy has a finite time, there is no ratio.
+    The worst-case undetected time of an open episode is infinite. The best policy is the best on the same scenario and
+    seed, the clairvoyant excepted; where no policy has a finite time, there is no ratio.
     """
     best: dict[tuple[str, int], list[float]] = {}
     for row in rows:
@@ -57,7 +57,7 @@ def growing(row: Mapping[str, Any]) -> bool:
 
 
 def _times(row: Mapping[str, Any]) -> tuple[float, float]:
-    return row[DETECTION_TIME.name], math.inf if growing(row) else row[WORST_CASE.name]
+    return row[DETECTION_TIME.name], math.inf if row[OPEN.name] == 1 else row[WORST_CASE.name]
 
 
 def _ratio(time: float, least: float) -> float:
@@ -80,6 +80,11 @@ def over_scenarios(*scenarios: Sequence[float] | np.ndarray) -> Statistics:
     # Of two infinite ends there is no point in between, so an end is one of the resamples.
     low, high = np.quantile(_middle(again), [0.025, 0.975], method="inverted_cdf")
     return replace(found, iqm=float(_middle(values[None])[0]), low=float(low), high=float(high))
+
+
+def largest_over_scenarios(*scenarios: Sequence[float] | np.ndarray) -> Statistics:
+    """Return statistics of the largest ratio of each scenario; `n`, `n_finite` and `open` count scenarios."""
+    return summarize_largest([max((ratio for ratio in of if ratio == ratio), default=math.nan) for of in scenarios])
 
 
 def _mean(values: Sequence[float] | np.ndarray) -> float:

@@ -32,7 +32,7 @@ from baselines.benchmark.types import Outcome
 from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.report import report
-from lissajous_env.world.columns import COLLISIONS, COLUMNS, DETECTION_TIME, OPEN, WHOLE, WORST_CASE, Column
+from lissajous_env.world.columns import COLLISIONS, COLUMNS, DETECTION_TIME, LARGEST, OPEN, WHOLE, WORST_CASE, Column
 
 NAME = "report.html"
 FORMAT = "lissajous report 2"
@@ -138,7 +138,7 @@ class Report:
                 {
                     "policy": number_of[policy],
                     "ranks": _rounded([list(ranking.overall[policy]), *map(list, of.values())]),
-                    "overall": [in_words(overall[policy], each) for each in OVERALL] if overall else [],
+                    "overall": [_aggregate(overall[policy][each.name]) for each in OVERALL] if overall else [],
                 }
                 for policy, of in ranking.ranks.items()
             ],
@@ -184,7 +184,7 @@ class Report:
                     "policy": number_of[policy],
                     "episodes": len(of),
                     "failed": np.sum([failed(row) for row in of], axis=0).tolist(),
-                    "badness": _rounded(np.mean([[*badness(row, scenario)] for row in of], axis=0).tolist()),
+                    "badness": _rounded(_badness(of, scenario)),
                     "cells": {each.name: _cell(cells[policy], each, of) for each in shown},
                     "curve": curves.get(policy),
                 }
@@ -193,15 +193,23 @@ class Report:
         }
 
 
+def _badness(rows: Rows, scenario: Scenario) -> list[float]:
+    """Return the means of `badness` over the episodes of a policy, of a guarantee the largest."""
+    each = np.array([badness(row, scenario) for row in rows])
+    _, *others = each.mean(axis=0)
+    if headline(scenario).summary == LARGEST:
+        others[0] = each[:, 1].max()
+    return [each[:, 0].mean(), *others]
+
+
 def _described(column: Column, lines: Sequence[tuple[float, str]]) -> dict[str, Any]:
     """Return what the page shows of a column; only columns of the episodes have a strip of their values."""
     return {
         "column": column.name,
         "title": column.heading,
         "better": column.better,
-        "mean": column.mean,
         "whole": column.rule is WHOLE,
-        "about": column.described,
+        "about": f"{column.described}; the number is the {column.summary} over the episodes",
         "strip": column is not OVER_LOWER_BOUND,
         "lines": [[_rounded(value), words] for value, words in lines],
     }
@@ -229,20 +237,23 @@ def _is_known(row: Mapping[str, Any], column: Column) -> bool:
 
 
 def _cell(of: Mapping[str, Statistics], column: Column, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return what the page shows of a column of one policy: a number as in the tables, its interval, and quartiles."""
+    """Return what the page shows of a column of one policy: a number and what tables show beside it, and quartiles."""
     cell = of[column.name]
-    value = cell.mean if column.mean else cell.iqm
-    low, high = (cell.mean_low, cell.mean_high) if column.mean else (cell.low, cell.high)
     known = [row[column.name] for row in rows if _is_known(row, column)]
-    words, ends = in_words(of, column)
+    words, beside = in_words(cell)
     return {
         "words": words,
-        "between": ends,
-        "value": _rounded(value),
-        "interval": _rounded([low, high]),
+        "between": beside,
+        "value": _rounded(cell.value),
+        "interval": _rounded([*cell.interval]),
         "known": cell.n_finite,
         "quartiles": _rounded(np.quantile(known, (0, 0.25, 0.5, 0.75, 1)).tolist()) if known else None,
     }
+
+
+def _aggregate(of: Statistics) -> list[Any]:
+    """Return a number over all scenarios in words, what is beside it, and the number that sorts it; None comes last."""
+    return [*in_words(of), None if of.at_least else _rounded(of.value)]
 
 
 def _pair(of: Paired) -> dict[str, Any]:

@@ -12,6 +12,8 @@ from lissajous_env.world.columns import (
     COLUMNS,
     COVERAGE,
     DETECTION_TIME,
+    LARGEST,
+    MEAN,
     NAMES,
     RECOVERY,
     SENSED,
@@ -26,7 +28,7 @@ OVER_LOWER_BOUND = Column(
     "over_lower_bound",
     "ratio of the mean detection time to a lower bound for every policy without long-range sensing",
     better=-1,
-    mean=True,
+    summary=MEAN,
     place=2,
     main=True,
 )
@@ -44,9 +46,10 @@ DETECTION_OVER_BEST = Column(
 """Derived column."""
 WORST_CASE_OVER_BOUND = Column(
     "worst_case_over_bound",
-    "worst-case undetected time over its lower bound in the scenario, infinite if it was still growing at the end",
+    "worst-case undetected time over its lower bound in the scenario, infinite if the episode shows no bound",
     title="guarantee / lower bound",
     better=-1,
+    summary=LARGEST,
 )
 """Derived column."""
 WORST_CASE_OVER_BEST = Column(
@@ -54,6 +57,7 @@ WORST_CASE_OVER_BEST = Column(
     "worst-case undetected time over the shortest of a policy on the same scenario and seed",
     title="guarantee / best",
     better=-1,
+    summary=LARGEST,
 )
 """Derived column."""
 COMPARED = (DETECTION_TIME, WORST_CASE, COLLISIONS, SENSED)
@@ -61,7 +65,7 @@ COMPARED = (DETECTION_TIME, WORST_CASE, COLLISIONS, SENSED)
 RATIOS = (OVER_LOWER_BOUND, DETECTION_OVER_BEST, WORST_CASE_OVER_BOUND, WORST_CASE_OVER_BEST)
 """Ratios of a time to a bound, and to the best policy of the run; `baselines.benchmark.ratios` computes the others."""
 OVER_SCENARIOS = RATIOS[1:]
-"""Columns whose statistics are over scenarios, each with the mean over its seeds."""
+"""Columns whose statistics are over scenarios, each with the mean or the largest over its seeds."""
 OVERALL = (OVER_LOWER_BOUND, TIME_OVER_BOUND, WITHIN_BOUND, COLLISIONS, SPACING, *OVER_SCENARIOS)
 """Columns with the same meaning on every scenario, so that episodes of all scenarios can be combined."""
 SHOWN = tuple(

@@ -1,4 +1,4 @@
-"""Statistics of scores: interquartile means with bootstrap intervals, comparisons seed by seed.
+"""Statistics of scores: interquartile means with bootstrap intervals, largest values, comparisons seed by seed.
 
 R. Agarwal, M. Schwarzer, P. S. Castro, A. Courville, M. G. Bellemare, "Deep Reinforcement Learning at the Edge of the
 Statistical Precipice" (NeurIPS 2021) gives the reasons: the mean follows outliers, the median wastes half of the runs.
@@ -8,10 +8,12 @@ is, then cancels.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
+
+from lissajous_env.world.columns import INTERQUARTILE_MEAN, LARGEST, MEAN
 
 RESAMPLES = 2000
 """Bootstrap resamples: the ends of the interval then vary by about 2 % of its width from seed to seed."""
@@ -41,9 +43,27 @@ class Statistics:
     std: float
     """Standard deviation between episodes, with n - 1 in the denominator."""
     min: float
+    median: float
+    """Median; of largest values it counts open episodes as infinite."""
     max: float
+    summary: str = field(default=INTERQUARTILE_MEAN, kw_only=True)
+    """Summary of the column (`Column.summary`), which selects `value`."""
+    open: int = field(default=0, kw_only=True)
+    """Episodes that show no bound."""
     at_least: bool = field(default=False, kw_only=True)
-    """True if `iqm` is a lower bound, because too many numbers are censored."""
+    """True if `max` is a lower bound of the largest value."""
+
+    @property
+    def value(self) -> float:
+        """Return the number that stands for the episodes."""
+        return {MEAN: self.mean, LARGEST: self.max}.get(self.summary, self.iqm)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Return the 95 % interval of `value`; NaN for a largest value, which has none."""
+        if self.summary == LARGEST:
+            return np.nan, np.nan
+        return (self.mean_low, self.mean_high) if self.summary == MEAN else (self.low, self.high)
 
 
 @dataclass(frozen=True)
@@ -59,7 +79,8 @@ class Paired:
     better_high: float
     """Upper end of the same."""
     difference: float
-    """Interquartile mean of the differences, the policy's number less the reference's, where both are finite."""
+    """Interquartile mean of the differences, the policy's number less the reference's, where both are finite; of a
+    guarantee, the difference of the two largest numbers."""
     difference_low: float
     """Lower end of the 95 % bootstrap interval of `difference`, over seeds."""
     difference_high: float
@@ -177,14 +198,14 @@ def middle_of(values: np.ndarray, confidence: float = 0.95) -> tuple[float, floa
     return float(low), float(high)
 
 
-def summarize(*strata: Sequence[float] | np.ndarray) -> Statistics:
+def summarize(*strata: Sequence[float] | np.ndarray, summary: str = INTERQUARTILE_MEAN) -> Statistics:
     """Return the statistics of one score over the episodes of one scenario or, stratified, of several."""
     samples = [np.asarray(stratum, dtype=float) for stratum in strata]
     finite = [sample[np.isfinite(sample)] for sample in samples]
     values = np.concatenate(finite) if finite else np.empty(0)
     n = sum(len(sample) for sample in samples)
     if not len(values):
-        return Statistics(n, 0, *[np.nan] * 9)
+        return Statistics(n, 0, *[np.nan] * 10, summary=summary)
     means = bootstrap_interval(*finite, cut=0.0)
     return Statistics(
         n,
@@ -196,7 +217,38 @@ def summarize(*strata: Sequence[float] | np.ndarray) -> Statistics:
         mean_high=means[1],
         std=float(values.std(ddof=1)) if len(values) > 1 else np.nan,
         min=float(values.min()),
+        median=float(np.median(values)),
         max=float(values.max()),
+        summary=summary,
+    )
+
+
+def summarize_largest(
+    values: Sequence[float] | np.ndarray,
+    without_bound: Sequence[bool] | np.ndarray | bool = False,
+    growing: Sequence[bool] | np.ndarray | bool = False,
+) -> Statistics:
+    """Return the statistics of worst cases, for which the largest one stands.
+
+    Args:
+        values: Worst cases, by episode; NaN for none, infinite for one without a bound.
+        without_bound: True for an episode that shows no bound of its worst case.
+        growing: True for an episode at whose end the worst case was still growing; if all episodes with the largest
+            value are of this kind, it is a lower bound as well.
+    """
+    worst = np.asarray(values, dtype=float)
+    known = ~np.isnan(worst)
+    is_open, last = (np.broadcast_to(each, worst.shape)[known] for each in (without_bound, growing))
+    worst = worst[known]
+    is_open = is_open | np.isinf(worst)
+    of = summarize(worst, summary=LARGEST)
+    return replace(
+        of,
+        n=len(known),
+        n_finite=len(worst),
+        median=float(np.median(np.where(is_open, np.inf, worst))) if len(worst) else np.nan,
+        open=int(is_open.sum()),
+        at_least=bool(len(worst)) and bool(is_open.any() or last[worst == of.max].all()),
     )
 
 

@@ -17,7 +17,7 @@ from baselines.benchmark.types import Outcome
 from lissajous_env.console import terminal
 from lissajous_env.console.terminal import print_left_out, print_line, print_table
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.columns import RECOVERY, WORST_CASE, Column
+from lissajous_env.world.columns import LARGEST, RECOVERY, WORST_CASE, Column
 
 _DASH = "\N{EM DASH}"
 BEST_KNOWN = "best known"
@@ -110,14 +110,14 @@ def best_known_cell(column: Column, best_known: float) -> str:
 def print_scores(console: Console, policy: str, scenario: str, columns: dict[str, Statistics]) -> list[str]:
     """Print every score of one policy on one scenario as a row; return the columns for which there was no room."""
     _print_title(console, Text.assemble((policy, "bold"), " on ", (scenario, "bold")))
-    names = ("interquartile mean", "95 % interval", "n", "mean", "std", "min", "max")
+    names = ("summary", "value", "95 % interval", "n", "median", "min", "max", "mean", "std")
     rows = []
     for name, of in columns.items():
-        mean, std, least, most = (number(value) for value in (of.mean, of.std, of.min, of.max))
+        others = (number(value) for value in (of.median, of.min, of.max, of.mean, of.std))
         counted = str(of.n) if of.n_finite == of.n else f"{of.n_finite}/{of.n}"
-        value, ends = _interquartile(of)
-        interval = ends if of.n_finite > 1 else _DASH
-        rows.append([name, Text(value, "bold"), interval, counted, mean, std, least, most])
+        counted += f", {of.open} open" if of.open else ""
+        interval = between(*of.interval) if of.n_finite > 1 and of.summary != LARGEST else _DASH
+        rows.append([name, of.summary, Text(in_words(of)[0], "bold"), interval, counted, *others])
     left_out = print_table(
         console, [terminal.Column("score", left=True, style="cyan"), *map(terminal.Column, names)], rows
     )
@@ -143,6 +143,8 @@ def number(value: float) -> str:
     """Format a number with three significant digits and at most three decimals; an em dash for NaN."""
     if value != value:
         return _DASH
+    if value == math.inf:
+        return "infinite"
     if abs(value) >= 1e7:
         return f"{value:.3g}"
     if float(value).is_integer() or abs(value) >= 100:
@@ -150,24 +152,19 @@ def number(value: float) -> str:
     return f"{value:#.3g}" if abs(value) >= 0.9995 else f"{value:.3f}"
 
 
-def in_words(of: Mapping[str, Statistics], column: Column) -> tuple[str, str]:
-    """Return a number as tables show it, and its interval ("" if both ends agree).
+def in_words(of: Statistics) -> tuple[str, str]:
+    """Return the number that stands for the episodes as tables show it, and its interval ("" if both ends agree).
 
-    A lower bound, as of a worst-case undetected time that is open in many episodes, is written `> 59.7`.
+    Beside a largest value is the median instead, with the number of episodes and of those that are open. A lower bound
+    is written `> 59.9`.
     """
-    cell = of[column.name]
-    if column.mean and cell.n_finite:
-        return number(cell.mean), between(cell.mean_low, cell.mean_high)
-    return _interquartile(cell)
-
-
-def _interquartile(cell: Statistics) -> tuple[str, str]:
-    if not cell.n_finite:
+    if not of.n_finite:
         return _DASH, ""
-    value, interval = number(cell.iqm), between(cell.low, cell.high)
-    if cell.at_least:
-        return f"> {value}", "" if number(cell.low) == value else interval
-    return value, interval
+    if of.summary != LARGEST:
+        return number(of.value), between(*of.interval)
+    value = ("> " if of.at_least else "") + number(of.value) if math.isfinite(of.value) else "no bound"
+    middle = "open" if math.isinf(of.median) else number(of.median)
+    return value, f"median {middle}, n = {of.n_finite}" + (f", {of.open} open" if of.open else "")
 
 
 def bounds_in_words(bounds: Bounds) -> str:
@@ -231,24 +228,24 @@ def _print_against(
 
 def _legend(cells: Mapping[str, Any], bounds: Mapping[str, Bounds], episodes: int) -> list[str]:
     counted = "1 episode, below it" if episodes == 1 else f"{episodes} episodes, below it"
+    of = [of for policies in cells.values() for of in policies.values()]
     words = [
         f"Interquartile mean over {counted} the 95 % bootstrap interval; for collisions and over lower bound, "
         "the mean. * best; (k/n): k of n episodes had a number. Better: share of seeds on which the policy "
         "beats the reference; ties count half."
     ]
-    of = [of for policies in cells.values() for of in policies.values()]
+    if any(each[WORST_CASE.name].n_finite for each in of):
+        words.append(
+            "Guaranteed: worst-case undetected time, the largest of n episodes; >: a lower bound, because the worst "
+            "case was still growing at the end of open episodes. Difference: of the largest values."
+        )
     if any(each[OVER_LOWER_BOUND.name].n_finite for each in of):
         words.append(f"Over lower bound: {OVER_LOWER_BOUND.meaning}.")
     if len(cells) > 1:
         words.append(
-            "Detection and guarantee / best: over the best policy on the same scenario and seed. These and guarantee / "
-            "lower bound are interquartile means over scenarios, with intervals over scenarios; inf: the worst case "
-            "was still growing at the end of episodes."
-        )
-    if any(each[WORST_CASE.name].at_least or each[WORST_CASE.name].high == math.inf for each in of):
-        words.append(
-            "Guaranteed: worst-case undetected time; >: the worst case was still growing when too many episodes ended, "
-            "so the value is a lower bound; at least: the interval has no upper end."
+            "Detection and guarantee / best: over the best policy on the same scenario and seed. The first is an "
+            "interquartile mean over scenarios; those of guarantees are the largest over all episodes of n scenarios, "
+            "of which the open ones show no bound."
         )
     if any(math.isfinite(of.best_known) for of in bounds.values()):
         words.append(
@@ -268,12 +265,11 @@ def best_of(candidates: Sequence[Mapping[str, Statistics]], column: Column) -> s
     """Return the best number, as shown, of the policies with most episodes that have one; "" if all agree."""
     known = [of for of in candidates if column.name in of]
     most = max((of[column.name].n_finite / of[column.name].n for of in known), default=0)
-    words = {in_words(of, column)[0] for of in known}
+    words = {in_words(of[column.name])[0] for of in known}
     if not most or not column.better or len(words) == 1:
         return ""
     eligible = [of for of in known if of[column.name].n_finite == most * of[column.name].n]
-    closed = [of[column.name] for of in eligible if not in_words(of, column)[0].startswith(">")]
-    values = [of.mean if column.mean else of.iqm for of in closed]
+    values = [of[column.name].value for of in eligible if not of[column.name].at_least]
     return number(column.better * max(column.better * value for value in values)) if values else ""
 
 
@@ -281,12 +277,14 @@ def _cell(columns: Mapping[str, Statistics], column: Column, best: str) -> Text:
     of = columns.get(column.name)
     if of is None:
         return Text(_DASH)
-    value, interval = in_words(columns, column)
+    value, beside = in_words(of)
     if not of.n_finite:
         return Text.assemble(value, (f"\n(0/{of.n})", "dim"))
-    counted = "" if of.n_finite == of.n else f" ({of.n_finite}/{of.n})"
+    beside = beside.replace(f", {of.open} open", f",\n{of.open} open") + (
+        "" if of.n_finite == of.n else f" ({of.n_finite}/{of.n})"
+    )
     is_best = value == best
-    return _two_lines(f"{value}{'*' if is_best else ' '}", f"{interval}{counted}", "bold green" if is_best else "")
+    return _two_lines(f"{value}{'*' if is_best else ' '}", beside, "bold green" if is_best else "")
 
 
 def _two_lines(value: str, below: str, style: str = "") -> Text:
@@ -296,14 +294,14 @@ def _two_lines(value: str, below: str, style: str = "") -> Text:
 def between(low: float, high: float, times: float = 1.0) -> str:
     """Return both ends of an interval as tables show them; "" for NaN, or if both read the same.
 
-    Without an upper end it is `at least` the lower one.
+    Without an upper end it is `at least` the lower one; without either it is "".
 
     Args:
         low: lower end.
         high: upper end.
         times: factor by which both ends are shown, as 100 for a percentage.
     """
-    if low != low:
+    if low != low or low == math.inf:
         return ""
     if high == math.inf:
         return f"at least {number(low)}"

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
 from itertools import cycle
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,6 +14,8 @@ from matplotlib.axes import Axes
 from rich.console import Console
 from rich.text import Text
 
+from baselines.benchmark.statistics import Statistics, summarize_largest
+from baselines.benchmark.tables import in_words
 from baselines.policies import factories
 from baselines.reproduce.drawing import DARK, GREY, SERIES, Format, Sheet, drawn_as
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_table
@@ -23,6 +26,7 @@ from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.folder import Folder
 from lissajous_env.theory.geometry import largest_speed
+from lissajous_env.world.score import is_open
 
 _Scenarios = Annotated[
     tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO ...]", help_behavior_hint="")
@@ -97,6 +101,12 @@ def guarantee(
             }
             unseen[each.name] = curves
             folder.write(f"unseen-{each.name}.{format}", picture_of_unseen(each, curves))
+    stated = {
+        each.name: {policy: largest_of(curve, each.task.step) for policy, curve in unseen[each.name].items()}
+        for each in made if policies
+    }  # fmt: skip
+    for name, of in stated.items():
+        _print_unseen(console, name, of)
     output.print(f"wrote {', '.join(written)} in {out}")
     output.print_json({
         "formations": {name: [each._asdict() for each in rows] for name, rows in known.items()},
@@ -104,6 +114,7 @@ def guarantee(
             name: {policy: curve.max(axis=1).tolist() for policy, curve in curves.items()}
             for name, curves in unseen.items()
         },
+        "guarantees": {name: {policy: asdict(of) for policy, of in by.items()} for name, by in stated.items()},
     })  # fmt: skip
 
 
@@ -115,6 +126,17 @@ def reaches(scenario: Scenario, radii: int, cells: int) -> list[Reach]:
 
     with ThreadPoolExecutor(cores()) as threads:
         return list(threads.map(reach, np.linspace(_SMALLEST, _LARGEST, radii).tolist()))
+
+
+def largest_of(curve: np.ndarray, step: float) -> Statistics:
+    """Return the statistics of the worst cases of some episodes.
+
+    Args:
+        curve: (episodes, steps + 1) longest time for which a target can have been undetected [s].
+        step: Control step [s].
+    """
+    longest, elapsed = curve.max(axis=1), (curve.shape[1] - 1) * step
+    return summarize_largest(longest, [is_open(*of, elapsed) for of in zip(longest, curve[:, -1], strict=True)])
 
 
 def picture_of_speeds(scenarios: Sequence[Scenario], known: Mapping[str, Sequence[Reach]]) -> bytes:
@@ -156,7 +178,8 @@ def picture_of_unseen(scenario: Scenario, curves: Mapping[str, np.ndarray]) -> b
         time = np.arange(scenario.task.steps + 1) * scenario.task.step
         for (policy, curve), colour in zip(curves.items(), cycle(SERIES)):
             axes.fill_between(time, curve.min(axis=0), curve.max(axis=0), color=colour, alpha=0.15, lw=0)
-            axes.plot(time, np.median(curve, axis=0), color=colour, lw=1.5, label=policy)
+            largest, beside = in_words(largest_of(curve, scenario.task.step))
+            axes.plot(time, np.median(curve, axis=0), color=colour, lw=1.5, label=f"{policy}: {largest} s ({beside})")
         axes.axhline(scenario.detection_time_bound, color=DARK, lw=0.9, ls="--")
         axes.annotate(
             scenario.detection_time_label,
@@ -174,13 +197,21 @@ def picture_of_unseen(scenario: Scenario, curves: Mapping[str, np.ndarray]) -> b
         count = len(next(iter(curves.values())))
         return sheet.picture(
             f"Longest time for which a rogue can have been undetected by then: line, the median of {count} episodes; "
-            "shade, all of them. Grey: robots have failed. If a line rises through the second half of an episode to "
+            "shade, all of them; beside the names, the largest. Grey: robots have failed. If a line rises through the second half of an episode to "
             "its end, the episode shows no bound of that time."
         ).content
 
 
 def _row(sheet: Sheet, count: int) -> list[Axes]:
     return [sheet.figure.add_subplot(1, count, place + 1) for place in range(count)]
+
+
+def _print_unseen(console: Console, scenario: str, statistics: Mapping[str, Statistics]) -> None:
+    """Print the largest worst-case undetected time of each policy."""
+    console.print(Text.assemble((scenario, "bold"), "  worst-case undetected time"))
+    columns = [Column("policy", left=True), Column("largest\n[s]"), Column("of the episodes")]
+    print_table(console, columns, [[policy, *in_words(of)] for policy, of in statistics.items()])
+    console.print()
 
 
 def _print(console: Console, scenario: Scenario, rows: Sequence[Reach]) -> None:

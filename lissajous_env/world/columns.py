@@ -27,6 +27,9 @@ WHOLE = Rule("a whole number of at least 0", lambda value: type(value) is int an
 FLAG = Rule("0 or 1", lambda value: type(value) in (int, float) and value in (0, 1))
 
 
+INTERQUARTILE_MEAN, MEAN, LARGEST = "interquartile mean", "mean", "largest"
+
+
 @dataclass(frozen=True)
 class Column:
     """A number of a score row, or one that is derived from a score row."""
@@ -43,8 +46,9 @@ class Column:
     """Title without its unit; "" for the name in words."""
     better: int = 0
     """1 if larger values are better, -1 if smaller ones are, 0 if neither."""
-    mean: bool = False
-    """True to compare policies by the mean, as for rare events, instead of the interquartile mean."""
+    summary: str = INTERQUARTILE_MEAN
+    """Number that stands for several episodes, in every table, picture and ranking: `INTERQUARTILE_MEAN`; `MEAN`, for
+    rare events; or `LARGEST`, for a worst case, which no mean bounds."""
     place: int = 0
     """Place in tables of policies, from 1; a narrow terminal leaves out the last. 0 leaves it out everywhere."""
     main: bool = False
@@ -135,7 +139,7 @@ COLLISIONS = Column(
     "pairs of robots that came closer than the sum of their radii, by the closest approach between sub-steps; a pair "
     "counts once until it parts by 5 % more; points that share a place of the formation (kappa > 1) overlap by design "
     "and are not counted",
-    lambda e: int(e.totals["collisions"]), rule=WHOLE, better=-1, mean=True, place=4, main=True,
+    lambda e: int(e.totals["collisions"]), rule=WHOLE, better=-1, summary=MEAN, place=4, main=True,
 )
 _CONTACT = Column(
     "contact_time", "time in contact, summed over the same pairs", lambda e: e.totals["contact_steps"] * e.step, "s"
@@ -216,19 +220,19 @@ WORST_CASE = Column(
     "worst-case undetected time: the longest time for which any target of the scenario's top speed can have stayed "
     "undetected, however it moved",
     _contaminated(lambda e: int(e.contamination["age_max"]) * e.step), "s", empty=_NO_CONTAMINATION,
-    title="guaranteed", better=-1, place=3, main=True,
+    title="guaranteed", better=-1, summary=LARGEST, place=3, main=True,
 )
 AT_END = Column(
     "unseen_at_end",
     "the same at the end of the episode; if the two are equal, the worst-case undetected time was still growing, so "
     "that its value is a lower bound (right-censored)",
-    _contaminated(lambda e: int(e.contamination["age"]) * e.step), "s", empty=_NO_CONTAMINATION,
+    _contaminated(lambda e: int(e.contamination["age"]) * e.step), "s", empty=_NO_CONTAMINATION, summary=LARGEST,
 )
 OPEN = Column(
     "guarantee_open",
     "1 if the episode shows no bound of the worst-case undetected time: it was still growing at the end and was at "
     "least half of the episode, or no robot was left; otherwise 0",
-    _contaminated(lambda e: float(e.is_open)), rule=FLAG, empty=_NO_CONTAMINATION,
+    _contaminated(lambda e: float(e.is_open)), rule=FLAG, empty=_NO_CONTAMINATION, summary=MEAN,
 )
 _AGE = Column(
     "contaminated_age_mean",

@@ -6,7 +6,8 @@ import { element } from "./words.js";
 
 const NOTE =
   "Better: share of seeds on which the policy beats the reference; ties count half; the dashed line is one half. " +
-  "Difference: interquartile mean of the policy minus that of the reference. Intervals: 95 % bootstrap over seeds.";
+  "Difference: interquartile mean of the policy minus that of the reference; of guarantees, the largest values. " +
+  "Intervals: 95 % bootstrap over seeds.";
 
 export function comparison(report, scenario) {
   const { shown } = report.policies[scenario.reference];

@@ -46,10 +46,10 @@ function leastRank(ranking, k) {
 
 function togetherOf(report, ranking) {
   const rows = ranking.policies.map((of) => {
-    const cells = of.overall.map(([words, between], k) => {
+    const cells = of.overall.map(([words, between, value], k) => {
       const made = element("td", "", reading(words, between));
       made.title = ranking.measures[k].about;
-      made.dataset.value = Number.parseFloat(words);
+      if (value !== null) made.dataset.value = value;
       return made;
     });
     return element("tr", "", rowName(report.policies[of.policy]), ...cells);
