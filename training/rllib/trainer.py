@@ -108,6 +108,9 @@ class RllibTrainer(Trainer):
         with open_rows(log, history.steps) as self._writer:
             self.display.begin("PPO")
             while history.steps < self.settings.steps:
+                if self.due():
+                    self.evaluate_and_save()
+                self.stop_if_asked()
                 began = time.monotonic()
                 result = self.algorithm.train()
                 history.seconds += time.monotonic() - began
@@ -115,9 +118,6 @@ class RllibTrainer(Trainer):
                 history.updates = self.algorithm.iteration
                 self.network()  # raises if the training has diverged
                 self._show(result)
-                if self.due() and history.steps < self.settings.steps:
-                    self.evaluate_and_save()
-                self.stop_if_asked()
             self.evaluate_and_save()
 
     def log(self, values: Mapping[str, float | None]) -> None:
