@@ -23,7 +23,7 @@ from training.choosing.playing import SHORTEST, cost_of
 from training.learned.history import summarize_scores
 
 EPISODES, FIRST_SEED = 4, 700_000
-"""Episodes of each policy, at least one of each scenario, and the seed of the first; no evaluation has these seeds."""
+"""Episodes of each policy, on at most as many scenarios, and the seed of the first; no evaluation has these seeds."""
 FINALISTS, FINAL_EPISODES = 3, 16
 """Number of the best policies that are played again, and in how many episodes."""
 
@@ -58,8 +58,7 @@ class Rehearsal:
         Returns of several scenarios are not comparable, so that these have only the first of the two.
         """
         names = [name for name in registry.names(self._played_on[0]) if registry.is_classical(name)]
-        usual = [name for name in names if registry.made_for(name, self._played_on[0].name)]
-        first = self._scores([name for name in usual if not registry.unwrapped(name)[1]], EPISODES)
+        first = self._scores([name for name in names if not registry.unwrapped(name)[1]], EPISODES)
         finalists = _best(first, FINALISTS)
         colliding = [name for name in finalists if first[name][COLLISIONS.name] > 0]
         filtered = [name for name in names if registry.unwrapped(name)[0] in colliding and name not in finalists]
@@ -86,9 +85,10 @@ class Rehearsal:
 
     def _play(self, name: str, episodes: int) -> dict[str, Any] | None:
         """Return the cost, collisions and return of a policy; None if it cannot be played on all scenarios."""
-        count = max(episodes // len(self._played_on), 1)
+        stages = self._played_on[:episodes]
+        count = max(episodes // len(stages), 1)
         seeds, played = range(FIRST_SEED, FIRST_SEED + count), []
-        for made in self._played_on:
+        for made in stages:
             if (policy := self._suitable(name, made, count)) is None:
                 return None
             try:
@@ -96,7 +96,7 @@ class Rehearsal:
             except Exception as error:  # a policy of a user does not prevent a training
                 self._leave_out(f"{name} is left out of the rehearsal: {where_raised(error)}")
                 return None
-        costs = [_cost(scores, made) for scores, made in zip(played, self._played_on, strict=True)]
+        costs = [_cost(scores, made) for scores, made in zip(played, stages, strict=True)]
         collisions = [scores[COLLISIONS.name] or 0.0 for scores in played]
         return {
             "cost": sum(costs) / len(costs),

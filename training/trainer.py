@@ -159,7 +159,9 @@ class Trainer:
         display = self.display
         with self.folder.journal(checkpoint.REHEARSAL) as journal:
             if not journal.entries:
-                display.say("rehearsal: all classical policies play, and the best becomes a rival; --rivals names others")
+                display.say(
+                    "rehearsal: all classical policies play, and the best becomes a rival; --rivals names others"
+                )
             device = self.settings.device
             found = Rehearsal(
                 self.evaluated_on, journal, device, lambda name: display.show(f"rehearsal of {name}"), display.say
