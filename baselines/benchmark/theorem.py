@@ -50,7 +50,10 @@ def _of_cell(cell: Cell, seeds: Sequence[int], device: Any) -> str:
     if registry.unwrapped(cell.policy)[1] != SUFFIX:
         if registry.ships(cell.policy) and registry.is_classical(cell.policy):
             return ""
-        policy = cell.factory(cell.scenario, 1, device)
+        try:
+            policy = cell.factory(cell.scenario, 1, device)
+        except Exception:  # a policy of a user that can be made only once, which its replays report
+            return ""
         inside = next((each for each in _inside(policy) if isinstance(each, Proved)), None)
         if inside is None:
             return ""
