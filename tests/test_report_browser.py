@@ -220,15 +220,17 @@ SCREEN = {"height": 900, "deviceScaleFactor": 1, "mobile": False}
 
 
 def overprinted(run):
-    """Return the texts of a training's page that overlap others of the same picture or row."""
+    """Return the texts of a training's page that overlap others of the same picture, or come near them in a row."""
     return run("""
         const found = [];
         for (const box of document.querySelectorAll(".plot, #evaluations td.name")) {
-            const texts = box.matches("td") ? box.querySelectorAll(".badge, .kind") : box.querySelectorAll("text");
-            const places = [...texts].map((text) => [text.textContent, text.getBoundingClientRect()]);
+            const row = box.matches("td"), gap = row ? 3 : 0;
+            const texts = [...box.querySelectorAll(row ? ".badge, .kind" : "text")];
+            const places = texts.map((text) => [text.textContent, text.getBoundingClientRect()]);
+            const meet = (a, b) => a.left < b.right + gap && b.left < a.right + gap
+                && a.top + 2 < b.bottom && b.top + 2 < a.bottom;
             for (const [name, a] of places) for (const [other, b] of places)
-                if (a !== b && a.left < b.right && b.left < a.right && a.top + 2 < b.bottom && b.top + 2 < a.bottom)
-                    found.push([name, other]);
+                if (a !== b && meet(a, b)) found.push([name, other]);
         }
         return found;
     """)

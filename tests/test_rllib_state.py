@@ -39,7 +39,7 @@ def test_a_training_goes_on_from_data_alone(tmp_path):
     assert not list(made.out.rglob("*.pkl"))
     more, forms = dataclasses.replace(made, steps=ROWS), payloads(marker)
     needed = [path for path in made.out.iterdir() if path.suffix in (".json", ".safetensors")]
-    assert len(needed) == 3
+    assert len(needed) in (3, 4)  # with the weights of the best policy, if it is not the latest
     for path in needed:
         for data in (forms["plain"], forms["archive"]):
             attacked = dataclasses.replace(more, out=tmp_path / "copy")
