@@ -45,10 +45,10 @@ def unavoidable(
     count = min(max(_PAIRS // n**2, 1), STARTS) if is_random else 1
     states = _drawn(curve, formation, robot, phases, np.array(top_speeds), count)
     one, other = np.triu_indices(n, 1)
-    near = _are_near(states, one, other, robot)
-    first, second = states[near[0], one[near[1]]], states[near[0], other[near[1]]]
-    collide = _collide_anyway(first, second, robot, np.array(top_speeds)[np.stack([one, other])[:, near[1]]])
-    worlds = near[0][collide]
+    worlds, pairs = _are_near(states, one, other, robot)
+    first, second = states[worlds, one[pairs]], states[worlds, other[pairs]]
+    collide = _collide_anyway(first, second, robot, np.array(top_speeds)[np.stack([one, other])[:, pairs]])
+    worlds = worlds[collide]
     return len(np.unique(worlds)) / count, len(worlds) / count
 
 
@@ -72,7 +72,7 @@ def _drawn(
     for i in range(1, n) if formation.start_headway > 0 else ():
         for _ in range(_DRAWS - 1):
             straight = _least_straight(states[:, i : i + 1], states[:, :i], formation.start_headway)
-            colliding = (straight < 2 * robot.radius).any(axis=1)
+            colliding = np.asarray(np.any(straight < 2 * robot.radius, axis=1))
             if not colliding.any():
                 break
             states[colliding, i] = draw(i, colliding)
@@ -104,7 +104,8 @@ def _are_near(states: np.ndarray, one: np.ndarray, other: np.ndarray, robot: Rob
     turning = geometry.turning_radius(robot.wheelbase, robot.steering_max)
     aside = turning * np.arccos(1 - min(2 * robot.radius / turning, 2.0))
     apart = states[:, one, :2] - states[:, other, :2]
-    return np.nonzero((apart**2).sum(-1) < (2 * robot.radius + 2 * aside) ** 2)
+    worlds, pairs = np.nonzero((apart**2).sum(-1) < (2 * robot.radius + 2 * aside) ** 2)
+    return worlds, pairs
 
 
 def _collide_anyway(one: np.ndarray, other: np.ndarray, robot: Robot, top_speeds: np.ndarray) -> np.ndarray:
