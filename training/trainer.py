@@ -102,7 +102,11 @@ class Trainer:
             self.display.conclude()
             return history
         with scenarios.without_warnings(settings.space), self.display:
-            self._meet_rivals()
+            try:
+                self._meet_rivals()
+            except KeyboardInterrupt:
+                words = f"the rehearsal so far is stored in {settings.out}; the same command resumes there"
+                raise KeyboardInterrupt(words) from None
             with self._stopping_gently():
                 self._learn()
         self._draw_curve()
