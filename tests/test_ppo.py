@@ -163,13 +163,13 @@ def test_noise_falls_as_the_settings_say(tmp_path, monkeypatch):
 
 
 def test_a_training_says_when_it_beat_its_rival(tmp_path, monkeypatch):
-    # Story: two evaluations beat it, the first of them is told, once.
+    # Story: the untrained policy and the first evaluation are slower; two beat it, the first of them is told, once.
     out = io.StringIO()
     settings = TrainingSettings(
         "failure", worlds=4, rollout=8, batch_size=160, layers=(4,), base="none", teacher="none", threads=1,
         epochs=1, rivals=("still",), evaluation_episodes=1, evaluate_every=160, steps=480, out=tmp_path / "run",
     )  # fmt: skip
-    points = iter([9.5, 8.0, 7.0])
+    points = iter([9.7, 9.5, 8.0, 7.0])
 
     def evaluated(trainer, make):
         rival = not isinstance(make(trainer.scenario, 1), Learned)
@@ -181,6 +181,39 @@ def test_a_training_says_when_it_beat_its_rival(tmp_path, monkeypatch):
     train(settings, Console(file=out, width=120))
     assert out.getvalue().count("better than still") == 1
     assert "better than still after 0:03:10, 320 steps" in out.getvalue()
+    assert "0 steps, 3 min 10 s: detection 9.70 s, collisions 0.00, return -9.70 (untrained)" in out.getvalue()
+    assert "(27.8% faster than the untrained policy)" in out.getvalue().splitlines()[-1]
+
+
+def test_a_policy_that_was_better_untrained_is_not_said_to_have_become_so(tmp_path, monkeypatch):
+    # Story: the base is better than another rival before any training; training then improves it by a tenth.
+    out = io.StringIO()
+    settings = TrainingSettings(
+        "intruders", worlds=4, rollout=8, batch_size=160, layers=(4,), base="sweep", base_parameters=("cruise=1.9",),
+        threads=1, epochs=1, evaluation_episodes=1, evaluate_every=160, steps=320, out=tmp_path / "run",
+        overrides={"task.duration": 1.0},
+    )  # fmt: skip
+    played, points = [], iter([2.0, 1.9, 1.8])
+
+    def evaluated(trainer, make):
+        policy = make(trainer.scenario, 1)
+        played.append(policy)
+        time = next(points) if isinstance(policy, Learned) else 2.0 if policy.name == "sweep" else 6.0
+        return {"detection_time": time, "collisions": 0.0, "return": -time, "detected_fraction": 0.5}
+
+    monkeypatch.setattr(Trainer, "_evaluated", evaluated)
+    monkeypatch.setattr(Trainer, "_rehearse", lambda trainer: ("laps",))
+    history = train(settings, Console(file=out, width=200))
+    assert list(history.rivals) == ["kuramoto-mpcc", "laps", "sweep(cruise=1.9)"]
+    (base,) = [policy for policy in played if policy.name == "sweep"]
+    assert base.parameters.cruise == pytest.approx(1.9)
+    words = out.getvalue()
+    assert "sweep(cruise=1.9) (the base): detection 2.00 s" in words
+    for rival in ("kuramoto-mpcc", "laps"):
+        assert f"the untrained policy is better than {rival} already" in words
+        assert f"better than {rival} after" not in words
+    assert "better than sweep(cruise=1.9) after" in words
+    assert "(10.0% faster than the base sweep(cruise=1.9))" in words.splitlines()[-1]
 
 
 def test_steps_without_dictionaries_are_the_same_steps():

@@ -216,14 +216,35 @@ def test_on_paper_it_is_light_whole_and_without_buttons(browser, folder, text):
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
 
 
+SCREEN = {"height": 900, "deviceScaleFactor": 1, "mobile": False}
+
+
+def overprinted(run):
+    """Return the texts of a training's page that overlap others of the same picture, or come near them in a row."""
+    return run("""
+        const found = [];
+        for (const box of document.querySelectorAll(".plot, #evaluations td.name")) {
+            const row = box.matches("td"), gap = row ? 3 : 0;
+            const texts = [...box.querySelectorAll(row ? ".badge, .kind" : "text")];
+            const places = texts.map((text) => [text.textContent, text.getBoundingClientRect()]);
+            const meet = (a, b) => a.left < b.right + gap && b.left < a.right + gap
+                && a.top + 2 < b.bottom && b.top + 2 < a.bottom;
+            for (const [name, a] of places) for (const [other, b] of places)
+                if (a !== b && meet(a, b)) found.push([name, other]);
+        }
+        return found;
+    """)
+
+
 def test_a_training_shows_its_curve_its_rivals_and_the_latest_episode(browser, folder, tmp_path):
     import baselines
 
-    settings = TrainingSettings(scenario="intruders", steps=3000, rivals=("laps",), out=tmp_path, overrides=SHORT)
+    changed = {"steps": 3000, "rivals": ("laps",), "base": "sweep", "gamma": 0.9}
+    settings = TrainingSettings(scenario="intruders", out=tmp_path, overrides=SHORT, **changed)
     scenario = settings.make_scenario()
     scores = {"detection_time": 3.0, "collisions": 0.0, "return": -1.0, "detected_fraction": 0.8}
     points = [{"steps": 1000 * k, "seconds": 60.0 * k, **scores, "detection_time": 9.0 / k} for k in (1, 2, 3)]
-    history = History(steps=3000, seconds=180.0, curve=points, rivals={"laps": scores})
+    history = History(steps=3000, seconds=180.0, curve=points, rivals={"laps": scores, "sweep": scores})
     history.best = {"counters": {"steps": 2000}}
     with Folder(tmp_path) as held:
         written = training.report.TrainingReport(held, settings, scenario, 20_000)
@@ -231,9 +252,19 @@ def test_a_training_shows_its_curve_its_rivals_and_the_latest_episode(browser, f
     run = opened(browser, folder, (tmp_path / "report.html").read_text(encoding="utf-8"))
     cells = "(row) => [...row.cells].map((cell) => cell.textContent)"
     rows = run(f"return [...document.querySelectorAll('#evaluations tbody tr')].map({cells})")
-    assert [row[1] for row in rows] == ["3,000", "2,000", "1,000", ""]
-    assert [row[0] for row in rows] == ["policy", "policybest", "policy", "laps"]
-    assert run("return document.querySelectorAll('.figure .rival').length") == 4
+    assert [row[1] for row in rows] == ["3,000", "2,000", "1,000", "", ""]
+    assert [row[0] for row in rows] == ["policy", "policybest", "policy", "laps", "sweep"]
+    for width in (1200, 390):
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", SCREEN | {"width": width})
+        assert overprinted(run) == []
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    listed = "(dl) => [...dl.querySelectorAll('dt')].map((name) => name.textContent)"
+    shown = run(f"return [...document.querySelectorAll('#changed dl')].flatMap({listed})")
+    assert set(shown) == {"scenario", "out", *SHORT, *changed}
+    assert "worlds" in (folded := run(f"return [...document.querySelectorAll('#defaults dl')].flatMap({listed})"))
+    assert {*shown, *folded} - {*SHORT} | {"overrides"} == settings.to_dict().keys()
+    assert run("return document.getElementById('defaults').checkVisibility()") is False
+    assert run("return document.querySelectorAll('.figure .rival').length") == 8
     run("document.getElementById('play').click()")
     browser.switch_to.frame(browser.find_element("id", "frame"))
     wait(lambda: run("return document.body?.dataset.ready === 'true'"))

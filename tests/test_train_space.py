@@ -277,4 +277,4 @@ def test_a_space_of_points_has_the_papers_method_as_its_base(monkeypatch):
     assert (settings.chosen_base, settings.chosen_rivals, settings.imitated) == ("kuramoto", ("kuramoto",), None)
     cars = TrainingSettings("monitoring-v1", evaluation_scenarios=1)
     assert [TrainingSettings("monitoring-v1", worlds=k).num_groups for k in (4, 64, 100)] == [4, 32, 25]
-    assert (cars.chosen_base, cars.chosen_rivals, cars.num_worlds) == ("sweep", ("kuramoto-mpcc", "sweep"), 512)
+    assert (cars.chosen_base, cars.chosen_rivals, cars.num_worlds) == ("sweep", ("kuramoto-mpcc",), 512)

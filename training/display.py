@@ -1,7 +1,8 @@
 """Terminal output of a training: a progress bar, and a line per phase and evaluation."""
 
+import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import timedelta
 from typing import Any
 
@@ -10,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from baselines.benchmark.progress import bar, in_words
+from baselines.policies import registry
 from training import scenarios
 from training.learned.history import RELATIVE, History
 from training.settings import TrainingSettings
@@ -40,8 +42,11 @@ class Display:
             learned = f"{settings.num_groups} scenarios at a time from its split {scenarios.LEARNED}"
             count = f"the first {settings.evaluation_scenarios} of {scenarios.EVALUATED}"
             self.say(f"{learned}; evaluated on {count}, {settings.episodes_per_scenario} episodes each")
-        for name, scores in history.rivals.items():
-            self.say(f"{escape(name)}: {_words(scores)}")
+        else:
+            for words in scenarios.about_feedback(settings.make_home_scenario()):
+                self.say(escape(words))
+        for name in history.rivals:
+            self.meet(name)
         self._bar.__enter__()
         return self
 
@@ -51,6 +56,20 @@ class Display:
     def say(self, text: str) -> None:
         """Print a line above the bar."""
         self._console.print(text, highlight=False, soft_wrap=True)
+
+    def show(self, words: str) -> None:
+        """Show what is done before the training."""
+        self._bar.update(self._task, words=escape(words))
+
+    def rehearsed(self, best: Sequence[str]) -> None:
+        """Print the best classical policies."""
+        words = " and ".join(best) or "no policy can be played"
+        self.say(f"best classical policy in a rehearsal: {escape(words)}")
+
+    def meet(self, rival: str) -> None:
+        """Print the scores of a rival."""
+        role = " (the base)" if rival == self._settings.base_label else ""
+        self.say(f"{escape(rival)}{role}: {_words(self._history.rivals[rival])}")
 
     def begin(self, phase: str) -> None:
         """Print the phase if it is new; speed is averaged within a phase."""
@@ -102,11 +121,30 @@ class Display:
     def evaluated(self, point: Mapping[str, float | None]) -> None:
         """Print a line for an evaluation."""
         at = f"{_million(point['steps'] or 0):>14}, {in_words(point['seconds'] or 0)}"
-        how = ", ".join(filter(None, [self._phase, self.speed, self.left]))
+        how = ", ".join(filter(None, [self._gain(point), self._phase, self.speed, self.left]))
         self.say(f"{at}: {_words(point)}" + (f" ({escape(how)})" if how else ""))
+
+    def _gain(self, point: Mapping[str, Any]) -> str:
+        """Return the change of the detection time from the base or, without one, from the untrained policy, in words.
+
+        It is "" if there is nothing to compare with.
+        """
+        if point["steps"] == 0:
+            return "untrained"
+        label = self._settings.base_label
+        before, than = self._history.rivals.get(label), f"the base {label}"
+        if before is None and self._history.curve:
+            before, than = self._history.curve[0], "the untrained policy"
+        time, now = (before or {}).get("detection_time"), point["detection_time"]
+        if not time or now is None:
+            return ""
+        return f"{abs(now / time - 1):.1%} {'faster' if now < time else 'slower'} than {than}"
 
     def beaten(self, rival: str, point: Mapping[str, Any]) -> None:
         """Print that the policy is better than a rival for the first time."""
+        if point["steps"] == 0:
+            self.say(f"the untrained policy is better than {escape(rival)} already")
+            return
         after = timedelta(seconds=round(point["seconds"]))
         self.say(f"better than {escape(rival)} after {after}, {point['steps']:,} steps")
 
@@ -116,20 +154,23 @@ class Display:
         if history.best is None:
             return
         point = history.best["scores"]
-        self.say(f"best policy, after {_million(point['steps'])}: {_words(point)}")
+        gain = "training has not improved it" if point["steps"] == 0 else self._gain(point)
+        self.say(
+            f"best policy, after {_million(point['steps'])}: {_words(point)}" + (f" ({escape(gain)})" if gain else "")
+        )
         lost = {rival: worse for rival in history.rivals if (worse := history.losses(rival))}
         for rival, worse in lost.items():
             self.say(f"[yellow]warning: it loses to {escape(rival)}: {'; '.join(worse)}[/yellow]")
         if lost:
-            self.say(f"[yellow]{self._advice}[/yellow]")
+            self.say(f"[yellow]{escape(self._advice(list(lost)))}[/yellow]")
 
-    @property
-    def _advice(self) -> str:
-        settings = self._settings
-        if settings.chosen_base is None and settings.papers_method[0] is not None:
-            return (
-                f"--base {settings.papers_method[0]} trains a correction of the paper's method, starting as good as it"
-            )
+    def _advice(self, lost: Sequence[str]) -> str:
+        """Return what may help against the rivals to which the best policy loses."""
+        possible = [rival for rival in lost if rival != self._settings.base_label and registry.is_classical(rival)]
+        if possible:
+            times = {rival: self._history.rivals[rival]["detection_time"] or math.inf for rival in possible}
+            fastest = min(possible, key=lambda rival: times[rival])
+            return f"--base {fastest} trains a correction of {fastest}, which starts as good as it"
         return "more --steps, another --seed or a smaller --residual may help; until then, use the rival"
 
 

@@ -1,16 +1,19 @@
 """Report page of a running training: learning curves, evaluations, and a replay of the latest checkpoint."""
 
+import dataclasses
 import time
 from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
 import baselines
+from lissajous_env.console.help import groups_of
 from lissajous_env.episodes.recording import record
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.replay.contents import BRIEF, contents
 from lissajous_env.report import report
 from lissajous_env.storage.folder import Folder
+from training.commands import train
 from training.learned.history import LEARNING, RELATIVE, SCORES, History
 from training.settings import TrainingSettings
 
@@ -82,7 +85,7 @@ class TrainingReport:
                 for name, of in history.rivals.items()
             ],
             "best": history.best["counters"]["steps"] if history.best else None,
-            "made": {name: _in_words(value) for name, value in settings.to_dict().items()},
+            "settings": _grouped(settings),
             "replays": {name: entry for name, (entry, _) in self._replays.items()},
         }
         done = f"{history.steps:,} of {settings.steps:,} robot steps, {history.seconds / 60:.1f} min"
@@ -126,7 +129,34 @@ def _by_scenario(history: History) -> list[dict[str, Any]]:
     ]
 
 
+def _grouped(settings: TrainingSettings) -> list[dict[str, Any]]:
+    """Return the settings by group of the command's options, those that differ from their defaults apart.
+
+    The scenario counts as one that differs. A default that depends on other settings is shown as what it resolves to,
+    if a checkpoint contains that, or else as `default`.
+    """
+    values = settings.to_dict()
+    fields = {field.name: field.default for field in dataclasses.fields(settings)}
+    changed = [name for name, default in fields.items() if getattr(settings, name) != default]
+    changed.append("scenario")
+    groups = []
+    for title, names in groups_of(train).items():
+        given: dict[str, list[tuple[str, str]]] = {"changed": [], "others": []}
+        for name in ("overrides" if name == "set" else name for name in names):
+            if name == "overrides":
+                given["changed"] += [(field, _in_words(value)) for field, value in settings.overrides.items()]
+            elif name in changed and name in values:
+                given["changed"].append((name, _in_words(values[name])))
+            elif name in values:
+                unset = values[name] is None or values[name] == []
+                given["others"].append((name, "default" if unset else _in_words(values[name])))
+        groups.append({"title": title, **given})
+    return [group for group in groups if group["changed"] or group["others"]]
+
+
 def _in_words(value: Any) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{name} = {each}" for name, each in value.items()) or "none"
-    return ", ".join(map(str, value)) or "none" if isinstance(value, list) else str(value)
+    if isinstance(value, (list, tuple)):
+        return ", ".join(map(str, value)) or "none"
+    return "none" if value is None else f"{value:,}" if type(value) is int else str(value)

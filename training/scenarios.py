@@ -9,7 +9,9 @@ from typing import Any
 import baselines
 from lissajous_env import Scenario, ScenarioSpace, evaluate
 from lissajous_env import scenario as make_scenario
+from lissajous_env.parameters import named
 from lissajous_env.parameters.assumptions import AssumptionWarning
+from lissajous_env.parameters.extensions import ScoreColumn
 from lissajous_env.parameters.named import is_space, scenario_space
 
 LEARNED, EVALUATED = "train", "validation"
@@ -53,6 +55,40 @@ def without_warnings(space: ScenarioSpace | None) -> Iterator[None]:
         if space is not None:
             warnings.simplefilter("ignore", AssumptionWarning)
         yield
+
+
+def uses_of_feedback(made: Scenario) -> tuple[str, ...]:
+    """Return the reasons for which a policy that observes can be better on a scenario than a patrol on a timetable.
+
+    A target is detected in the first step in which a sensor reaches it, and targets appear and move independently of
+    one another. So an observation does not tell where undetected targets are: it never lists one, and detected ones are
+    no sign of others. It can help against robots that fail at random, and with what an extension adds.
+    """
+    reasons = []
+    if made.faults.rate > 0 or made.faults.lost > 0:
+        reasons.append("robots fail or are removed at random, which their ring neighbours observe")
+    if made.task.reward_formation != 0:
+        reasons.append("the formation is rewarded, whose phases neighbours observe")
+    if names := [each.name for each in made.extensions if not isinstance(each, ScoreColumn)]:
+        reasons.append(f"its extensions ({', '.join(names)}) may add information, or a reward that depends on it")
+    return tuple(reasons)
+
+
+def about_feedback(made: Scenario) -> tuple[str, ...]:
+    """Return sentences on the value of feedback in a scenario, to be printed before a training."""
+    if reasons := uses_of_feedback(made):
+        return (f"feedback can be of use on {made.name}: {'; '.join(reasons)}",)
+    useful: dict[str, list[str]] = {}
+    for name in named.scenarios():
+        for reason in uses_of_feedback(make_scenario(name)):
+            useful.setdefault(reason, []).append(name)
+    words = "; ".join(f"{', '.join(names)} ({reason})" for reason, names in useful.items())
+    return (
+        f"on {made.name} feedback has no value: nothing that a robot observes tells where undetected targets are, so "
+        "the best policy is a patrol on a timetable. Training can improve a patrol, its base; from scratch (--base "
+        "none) a team may learn to stand still.",
+        f"Scenarios in which feedback has a value: {words or 'none'}.",
+    )
 
 
 def lean(made: Scenario) -> Scenario:

@@ -15,6 +15,7 @@ from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device.devices import as_device
 from training import scenarios
+from training.choosing.candidates import Candidate
 from training.learned import checkpoint
 from training.learned.constants import CONSTANTS
 from training.learned.policy import find
@@ -152,7 +153,8 @@ class TrainingSettings:
     evaluation_scenarios: int = 16
     """Scenarios per evaluation for a space, the first ones of its split validation. Used only for a space."""
     rivals: tuple[str, ...] | None = None
-    """Policies to compare the evaluations with; by default the paper's method and the base."""
+    """Policies to compare the evaluations with; by default the paper's method, the best classical policy according to a
+    rehearsal before the training, and the base."""
     device: str = "cpu"
     """`cpu`, `cuda` or `cuda:k` for CUDA device k."""
     threads: int | None = None
@@ -270,10 +272,13 @@ class TrainingSettings:
 
     @cached_property
     def chosen_rivals(self) -> tuple[str, ...]:
-        """Policies to compare the evaluations with."""
-        if self.rivals is not None:
-            return self.rivals
-        return tuple(dict.fromkeys(name for name in (self.papers_method[0], self.chosen_base) if name is not None))
+        """Policies to compare the evaluations with that are known before the rehearsal, without the base."""
+        return tuple(filter(None, [self.papers_method[0]])) if self.rivals is None else self.rivals
+
+    @property
+    def base_label(self) -> str:
+        """Name of the base among the rivals, with its parameters, such as `sweep(cruise=1.9)`; "" without a base."""
+        return "" if self.chosen_base is None else Candidate(self.chosen_base, self.chosen_base_parameters).name
 
     @property
     def imitated(self) -> str | None:
@@ -354,7 +359,7 @@ class TrainingSettings:
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint, with defaults replaced by what they resolve to."""
         kept = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        kept |= {"base": self.chosen_base or "none", "rivals": self.chosen_rivals, "worlds": self.num_worlds}
+        kept |= {"base": self.chosen_base or "none", "worlds": self.num_worlds}
         kept |= {"noise_steps": self.chosen_noise_steps}
         kept["base_parameters"] = self.chosen_base_parameters
         for name in _LEFT_OUT:

@@ -27,6 +27,7 @@ from training.learned.history import RELATIVE, SCORES, History, summarize_scenar
 from training.learned.network import Network
 from training.learned.policy import Learned, find
 from training.pictures import draw_curve
+from training.rehearsal import Rehearsal
 from training.report import TrainingReport
 from training.settings import TrainingSettings
 
@@ -100,17 +101,23 @@ class Trainer:
             self._draw_curve()
             self.display.conclude()
             return history
-        with scenarios.without_warnings(settings.space):
-            self._meet_rivals()
-            with self.display, self._stopping_gently():
+        with scenarios.without_warnings(settings.space), self.display:
+            try:
+                self._meet_rivals()
+            except KeyboardInterrupt:
+                words = f"the rehearsal so far is stored in {settings.out}; the same command resumes there"
+                raise KeyboardInterrupt(words) from None
+            with self._stopping_gently():
                 self._learn()
         self._draw_curve()
         self.display.conclude()
         return history
 
     def due(self) -> bool:
-        """Return True if the next evaluation is due."""
-        every, done = self.settings.evaluate_every, self.history.curve[-1]["steps"] if self.history.curve else 0
+        """Return True if the next evaluation is due; the first one is that of the untrained policy."""
+        if not self.history.curve:
+            return True
+        every, done = self.settings.evaluate_every, self.history.curve[-1]["steps"]
         return self.history.steps // every > done // every
 
     def evaluate_and_save(self) -> None:
@@ -125,8 +132,9 @@ class Trainer:
         alone = Learned(network, self.card, self.scenario, 1, settings.device)
         self.report.write(history, alone, last=history.steps >= settings.steps)
         self.display.evaluated(point)
-        for rival in settings.chosen_rivals:
-            if history.first_better(rival) is point:
+        for rival in history.rivals:
+            # The untrained policy differs from its base by the random initial weights only.
+            if history.first_better(rival, after=0 if rival == settings.base_label else -1) is point:
                 self.display.beaten(rival, point)
 
     def stop_if_asked(self) -> None:
@@ -138,11 +146,32 @@ class Trainer:
             )
 
     def _meet_rivals(self) -> None:
-        for name in self.settings.chosen_rivals:
+        """Evaluate the rivals that have not been evaluated."""
+        settings, device = self.settings, self.settings.device
+        names = [*settings.chosen_rivals]
+        if settings.rivals is None:
+            names += [*self._rehearse(), settings.base_label]
+        for name in filter(None, dict.fromkeys(names)):
             if name not in self.history.rivals:
-                device = self.settings.device
-                make = partial(baselines.make, name, device=device)
-                self.history.rivals[name] = self._evaluated(lambda made, worlds, make=make: make(made, worlds))
+                make = self.card.make_base if name == settings.base_label else partial(baselines.make, name)
+                self.display.show(f"evaluation of {name}")
+                self.history.rivals[name] = self._evaluated(lambda made, worlds, make=make: make(made, worlds, device))
+                self.display.meet(name)
+
+    def _rehearse(self) -> tuple[str, ...]:
+        """Return the best classical policies for the scenarios of the evaluations, by playing all of them."""
+        display = self.display
+        with self.folder.journal(checkpoint.REHEARSAL) as journal:
+            if not journal.entries:
+                display.say(
+                    "rehearsal: all classical policies play, and the best becomes a rival; --rivals names others"
+                )
+            device = self.settings.device
+            found = Rehearsal(
+                self.evaluated_on, journal, device, lambda name: display.show(f"rehearsal of {name}"), display.say
+            ).best()
+        display.rehearsed(found)
+        return found
 
     def _evaluated(self, make: Callable[[Scenario, int], Any]) -> dict[str, Any]:
         """Return the scores of the policy that `make` returns for a scenario and a number of worlds."""

@@ -171,6 +171,7 @@ class Report:
             "name": name,
             "description": scenario.description,
             "facts": _facts(scenario, bounds),
+            "notes": self.outcome.theorem.get(name, []),
             "bound": _rounded(scenario.detection_time_bound),
             "bound_name": scenario.detection_time_label,
             "headline": headline(scenario).name,

@@ -24,7 +24,7 @@ def write_report(folder: Folder, outcome: Outcome, comparisons: Comparisons, pro
 
     It depends only on the score rows and their seeds, so that a benchmark that was interrupted has the same report.
     """
-    cells = _playable(outcome)
+    cells = playable(outcome)
     made = Report(outcome, comparisons, _made(outcome), _commands(outcome), _nameless(outcome))
     ranked = made.ranked()
     rounds = chosen(outcome.settings.replays, ranked)
@@ -71,7 +71,7 @@ def _played(
     return played, failed
 
 
-def _playable(outcome: Outcome) -> dict[tuple[str, str], Cell]:
+def playable(outcome: Outcome) -> dict[tuple[str, str], Cell]:
     """Return the cells of this call, and those of earlier calls whose policy and scenario are unchanged."""
     cells = {(cell.scenario.name, cell.policy): cell for cell in outcome.cells}
     for name, policies in outcome.held["policies"].items():

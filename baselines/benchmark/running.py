@@ -23,6 +23,7 @@ from baselines.benchmark import (
 )
 from baselines.benchmark.comparison import compare
 from baselines.benchmark.progress import Progress
+from baselines.benchmark.theorem import about_theorem
 from baselines.benchmark.types import Benchmark, Cell, Failure, Outcome
 from baselines.policies import registry
 from baselines.policies.factories import Factory, as_factory, is_ones_own, named
@@ -87,6 +88,8 @@ def measure(
         failures = [each for each in raised if each not in left_out]
         folder_holds = held, held_scenarios, held_rows, held_curves
         outcome = Outcome(settings, cells, rows, failures, found, elapsed, *folder_holds, left_out)
+        device = settings.device if settings.engine == "local" else "cpu"
+        outcome.theorem = about_theorem(report_writer.playable(outcome).values(), held_rows, device)
         comparisons = compare(held_rows, held_scenarios, settings.against)
         summary_files.write_files(folder, outcome, comparisons)
         said = report_writer.write_report(folder, outcome, comparisons, progress)

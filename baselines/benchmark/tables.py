@@ -45,6 +45,8 @@ def print_tables(console: Console, outcome: Outcome, comparisons: Comparisons, s
     print_left_out(console, left_out, f"They are in {settings.out}/summary.json, and a wider terminal shows them.")
     for words in _legend(cells, comparisons.bounds, settings.episodes):
         print_line(console, words, "dim")
+    shown_here = {name: outcome.theorem[name] for name in scenarios if name in outcome.theorem}
+    print_theorem(console, shown_here)
     for refusal in outcome.left_out:
         print_line(console, f"{refusal.policy} is left out on {refusal.scenario}: {refusal.error}", "dim")
     for failure in outcome.failures:
@@ -132,6 +134,13 @@ def print_row(console: Console, row: dict[str, Any]) -> None:
     )
     rows = [[name, number(row[name])] for name in numbers_of(row)]
     print_table(console, [terminal.Column("score", left=True, style="cyan"), terminal.Column("value")], rows)
+
+
+def print_theorem(console: Console, sentences: Mapping[str, Sequence[str]]) -> None:
+    """Print by scenario whether the theorem of the proved filter applies: the result of `theorem.about_theorem`."""
+    for scenario, said in sentences.items():
+        for words in said:
+            print_line(console, f"{scenario}: {words}", "dim" if "not apply" not in words else "yellow")
 
 
 def shown_name(policy: str) -> str:

@@ -143,6 +143,8 @@ class Outcome:
     """Times [s] and share of the targets detected within each, by scenario and policy, of all episodes."""
     left_out: list[Failure] = field(default_factory=list)
     """Policies that refused a scenario, of those that the settings do not name."""
+    theorem: dict[str, list[str]] = field(default_factory=dict)
+    """Result of `baselines.benchmark.theorem.about_theorem` for all score rows of the folder."""
 
     @property
     def scenarios(self) -> dict[str, Scenario]:

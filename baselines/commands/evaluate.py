@@ -60,6 +60,7 @@ def evaluate(
     from baselines.benchmark import summary_files, tables
     from baselines.benchmark.comparison import statistics as statistics_of
     from baselines.benchmark.comparison import with_derived
+    from baselines.benchmark.theorem import about_theorem
 
     scenarios, policy, home = scenarios_and_policy(names)
     check_file(out, ".csv")
@@ -69,11 +70,11 @@ def evaluate(
     rows: list[dict[str, Any]] = []
     numbers = list(range(episodes))
     with Progress([(cell, numbers) for cell in cells], progress_console(output)) as progress:
-        for cell in cells:
+        for k, cell in enumerate(cells):
             progress.begin(cell)
-            ready = made(cell, settings)
+            cells[k] = made(cell, settings)
             with naming(cell):
-                for finished in play(ready, settings, numbers, partial(progress.step, cell)):
+                for finished in play(cells[k], settings, numbers, partial(progress.step, cell)):
                     rows += finished.rows
                     progress.finished(cell, len(finished.rows))
             progress.end(cell)
@@ -82,6 +83,7 @@ def evaluate(
     left_out: list[str] = []
     for name, policies in statistics.items():
         left_out += tables.print_scores(console, policy, name, policies[policy])
+    tables.print_theorem(console, about_theorem(cells, rows, device))
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     if out is not None:
         summary_files.write_csv(out, rows)

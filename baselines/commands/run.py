@@ -4,8 +4,9 @@ from typing import Annotated
 
 import tyro
 
-from baselines.benchmark.running import Benchmark
+from baselines.benchmark.running import Benchmark, Cell
 from baselines.commands.playing import FORMATS, progress_console, record_one, scenarios_and_policy
+from baselines.policies.factories import named
 from lissajous_env.console.recordings import check_file, has_display, show
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, print_line
 from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
@@ -44,6 +45,7 @@ def run(
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
     from baselines.benchmark import tables
+    from baselines.benchmark.theorem import about_theorem
 
     scenarios, name, home = scenarios_and_policy((scenario,) if policy is None else (scenario, policy))
     check_file(out, *FORMATS)
@@ -51,6 +53,8 @@ def run(
     recording = record_one(settings, output, home)
     row = recording.score
     tables.print_row(output.console(), row)
+    cell = Cell(recording.scenario, name, named(name))
+    tables.print_theorem(output.console(), about_theorem([cell], [row], device))
     output.print_json(row)
     if out is not None or has_display():
         show(recording, out, output)

@@ -62,7 +62,8 @@ def rate_of(options: Sequence[str], checkout: Path = ROOT) -> float:
         always = ["--out", folder, "--evaluation-episodes", "1", "--rivals"]
         _run(["-m", "lissajous_env", "train", *always, *options], checkout)
         curve = json.loads((Path(folder) / "checkpoint.json").read_text())["curve"]
-    return (curve[-1]["steps"] - curve[0]["steps"]) / (curve[-1]["seconds"] - curve[0]["seconds"])
+    first, last = next(point for point in curve if point["steps"] > 0), curve[-1]  # without the untrained policy
+    return (last["steps"] - first["steps"]) / (last["seconds"] - first["seconds"])
 
 
 def _run(arguments: Sequence[str], checkout: Path) -> str:

@@ -44,7 +44,7 @@ def print_help(function: Callable[..., Any], program: str) -> None:
     if "Example" in sections:
         console.print("\n[b]example[/b]")
         console.print(sections["Example"].rstrip(), markup=False, highlight=False, soft_wrap=True)
-    grouped = {title: re.split(r",\s*", names) for title, names in _entries(sections.get("Options", "")).items()}
+    grouped = groups_of(function)
     grouped["output"] = [*(field.name for field in dataclasses.fields(Output)), "help"]
     sorted_ones = {name for names in grouped.values() for name in names}
     others = [option for option in options if option not in places and option.name not in sorted_ones]
@@ -62,6 +62,12 @@ def print_help(function: Callable[..., Any], program: str) -> None:
                 table.add_row(Text(f"  {option.usage}"), Text(option.text))
             console.print(f"\n[b]{title}[/b]")
             console.print(table)
+
+
+def groups_of(function: Callable[..., Any]) -> dict[str, list[str]]:
+    """Return the names of a command's options by the title of their group, from the section `Options:`."""
+    entries = _entries(_sections(inspect.getdoc(function) or "")[1].get("Options", ""))
+    return {title: re.split(r",\s*", names) for title, names in entries.items()}
 
 
 def _sections(doc: str) -> tuple[str, dict[str, str]]:

@@ -33,6 +33,8 @@ from training.learned.history import check_notes
 from training.learned.network import ACTIVATIONS, Network
 
 FILE = "checkpoint.json"
+REHEARSAL = "rehearsal.jsonl"
+"""Results of the rehearsal before a training, from which it is resumed."""
 FORMAT = 1
 LARGEST = 1 << 31
 """Largest size of a file of arrays [bytes]."""
@@ -50,7 +52,7 @@ def hold(folder: str | Path) -> Folder:
     Raises:
         ValueError: it is in use, contains files of a user under these names, or is damaged.
     """
-    held = Folder(folder, (FILE, _BEST + "/", "curve.png", "report.html", "tensorboard/"))
+    held = Folder(folder, (FILE, _BEST + "/", "curve.png", "report.html", REHEARSAL, "tensorboard/"))
     try:
         settle(held)
     except BaseException:

@@ -139,12 +139,13 @@ class History:
         self.curve.append(point)
         return (before is None and point["return"] is not None) or (before is not None and self._rank(point) > before)
 
-    def first_better(self, rival: str) -> dict[str, Any] | None:
-        """Return the first evaluation that detects faster than a rival and is equally safe, or None."""
+    def first_better(self, rival: str, after: int = -1) -> dict[str, Any] | None:
+        """Return the first evaluation after a number of steps that detects faster than a rival and is equally safe."""
         theirs = self.rivals[rival]["detection_time"]
         for point in self.curve:
-            ours = point["detection_time"]
-            if None not in (ours, theirs) and ours < theirs and self._is_careful(point, [self.rivals[rival]]):
+            ours, is_later = point["detection_time"], point["steps"] > after
+            is_faster = None not in (ours, theirs) and ours < theirs
+            if is_later and is_faster and self._is_careful(point, [self.rivals[rival]]):
                 return point
         return None
 

@@ -17,6 +17,7 @@ export function scenarioSection(report, scenario, s, onPick) {
   box.querySelector(".scroll").setAttribute("aria-label", `Policies on ${scenario.name}`);
   box.querySelector(".facts-row").append(...facts(scenario.facts));
   fillPolicies(report, scenario, s, box.querySelector("table"));
+  box.querySelector(".scroll").after(...scenario.notes.map((words) => element("p", "note", words)));
   choosing(scenario, box);
   box.querySelector(".plots").replaceWith(pictures(...plotsOf(report, scenario)));
   if (scenario.against) box.append(comparison(report, scenario));

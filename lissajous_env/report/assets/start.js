@@ -11,7 +11,7 @@ export function start(format, begin) {
     if (data.format !== format) throw new Error(`the format of the data is not ${format}`);
     beginTheme();
     begin(data);
-    part("made").append(element("dl", "facts-row", ...facts(Object.entries(data.made))));
+    if (data.made) part("made").append(element("dl", "facts-row", ...facts(Object.entries(data.made))));
     document.body.dataset.ready = "true";
   } catch (error) {
     part("notice").hidden = false;

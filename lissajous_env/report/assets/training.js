@@ -4,7 +4,7 @@ import { Plot, pictures } from "./plot.js";
 import { scaleOf } from "./scales.js";
 import { start } from "./start.js";
 import { badge, svg } from "./svg.js";
-import { cell, fill, heading, heads, sortable } from "./tables.js";
+import { cell, facts, fill, heading, heads, sortable } from "./tables.js";
 import { Viewer } from "./viewer.js";
 import { element, number } from "./words.js";
 
@@ -22,6 +22,10 @@ function begin(training) {
   showLearning(training);
   fillEvaluations(training);
   fillScenarios(training);
+  of("changed").append(...groups(training.settings, "changed"));
+  of("defaults").append(...groups(training.settings, "others"));
+  const count = training.settings.reduce((sum, group) => sum + group.others.length, 0);
+  of("defaults-title").textContent = `${count} settings that have their defaults`;
   globalThis.training = { training, viewer };
 }
 
@@ -39,11 +43,10 @@ function curve(training, score) {
   };
   return new Plot(score.title, score.about, axes, (plot) => {
     const right = plot.x(axes.x.scale.far);
-    for (const [k, rival] of rivals.entries()) {
-      const y = plot.y(rival[score.name]),
-        look = { colour: (k % 6) + 1 };
-      plot.add("line", { x1: plot.x(0), x2: right, y1: y, y2: y, class: `curve rival c${look.colour}` });
-      plot.write(right, y - 5, rival.name, "end", "limit-name");
+    const lines = rivals.map((rival) => ({ rival, name: rival.name, y: plot.y(rival[score.name]) }));
+    for (const { rival, y } of lines) {
+      const look = `curve rival c${colourOf(training, rival)}`;
+      plot.add("line", { x1: plot.x(0), x2: right, y1: y, y2: y, class: look });
     }
     plot.path(steps, values, { class: "curve c0" });
     values.forEach((value, k) => {
@@ -51,7 +54,31 @@ function curve(training, score) {
       const dot = plot.add("circle", { cx: plot.x(steps[k]), cy: plot.y(value), r: 3, class: "mark c0" });
       dot.append(svg("title", {}, `${number(value)} after ${number(steps[k])} million steps`));
     });
+    for (const close of closeTogether(lines)) {
+      const names = close.map((line) => line.name).join(" · ");
+      plot.write(right, close[0].y - 5, names, "end", "limit-name rival-name");
+    }
   });
+}
+
+const colourOf = (training, rival) => (training.rivals.indexOf(rival) % 6) + 1;
+
+// Lines sorted from the top, in groups within which names at each would overprint one another.
+function closeTogether(lines) {
+  const groups = [];
+  for (const line of [...lines].sort((a, b) => a.y - b.y)) {
+    const last = groups.at(-1);
+    if (last && line.y - last[0].y < 12) last.push(line);
+    else groups.push([line]);
+  }
+  return groups;
+}
+
+// Groups of settings that have any of a kind: `changed` or `others`.
+function groups(settings, kind) {
+  return settings
+    .filter((group) => group[kind].length > 0)
+    .map((group) => element("section", "", element("h3", "", group.title), element("dl", "", ...facts(group[kind]))));
 }
 
 function showLosses(training) {
@@ -81,7 +108,7 @@ function fillEvaluations(training) {
   const titles = ["steps", "time [min]", ...training.scores.map((score) => score.title)];
   const points = [
     ...training.curve.map((point) => [LEARNED, point]).reverse(),
-    ...training.rivals.map((rival, k) => [{ ...LEARNED, colour: (k % 6) + 1, shown: rival.name }, rival]),
+    ...training.rivals.map((rival) => [{ ...LEARNED, colour: colourOf(training, rival), shown: rival.name }, rival]),
   ];
   const rows = points.map(([look, point]) => {
     const { steps, seconds } = point,
