@@ -92,10 +92,6 @@ class LissajousMultiAgentEnv(Around, MultiAgentEnv):
             rewards, terminated = ({a: of[a] for a in of if a in acted} for of in (rewards, terminated))
         return self._observed(observations), rewards, terminated | {"__all__": gone}, {"__all__": timed_out}, {}
 
-    def score(self) -> dict[str, Any]:
-        """Return the score of the episode so far, with the columns of `lissajous_env.world.columns.NAMES`."""
-        return self.inner.score()
-
     def _wired(self, outputs: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float]]:
         """Return the actions for the agents' outputs, and their penalties; misshapen outputs are not changed."""
         wiring, agents, size = self._wiring, self.inner.possible_agents, self.scenario.action_size
