@@ -59,14 +59,14 @@ def check_agents(actions: Any, live: Sequence[str]) -> None:
 
 
 def on_host(actions: Any) -> Any:
-    """Return tensors as NumPy arrays, also on a GPU, with a gradient, or of bfloat16; others are returned unchanged."""
+    """Return arrays of other libraries as NumPy arrays, also torch's on a GPU, with a gradient, or of bfloat16."""
     if isinstance(actions, (list, tuple)):
         return [on_host(each) for each in actions]
     if is_torch(actions) and hasattr(actions, "detach"):
         plain = actions.detach().cpu()
         is_short = plain.is_floating_point() and plain.element_size() < 4  # NumPy does not have all of these types
-        actions = (plain.float() if is_short else plain).numpy()
-    return actions
+        return (plain.float() if is_short else plain).numpy()
+    return np.asarray(actions) if hasattr(actions, "__array__") else actions
 
 
 class ActionReader:

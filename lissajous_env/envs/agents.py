@@ -5,8 +5,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
+import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
+from gymnasium.utils.seeding import np_random
 from pettingzoo import ParallelEnv
 
 from lissajous_env.wording import shown
@@ -77,6 +79,19 @@ class Timed:
 
 class SpacesOfAgents(ParallelEnv):
     """Environment whose spaces, `observation_spaces` and `action_spaces`, never change."""
+
+    _np_random: np.random.Generator | None = None
+
+    @property
+    def np_random(self) -> np.random.Generator:
+        """Generator for wrappers, which `reset` with a seed seeds; the environment itself does not use it."""
+        if self._np_random is None:
+            self._np_random = np_random()[0]
+        return self._np_random
+
+    def _seed_wrappers(self, seed: int | None) -> None:
+        if seed is not None:
+            self._np_random = np_random(int(seed))[0]
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Space:
         """Return the observation space of an agent, always the same object."""

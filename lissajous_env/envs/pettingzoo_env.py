@@ -95,6 +95,7 @@ class LissajousParallelEnv(SpacesOfAgents):
             self.simulation.reset(seeds=drawn_seeds(1))
         else:
             self.simulation.reset()
+        self._seed_wrappers(seed)
         self._begun = True
         self.agents = list(self.possible_agents)
         if self._follower is not None:

@@ -61,6 +61,7 @@ class TwoSidedParallelEnv(Around, SpacesOfAgents):
     def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
         """Begin an episode, as `LissajousParallelEnv.reset`."""
         observations, infos = self.inner.reset(seed, options)
+        self._seed_wrappers(seed)
         rows, _, present, _, _ = self._fetched()
         self._live = np.flatnonzero(present).tolist()
         for t in self._live:
