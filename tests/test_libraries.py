@@ -110,7 +110,7 @@ def test_wrappers_of_gymnasium_for_one_world():
     assert info["episode"]["l"] == len(rewards) == 5
     assert info["episode"]["r"] == pytest.approx(sum(rewards), rel=1e-4)
     # The rest of the info is still there: no wrapper's key is one of ours.
-    assert set(info) == {"robot_reward", "reward_terms", "episode"}
+    assert set(info) == {"robot_reward", "reward_terms", "score", "episode"}
 
 
 @pytest.mark.parametrize("rows", [False, True])
@@ -123,7 +123,9 @@ def test_wrappers_of_gymnasium_for_a_batch(rows):
         _, _, _, truncated, infos = env.step(env.action_space.sample())
     assert truncated.all()
     assert len(infos) == env.num_envs == (15 if rows else 3)
-    assert all(info["episode"]["l"] == 4 and info["score"]["scenario"] == "experiment" for info in infos)
+    expected = env.unwrapped.simulation.score_numbers(None).repeat(env.num_envs // 3, axis=0)
+    np.testing.assert_array_equal([info["score"] for info in infos], expected)
+    assert all(info["episode"]["l"] == 4 for info in infos)
 
 
 @pytest.mark.parametrize("rows", [False, True])

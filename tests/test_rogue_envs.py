@@ -153,6 +153,7 @@ def test_a_rogue_team_plays_until_all_are_detected():
         total, over = total + reward, terminated or truncated
     assert terminated
     assert not truncated
-    assert total == pytest.approx(2 * info["score"]["detection_time_mean"], abs=1e-4)
+    scored = dict(zip(env.score_names, info["score"], strict=True))
+    assert total == pytest.approx(2 * scored["detection_time_mean"], abs=1e-4)
     with pytest.raises(ResetNeeded):
         env.step(np.zeros((2, 2), np.float32))

@@ -204,7 +204,9 @@ def test_the_team_as_one_agent_is_padded():
         assert not truncated
     while not truncated:
         *_, truncated, info = env.step(env.action_space.sample())
-    assert info["score"]["scenario"] == env.scenario.name
+    scored = env.score()
+    assert scored["scenario"] == env.scenario.name
+    np.testing.assert_array_equal(info["score"], [scored[name] for name in env.score_names])
 
 
 def test_gymnasium_makes_a_batch_of_them():

@@ -6,6 +6,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from lissajous_env.device.devices import is_torch
 from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
@@ -57,6 +58,17 @@ def check_agents(actions: Any, live: Sequence[str]) -> None:
         raise ValueError(f"actions must name each live agent once: missing {missing}, unknown or not live {unknown}")
 
 
+def on_host(actions: Any) -> Any:
+    """Return arrays of other libraries as NumPy arrays, also torch's on a GPU, with a gradient, or of bfloat16."""
+    if isinstance(actions, (list, tuple)):
+        return [on_host(each) for each in actions]
+    if is_torch(actions) and hasattr(actions, "detach"):
+        plain = actions.detach().cpu()
+        is_short = plain.is_floating_point() and plain.element_size() < 4  # NumPy does not have all of these types
+        return (plain.float() if is_short else plain).numpy()
+    return np.asarray(actions) if hasattr(actions, "__array__") else actions
+
+
 class ActionReader:
     """Writes the actions of one world into an array; errors name the agent.
 
@@ -74,9 +86,11 @@ class ActionReader:
         Raises:
             ValueError: a wrong shape, an index outside the table, or a number that is not finite.
         """
+        action = on_host(action)
         if self._table is not None:
             index = action.item() if isinstance(action, np.ndarray) and action.size == 1 else action
-            if not isinstance(index, (int, np.integer)) or not 0 <= index < len(self._table):
+            is_whole = isinstance(index, (int, np.integer)) and not isinstance(index, bool)
+            if not is_whole or not 0 <= index < len(self._table):
                 last = len(self._table) - 1
                 raise ValueError(f"action of {agent} must be a whole number from 0 to {last}, got {shown(action)}")
             row_out[:] = self._table[index]

@@ -5,9 +5,10 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.error import ResetNeeded
 
-from lissajous_env.envs.actions import action_table
-from lissajous_env.envs.agents import Around
+from lissajous_env.envs.actions import action_table, on_host
+from lissajous_env.envs.agents import NEEDS_RESET, Around, Timed
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.envs.sampled_env import SampledParallelEnv
 from lissajous_env.parameters.rogues import AGENTS
@@ -32,7 +33,7 @@ def team_spaces(scenario: Scenario, num_robots: int, discrete: bool, flat: bool)
     return observation, gymnasium.spaces.Box(-1.0, 1.0, shape, np.float32)
 
 
-class TeamEnv(Around, gymnasium.Env):
+class TeamEnv(Around, Timed, gymnasium.Env):
     """Environment of one world whose agent is the team, padded to the N robots of the largest team.
 
     Args:
@@ -67,16 +68,17 @@ class TeamEnv(Around, gymnasium.Env):
             ResetNeeded: before the first reset, or after the end of an episode.
             ValueError: an action has a wrong shape or is not finite; the state is unchanged.
         """
-        inner, shape = self.inner, np.shape(action)
+        inner, action = self.inner, on_host(action)
+        shape = np.shape(action)
         if shape != self.action_space.shape and (self._is_flat or shape[:1] != self._shape[:1]):
             raise ValueError(f"action must have shape {self.action_space.shape}, got {shown(action)}")
+        if not inner.agents:
+            raise ResetNeeded(NEEDS_RESET)
         rows = np.reshape(action, self._shape) if self._is_flat else action
         of_robots = dict(zip(inner.possible_agents, rows, strict=True))
         _, rewards, _, _, infos = inner.step({agent: of_robots[agent] for agent in inner.agents})
         info, over = self._info(rewards, infos), not inner.agents
         terminated = bool(inner.simulation.terminated.numpy().all())
-        if over:
-            info["score"] = inner.score()
         reward = float(info["robot_reward"][: self.scenario.num_robots].mean())
         return self._observed(), reward, terminated, over and not terminated, info
 
@@ -87,8 +89,9 @@ class TeamEnv(Around, gymnasium.Env):
         agents = self.inner.possible_agents
         nothing = np.zeros(len(self.inner.simulation.reward_term_names), np.float32)
         terms = [infos[agent]["reward_terms"] if agent in infos else nothing for agent in agents]
+        score = self.inner.simulation.score_numbers([] if self.inner.agents else [0])[0]
         reward = np.array([rewards.get(agent, 0.0) for agent in agents], dtype=np.float32)
-        return {"robot_reward": reward, "reward_terms": np.stack(terms)}
+        return {"robot_reward": reward, "reward_terms": np.stack(terms), "score": score}
 
 
 def refuse_rogue_agents(scenario: Scenario) -> None:
@@ -102,7 +105,8 @@ class LissajousEnv(TeamEnv):
     """One world as a `gymnasium.Env`; the agent is the team, as in `LissajousVectorEnv`.
 
     The observation is (N, D), the reward the mean over the robots. The info contains `robot_reward` (N,),
-    `reward_terms` (N, terms) in the order of `lissajous_env.world.reward.TERMS`, and `score` when the episode ends.
+    `reward_terms` (N, terms) in the order of `lissajous_env.world.reward.TERMS`, and `score`, the numbers that
+    `score_names` names, infinite until the episode ends.
 
     Args:
         scenario: Name of a scenario, or a `Scenario`.
@@ -126,6 +130,7 @@ class LissajousEnv(TeamEnv):
     ):
         parallel = LissajousParallelEnv(scenario, render_mode, **settings)
         refuse_rogue_agents(parallel.scenario)
+        self._steps = parallel.scenario.task.steps
         super().__init__(parallel, settings.get("discrete_actions", False), flat_actions)
 
 
@@ -135,7 +140,8 @@ class SampledEnv(TeamEnv):
     A `SampledParallelEnv` draws the scenarios. The observation is (N, D), with rows of zeros where the scenario has no
     robot; actions of these rows have no effect. The reward is the mean over the robots. The info contains `mask` (N,),
     True for the robots of the scenario, `robot_reward` (N,), `reward_terms` (N, terms) in the order of
-    `lissajous_env.world.reward.TERMS`, and `score` when the episode ends.
+    `lissajous_env.world.reward.TERMS`, and `score`, the numbers that `score_names` names, infinite until the episode
+    ends.
 
     Args:
         space: As for `SampledParallelEnv`.
@@ -158,6 +164,7 @@ class SampledEnv(TeamEnv):
         **settings: Any,
     ):
         parallel = SampledParallelEnv(space, render_mode, **settings)
+        self._steps = settings.get("max_cycles")
         super().__init__(parallel, settings.get("discrete_actions", False), flat_actions)
 
     def _observed(self) -> np.ndarray:

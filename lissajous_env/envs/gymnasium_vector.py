@@ -9,12 +9,14 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from lissajous_env.envs.actions import action_space, action_table
+from lissajous_env.envs.actions import action_space, action_table, on_host
+from lissajous_env.envs.agents import NEEDS_RESET, Timed
 from lissajous_env.envs.gymnasium_env import refuse_rogue_agents, team_spaces
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.envs.recorded import followed, replay_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import shown
 from lissajous_env.world.seeding import drawn_seeds
 from lissajous_env.world.simulation import Simulation, fold_seed
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
     from lissajous_env.replay import Replay
 
 
-class LissajousVectorEnv(VectorEnv):
+class LissajousVectorEnv(Timed, VectorEnv):
     """A batch of W worlds as a Gymnasium `VectorEnv`.
 
     **A row is a team** by default. Observations are (W, N, D), actions (W, N, action_size) or, if discrete, indices
@@ -35,15 +37,17 @@ class LissajousVectorEnv(VectorEnv):
     terminated in that step. Afterwards it does not move, has reward 0 and its actions have no effect, until its world
     ends, when it is reported as terminated again and restarts with its world.
 
-    Infos also contain `invalid`, True if an action in the row's episode was not finite and replaced by zero; when
-    worlds end, `score`, an array of the score rows of the ended episodes (None elsewhere) with its mask `_score`; and
-    with SAME_STEP also `final_obs`, and the score in `final_info`.
+    Infos also contain `invalid`, True if an action in the row's episode was not finite and replaced by zero, and
+    `score`, the numbers that `score_names` names of the episodes that ended in this step: these rows are True in its
+    mask `_score`, and the others are infinite. With SAME_STEP, `final_obs` and `final_info` follow Gymnasium: they are there in the
+    steps in which rows are done, and the latter contains `score`, too.
 
     Args:
         scenario: Name of a scenario, or a `Scenario`.
         num_envs: Number of worlds W.
         render_mode: None, or `rgb_array`.
         max_cycles: Number of steps of an episode, instead of `task.duration`.
+        max_episode_steps: Limit on these steps, which `gymnasium.make_vec` passes if a specification contains it.
         discrete_actions: True for actions that are indices of the table in `lissajous_env.envs.actions`.
         flat_actions: True for actions (W, N * action_size). Discrete actions and those of one robot are always flat.
         agents_as_rows: True for one row per robot.
@@ -65,6 +69,7 @@ class LissajousVectorEnv(VectorEnv):
         *,
         render_mode: str | None = None,
         max_cycles: int | None = None,
+        max_episode_steps: int | None = None,
         discrete_actions: bool = False,
         flat_actions: bool = False,
         agents_as_rows: bool = False,
@@ -83,7 +88,10 @@ class LissajousVectorEnv(VectorEnv):
         self.autoreset_mode = modes[name]
         self.render_mode = render_mode
         made = named.with_cycles(named.scenario(scenario, **overrides), max_cycles)
+        if max_episode_steps is not None and whole_number("max_episode_steps", max_episode_steps) < made.task.steps:
+            made = named.with_cycles(made, max_episode_steps)
         refuse_rogue_agents(made)
+        self._steps = made.task.steps
         self.simulation = Simulation(made, num_envs, device=device, threads=threads)
         self.scenario = self.simulation.scenario
         rows_each = self.simulation.num_robots if agents_as_rows else 1
@@ -123,6 +131,8 @@ class LissajousVectorEnv(VectorEnv):
             ValueError: an invalid seed or mask, or a mask with only some of the rows of a world.
         """
         worlds = self._masked(options)
+        if seed is not None and np.size(seed):
+            super().reset(seed=int(np.ravel(seed)[0]))
         if isinstance(seed, (int, np.integer)):
             self.simulation.reset(worlds, [fold_seed(int(seed) + int(k)) for k in worlds])
         elif seed is not None:
@@ -139,7 +149,7 @@ class LissajousVectorEnv(VectorEnv):
                 self.simulation.reset(worlds[self._begun[worlds]])
         self._ended[worlds], self._begun[worlds], self._gone[worlds] = False, True, False
         self._look()
-        return self._observed(), {}
+        return self._observed(), self._infos(np.zeros(self.simulation.action_shape[:2], np.float32), self._ended)
 
     def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Take a step in every world; `autoreset_mode` determines when worlds that ended are reset.
@@ -149,7 +159,7 @@ class LissajousVectorEnv(VectorEnv):
             ValueError: the actions have a wrong shape, or an index is outside the table.
         """
         if not self._begun.all():
-            raise ResetNeeded("step needs running episodes: call reset first, for every world")
+            raise ResetNeeded(f"{NEEDS_RESET}, for every world")
         sim = self.simulation
         begins = self._ended & (self.autoreset_mode is AutoresetMode.NEXT_STEP)
         sim.step(self._of_robots(actions))
@@ -161,16 +171,9 @@ class LissajousVectorEnv(VectorEnv):
             self._look()
         robot_reward, ended = sim.reward.numpy().copy(), sim.over
         terminated, truncated = self._flags(ended)
-        invalid = np.repeat(sim.invalid.numpy() != 0, self._rows_each)
-        infos: dict[str, Any] = {"invalid": invalid, "_invalid": np.ones(self.num_envs, dtype=bool)}
-        if self._agents_as_rows:
-            reward = robot_reward.reshape(-1)
-        else:
-            reward = robot_reward.mean(axis=1)
-            infos["robot_reward"], infos["_robot_reward"] = robot_reward, infos["_invalid"]
+        reward = robot_reward.reshape(-1) if self._agents_as_rows else robot_reward.mean(axis=1)
         newly = ended & ~self._ended
-        if newly.any():
-            infos["score"], infos["_score"] = self._scores(newly), np.repeat(newly, self._rows_each)
+        infos = self._infos(robot_reward, newly)
         self._ended = ended.copy()
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             self._begin_again(newly, terminated | truncated, infos)
@@ -206,6 +209,11 @@ class LissajousVectorEnv(VectorEnv):
         """Free the resources for drawing."""
         self._gallery = None
 
+    @property
+    def score_names(self) -> tuple[str, ...]:
+        """Names of the numbers in `score` of the infos."""
+        return self.simulation.score_names
+
     def _look(self) -> None:
         if self._follower is not None:
             self._follower.look()
@@ -225,16 +233,16 @@ class LissajousVectorEnv(VectorEnv):
         return np.flatnonzero(of_worlds.all(axis=1))
 
     def _of_robots(self, actions: Any) -> Any:
-        """Convert actions to shape (W, N, action_size)."""
+        """Convert actions to shape (W, N, action_size); tensors of floats remain where they are."""
         due, shape = self.simulation.action_shape, self.action_space.shape
         if self._table is not None:
-            rows, last = np.asarray(actions), len(self._table) - 1
+            rows, last = np.asarray(on_host(actions)), len(self._table) - 1
             if rows.shape != shape or rows.dtype.kind not in "iu" or rows.min() < 0 or rows.max() > last:
                 rule = f"whole numbers from 0 to {last} of shape {shape}"
                 raise ValueError(f"actions must be {rule}, got {shown(actions)}")
             return self._table[rows].reshape(due)
         if isinstance(actions, np.ndarray) or not hasattr(actions, "reshape"):
-            actions = np.asarray(actions)
+            actions = np.asarray(on_host(actions))
             if actions.dtype.kind not in "fiu":
                 raise ValueError(f"actions must be numbers of shape {shape}, got {shown(actions)}")
             if actions.dtype != np.float32:
@@ -255,11 +263,13 @@ class LissajousVectorEnv(VectorEnv):
         self._gone = gone
         return terminated.reshape(-1), (late & ~gone).reshape(-1)
 
-    def _scores(self, newly: np.ndarray) -> np.ndarray:
-        """Return (num_envs,) the score rows of the worlds that have just ended, None elsewhere."""
-        scores = np.full(len(newly), None, dtype=object)
-        scores[newly] = self.simulation.score(newly)
-        return np.repeat(scores, self._rows_each)
+    def _infos(self, robot_reward: np.ndarray, newly: np.ndarray) -> dict[str, Any]:
+        """Return the infos for rewards (W, N), with the scores of the worlds that have just ended."""
+        sim, each, every = self.simulation, self._rows_each, np.ones(self.num_envs, dtype=bool)
+        infos = {"invalid": np.repeat(sim.invalid.numpy() != 0, each), "_invalid": every}
+        if not self._agents_as_rows:
+            infos |= {"robot_reward": robot_reward, "_robot_reward": every.copy()}
+        return infos | {"score": np.repeat(sim.score_numbers(newly), each, axis=0), "_score": np.repeat(newly, each)}
 
     def _begin_again(self, newly: np.ndarray, done: np.ndarray, infos: dict[str, Any]) -> None:
         """Reset the worlds that have just ended, and store the final observations and infos of the done rows."""
@@ -274,7 +284,7 @@ class LissajousVectorEnv(VectorEnv):
         for row in np.flatnonzero(done):
             final[row] = last[row]
         infos["final_obs"], infos["_final_obs"] = final, done
-        infos["final_info"] = {name: infos.pop(name) for name in ("score", "_score") if name in infos}
+        infos["final_info"] = {name: infos[name].copy() for name in ("score", "_score")}
         infos["_final_info"] = done
 
     def _observed(self) -> np.ndarray:

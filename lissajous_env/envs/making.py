@@ -76,3 +76,6 @@ def gymnasium_env(
     if robots is None:
         return LissajousEnv(scenario, render_mode, **settings)  # type: ignore[arg-type]
     return LissajousRogueEnv(scenario, robots, render_mode, **settings)  # type: ignore[arg-type]
+
+
+gymnasium_env.metadata = LissajousParallelEnv.metadata  # type: ignore[attr-defined] - for `rgb_array_list` of `make`

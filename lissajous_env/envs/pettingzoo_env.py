@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
-from gymnasium.error import ResetNeeded
 
 from lissajous_env.envs.actions import LARGE, ActionReader, action_space, action_table, check_agents
-from lissajous_env.envs.agents import SpacesOfAgents
+from lissajous_env.envs.agents import SpacesOfAgents, nothing_done
 from lissajous_env.envs.recorded import followed, replay_of
 from lissajous_env.envs.true_state import state_names, state_rows
 from lissajous_env.parameters import named
@@ -96,6 +95,7 @@ class LissajousParallelEnv(SpacesOfAgents):
             self.simulation.reset(seeds=drawn_seeds(1))
         else:
             self.simulation.reset()
+        self._seed_wrappers(seed)
         self._begun = True
         self.agents = list(self.possible_agents)
         if self._follower is not None:
@@ -110,14 +110,16 @@ class LissajousParallelEnv(SpacesOfAgents):
     def step(self, actions: dict[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
         """Take one control step with an action for each live agent; numbers outside [-1, 1] are clipped.
 
+        After the end of an episode, a step without actions returns empty dicts.
+
         Raises:
-            ResetNeeded: before the first reset, or after the end of an episode.
+            ResetNeeded: before the first reset, or with actions after the end of an episode.
             ValueError: an agent is missing or unknown, or an action has a wrong shape or is not finite; the state is
                 unchanged.
         """
         agents = self.agents
         if not agents:
-            raise ResetNeeded("step needs a running episode: call reset first")
+            return nothing_done(self._begun, actions)
         if not self._read_at_once(actions):
             self._read(actions)
         if self._on_device:

@@ -7,7 +7,8 @@ import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from lissajous_env.envs.agents import Around
+from lissajous_env.envs.actions import on_host
+from lissajous_env.envs.agents import NEEDS_RESET, Around, Timed
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.envs.two_sided import TwoSidedParallelEnv
 from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
@@ -42,14 +43,14 @@ def as_driver(robots: Any, scenario: Scenario, num_worlds: int, device: Any = "c
     return FunctionPolicy(robots, num_worlds)
 
 
-class LissajousRogueEnv(Around, gymnasium.Env):
+class LissajousRogueEnv(Around, Timed, gymnasium.Env):
     """One world as a `gymnasium.Env` whose agent is the team of rogues; a policy drives the robots.
 
     The observation is (T, D), a row of `lissajous_env.world.rogues.rows` per target slot, the action (T, 2) velocities
     [`targets.speed_limit`]. Rows of slots without a live rogue are zero, and their actions have no effect. The reward
     is the time of the step for which rogues were undetected, summed over the rogues [s]. The episode is terminated when
     all rogues that it can have are detected, and truncated after `task.duration`. The info contains `rogue_reward` (T,)
-    and, when the episode ends, `score`.
+    and `score`, the numbers that `score_names` names, infinite until the episode ends.
 
     Args:
         scenario: Name of a scenario, or a `Scenario`.
@@ -76,6 +77,7 @@ class LissajousRogueEnv(Around, gymnasium.Env):
         settings = {"rogues": AGENTS} | settings
         self.inner = TwoSidedParallelEnv(LissajousParallelEnv(scenario, render_mode, **settings))
         self.render_mode, self.scenario = render_mode, self.inner.scenario
+        self._steps = self.scenario.task.steps
         self._driver = as_driver(robots, self.scenario, 1, self.inner.simulation.device)
         layout, slots = rogue_layout(self.scenario), self.scenario.target_capacity
         low, high = np.tile(layout.low, (slots, 1)), np.tile(layout.high, (slots, 1))
@@ -89,7 +91,7 @@ class LissajousRogueEnv(Around, gymnasium.Env):
         self._driver.reset()
         super().reset(seed=None if seed is None else int(seed))
         self._running = True
-        return self._observed(), {"rogue_reward": np.zeros(self.scenario.target_capacity, np.float32)}
+        return self._observed(), self._info(np.zeros(self.scenario.target_capacity, np.float32))
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Take one control step with the actions of all rogues.
@@ -99,7 +101,8 @@ class LissajousRogueEnv(Around, gymnasium.Env):
             ValueError: an action has a wrong shape or is not finite; the state is unchanged.
         """
         if not self._running:
-            raise ResetNeeded("step needs a running episode: call reset first")
+            raise ResetNeeded(NEEDS_RESET)
+        action = on_host(action)
         if np.shape(action) != self.action_space.shape:
             raise ValueError(f"action must have shape {self.action_space.shape}, got {shown(action)}")
         simulation = self.inner.simulation
@@ -112,10 +115,11 @@ class LissajousRogueEnv(Around, gymnasium.Env):
         terminated = bool(simulation.rogue_terminated.numpy().all())
         truncated = not self.inner.agents and not terminated
         self._running = not (terminated or truncated)
-        info: dict[str, Any] = {"rogue_reward": reward}
-        if not self._running:
-            info["score"] = self.inner.score()
-        return self._observed(), float(reward.sum()), terminated, truncated, info
+        return self._observed(), float(reward.sum()), terminated, truncated, self._info(reward)
+
+    def _info(self, reward: np.ndarray) -> dict[str, Any]:
+        score = self.inner.simulation.score_numbers([] if self._running else [0])[0]
+        return {"rogue_reward": reward, "score": score}
 
     def _observed(self) -> np.ndarray:
         return self.inner.simulation.rogue_observation.numpy()[0].copy()

@@ -98,6 +98,7 @@ class SampledParallelEnv(Around, SpacesOfAgents):
         if seed is not None or self._draws is None:
             of_sequence = int(drawn_seeds(1)[0]) if seed is None else fold_seed(seed)
             self._draws = self._sampler.draws(of_sequence)
+        self._seed_wrappers(seed)
         made, of_episode = self._sampler.next(self._draws)
         self.inner.close()
         self.inner = _DrawnEnv(made, self.render_mode, **self._settings)

@@ -5,7 +5,6 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.error import ResetNeeded
 
 from lissajous_env.envs.actions import ActionReader, check_agents, rogue_action_space, rogue_table
 from lissajous_env.envs.agents import Around, SpacesOfAgents
@@ -62,6 +61,7 @@ class TwoSidedParallelEnv(Around, SpacesOfAgents):
     def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
         """Begin an episode, as `LissajousParallelEnv.reset`."""
         observations, infos = self.inner.reset(seed, options)
+        self._seed_wrappers(seed)
         rows, _, present, _, _ = self._fetched()
         self._live = np.flatnonzero(present).tolist()
         for t in self._live:
@@ -72,13 +72,15 @@ class TwoSidedParallelEnv(Around, SpacesOfAgents):
     def step(self, actions: dict[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
         """Take one control step with an action for each live agent; numbers outside [-1, 1] are clipped.
 
+        After the end of an episode, a step without actions returns empty dicts.
+
         Raises:
-            ResetNeeded: before the first reset, or after the end of an episode.
+            ResetNeeded: before the first reset, or with actions after the end of an episode.
             ValueError: an agent is missing or unknown, or an action has a wrong shape or is not finite; the state is
                 unchanged.
         """
         if not self.agents:
-            raise ResetNeeded("step needs a running episode: call reset first")
+            return self.inner.step(actions)
         check_agents(actions, self.agents)
         self._read_rogues(actions)
         results = self.inner.step({agent: actions[agent] for agent in self.inner.agents})
@@ -92,10 +94,6 @@ class TwoSidedParallelEnv(Around, SpacesOfAgents):
             terminated[agent], truncated[agent] = gone[t], late[t]
         self.agents = [*self.inner.agents, *(self.possible_rogues[t] for t in self._live)]
         return results
-
-    def score(self) -> dict[str, Any]:
-        """Return the score of the episode so far, with the columns of `lissajous_env.world.columns.NAMES`."""
-        return self.inner.score()
 
     def state(self) -> np.ndarray:
         """Return the true state of the world, for centralized critics; see `lissajous_env.envs.true_state`."""

@@ -272,6 +272,11 @@ def brought_columns(scenario: Scenario) -> tuple[str, ...]:
     return tuple(each.name for each in scenario.extensions if isinstance(each, ScoreColumn))
 
 
+def number_names(scenario: Scenario) -> tuple[str, ...]:
+    """Return the names of the numbers of a scenario's score rows, in their order: `seed`, then the columns."""
+    return ("seed", *(each.name for each in COLUMNS.values() if each.value), *brought_columns(scenario))
+
+
 def score_of(episode: Episode) -> dict[str, Any]:
     """Return the score row of an episode up to now, without `policy` and `episode`; NaN is a time never reached."""
     row: dict[str, Any] = {"scenario": episode.scenario.name, "seed": episode.seed}

@@ -16,7 +16,7 @@ from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import LAST_SEED, is_whole, whole_number
 from lissajous_env.wording import shown
-from lissajous_env.world.columns import plain, score_of
+from lissajous_env.world.columns import number_names, plain, score_of
 from lissajous_env.world.constants import constants_of
 from lissajous_env.world.contamination.labels import MARGIN, across
 from lissajous_env.world.extended import ExtensionStages
@@ -55,6 +55,7 @@ class Simulation:
         observation: (W, N, D) float32, one row per robot; `lissajous_env.world.observation` documents the entries.
         final_observation: (W, N, D) rows at the end of each world's previous episode.
         reward: (W, N) float32; `reward_terms` (W, N, terms) contains its terms, named by `reward_term_names`.
+        score_names: names of the numbers in a row of `score_numbers`.
         terminated: (W, N) bool, robots that a collision or the edge of the rectangle removed.
         truncated: (W, N) bool, True when the time is over.
         invalid: (W,) int32, 1 where an action of the episode was not finite and was replaced by zero.
@@ -106,6 +107,7 @@ class Simulation:
         self.layout: Layout = layout(self.scenario)
         brought = [each.name for each in self.scenario.extensions if isinstance(each, RewardTerm)]
         self.reward_term_names = (*TERMS, *brought)
+        self.score_names = number_names(self.scenario)
         self._allocate()
         with compile_quietly():
             self._build()
@@ -194,6 +196,16 @@ class Simulation:
             score_of(episode) | {name: plain(values[w]) for name, values in brought.items()}
             for w, episode in zip(chosen, episodes_of(self.scenario, *state, chosen), strict=True)
         ]
+
+    def score_numbers(self, worlds: Any) -> np.ndarray:
+        """Return (W, numbers) the scores of some worlds, with the numbers that `score_names` names.
+
+        The rows of other worlds are infinite, not NaN, so that equal infos are equal for checkers of environments.
+        """
+        numbers, chosen = np.full((self.num_worlds, len(self.score_names)), np.inf), self._chosen(worlds)
+        if len(chosen):
+            numbers[chosen] = [[row[name] for name in self.score_names] for row in self.score(chosen)]
+        return numbers
 
     def detection_times(self, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Return the time until each target (K,) that appeared was detected, or until now [s], and whether it was."""

@@ -69,7 +69,3 @@ class LissajousMultiAgentEnv(Around, MultiAgentEnv):
         if len(observations) > len(acted):  # a rogue that has just appeared has no reward yet
             rewards, terminated = ({a: of[a] for a in of if a in acted} for of in (rewards, terminated))
         return observations, rewards, terminated | {"__all__": gone}, {"__all__": timed_out}, {}
-
-    def score(self) -> dict[str, Any]:
-        """Return the score of the episode so far, with the columns of `lissajous_env.world.columns.NAMES`."""
-        return self.inner.score()
