@@ -199,7 +199,7 @@ class Recorder:
         """Return the recording so far, with the current score and the name of the policy."""
         if self._last is None:
             raise ValueError("a recording must contain at least one moment, got none")
-        arrays = {name: np.stack(kept) for name, kept in self._moments.items()}
+        arrays: dict[str, Any] = {name: np.stack(kept) for name, kept in self._moments.items()}
         arrays |= {name: getattr(self._last, name) for name in _FIXED}
         arrays["contact"] = np.concatenate(self._contact)
         arrays = {name: arrays[name].astype(dtype, copy=False) for name, dtype in ARRAYS.items()}
@@ -300,10 +300,9 @@ def _loaded(file: BinaryIO) -> Recording:
             raise ValueError(f"its format is not {FORMAT!r}")
         scenario = made_scenario(about["scenario"])
         names = (tuple(about["observation_names"]), tuple(about["reward_names"]))
-        arrays = archive.read_arrays(stored, ARRAYS)
+        arrays: dict[str, Any] = archive.read_arrays(stored, ARRAYS)
         unknown = tuple(tuple(each) for each in about.get("unknown", ()))
-        recording = Recording(scenario, about["score"], *names, **arrays)
-        recording = dataclasses.replace(recording, unknown=unknown)
+        recording = Recording(scenario, about["score"], *names, **arrays, unknown=unknown)
     check(recording, _FIXED)
     return recording
 
