@@ -8,12 +8,18 @@ import warnings
 
 import numpy as np
 import pytest
+from command_line import called
 
+import baselines
 import lissajous_env
+from baselines.planning.request import Request
+from baselines.policies import stored
+from baselines.policies.settings import PolicySettings
 from lissajous_env.console.cli import main
 from lissajous_env.parameters import named
 from lissajous_env.parameters.assumptions import AssumptionWarning, violations
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.parameters.scenario_file import as_toml
 from lissajous_env.settings.parts import Curve, Formation, Robot, Sensing
 from lissajous_env.theory import closed_forms, geometry
 
@@ -21,6 +27,7 @@ from lissajous_env.theory import closed_forms, geometry
 @pytest.fixture(autouse=True)
 def _nothing_reported(monkeypatch):
     monkeypatch.setattr(named, "_reported", set())
+    monkeypatch.setattr(named, "_unused", set())
 
 
 def said(make):
@@ -133,6 +140,50 @@ def test_commands_print_it_as_a_line(tmp_path):
     assert ended.stderr.startswith(f"warning: scenario mine: {line}")
     quiet = subprocess.run([*asked, "--quiet"], capture_output=True, timeout=60)
     assert quiet.stderr == b""
+
+
+@pytest.fixture
+def plan_of_partition(tmp_path):
+    """A folder of a plan for four robots, which have no stable formation, and which does not need one."""
+    sizes = {"robot_radius": 0.2, "sensor_radius": 3.0, "speed": 1.5, "turning_radius": 0.5}
+    task = Request(width=12.0, height=8.0, robots=(4, 4), **sizes).task(4)
+    task = named.build(task, **{"task.duration": 10 * task.task.step})
+    (tmp_path / "scenario.toml").write_text(as_toml(task), encoding="utf-8")
+    (tmp_path / "policy.toml").write_text(stored.as_toml(PolicySettings("partition")), encoding="utf-8")
+    return tmp_path
+
+
+def test_nothing_warns_about_a_formation_that_no_policy_uses(plan_of_partition):
+    """Story: a plan of a partition from Python; then the paper's method on its scenario, which does use a formation."""
+    path = plan_of_partition / "scenario.toml"
+    assert said(lambda: lissajous_env.evaluate(lissajous_env.policy(plan_of_partition, path), path, [0])) == []
+    made = lissajous_env.scenario(path)
+    assert violations(made)
+    assert said(lambda: [lissajous_env.parallel_env(made), lissajous_env.scenario(path)]) == []
+    (words,) = said(lambda: baselines.make("consensus-mpcc", made))
+    assert words.startswith("scenario plan: p = 1 of 4 robots is not a stable equilibrium")
+    assert said(lambda: baselines.make("consensus-gvf", made)) == []
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "evaluate {plan} --episodes 1",
+        "evaluate {plan} --episodes 1 --set faults.lost=1",
+        "evaluate {plan}/scenario.toml laps --episodes 1",
+        "run {plan} --out {plan}/run.npz",
+        "replay {plan} --out {plan}/replay.npz",
+        "benchmark --scenarios {plan}/scenario.toml --policies {plan} --episodes 1 --out {plan}/results",
+    ],
+)
+def test_no_command_warns_about_a_formation_that_no_policy_uses(line, plan_of_partition, capsys):
+    assert said(lambda: called(capsys, *line.format(plan=plan_of_partition).split())) == []
+
+
+def test_a_command_warns_about_the_formation_of_its_policy(plan_of_partition, capsys):
+    line = "evaluate", plan_of_partition / "scenario.toml", "consensus-mpcc", "--episodes", 1
+    (words,) = said(lambda: called(capsys, *line))
+    assert words.startswith("scenario plan: p = 1 of 4 robots is not a stable equilibrium")
 
 
 def test_the_command_scenarios_lists_all(capsys):

@@ -25,7 +25,7 @@ def draw(plans: Sequence[Planned], seed: int) -> bytes:
         for k, each in enumerate(shown):
             axes = sheet.figure.add_subplot(1, len(shown), k + 1)
             _draw_plan(axes, each, seed)
-            words = f"worst case of {len(each.rows)} [s]: {worst_in_words(each.figures.worst_case, each.rows)}"
+            words = f"worst case in {len(each.rows)} episodes [s]: {worst_in_words(each.figures.worst_case, each.rows)}"
             axes.set_title(f"{k + 1}: {each.plan.settings.policy}\n{words}", fontsize=8)
         return sheet.picture(
             "Paths of the robots in the last third of an episode; discs: bodies and sensing ranges at its end."

@@ -22,7 +22,7 @@ from baselines.policies.settings import PolicySettings
 from lissajous_env.device.devices import cores
 from lissajous_env.parameters.scenario import Scenario
 
-_FIRSTS = 0.4
+_FIRSTS = 0.7
 """Share of the time after which the looks at the first plan of each family end."""
 _DEFAULTS, _LOOKING = 0.7, 0.7
 """Shares of the time after which no default is begun, and after which no plan is looked at."""

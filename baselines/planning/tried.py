@@ -73,6 +73,8 @@ def why(tried: Tried, task: Scenario) -> str:
     looks = [look for _, look in tried.looks]
     collided = [look for look in looks if look.collisions]
     refusals = [*tried.unmade, *(look.refusal for look in looks if look.refusal)]
+    if not (looks or tried.unmade):
+        return "there was no time to try one"
     alive = [look for look in looks if not look.fails]
     words = [f"{len(looks)} plans were looked at"]
     if collided:

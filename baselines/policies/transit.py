@@ -72,11 +72,11 @@ def transit(
     pose, loop_speed = loop_poses(loop, step)
     times = np.arange(2, longest + 1)
     at = times % loop.shape[1]
-    entries = pose[:, at], loop_speed[:, at, None]
+    entry, entry_speed = pose[:, at], loop_speed[:, at, None]
     arrival = []
     for place, before in zip(start, speed, strict=True):  # one by one: all together need gigabytes for large teams
         check_patience()
-        _, possible = _drivable(place, before, *entries, times, car, step)
+        _, possible = _drivable(place, before, entry, entry_speed, times, car, step)
         arrival.append(np.where(possible.any(axis=2), times, np.inf).min(axis=1))
     arrival = np.array(arrival)
     if not np.isfinite(arrival).any(axis=1).all():
@@ -92,7 +92,7 @@ def transit(
     if not np.isfinite(arrival[robots, chosen]).all():
         return None
     ways = [
-        _Ways(i, start[i], speed[i], loop[k], [each[k : k + 1] for each in entries], loop_speed[k], times, car, step)
+        _Ways(i, start[i], speed[i], loop[k], entry[[k]], entry_speed[[k]], loop_speed[k], times, car, step)
         for i, k in enumerate(chosen)
     ]
     draw, order = np.random.default_rng(0), np.argsort(-arrival[robots, chosen], kind="stable")
@@ -143,10 +143,10 @@ def _drivable(
 class _Ways:
     """The drivable ways of a robot into its loop, the earliest first."""
 
-    def __init__(self, robot, start, speed, loop, entries, loop_speed, times, car, step):
+    def __init__(self, robot, start, speed, loop, entry, entry_speed, loop_speed, times, car, step):
         self.robot, self.car, self.step = robot, car, step
         self.start, self.speed, self.loop, self.loop_speed, self.times = start, speed, loop, loop_speed, times
-        (self.pieces,), (possible,) = _drivable(start, speed, *entries, times, car, step)
+        (self.pieces,), (possible,) = _drivable(start, speed, entry, entry_speed, times, car, step)
         which = np.argwhere(possible)
         lengths = self.pieces.sum(axis=-1)[which[:, 0], which[:, 1]]
         self.which = which[np.lexsort((lengths, which[:, 0]))][:_PER_ROBOT]
