@@ -76,7 +76,7 @@ def test_what_was_not_published_is_when_the_command_is_called_again(tmp_path, mo
         with pytest.raises(KeyboardInterrupt):
             killing.train(tmp_path)
     text = checkpoint.read_text(tmp_path)
-    assert len(text["curve"]) == (2 if name != "curve.png" else 3)
+    assert len(text["curve"]) == (2 if name != "curve.png" else 4)
     if name != "curve.png":
         assert checkpoint.read_text(tmp_path / "best")["files"]["weights"] != text["best"]["files"]["weights"]
     killing.train(tmp_path)
