@@ -39,7 +39,7 @@ MADE: dict[str, Callable[[int], Any]] = {
     "rogues": lambda threads: lissajous_env.LissajousRogueEnv("intruders", **SHORT),
     "two sides": lambda threads: lissajous_env.parallel_env("intruders", rogues="agents", **SHORT),
     "rows": lambda threads: RobotVecEnv("intruders", 3, threads=threads, seed=2, **SHORT),
-    "rows with all of the world": lambda threads: RobotVecEnv("intruders", 3, threads=threads, seed=2, central=True, **SHORT),
+    "rows with all of the world": lambda threads: RobotVecEnv("intruders", 3, threads=threads, central=True, **SHORT),
     "mixed rows": lambda threads: MixedVecEnv(SPACE, 3, 2, seed=2, threads=threads),
     "mixed rows of one group": lambda threads: MixedVecEnv(SPACE, 1, 2, seed=2, threads=threads, central=True),
 }  # fmt: skip
