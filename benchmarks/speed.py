@@ -1,7 +1,8 @@
 """All figures of speed, each compared with an alternative or with another checkout in the same run.
 
-    pip install ".[bench,train,cluster]" && git worktree add ../before COMMIT
-    python benchmarks/speed.py --against ../before --store
+    pip install ".[bench,train,cluster]"
+    python benchmarks/speed.py --against COMMIT --store
+    python benchmarks/speed.py --parts growth --robots 1001 --targets 100000 --against 9bc234e
 
 The sides of a part take turns, so that a slow moment of the machine affects both; a ratio is computed over their pairs,
 with its 95 % interval. Each part runs in a process of its own. A part whose alternative is not installed is left out
@@ -9,10 +10,14 @@ with a message. `--store` puts the tables into docs/figures.json as soon as thei
 """
 
 import argparse
+import atexit
 import multiprocessing
 import os
 import platform
+import shutil
+import subprocess
 import sys
+import tempfile
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -31,6 +36,7 @@ from speeds import (
     mixture,
     onboard,
     rogues,
+    served,
     step,
     training,
 )
@@ -74,10 +80,17 @@ def at_least_one(text: str) -> int:
 
 
 def checkout(text: str) -> Path:
-    """Return a folder from the command line that contains another version of this project."""
-    if not (Path(text) / "lissajous_env" / "__init__.py").is_file():
-        raise argparse.ArgumentTypeError(f"must be a checkout of this project, got {text}")
-    return Path(text).resolve()
+    """Return a folder that contains another version of this project, by its path or by its commit."""
+    folder = Path(text)
+    if not folder.exists():
+        folder = Path(tempfile.mkdtemp(prefix="lissajous-before-"), "checkout")
+        atexit.register(shutil.rmtree, folder.parent, ignore_errors=True)
+        git = ["git", "-C", str(figures.ROOT), "worktree"]
+        if subprocess.run([*git, "add", "--detach", "--quiet", str(folder), text], check=False).returncode == 0:
+            atexit.register(subprocess.run, [*git, "remove", "--force", str(folder)], check=False)
+    if not (folder / "lissajous_env" / "__init__.py").is_file():
+        raise argparse.ArgumentTypeError(f"must be a checkout or commit of this project, got {text}")
+    return folder.resolve()
 
 
 def parser() -> argparse.ArgumentParser:
@@ -89,8 +102,11 @@ def parser() -> argparse.ArgumentParser:
                       help="what is measured; all where none is named")  # fmt: skip
     made.add_argument("--rounds", type=at_least_one, help="turns of each side, instead of each part's own number")
     made.add_argument("--worlds", type=at_least_one, help="worlds of a batch (default: 4096)")
+    made.add_argument("--robots", type=int, choices=served.CURVES, nargs="+", help="teams of growth (default: all)")
+    made.add_argument("--targets", type=at_least_one, nargs="+", help="numbers of targets of growth")
     made.add_argument("--threads", type=at_least_one, default=cores())
-    made.add_argument("--against", type=checkout, metavar="FOLDER", help="another checkout of this project")
+    made.add_argument("--against", type=checkout, metavar="WHERE",
+                      help="folder of another checkout of this project, or its commit")  # fmt: skip
     made.add_argument("--without-rivals", action="store_true", help="measure this checkout alone")
     made.add_argument(
         "--quick", action="store_true", help="two rounds of all but nothing: whether it runs, not how fast"
@@ -109,6 +125,8 @@ def options_of(part: Part, given: argparse.Namespace) -> Options:
         rivals=not given.without_rivals,
         quick=given.quick,
         store=given.store,
+        robots=tuple(given.robots or ()),
+        targets=tuple(given.targets or ()),
     )
 
 

@@ -2,9 +2,8 @@
 
 from typing import Any as _Any
 
-from lissajous_env.console.interrupts import watch as _watch
-
-_watch()
+# Before all others, whose import Ctrl-C may interrupt.
+from lissajous_env.console import interrupts as _interrupts  # noqa: F401
 
 # isort: split
 # Before all others: a scenario can be made only once the robot models and the scripted rogues are registered.

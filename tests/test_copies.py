@@ -39,7 +39,7 @@ MADE: dict[str, Callable[[int], Any]] = {
     "rogues": lambda threads: lissajous_env.LissajousRogueEnv("intruders", **SHORT),
     "two sides": lambda threads: lissajous_env.parallel_env("intruders", rogues="agents", **SHORT),
     "rows": lambda threads: RobotVecEnv("intruders", 3, threads=threads, seed=2, **SHORT),
-    "rows with all of the world": lambda threads: RobotVecEnv("intruders", 3, threads=threads, seed=2, central=True, **SHORT),
+    "rows with all of the world": lambda threads: RobotVecEnv("intruders", 3, threads=threads, central=True, **SHORT),
     "mixed rows": lambda threads: MixedVecEnv(SPACE, 3, 2, seed=2, threads=threads),
     "mixed rows of one group": lambda threads: MixedVecEnv(SPACE, 1, 2, seed=2, threads=threads, central=True),
 }  # fmt: skip
@@ -105,4 +105,5 @@ def test_a_copy_of_a_torchrl_environment_continues_like_the_original():
     twin = copy.deepcopy(env)
     action = env.rand_action(state)
     one, other = (each.step(action.clone())["next"] for each in (env, twin))
-    assert (one == other).all()
+    for name in one.keys(include_nested=True, leaves_only=True):
+        np.testing.assert_array_equal(one[name].numpy(), other[name].numpy())

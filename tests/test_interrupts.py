@@ -60,6 +60,5 @@ def test_only_within_a_command_does_ctrl_c_raise(monkeypatch):
     monkeypatch.setattr(signal, "getsignal", lambda _: interrupts._end)
     monkeypatch.setattr(signal, "signal", lambda _, handler: set_to.append(handler))
     with pytest.raises(KeyError), interrupts.raised():
-        assert set_to == [signal.default_int_handler]
         raise KeyError
     assert set_to == [signal.default_int_handler, interrupts._end]

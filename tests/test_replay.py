@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+import tracemalloc
 import zipfile
 from xml.etree import ElementTree
 
@@ -150,6 +151,36 @@ def test_foreign_files_are_refused_by_name(recording, tmp_path):
         file.writestr("readme.txt", "hello")
     with pytest.raises(ValueError, match="it lacks"):
         recordings.load(path)
+
+
+def hostile(claimed, header, data):
+    """Return an array file whose header states these lengths."""
+    text = f"{{'descr': '<f4', 'fortran_order': False, 'shape': {claimed}, }}".encode()
+    return b"\x93NUMPY\x02\x00" + (header or len(text)).to_bytes(4, "little") + text + data
+
+
+@pytest.mark.parametrize(
+    ("claimed", "header", "data"),
+    [
+        ((2**62,), None, b""), ((2**40, 2**40), None, b""), ((10**9,), None, bytes(40)), ((-1,), None, bytes(40)),
+        ((10,), 2**32 - 1, bytes(40)), ((10,), 2**28, b" " * 2**28),
+    ],
+    ids=["elements", "a product", "bytes", "a negative size", "a header", "a header that is packed"],
+)  # fmt: skip
+def test_a_recording_that_claims_more_than_it_contains_is_refused_before_memory_is_allocated(
+    recording, tmp_path, claimed, header, data
+):
+    # Story: a stranger's file of a few kilobytes states that it unpacks to gigabytes.
+    path, whole = tmp_path / "huge.npz", tmp_path / "whole.npz"
+    recording.save(whole)
+    with zipfile.ZipFile(whole) as before, zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for name in before.namelist():
+            file.writestr(name, hostile(claimed, header, data) if name == "position.npy" else before.read(name))
+    tracemalloc.start()
+    with pytest.raises(ValueError, match=r"huge\.npz must be an undamaged recording"):
+        recordings.load(path)
+    assert tracemalloc.get_traced_memory()[1] < 2e7
+    tracemalloc.stop()
 
 
 @pytest.mark.parametrize(

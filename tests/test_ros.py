@@ -1,6 +1,8 @@
 """Robots as nodes of ROS 2, and the simulated world that they drive in: over DDS, on the loopback interface."""
 
 import math
+import signal
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ import lissajous_env
 from baselines.onboard import Message, Odometry
 from baselines.ros import conversions
 from baselines.ros import library as ros
+from baselines.ros.running import signals_deferred
 from baselines.ros.settings import RobotSettings, WorldSettings
 from lissajous_env.console.terminal import CommandError
 from lissajous_env.episodes.recording import record
@@ -24,6 +27,52 @@ RUNS = ("position", "heading", "speed", "phase", "status", "observation", "actio
 def _ros():
     with in_ros():
         yield
+
+
+@pytest.mark.parametrize("step", [0, 4, 8, 12, 2**32 - 1])
+@pytest.mark.parametrize("count", [(2**32 - 1, 1), (2**32 - 1, 2**32 - 1), (10**9, 1), (4, 1)])
+def test_a_cloud_that_claims_more_points_than_its_data_contain_is_refused(count, step):
+    # Story: a damaged message claims gigabytes. Nothing is allocated before its length has been compared.
+    cloud = conversions.cloud_message(np.ones((2, 2), dtype=np.float32), 1.0, "map")
+    cloud.width, cloud.height, cloud.point_step = *count, step
+    tracemalloc.start()
+    with pytest.raises(ValueError, match="a point cloud must have room and data"):
+        conversions.cloud_rows(cloud, 4)
+    assert tracemalloc.get_traced_memory()[1] < 1e7
+    tracemalloc.stop()
+
+
+def test_a_cloud_whose_fields_are_beyond_its_points_is_refused():
+    # Story: the offset of a field was damaged, so that a point would be read from the one after it, or from no data.
+    for offset in (12, 2**32 - 1):
+        cloud = conversions.cloud_message(np.ones((2, 2), dtype=np.float32), 1.0, "map")
+        cloud.fields[1].offset = offset
+        with pytest.raises(ValueError, match="a point cloud must have room and data"):
+            conversions.cloud_rows(cloud, 2)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_within_the_executor_is_handled_after_it(number):
+    # Story: Ctrl-C while the executor calls Python, whose error it would turn into a RuntimeError.
+    before = signal.signal(number, signal.default_int_handler)
+    node, executor, ended = ros.Node("interrupted"), ros.make_executor(), []
+    executor.add_node(node)
+    node.create_timer(0.001, lambda: (signal.raise_signal(number), ended.append("the callback")))
+
+    def spin():
+        while len(ended) < 100:
+            with signals_deferred():
+                executor.spin_once(timeout_sec=1.0)
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            spin()
+        assert signal.getsignal(number) is signal.default_int_handler
+    finally:
+        signal.signal(number, before)
+        executor.shutdown()
+        node.destroy_node()
+    assert ended[0] == "the callback"
 
 
 def test_headings_stamps_and_rows_survive_messages():

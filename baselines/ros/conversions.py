@@ -143,8 +143,8 @@ def cloud_rows(message: Any, width: int) -> np.ndarray:
     data, names = bytes(message.data), [name for name in ("x", "y", "vx", "vy")[:width] if name in offsets]
     # A point needs room for its fields, so the length of the data limits the number of points that are allocated.
     if message.point_step < max(offsets[name] for name in names) + 4 or len(data) < count * message.point_step:
-        claim = f"{count} points of {message.point_step} bytes"
-        raise ValueError(f"a point cloud must have room and data for x and y of its points, got {len(data)} bytes for {claim}")
+        got = f"{len(data)} bytes for {count} points of {message.point_step} bytes"
+        raise ValueError(f"a point cloud must have room and data for the fields of its points, got {got}")
     rows = np.zeros((count, width), dtype=np.float32)
     for k, name in enumerate(("x", "y", "vx", "vy")[:width]):
         if name in names and count:

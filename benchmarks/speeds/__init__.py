@@ -26,6 +26,10 @@ class Options:
     """True for a trial of the commands, with sizes so small that the figures mean nothing."""
     store: bool = False
     """True if a part saves its pictures in docs/."""
+    robots: tuple[int, ...] = ()
+    """Numbers of robots of the part `growth`; empty for all."""
+    targets: tuple[int, ...] = ()
+    """Numbers of targets of the part `growth`; empty for all."""
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,10 @@
 """Growth of the cost of a step with the robots and targets of one world, compared with another version of this project.
 
-Each row is `swarm` on a curve for a number of robots, at the same ground speed, in formation. Targets stay when they
-are detected, so that no step is cheaper than others. The versions take turns, each in a process of its own, on one
-thread. A time is processor time, and a ratio is the median over pairs of turns, with its 95 % interval by bootstrap. A
-second table has the largest worlds on one thread and on all, by the processor time of the first thread, whose share is
-as large as the others'. With as many idle cores, a step takes that time.
+Each row is `swarm` as it is included, with a curve for a number of robots and bodies of 1 mm, in formation. Detected
+targets leave, as they do for a user, so both versions begin at the same step. The versions take turns, each in a
+process of its own, on one thread. A time is processor time, and a ratio is the median over pairs of turns, with its
+95 % interval by bootstrap. A second table has the largest worlds on one thread and on all, by the processor time of the
+first thread, whose share is as large as the others'. With as many idle cores, a step takes that time.
 """
 
 import statistics
@@ -99,8 +99,8 @@ def tables(options: Options) -> dict[str, Table]:
     folders = [ROOT]
     if options.rivals and options.against is not None:
         folders.append(options.against)
-    sizes = (5, 101) if options.quick else tuple(CURVES)
-    counts = (100, 1000) if options.quick else TARGETS
+    sizes = options.robots or ((5, 101) if options.quick else tuple(CURVES))
+    counts = options.targets or ((100, 1000) if options.quick else TARGETS)
     found = {}
     for robots in sizes:
         for targets in counts:

@@ -31,8 +31,7 @@ def serve(robots: int, targets: int, threads: int) -> None:
     import lissajous_env
 
     a, b = CURVES[robots]
-    overrides = {"curve.a": a, "curve.b": b, "targets.count": targets, "targets.leave": False}
-    overrides |= {"formation.phase_rate": 0.02 * 51 / a, "task.duration": 1e5}
+    overrides = {"curve.a": a, "curve.b": b, "targets.count": targets, "robot.radius": 0.001, "task.duration": 1e5}
     simulation = lissajous_env.Simulation(lissajous_env.scenario("swarm", **overrides), threads=threads)
     made = simulation.scenario
     rate = made.formation.phase_rate / made.formation.alpha / made.robot.phase_rate_max

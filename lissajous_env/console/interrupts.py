@@ -11,8 +11,8 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 
 
-def watch() -> None:
-    """Let Ctrl-C end the process at once if it runs the command `lissajous`, from the import of the package on."""
+def _watch() -> None:
+    """Let Ctrl-C end the process at once if it runs the command `lissajous`, from the import of this module on."""
     by_module = sys.argv[:1] == ["-m"] and sys.orig_argv[-len(sys.argv)] == "lissajous_env"
     by_script = os.path.basename(sys.argv[0] if sys.argv else "") == "lissajous"
     # A process that multiprocessing starts has the arguments of its parent, and leaves the message to it.
@@ -37,3 +37,6 @@ def raised() -> Iterator[None]:
 def _end(*_: Any) -> NoReturn:
     os.write(2, b"interrupted\n")
     os._exit(INTERRUPTED)
+
+
+_watch()

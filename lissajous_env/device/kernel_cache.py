@@ -35,6 +35,8 @@ them."""
 
 def start(silence: Callable[[], contextlib.AbstractContextManager[None]]) -> None:
     """Start Warp, in silence, where need be with a cache of its own, and watch what it loads."""
+    if not (wp.config.kernel_cache_dir or os.environ.get("WARP_CACHE_PATH") or _has_home()):
+        _keep_for_this_run("the user has no home folder")
     try:
         with silence():
             wp.init()
@@ -43,6 +45,11 @@ def start(silence: Callable[[], contextlib.AbstractContextManager[None]]) -> Non
         with silence():
             wp.init()
     _watch()
+
+
+def _has_home() -> bool:
+    """Return whether the user's folder for caches is known; without a home, it would be in the current folder."""
+    return os.path.isabs(os.environ.get("XDG_CACHE_HOME", os.path.expanduser("~/.cache")))
 
 
 @functools.cache
