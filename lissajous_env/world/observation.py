@@ -7,7 +7,8 @@ send, and what the extensions of the scenario bring, in the order of these.
 `layout` has index, name, range and meaning of each; `print(layout(scenario))` shows them.
 
 A target that leaves when it is detected is listed in the step of its detection. A robot that has failed senses nothing
-but still receives messages; entries 0 to 6 of a removed robot are frozen. Directions are in the world frame.
+but still receives messages; entries 0 to 6 of a removed robot are frozen, and all others are zeros. Directions are in
+the world frame.
 
 A policy's message is the last `messages.size` components of an action. The neighbours observe it in the row that this
 step returns or, with a delay, in a later one. It is delayed and lost together with the phase message; the last message
