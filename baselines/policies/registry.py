@@ -11,6 +11,7 @@ from baselines.policies.as_cars import AsCars
 from baselines.policies.base import Policy
 from lissajous_env import here
 from lissajous_env import scenario as make_scenario
+from lissajous_env.by_value import ByValue, replaces
 from lissajous_env.identity import parts_of
 from lissajous_env.parameters.robot_models import model_of, robot_kinds
 from lissajous_env.parameters.scenario import Scenario
@@ -27,6 +28,9 @@ class _Entry:
     about: str
     learned: bool
     on_request: bool
+
+    def __reduce__(self) -> tuple:
+        return _Entry, (self.kind, ByValue(self.factory), *list(vars(self).values())[2:])
 
 
 _REGISTRY: dict[str, _Entry] = {}
@@ -82,7 +86,8 @@ def register(
         The factory.
 
     Raises:
-        ValueError: another policy has the name; the same policy may be registered again.
+        ValueError: another policy has the name. The same policy may be registered again, and a cell of a notebook that
+            is run again replaces its policy.
     """
     add = partial(_added, name, kind, tuple(made_for), about, learned, on_request)
     return add if factory is None else add(factory)
@@ -99,7 +104,7 @@ def _added(
 ) -> Any:
     if not isinstance(name, str) or not name:
         raise ValueError(f"name of a policy must be a word, got {name!r}")
-    made_by = factory.func if isinstance(factory, partial) else factory
+    made_by = _function_of(factory)
     kind = getattr(made_by, "kind", None) if kind is None else kind
     if kind not in (None, *robot_kinds()):
         raise ValueError(f"kind of {name} must be one of {few_of(robot_kinds(), kind)}, or None, got {shown(kind)}")
@@ -110,10 +115,15 @@ def _added(
     plain, suffix = _parted(name)
     if suffix or any(name + each in _REGISTRY for each in _WRAPPERS):
         raise ValueError(f"name of a policy must be new, got {name}; {suffix or 'a suffix'} marks a wrapped {plain}")
-    if name in _REGISTRY and not _alike(_REGISTRY[name], entry):
-        raise ValueError(f"name of a policy must be new, got {name}, which {_REGISTRY[name].factory!r} has")
+    before = _REGISTRY.get(name, entry)
+    if not _alike(before, entry) and not replaces(_function_of(factory), _function_of(before.factory)):
+        raise ValueError(f"name of a policy must be new, got {name}, which {before.factory!r} has")
     _REGISTRY[name] = entry
     return factory
+
+
+def _function_of(factory: Any) -> Any:
+    return factory.func if isinstance(factory, partial) else factory
 
 
 def _alike(one: _Entry, other: _Entry) -> bool:
@@ -251,8 +261,7 @@ def made_for(name: str, scenario: str) -> bool:
 def ships(name: str) -> bool:
     """Return whether a policy is one of ours, and not one that a user or another package registered."""
     entry = _registry().get(unwrapped(name)[0])
-    made = entry.factory if entry is not None else None
-    made = made.func if isinstance(made, partial) else made
+    made = _function_of(entry.factory) if entry is not None else None
     return getattr(made, "__module__", "").partition(".")[0] in ("baselines", "training")
 
 
