@@ -12,7 +12,7 @@ _OF_THE_PROCESS = "backend", "interactive", "toolbar", "webagg", "figure.raise_w
 
 
 @contextmanager
-def own_settings(style: Mapping[str, Any]) -> Iterator[None]:
+def own_settings(style: Mapping[Any, Any]) -> Iterator[None]:
     """Let matplotlib have its defaults and a style, instead of the user's settings, while figures are made and saved.
 
     A file `matplotlibrc`, a style, fonts that are not installed or LaTeX then have no effect. Figures are made by
@@ -21,7 +21,9 @@ def own_settings(style: Mapping[str, Any]) -> Iterator[None]:
     with rc_context():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a version of matplotlib warns of settings that a later one will not have
-            plain = {name: rcParamsDefault[name] for name in rcParamsDefault if not name.startswith(_OF_THE_PROCESS)}
+            plain: dict[Any, Any] = {
+                name: rcParamsDefault[name] for name in rcParamsDefault if not name.startswith(_OF_THE_PROCESS)
+            }
             rcParams.update(plain)
         rcParams.update(style)
         yield
