@@ -95,12 +95,12 @@ def test_a_model_of_the_team_scores_as_where_it_was_trained(form):
     policy = training.sb3.ModelPolicy(model, made())
     scores = []
     for seed in (3, 4):
-        observation, over, info = env.reset(seed=seed)[0], False, {}
+        observation, over = env.reset(seed=seed)[0], False
         while not over:
             action, _ = model.predict(observation, deterministic=True)
-            observation, _, terminated, truncated, info = env.step(action)
+            observation, _, terminated, truncated, _ = env.step(action)
             over = terminated or truncated
-        scores.append(info["score"])
+        scores.append(env.unwrapped.score())
     assert [score["seed"] for score in scores] == [3, 4]
     assert same(by_policy(policy, scores), scores)
 

@@ -146,3 +146,21 @@ def test_plain_values_make_the_scenario(name):
     assert scenario_of(json.loads(text)) == made
     with pytest.raises(ValueError, match="scenario must contain curve, got name"):
         scenario_of({"name": name})
+
+
+def test_a_file_may_begin_with_a_byte_order_mark_and_have_any_name(tmp_path):
+    text = '\ufeffname = "lab"\n[task]\nduration = 2.0\n'
+    marked = tmp_path / "lab 2.toml"
+    marked.write_text(text, encoding="utf-8")
+    assert lissajous_env.scenario(marked).name == "lab"
+    marked.write_text("[task]\nduration = 2.0\n")
+    with pytest.raises(ValueError, match=r"got 'lab 2'; the file may contain another name, as in name ="):
+        lissajous_env.scenario(marked)
+
+
+@pytest.mark.parametrize(("file", "word"), [("mine.zip", "ModelPolicy"), ("mine", "ModelPolicy"), ("a.onnx", "decide")])
+def test_a_file_of_a_model_is_played_by_a_module(file, word, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.zip").touch()
+    with pytest.raises(ValueError, match=rf"policy must be one of .* got '{file}'; write a function.*{word}"):
+        lissajous_env.policy(file, "experiment")

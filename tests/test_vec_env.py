@@ -48,7 +48,7 @@ def test_rows_are_the_robots_of_the_simulation_bit_for_bit():
                 assert info["TimeLimit.truncated"] is True
             simulation.reset(simulation.over)
         else:
-            assert infos == [{}] * 15
+            assert infos == [{"TimeLimit.truncated": False}] * 15
     assert len(env.scores) == 6
 
 

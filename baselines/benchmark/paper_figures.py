@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
@@ -33,6 +32,7 @@ from baselines.benchmark.statistics import (
 from baselines.benchmark.tables import shown_name
 from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.render.plotting import own_settings
 from lissajous_env.world.columns import LARGEST, OPEN, SHARE, WHOLE, WORST_CASE, Column
 
 FORMATS = ("pdf", "svg", "png")
@@ -105,7 +105,7 @@ def draw(
 ) -> Iterator[tuple[str, bytes]]:
     """Draw all figures and yield each as name of its file and content."""
     styles = styles_of(dict.fromkeys(row["policy"] for row in rows))
-    with rc_context(_STYLE):
+    with own_settings(_STYLE):
         for group in groups_of(rows, scenarios, against):
             for name, drawn in (("profiles", _profiles), ("improvement", _improvement), ("aggregates", _aggregates)):
                 if group.columns and not (name == "improvement" and len(group.scores) < 2):

@@ -11,6 +11,7 @@ from baselines.policies.as_cars import AsCars
 from baselines.policies.base import Policy
 from lissajous_env import here
 from lissajous_env import scenario as make_scenario
+from lissajous_env.by_value import ByValue, replaces
 from lissajous_env.identity import parts_of
 from lissajous_env.parameters.named import build as build_scenario
 from lissajous_env.parameters.robot_models import model_of, robot_kinds
@@ -28,6 +29,9 @@ class _Entry:
     about: str
     learned: bool
     on_request: bool
+
+    def __reduce__(self) -> tuple:
+        return _Entry, (self.kind, ByValue(self.factory), *list(vars(self).values())[2:])
 
 
 _REGISTRY: dict[str, _Entry] = {}
@@ -54,6 +58,11 @@ class _Opener(NamedTuple):
     parts: Callable[[str], dict[str, str]]
 
 
+_MODELS = {
+    ".zip": "training.sb3.ModelPolicy(PPO.load(file), scenario, num_worlds, device) for a model of Stable-Baselines3",
+    ".onnx": "a baselines.Policy that runs the model in `decide`",
+}
+"""Returned values of a function that plays a model, by the suffix of its file."""
 _OPENERS: dict[str, _Opener] = {}
 """Openers of policies in folders, by the file that such a folder contains."""
 
@@ -83,7 +92,8 @@ def register(
         The factory.
 
     Raises:
-        ValueError: another policy has the name; the same policy may be registered again.
+        ValueError: another policy has the name. The same policy may be registered again, and a cell of a notebook that
+            is run again replaces its policy.
     """
     add = partial(_added, name, kind, tuple(made_for), about, learned, on_request)
     return add if factory is None else add(factory)
@@ -100,7 +110,7 @@ def _added(
 ) -> Any:
     if not isinstance(name, str) or not name:
         raise ValueError(f"name of a policy must be a word, got {name!r}")
-    made_by = factory.func if isinstance(factory, partial) else factory
+    made_by = _function_of(factory)
     kind = getattr(made_by, "kind", None) if kind is None else kind
     if kind not in (None, *robot_kinds()):
         raise ValueError(f"kind of {name} must be one of {few_of(robot_kinds(), kind)}, or None, got {shown(kind)}")
@@ -111,10 +121,15 @@ def _added(
     plain, suffix = _parted(name)
     if suffix or any(name + each in _REGISTRY for each in _WRAPPERS):
         raise ValueError(f"name of a policy must be new, got {name}; {suffix or 'a suffix'} marks a wrapped {plain}")
-    if name in _REGISTRY and not _alike(_REGISTRY[name], entry):
-        raise ValueError(f"name of a policy must be new, got {name}, which {_REGISTRY[name].factory!r} has")
+    before = _REGISTRY.get(name, entry)
+    if not _alike(before, entry) and not replaces(_function_of(factory), _function_of(before.factory)):
+        raise ValueError(f"name of a policy must be new, got {name}, which {before.factory!r} has")
     _REGISTRY[name] = entry
     return factory
+
+
+def _function_of(factory: Any) -> Any:
+    return factory.func if isinstance(factory, partial) else factory
 
 
 def _alike(one: _Entry, other: _Entry) -> bool:
@@ -252,8 +267,7 @@ def made_for(name: str, scenario: str) -> bool:
 def ships(name: str) -> bool:
     """Return whether a policy is one of ours, and not one that a user or another package registered."""
     entry = _registry().get(unwrapped(name)[0])
-    made = entry.factory if entry is not None else None
-    made = made.func if isinstance(made, partial) else made
+    made = _function_of(entry.factory) if entry is not None else None
     return getattr(made, "__module__", "").partition(".")[0] in ("baselines", "training")
 
 
@@ -378,11 +392,25 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
     return build(name, factory_of(name), made, num_worlds, device)
 
 
+def _how_to_play(name: str) -> str:
+    """Return a hint for the file of a model, which a function of a module has to load; "" for any other name."""
+    suffix = Path(name).suffix.lower()
+    if suffix not in _MODELS and os.path.isfile(f"{name}.zip"):
+        suffix = ".zip"
+    if suffix not in _MODELS:
+        return ""
+    return (
+        f"; write a function(scenario, num_worlds, device) in a module that returns {_MODELS[suffix]}, and name it as "
+        "module:function"
+    )
+
+
 def check(name: str, made: Scenario) -> None:
     """Raise a ValueError if the name is unknown, or if the policy is for another kind of robot."""
     bring(name)
     if name not in (known := _kinds()):
         hint = nearest(name, [*known, *meant_here(name)])
+        hint = _how_to_play(name) or hint
         words = f"policy must be one of the {len(known)} that `lissajous policies` lists, got {shown(name)}{hint}"
         raise ValueError("; ".join([words, *_BROUGHT.broken]))
     if name not in names(made):

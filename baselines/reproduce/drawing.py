@@ -1,21 +1,24 @@
 """The style of the paper's pictures: `baselines.benchmark.plot_styles` in the paper's colours, with a footnote."""
 
 import textwrap
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from matplotlib import rc_context, rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from baselines.benchmark.plot_styles import BLUE, DARK, GREEN, ORANGE, PINK, RED, SKY, STYLE, saved
 from lissajous_env.parameters.scenario import Curve
+from lissajous_env.render.plotting import own_settings
 from lissajous_env.theory import closed_forms
 
 Format = Literal["png", "svg", "pdf"]
 """Formats of a picture."""
+_format: ContextVar[Format] = ContextVar("format", default="png")
 GREY = "#a8a8a8"
 SERIES = (BLUE, RED, GREEN, PINK, ORANGE, SKY)
 """Colours of things that are alike, as robots are."""
@@ -49,7 +52,7 @@ class Sheet:
 
     def __init__(self, name: str, title: str, width: float = 7.2, height: float = 3.2):
         self.name, self.title = name, title
-        self._style = rc_context(STYLE | _SMALLER)
+        self._style = own_settings(STYLE | _SMALLER)
         self._size = (width, height)
 
     def __enter__(self) -> "Sheet":
@@ -65,13 +68,18 @@ class Sheet:
         self.figure.suptitle(self.title, x=0.008, ha="left", fontsize=10.5, fontweight="bold")
         wrapped = textwrap.fill(" ".join(caption.split()), int(self._size[0] * 19))
         self.figure.supxlabel(wrapped, x=0.008, ha="left", fontsize=7.4, color="#555555", linespacing=1.35)
-        suffix = rcParams["savefig.format"]
+        suffix = _format.get()
         return Picture(self.name, self.title, " ".join(caption.split()), saved(self.figure, suffix), suffix)
 
 
-def drawn_as(suffix: Format) -> AbstractContextManager[None]:
+@contextmanager
+def drawn_as(suffix: Format) -> Iterator[None]:
     """Make pictures in a format."""
-    return rc_context({"savefig.format": suffix})
+    before = _format.set(suffix)
+    try:
+        yield
+    finally:
+        _format.reset(before)
 
 
 def panel_name(axes: Axes, name: str) -> None:

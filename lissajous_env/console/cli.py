@@ -42,6 +42,7 @@ ROS_ARGUMENTS = "--ros-args"
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run `lissajous` and end the process with an exit code: 2 for bad input, 130 after Ctrl-C."""
     _open_streams()
+    os.environ.pop("MPLBACKEND", None)  # matplotlib refuses that of a notebook elsewhere; pictures need none
     code = _ended(list(sys.argv[1:] if arguments is None else arguments))
     try:
         sys.stdout.flush()

@@ -142,6 +142,9 @@ def _needs_making(value: Any, within: tuple[int, ...] = ()) -> bool:
         return True
     if isinstance(value, np.ndarray) or id(value) in within:
         return False
+    copies_itself = type(value).__reduce__ is not object.__reduce__
+    if copies_itself and not isinstance(value, (Copyable, list, tuple, dict)):
+        return False
     return any(_needs_making(each, (*within, id(value))) for _, each in _entries(value))
 
 

@@ -39,8 +39,8 @@ class LissajousVectorEnv(Timed, VectorEnv):
 
     Infos also contain `invalid`, True if an action in the row's episode was not finite and replaced by zero, and
     `score`, the numbers that `score_names` names of the episodes that ended in this step: these rows are True in its
-    mask `_score`, and the others are infinite. With SAME_STEP, `final_obs` and `final_info` follow Gymnasium: they are there in the
-    steps in which rows are done, and the latter contains `score`, too.
+    mask `_score`, and the others are infinite. With SAME_STEP, `final_obs` and `final_info` follow
+    Gymnasium: they are there in the steps in which rows are done, and the latter contains `score`, too.
 
     Args:
         scenario: Name of a scenario, or a `Scenario`.

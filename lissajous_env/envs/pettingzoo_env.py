@@ -217,7 +217,7 @@ class LissajousParallelEnv(SpacesOfAgents):
             rows = self._pick(actions)
             np.concatenate(rows, out=self._action, casting="no")
             regular = [row.shape for row in rows] == self._shapes
-        except (KeyError, TypeError, ValueError, AttributeError):
+        except (KeyError, TypeError, ValueError, AttributeError, RuntimeError):
             return False
         # The sum of squares is not finite if any number is not.
         return regular and bool(self._action.dot(self._action) < LARGE)

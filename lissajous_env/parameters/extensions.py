@@ -20,6 +20,7 @@ from typing import Any
 
 import warp as wp
 
+from lissajous_env.by_value import PROMPT, ByValue
 from lissajous_env.identity import parts_of
 from lissajous_env.plugins import import_attribute
 from lissajous_env.wording import few_of, nearest, shown
@@ -75,7 +76,12 @@ class Extension:
             rule = f"must be a number from -{LARGEST:g} to {LARGEST:g}"
             raise ValueError(f"{setting} of {self.name} {rule}, got {shown(value)}")
 
+    def __deepcopy__(self, memo: dict) -> "Extension":
+        return self
+
     def __reduce__(self) -> tuple:
+        if self.place.partition(":")[0] in PROMPT:
+            return type(self), (self.name, ByValue(self.run), self.place, *self.settings.values())
         return load_extension, (self.place, self.settings)
 
 

@@ -315,10 +315,11 @@ def _of_file(path: str) -> Scenario:
     """Make the scenario of a file; its default name is that of the file, not that of its base."""
     given = read_scenario_file(path)
     words = {"name": os.path.basename(path)[: -len(SUFFIX)], "description": ""}
+    given_in_file = "name" in given
     words |= {key: given.pop(key) for key in words if key in given}
     try:
         base = registered_scenario(given.pop("base")) if "base" in given else Scenario()
-        _check_name(words["name"])
+        _check_name_of_file(words["name"], given_in_file)
         return dataclasses.replace(overridden(base, given), **words)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
@@ -346,7 +347,7 @@ def _space_of_file(path: str) -> ScenarioSpace:
     given = read_space_file(path)
     name, base = given.get("name", os.path.basename(path)[: -len(SUFFIX)]), given.get("base")
     try:
-        _check_name(name)
+        _check_name_of_file(name, "name" in given)
         made = Scenario() if base is None else registered_scenario(base)
         rules, shifts, words = given.get("require", ()), given.get("shift", {}), given.get("description", "")
         return ScenarioSpace(name, made, given.get("draw", {}), rules, shifts, words)
@@ -376,6 +377,15 @@ def _register_brought(brought: Any) -> None:
 
 
 _BROUGHT = EntryPoints("lissajous_env.scenarios", "scenarios", _register_brought)
+
+
+def _check_name_of_file(name: str, is_given: bool) -> None:
+    """Raise ValueError for an invalid name, which is that of the file unless it is given there."""
+    try:
+        _check_name(name)
+    except ValueError as error:
+        hint = "" if is_given else '; the file may contain another name, as in name = "lab"'
+        raise ValueError(f"{error}{hint}") from None
 
 
 def _check_name(name: str) -> None:

@@ -4,6 +4,7 @@
 these joined by `+`: a mixture, in which each rogue is moved by one of them, drawn at random when its episode begins.
 """
 
+import dataclasses
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +13,9 @@ from typing import Any
 
 import warp as wp
 
+from lissajous_env.by_value import ByValue, replaces
 from lissajous_env.device.program import LANES
+from lissajous_env.identity import OURS
 from lissajous_env.siblings import PARENT, import_ours
 from lissajous_env.wording import few_of, nearest, shown
 
@@ -46,6 +49,14 @@ class Rogue:
     trained_against: str = ""
     """Policy of the robots against which a learned rogue was trained."""
 
+    def __deepcopy__(self, memo: dict) -> "Rogue":
+        return self
+
+    def __reduce__(self) -> tuple:
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        code = {name: ByValue(values[name]) for name in ("decide", "bind")}
+        return Rogue, tuple((values | code).values())
+
 
 CHECKPOINT = "checkpoint.json"
 """File that marks the folder of a learned rogue."""
@@ -61,14 +72,16 @@ def register_rogue(rogue: Rogue) -> Rogue:
     """Add a scripted rogue to those that `targets.rogues` can name, and return it.
 
     Raises:
-        ValueError: the name is taken or invalid, or the rule is neither a function nor a Warp kernel.
+        ValueError: the name is taken or invalid, or the rule is neither a function nor a Warp kernel. A cell of a
+            notebook that is run again replaces its rogue.
     """
     if not isinstance(rogue, Rogue):
         raise ValueError(f"rogue must be a Rogue, got {shown(rogue)}")
     if not (isinstance(rogue.name, str) and re.fullmatch(r"[a-z][a-z0-9-]{0,62}", rogue.name)):
         raise ValueError(f"name of a rogue must be of small letters, digits and -, got {shown(rogue.name)}")
     is_taken = rogue.name == AGENTS or rogue.name in shipped_rogues()
-    if is_taken or _ROGUES.get(rogue.name, rogue) != rogue:
+    before = _ROGUES.get(rogue.name, rogue)
+    if is_taken or (before != rogue and not replaces(rogue.decide, before.decide)):
         raise ValueError(f"name of a rogue must be new, got {shown(rogue.name)}")
     if not callable(rogue.decide) and not isinstance(rogue.decide, wp.Kernel):
         raise ValueError(f"rogue {rogue.name} must decide by a function or a Warp kernel, got {shown(rogue.decide)}")
@@ -84,6 +97,23 @@ def rogue(name: str) -> Callable[[Callable[[Any], Any]], Callable[[Any], Any]]:
         return decide
 
     return register
+
+
+def sent(name: str | None) -> tuple[Rogue, ...]:
+    """Return the rogues that a process without the user's registrations needs for `targets.rogues`, for `remember`."""
+    members = () if name is None or name == AGENTS else members_of(name)
+    return tuple(_ROGUES[each] for each in members if each in _ROGUES and not _is_ours(_ROGUES[each]))
+
+
+def remember(brought: tuple[Rogue, ...]) -> None:
+    """Register what `sent` returned in another process, unless this process has a rogue of the name."""
+    for each in brought:
+        _ROGUES.setdefault(each.name, each)
+
+
+def _is_ours(made: Rogue) -> bool:
+    function = made.decide.func if isinstance(made.decide, wp.Kernel) else made.decide
+    return getattr(function, "__module__", "").partition(".")[0] in OURS
 
 
 def rogues() -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.device.turns import with_own_locks
+from lissajous_env.parameters import rogues
 from lissajous_env.parameters.extensions import Extension, TargetMotion, as_extensions
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.rogues import rogue_of
@@ -86,6 +87,14 @@ class Scenario:
     extensions: tuple[Extension, ...] = ()
     """Extensions, as objects, `module:name` or tables; see `lissajous_env.parameters.extensions`."""
     messages: Messages = field(default_factory=Messages)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields, after the rogues of the user, which another process does not have."""
+        return {"rogues": rogues.sent(self.targets.rogues)} | self.__dict__
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        rogues.remember(state.pop("rogues", ()))
+        self.__dict__.update(state)
 
     def __post_init__(self) -> None:
         for name, part in PARTS.items():

@@ -74,7 +74,7 @@ def _read(what: str, path: str, known: Mapping[str, tuple[type, str]]) -> dict[s
 
 def _parsed(what: str, path: str) -> dict[str, Any]:
     try:
-        text = read_bytes(os.path.realpath(path), _LARGEST).decode()
+        text = read_bytes(os.path.realpath(path), _LARGEST).decode("utf-8-sig")  # some editors write a byte order mark
         _check_dots(text)
         return tomllib.loads(text)
     except RecursionError:

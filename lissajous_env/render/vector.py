@@ -3,7 +3,6 @@
 from typing import Any, BinaryIO
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.figure import Figure
@@ -16,6 +15,7 @@ from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import View
+from lissajous_env.render.plotting import own_settings
 from lissajous_env.render.team import Team
 from lissajous_env.render.times import flash_time
 from lissajous_env.theory import closed_forms
@@ -54,7 +54,7 @@ def save_sheet(recording: Recording, file: BinaryIO, suffix: str, moments: list[
     margin = 1.25 * scenario.robot.radius + 0.1 * min(extent)
     half = np.clip(furthest, extent, np.multiply(2, extent)) + margin
     height = _WIDTH * half[1] / half[0] + 0.25
-    with rc_context(_STYLE):
+    with own_settings(_STYLE):
         figure = Figure(figsize=(_WIDTH * columns, height * rows + 0.3), layout="constrained")
         every = figure.subplots(rows, columns, squeeze=False).ravel()
         for axes in every:

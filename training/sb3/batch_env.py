@@ -7,7 +7,9 @@ import gymnasium
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
-from lissajous_env import Simulation
+from lissajous_env import LissajousParallelEnv, Simulation
+from lissajous_env.envs.actions import on_host
+from lissajous_env.wording import shown
 from lissajous_env.world.seeding import drawn_seeds
 
 RECENT = 256
@@ -33,9 +35,9 @@ class Step(NamedTuple):
 
     def infos(self) -> list[dict[str, Any]]:
         """Return an info for each row, in which ended episodes are reported as `Monitor` does."""
-        infos: list[dict[str, Any]] = [{} for _ in range(len(self.rows))]
+        infos: list[dict[str, Any]] = [{"TimeLimit.truncated": late} for late in self.truncated.tolist()]
         for k, last in zip(np.flatnonzero(self.dones), self.last, strict=True):
-            infos[k] = {"terminal_observation": last, "TimeLimit.truncated": bool(self.truncated[k])}
+            infos[k]["terminal_observation"] = last
         for k, episode in self.episodes.items():
             infos[k]["episode"] = episode
         return infos
@@ -106,21 +108,40 @@ class BatchVecEnv(VecEnv):
 class WorldsVecEnv(BatchVecEnv):
     """`VecEnv` of a simulation with `rows` rows of each world.
 
-    If it is not `seeded`, the first reset draws seeds from the operating system.
+    If it is not `seeded`, the first reset draws seeds from the operating system. With a `table`, actions are indices
+    of its rows. `render_mode` is None or `rgb_array`.
     """
 
     agent: str
     """Kind of agent of a row, for messages."""
 
     def __init__(
-        self, simulation: Simulation, seeded: bool, rows: int, observations: gymnasium.Space, actions: gymnasium.Space
+        self,
+        simulation: Simulation,
+        seeded: bool,
+        rows: int,
+        observations: gymnasium.Space,
+        actions: gymnasium.Space,
+        table: np.ndarray | None = None,
+        render_mode: str | None = None,
     ):
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode must be None or rgb_array, got {shown(render_mode)}")
         self.simulation, self.scenario, self._seeded, self._rows_each = simulation, simulation.scenario, seeded, rows
         self.scores: deque[dict[str, Any]] = deque(maxlen=RECENT)
-        self.render_mode = None
+        self.render_mode, self._table, self._gallery = render_mode, table, None
         count = simulation.num_worlds * rows
         self._returns, self._lengths = np.zeros(count), np.zeros(count, dtype=np.int64)
         super().__init__(count, observations, actions)
+        self.metadata["render_fps"] = LissajousParallelEnv.metadata["render_fps"]
+
+    def get_images(self) -> list[np.ndarray]:
+        """Return a picture of each world, for `render` and `VecVideoRecorder`."""
+        if self._gallery is None:
+            from lissajous_env.render import Gallery
+
+            self._gallery = Gallery(self.scenario, self.simulation.num_worlds)
+        return self._gallery.draw(self.simulation)
 
     def _reset_worlds(self) -> None:
         """Begin an episode in every world, whose rows use the seed of the first of them."""
@@ -135,9 +156,20 @@ class WorldsVecEnv(BatchVecEnv):
         self._reset_options()
         self._returns[:], self._lengths[:] = 0.0, 0
 
-    def _numbers(self, actions: Any, size: int) -> np.ndarray:
-        """Return actions (rows, size) as float32 in [-1, 1], by world; other shapes and NaN raise ValueError."""
-        given = np.asarray(actions)
+    def _read(self, actions: Any, size: int) -> np.ndarray:
+        """Return actions (rows, size), or indices (rows,) of the table, as float32 in [-1, 1] by world.
+
+        Raises:
+            ValueError: another shape, a number that is not finite, or an index outside the table.
+        """
+        given = np.asarray(on_host(actions))
+        if self._table is not None:
+            self._check(given, (self.num_envs,), "iu", "whole numbers")
+            wrong, last = (given < 0) | (given >= len(self._table)), len(self._table) - 1
+            if wrong.any():
+                row = int(np.flatnonzero(wrong)[0])
+                raise ValueError(f"action of {self._name_of(row)} must be from 0 to {last}, got {given[row]}")
+            return self._table[given].reshape(-1, self._rows_each, size)
         self._check(given, (self.num_envs, size), "fiu", "numbers")
         finite = np.isfinite(given).all(axis=1)
         if not finite.all():

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from lissajous_env import Scenario, ScenarioSpace
+from lissajous_env.envs.actions import on_host
 from lissajous_env.parameters.draws import Draws
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.world.mixture import Together
@@ -52,7 +53,7 @@ class MixedVecEnv(BatchVecEnv):
         staggered: bool = False,
         **settings: Any,
     ):
-        for name in ("short", "short_time", "critic_places"):
+        for name in ("short", "short_time", "critic_places", "render_mode"):
             if name in settings:
                 raise ValueError(
                     f"{name} must be omitted, because each group has its own scenario, got {settings[name]!r}"
@@ -99,9 +100,10 @@ class MixedVecEnv(BatchVecEnv):
             ValueError: actions have another shape.
         """
         shape = (self.num_envs, *self.action_space.shape)  # type: ignore[misc]
-        if np.shape(actions) != shape:
-            raise ValueError(f"actions must be numbers of shape {shape}, got {np.shape(actions)}")
-        self._actions = np.asarray(actions)
+        actions = np.asarray(on_host(actions))
+        if actions.shape != shape:
+            raise ValueError(f"actions must be numbers of shape {shape}, got {actions.shape}")
+        self._actions = actions
 
     def _step(self) -> Step:
         for each, rows in zip(self.groups, self._rows, strict=True):

@@ -33,7 +33,8 @@ class ModelPolicy(Policy):
 
     A model trained on rows, such as those of `RobotVecEnv`, maps (inputs,) to (action_size,) or to a row of the action
     table. A model trained on the team, such as on `lissajous_env.LissajousEnv`, maps (N, inputs) to (N, action_size),
-    flat or not, or to N rows of the table. The state of a recurrent model is preserved from step to step.
+    flat or not, or to N rows of the table. A model trained with `VecFrameStack` receives its latest rows, as many as it
+    was trained on. The state of a recurrent model is preserved from step to step.
 
     Args:
         model: Model such as PPO, or any object with `predict`, `observation_space` and `action_space`.
@@ -41,7 +42,8 @@ class ModelPolicy(Policy):
         num_worlds: W.
         device: Warp device; the model stays on its device.
         deterministic: Use the most likely action instead of a random one.
-        normalizer: `VecNormalize` of the training, if there was one; its statistics are not changed.
+        normalizer: `VecNormalize` of the training, if there was one, inside or outside of `VecFrameStack`; its
+            statistics are not changed.
         card: Card of the `RobotVecEnv` of the training, if it had one.
 
     Raises:
@@ -68,10 +70,11 @@ class ModelPolicy(Policy):
         self.name, self.kind = type(model).__name__, self.scenario.robot.kind
         self.model, self.deterministic, self.normalizer = model, deterministic, normalizer
         self._wiring = Wiring(card or Card.of(self.scenario), self.scenario, self.num_worlds, self.device)
-        self._row_shape, of_team = self._read_observation_space(model.observation_space)
+        self._row_shape, self._axis, of_team = self._read_observation_space(model)
         self._table = self._read_action_space(model.action_space, of_team)
         self._state: Any = None
         self._begins = np.ones((self.num_worlds, 1 if of_team else self.num_robots), dtype=bool)
+        self._frames = np.zeros((self._begins.size, *model.observation_space.shape), dtype=np.float32)
 
     def forget(self, mask: np.ndarray) -> None:
         """Reset the state of the masked worlds."""
@@ -80,9 +83,9 @@ class ModelPolicy(Policy):
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        rows = self._wiring.read(observation.numpy()).reshape(-1, *self._row_shape)
-        if self.normalizer is not None:
-            rows = self.normalizer.normalize_obs(rows)
+        rows = self._normalized(self._wiring.read(observation.numpy()).reshape(-1, *self._row_shape))
+        if rows.shape != self._frames.shape:
+            rows = self._normalized(self._stacked(rows))
         outputs, self._state = self.model.predict(
             rows, state=self._state, episode_start=self._begins.reshape(-1), deterministic=self.deterministic
         )
@@ -90,16 +93,42 @@ class ModelPolicy(Policy):
         chosen = outputs if self._table is None else self._table[outputs]
         self.action.assign(self._wiring.actions(np.asarray(chosen, dtype=np.float32).reshape(self.action.shape)))
 
-    def _read_observation_space(self, space: Any) -> tuple[tuple[int, ...], bool]:
-        """Return the shape of the model's input, and whether it is the team's."""
-        n, inputs = self.num_robots, len(self._wiring.low)
-        shape = space.shape if isinstance(space, Box) else None
-        if shape not in ((inputs,), (n, inputs), (n * inputs,)):
-            raise ValueError(
-                f"observation_space of {self.name} must be a Box of shape ({inputs},), a robot's row, or "
-                f"({n}, {inputs}) or ({n * inputs},), the team's, to play {self.scenario.name}, got {shown(space)}"
-            )
-        return shape, shape != (inputs,)
+    def _normalized(self, rows: np.ndarray) -> np.ndarray:
+        """Return rows of the shape that `VecNormalize` was trained on normalized, others as they are."""
+        if self.normalizer is None or self.normalizer.observation_space.shape != rows.shape[1:]:
+            return rows
+        return self.normalizer.normalize_obs(rows)
+
+    def _stacked(self, rows: np.ndarray) -> np.ndarray:
+        """Return the latest rows of the episodes as `VecFrameStack` does: the newest last, zeros before the first."""
+        newest = np.moveaxis(rows, self._axis, -1)
+        frames, size = np.moveaxis(self._frames, self._axis, -1), newest.shape[-1]
+        frames[..., :-size] = frames[..., size:].copy()
+        frames[self._begins.reshape(-1)] = 0.0
+        frames[..., -size:] = newest
+        return self._frames.copy()
+
+    def _read_observation_space(self, model: Any) -> tuple[tuple[int, ...], int, bool]:
+        """Return the shape of the model's rows, the axis along which they are stacked, and whether they are a team's.
+
+        Several rows of a robot can be as long as one of a flat team; the size of the actions decides between them.
+        """
+        n, inputs, size, space = self.num_robots, len(self._wiring.low), self.scenario.action_size, model.action_space
+        alone, teams = (inputs,), ((n, inputs), (n * inputs,))
+        acts_for_all = isinstance(space, MultiDiscrete) or getattr(space, "shape", None) in ((n, size), (n * size,))
+        shape = model.observation_space.shape if isinstance(model.observation_space, Box) else ()
+        for row in (*teams, alone) if acts_for_all and n > 1 else (alone, *teams):
+            for axis in range(-1, -1 - len(row), -1):
+                others = list(range(len(row)))
+                del others[axis]
+                is_multiple = len(shape) == len(row) and shape[axis] >= row[axis] and shape[axis] % row[axis] == 0
+                if is_multiple and all(shape[k] == row[k] for k in others):
+                    return row, axis, row != alone
+        raise ValueError(
+            f"observation_space of {self.name} must be a Box of shape {alone}, a robot's row, or {teams[0]} or "
+            f"{teams[1]}, the team's, or of several of them stacked, to play {self.scenario.name}, got "
+            f"{shown(model.observation_space)}"
+        )
 
     def _read_action_space(self, space: Any, of_team: bool) -> np.ndarray | None:
         """Return the action table that the model chooses from, or None if it returns actions."""

@@ -31,6 +31,7 @@ class RogueVecEnv(WorldsVecEnv):
         normal: Mean and standard deviation (D,) of each entry, if rows are to be normalized.
         discrete_actions: True for actions that are indices of `lissajous_env.envs.actions.rogue_table`: rest, or one
             of eight directions at full speed.
+        render_mode: None, or `rgb_array` for pictures of the worlds.
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
 
     Raises:
@@ -49,6 +50,7 @@ class RogueVecEnv(WorldsVecEnv):
         threads: int | None = None,
         normal: tuple[np.ndarray, np.ndarray] | None = None,
         discrete_actions: bool = False,
+        render_mode: str | None = None,
         **overrides: Any,
     ):
         settings = {"rogues": "agents"} | overrides
@@ -57,11 +59,11 @@ class RogueVecEnv(WorldsVecEnv):
         if made.targets.rogues != "agents":
             raise ValueError(f"targets.rogues must be agents to be trained, got {made.targets.rogues}")
         self._driver, self.normal = as_driver(robots, made, num_worlds, device), normal
-        self._table = rogue_table() if discrete_actions else None
         slots, layout = made.target_capacity, rogue_layout(made)
         self.live = np.zeros(num_worlds * slots, dtype=bool)
         row, action = gymnasium.spaces.Box(layout.low, layout.high), rogue_action_space(discrete_actions)
-        super().__init__(simulation, seed is not None, slots, row, action)
+        table = rogue_table() if discrete_actions else None
+        super().__init__(simulation, seed is not None, slots, row, action, table, render_mode)
 
     def reset(self) -> np.ndarray:
         """Begin an episode in every world; return the rows (W T, D)."""
@@ -75,19 +77,7 @@ class RogueVecEnv(WorldsVecEnv):
         Raises:
             ValueError: actions have another shape, are not finite, or are no indices.
         """
-        if self._table is None:
-            self._actions = self._numbers(actions, 2)
-        else:
-            chosen = self._indices(np.asarray(actions), len(self._table))
-            self._actions = self._table[chosen].reshape(-1, self._rows_each, 2)
-
-    def _indices(self, given: np.ndarray, count: int) -> np.ndarray:
-        self._check(given, (self.num_envs,), "iu", "whole numbers")
-        wrong = (given < 0) | (given >= count)
-        if wrong.any():
-            row = int(np.flatnonzero(wrong)[0])
-            raise ValueError(f"action of {self._name_of(row)} must be from 0 to {count - 1}, got {given[row]}")
-        return given
+        self._actions = self._read(actions, 2)
 
     def _step(self) -> Step:
         simulation = self.simulation

@@ -7,6 +7,7 @@ import gymnasium
 import numpy as np
 
 from lissajous_env import Scenario, Simulation
+from lissajous_env.envs.actions import action_space, action_table
 from training.learned.card import Card
 from training.learned.named_arrays import prefixed, within
 from training.learned.wiring import Wiring
@@ -41,6 +42,8 @@ class RobotVecEnv(WorldsVecEnv):
         short_time: Duration of these episodes [s].
         staggered: Let the first episodes end at different times, so that the rows of a step are from all phases of an
             episode instead of the same one.
+        discrete_actions: True for actions that are indices of `lissajous_env.envs.actions.action_table`, as for DQN.
+        render_mode: None, or `rgb_array` for pictures of the worlds, as for `VecVideoRecorder`.
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
     """
 
@@ -60,6 +63,8 @@ class RobotVecEnv(WorldsVecEnv):
         short: float = 0.0,
         short_time: float = 3.0,
         staggered: bool = False,
+        discrete_actions: bool = False,
+        render_mode: str | None = None,
         **overrides: Any,
     ):
         simulation = Simulation(scenario, num_worlds, device=device, seed=seed or 0, threads=threads, **overrides)
@@ -79,8 +84,9 @@ class RobotVecEnv(WorldsVecEnv):
         """True if the episodes of all worlds ended in the latest step."""
         more = np.full(0 if self._view is None else self._view.size, np.inf, dtype=np.float32)
         low, high = np.concatenate([self._wiring.low, -more]), np.concatenate([self._wiring.high, more])
-        actions = gymnasium.spaces.Box(-1.0, 1.0, (made.action_size,), np.float32)
-        super().__init__(simulation, seed is not None, made.num_robots, gymnasium.spaces.Box(low, high), actions)
+        rows, actions = gymnasium.spaces.Box(low, high), action_space(made, discrete_actions)
+        table = action_table(made) if discrete_actions else None
+        super().__init__(simulation, seed is not None, made.num_robots, rows, actions, table, render_mode)
 
     def reset(self) -> np.ndarray:
         """Begin an episode in every world; return the rows (W N, inputs)."""
@@ -112,12 +118,12 @@ class RobotVecEnv(WorldsVecEnv):
         self._wiring.load_state(saved)
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Store the actions (W N, action_size) of the next step, clipped to [-1, 1].
+        """Store the actions of the next step: (W N, action_size), clipped to [-1, 1], or (W N,) indices of the table.
 
         Raises:
-            ValueError: actions have another shape or are not finite.
+            ValueError: actions have another shape, are not finite, or are no indices.
         """
-        self._actions = self._numbers(actions, self.scenario.action_size)
+        self._actions = self._read(actions, self.scenario.action_size)
 
     def _step(self) -> Step:
         self.take_actions()

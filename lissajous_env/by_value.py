@@ -1,0 +1,38 @@
+"""Code of a notebook, a prompt or a script, which other processes cannot import: it travels to them by value."""
+
+from typing import Any
+
+import cloudpickle
+import warp as wp
+
+PROMPT = "__main__", "__mp_main__"
+"""Modules that are other ones in other processes."""
+
+
+class ByValue:
+    """Wrapper of a function, class or kernel that is itself again after unpickling, also where it cannot be imported.
+
+    What modules define is only named. A process without these modules cannot unpickle it.
+    """
+
+    def __init__(self, value: Any):
+        self.value = value
+
+    def __reduce__(self) -> tuple:
+        if isinstance(self.value, wp.Kernel):
+            source = self.value.adj.source
+            return _kernel, (ByValue(self.value.func), self.value.key, source)
+        return cloudpickle.loads, (cloudpickle.dumps(self.value),)
+
+
+def _kernel(function: Any, key: str, source: str) -> wp.Kernel:
+    return wp.Kernel(function, key, source=source)
+
+
+def replaces(new: Any, old: Any) -> bool:
+    """Return whether an object at a prompt, or in a notebook, is a new version of another: it has the same full name.
+
+    A cell that is run again defines its functions and classes anew.
+    """
+    names = [(getattr(each, "__module__", None), getattr(each, "__qualname__", None)) for each in (new, old)]
+    return names[0] == names[1] and names[0][0] in PROMPT and names[0][1] is not None

@@ -1,0 +1,135 @@
+"""Code of a notebook or of a script travels to other processes by value, and a cell that is run again replaces it.
+
+The tests run programs without a file, as a notebook has none, in folders in which nothing can be imported.
+"""
+
+import subprocess
+import sys
+
+import pytest
+
+import baselines
+import lissajous_env
+
+NOTEBOOK = """
+import linecache, sys
+for number, source in enumerate(sys.argv[1:]):
+    linecache.cache[f"<cell {number}>"] = len(source), None, source.splitlines(True), f"<cell {number}>"
+    exec(compile(source, f"<cell {number}>", "exec"))
+"""
+CELL = """
+import copy, multiprocessing, pickle
+from functools import partial
+import gymnasium, numpy as np, warp as wp
+import baselines, lissajous_env
+from lissajous_env.world.state import Robots
+
+FACTOR = 2.0
+
+@lissajous_env.reward_term(weight=-0.5)
+def near_wall(world):
+    return abs(world.robots.position[..., 0]) * FACTOR
+
+@lissajous_env.score_column()
+@wp.kernel
+def first_speed(first: int, robots: Robots, value_out: wp.array(dtype=wp.float64)):
+    w = first + wp.tid()
+    value_out[w] = wp.float64(robots.speed[w, 0])
+
+@lissajous_env.rogue("to-the-right")
+def decide(rows):
+    out = np.zeros((*rows.shape[:2], 2))
+    out[..., 0] = 1.0
+    return out
+
+@lissajous_env.register_policy("slowly")
+class Slowly(baselines.Policy):
+    def decide(self, observation):
+        return np.full(self.action.shape, 0.1 * FACTOR)
+
+def play(scenario, policy):
+    rows = lissajous_env.evaluate(policy, scenario, seeds=[3])
+    return [row.get(name, 0.0) for row in rows for name in ("return_mean", "detection_time_mean", "first_speed")]
+
+short = {"task.duration": 1.0, "targets.count": 2, "targets.entry": "inside", "targets.arrival_rate": 0.0}
+extended = lissajous_env.scenario("experiment", **short, extensions=[near_wall, first_speed])
+haunted = lissajous_env.scenario("experiment", **short, rogues="to-the-right")
+tasks = [(scenario, lissajous_env.policy("slowly", scenario)) for scenario in (extended, haunted)]
+expected = [play(*task) for task in tasks]
+assert copy.deepcopy(extended) == extended
+"""
+
+PROGRAMS = {
+    "joblib": """
+import joblib
+assert joblib.Parallel(2)(joblib.delayed(play)(*task) for task in tasks) == expected
+""",
+    "dask": """
+import dask.distributed
+with dask.distributed.Client(n_workers=1, threads_per_worker=1, dashboard_address=None) as client:
+    assert client.gather([client.submit(play, *task) for task in tasks]) == expected
+""",
+    "spawned": """
+from concurrent.futures import ProcessPoolExecutor
+with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+    rows = [pool.submit(lissajous_env.evaluate, policy, made, [3]).result()[0] for made, policy in tasks]
+assert [row["return_mean"] for row in rows] == [first for first, *_ in expected]
+""",
+    "environments": """
+for scenario in (extended, haunted):
+    make = partial(lissajous_env.LissajousEnv, scenario)
+    envs = gymnasium.vector.AsyncVectorEnv([make, make], context="spawn")
+    alone = lissajous_env.vector_env(scenario, 2)
+    for env in (envs, alone):
+        env.reset(seed=3)
+    action = np.zeros(alone.action_space.shape, np.float32)
+    assert envs.step(action)[1].tolist() == alone.step(action)[1].tolist()
+    envs.close()
+""",
+}
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_other_processes_play_what_a_notebook_defines(program, tmp_path):
+    # Oracle: the notebook's own process.
+    if program in ("joblib", "dask"):
+        pytest.importorskip({"dask": "distributed"}.get(program, program))
+    done = subprocess.run(
+        [sys.executable, "-c", NOTEBOOK, CELL, PROGRAMS[program]],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def of_a_cell(module, value):
+    """A function and a class as a cell, or a module, defines them anew with each run."""
+    names = {"__name__": module, "baselines": baselines, "np": __import__("numpy")}
+    exec(f"def decide(rows):\n    return {value}\nclass Mine(baselines.Policy):\n    number = {value}\n", names)
+    return names["decide"], names["Mine"]
+
+
+def test_a_cell_that_is_run_again_replaces_what_it_registered():
+    from baselines.policies import registry
+    from lissajous_env.parameters import rogues
+
+    try:
+        for value in (1, 2):
+            decide, mine = of_a_cell("__main__", value)
+            lissajous_env.rogue("of-a-cell")(decide)
+            lissajous_env.register_policy("of-a-cell")(mine)
+        assert rogues.rogue_of("of-a-cell").decide is decide
+        assert registry.factory_of("of-a-cell") is mine
+        for module in ("another_module", "__main__"):
+            decide, mine = of_a_cell(module, 3)
+            if module == "__main__":
+                decide.__qualname__ = mine.__qualname__ = "of_another_name"
+            with pytest.raises(ValueError, match="must be new"):
+                lissajous_env.rogue("of-a-cell")(decide)
+            with pytest.raises(ValueError, match="must be new"):
+                lissajous_env.register_policy("of-a-cell")(mine)
+    finally:
+        rogues._ROGUES.pop("of-a-cell", None)
+        registry._REGISTRY.pop("of-a-cell", None)
