@@ -12,7 +12,7 @@ from lissajous_env.theory import closed_forms, geometry
 
 
 class AssumptionWarning(UserWarning):
-    """Warning that a scenario violates an assumption of the paper, with the numbers."""
+    """Warning that a scenario violates an assumption of the paper or of a policy, with the numbers."""
 
 
 def violations(scenario: Scenario) -> tuple[str, ...]:
