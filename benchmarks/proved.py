@@ -15,7 +15,8 @@ import warp as wp
 
 import baselines
 import lissajous_env
-from baselines.benchmark.tables import number
+from baselines.benchmark.statistics import summarize_largest
+from baselines.benchmark.tables import in_words, number
 from baselines.policies.base import Policy
 from baselines.safety.proved import Proved, ProvedParameters
 
@@ -132,10 +133,10 @@ def guarantees(seeds):
         columns = ("guaranteed_detection_time", "detection_time_mean", "collisions", "min_separation")
         worst, detection, collisions, least = (np.array([row[name] for row in scores]) for name in columns)
         plain = worst if not suffix else plain
-        ratios = [worst.mean() / plain.mean(), np.median(worst / plain), np.max(worst / plain)]
-        found = [worst.mean(), *ratios, np.nanmean(detection), collisions.mean(), least.min()]
-        rows.append([f"`kuramoto-mpcc{suffix}`", *map(number, found)])
-    names = ["worst-case undetected time [s]", "ratio to that without (of means)", "median", "maximum"]
+        value, beside = in_words(summarize_largest(worst, [row["guarantee_open"] == 1 for row in scores]))
+        found = [np.median(worst / plain), np.max(worst / plain), np.nanmean(detection), collisions.mean(), least.min()]
+        rows.append([f"`kuramoto-mpcc{suffix}`", f"{value} ({beside})", *map(number, found)])
+    names = ["worst-case undetected time, largest [s]", "ratio to that without, median", "maximum"]
     columns = ["policy", *names, "detection time [s]", "collisions", "smallest distance [m]"]
     return {"columns": columns, "rows": rows}
 

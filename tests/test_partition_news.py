@@ -1,5 +1,7 @@
 """News of failures that messages carry: who learns of what, the shares of a line, and what comes of them."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -88,3 +90,22 @@ def test_loops_that_cross_do_not_lie_apart():
     for distance, apart in ((3.0, True), (1.0, False)):
         loops = np.stack([circle, circle + np.array([distance, 0.0])])
         assert loops_lie_apart(Plan(np.zeros((2, 6)), loops, 1.0, 1.0), 0.5) == apart
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "warns"),
+    [
+        ("team", {}, True),
+        ("team", {"messages.size": 15}, False),
+        ("team", {"faults.schedule": ()}, False),
+        ("team", {"faults.schedule": (), "faults.lost": 1}, True),
+        ("evaders-failure", {}, False),  # its loops cross, so messages would change nothing
+    ],
+)
+def test_a_team_that_could_pass_on_news_of_failures_without_messages_is_warned(name, changes, warns):
+    made = lissajous_env.scenario(name, **changes)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        baselines.make("partition-repair", made)
+    words = [str(each.message) for each in caught if "partition-repair" in str(each.message)]
+    assert [f"at least {made.num_robots}, got {made.messages.size}" in each for each in words] == [True] * warns

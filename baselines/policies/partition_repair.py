@@ -6,6 +6,7 @@ Autonomous Systems 56 (2008).
 """
 
 import math
+import warnings
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -34,6 +35,7 @@ from baselines.policies.taking_over import (
 )
 from baselines.policies.timed_paths import TimedPaths, TrackingParameters
 from baselines.safety.filter import Safe, SafetyParameters
+from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.world.observation import message_start
@@ -78,7 +80,8 @@ class PartitionRepair(TimedPaths):
     its ring neighbours. So a cell may remain uncovered if the ring neighbours of its robot have failed too, or are in
     another line. Where `messages.size` is at least the number of robots and the loops lie apart, robots pass on the
     news of failures (`baselines.policies.news`), and those of a line of cells that work share the line evenly
-    (`baselines.policies.line_shares`).
+    (`baselines.policies.line_shares`). Where robots can fail and messages alone are missing for this, an
+    `AssumptionWarning` says so.
 
     Args:
         scenario: The scenario, of cars.
@@ -139,6 +142,8 @@ class PartitionRepair(TimedPaths):
             self._centre = wp.array(self._lines.centre, dtype=wp.vec2, device=self.device)
         self._filtered_until = until
         apart = loops_lie_apart(self.partition, required_distance(self.scenario, self.parameters))
+        if apart and not self._lines:
+            _warn_of_silence(self.scenario)
         still = Still(self.scenario, num_worlds, self.device)
         self._filter = Safe(still) if until > 0 or apart else None
         self._drift, self._avoidance = self.repair.drift * self.partition.speed * self.scenario.task.step, None
@@ -199,6 +204,18 @@ class PartitionRepair(TimedPaths):
         along = wp.vec2(*np.eye(2)[lines.along])
         inputs = [reach, along, self._line, self._centre, self._news]
         self.launch(share_line, self.shape, inputs, [self._case, self._home])
+
+
+def _warn_of_silence(scenario: Scenario) -> None:
+    """Warn that messages could carry the news of failures to all robots, but have no room for it."""
+    faults = scenario.faults
+    if faults.schedule or faults.removed or faults.rate > 0 or faults.lost:
+        words = (
+            f"scenario {scenario.name}: robots can fail, and partition-repair reports a failure only to ring "
+            f"neighbours, so the cell of a failed robot may stay uncovered; for news to all robots messages.size must "
+            f"be at least {scenario.num_robots}, got {scenario.messages.size}"
+        )
+        warnings.warn(words, AssumptionWarning, stacklevel=3)
 
 
 def _avoided_distance(scenario: Scenario, repair: RepairParameters) -> float:

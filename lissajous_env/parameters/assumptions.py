@@ -15,7 +15,7 @@ _OBSERVED = 4
 
 
 class AssumptionWarning(UserWarning):
-    """Warning that a scenario violates an assumption of the paper, with the numbers."""
+    """Warning that a scenario violates an assumption of the paper or of a policy, with the numbers."""
 
 
 def violations(scenario: Scenario) -> tuple[str, ...]:
