@@ -97,7 +97,7 @@ def test_a_part_has_the_rounds_that_are_asked_for_or_its_own(monkeypatch):
         (["--parts", "steps"], "invalid choice: 'steps'"),
         (["--rounds", "0"], "must be a whole number of at least 1, got 0"),
         (["--worlds", "many"], "must be a whole number of at least 1, got many"),
-        (["--against", "nowhere"], "must be a checkout of this project, got nowhere"),
+        (["--against", "nowhere"], "must be a checkout or commit of this project, got nowhere"),
         (["--quick", "--store"], "--store must be without --quick"),
     ],
 )
