@@ -1,16 +1,15 @@
-"""Code of a notebook, a prompt or a script, which other processes cannot import: it travels to them by value."""
+"""Code of a notebook, a prompt or a script, which other processes cannot import: it travels to them by value, but for Warp kernels."""
 
 from typing import Any
 
 import cloudpickle
-import warp as wp
 
 PROMPT = "__main__", "__mp_main__"
 """Modules that are other ones in other processes."""
 
 
 class ByValue:
-    """Wrapper of a function, class or kernel that is itself again after unpickling, also where it cannot be imported.
+    """Wrapper of a function or class that is itself again after unpickling, also where it cannot be imported.
 
     What modules define is only named. A process without these modules cannot unpickle it.
     """
@@ -19,14 +18,7 @@ class ByValue:
         self.value = value
 
     def __reduce__(self) -> tuple:
-        if isinstance(self.value, wp.Kernel):
-            source = self.value.adj.source
-            return _kernel, (ByValue(self.value.func), self.value.key, source)
         return cloudpickle.loads, (cloudpickle.dumps(self.value),)
-
-
-def _kernel(function: Any, key: str, source: str) -> wp.Kernel:
-    return wp.Kernel(function, key, source=source)
 
 
 def replaces(new: Any, old: Any) -> bool:

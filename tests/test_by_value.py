@@ -20,21 +20,14 @@ for number, source in enumerate(sys.argv[1:]):
 CELL = """
 import copy, multiprocessing, pickle
 from functools import partial
-import gymnasium, numpy as np, warp as wp
+import gymnasium, numpy as np
 import baselines, lissajous_env
-from lissajous_env.world.state import Robots
 
 FACTOR = 2.0
 
 @lissajous_env.reward_term(weight=-0.5)
 def near_wall(world):
     return abs(world.robots.position[..., 0]) * FACTOR
-
-@lissajous_env.score_column()
-@wp.kernel
-def first_speed(first: int, robots: Robots, value_out: wp.array(dtype=wp.float64)):
-    w = first + wp.tid()
-    value_out[w] = wp.float64(robots.speed[w, 0])
 
 @lissajous_env.rogue("to-the-right")
 def decide(rows):
@@ -49,10 +42,10 @@ class Slowly(baselines.Policy):
 
 def play(scenario, policy):
     rows = lissajous_env.evaluate(policy, scenario, seeds=[3])
-    return [row.get(name, 0.0) for row in rows for name in ("return_mean", "detection_time_mean", "first_speed")]
+    return [row.get(name, 0.0) for row in rows for name in ("return_mean", "detection_time_mean")]
 
 short = {"task.duration": 1.0, "targets.count": 2, "targets.entry": "inside", "targets.arrival_rate": 0.0}
-extended = lissajous_env.scenario("experiment", **short, extensions=[near_wall, first_speed])
+extended = lissajous_env.scenario("experiment", **short, extensions=[near_wall])
 haunted = lissajous_env.scenario("experiment", **short, rogues="to-the-right")
 tasks = [(scenario, lissajous_env.policy("slowly", scenario)) for scenario in (extended, haunted)]
 expected = [play(*task) for task in tasks]

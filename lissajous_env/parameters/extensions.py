@@ -80,7 +80,7 @@ class Extension:
         return self
 
     def __reduce__(self) -> tuple:
-        if self.place.partition(":")[0] in PROMPT:
+        if self.place.partition(":")[0] in PROMPT and not isinstance(self.run, wp.Kernel):
             return type(self), (self.name, ByValue(self.run), self.place, *self.settings.values())
         return load_extension, (self.place, self.settings)
 

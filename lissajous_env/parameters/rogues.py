@@ -102,7 +102,8 @@ def rogue(name: str) -> Callable[[Callable[[Any], Any]], Callable[[Any], Any]]:
 def sent(name: str | None) -> tuple[Rogue, ...]:
     """Return the rogues that a process without the user's registrations needs for `targets.rogues`, for `remember`."""
     members = () if name is None or name == AGENTS else members_of(name)
-    return tuple(_ROGUES[each] for each in members if each in _ROGUES and not _is_ours(_ROGUES[each]))
+    brought = (_ROGUES[each] for each in dict.fromkeys(members) if each in _ROGUES)
+    return tuple(each for each in brought if not isinstance(each.decide, wp.Kernel) and not _is_ours(each))
 
 
 def remember(brought: tuple[Rogue, ...]) -> None:
@@ -112,8 +113,7 @@ def remember(brought: tuple[Rogue, ...]) -> None:
 
 
 def _is_ours(made: Rogue) -> bool:
-    function = made.decide.func if isinstance(made.decide, wp.Kernel) else made.decide
-    return getattr(function, "__module__", "").partition(".")[0] in OURS
+    return getattr(made.decide, "__module__", "").partition(".")[0] in OURS
 
 
 def rogues() -> tuple[str, ...]:
