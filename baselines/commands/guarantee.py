@@ -197,8 +197,8 @@ def picture_of_unseen(scenario: Scenario, curves: Mapping[str, np.ndarray]) -> b
         count = len(next(iter(curves.values())))
         return sheet.picture(
             f"Longest time for which a rogue can have been undetected by then: line, the median of {count} episodes; "
-            "shade, all of them; beside the names, the largest. Grey: robots have failed. If a line rises through the second half "
-            "of an episode to its end, the episode shows no bound of that time."
+            "shade, all of them; beside the names, the largest. Grey: robots have failed. If a line rises through the "
+            "second half of an episode to its end, the episode shows no bound of that time."
         ).content
 
 
