@@ -57,7 +57,7 @@ _MOST_ENDLESS = 0.25
 """Share of infinite scores up to which the middle half has none."""
 _VALUES = 200
 """Values at which a profile is drawn."""
-_FIRST_ROW = 0.55
+_FIRST_ROW = 0.7
 """Height of a figure of rows beside its rows [inch]."""
 _ROW = 0.17
 """Height of a row [inch]."""
