@@ -290,3 +290,20 @@ def test_a_choice_is_loaded_as_other_learned_policies(tmp_path):
     assert lissajous_env.load("learned-patrol").scenario.name == "monitoring-v1-0"
     with pytest.raises(ValueError, match=r"policy must be one of learned-intruders, or"):
         training.load("learned-nothing")
+
+
+@pytest.mark.parametrize(("objective", "best"), [("guarantee", 2), ("detection", 0)])
+def test_a_guarantee_is_rehearsed_until_no_candidate_can_be_better(monkeypatch, objective, best):
+    # Story: two finalists of four episodes have a second mode in sixteen; the third is a little longer, in all of them.
+    times = {"a": (16.0, 25.8), "b": (16.1, 25.9), "c": (16.3, 16.3), "d": (26.0, 26.0)}
+    played = []
+
+    def play(settings, scenario, episodes, objective, first_seed):
+        played.append((settings.policy, episodes))
+        return {"time": times[settings.policy][episodes > rehearsing.EPISODES], "collisions": 0.0}
+
+    monkeypatch.setattr(rehearsing, "play", play)
+    ranked = [PolicySettings(name, {}) for name in times]
+    scenario = lissajous_env.scenario("evaders", **{"task.duration": 7.3})
+    assert rehearsing.best_rehearsed(ranked, scenario, objective, len(times)) == best
+    assert ("d", rehearsing.FINAL_EPISODES) not in played

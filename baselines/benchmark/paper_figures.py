@@ -57,7 +57,7 @@ _MOST_ENDLESS = 0.25
 """Share of infinite scores up to which the middle half has none."""
 _VALUES = 200
 """Values at which a profile is drawn."""
-_FIRST_ROW = 0.55
+_FIRST_ROW = 0.7
 """Height of a figure of rows beside its rows [inch]."""
 _ROW = 0.17
 """Height of a row [inch]."""
@@ -249,12 +249,12 @@ def _aggregates(group: Group, styles: Mapping[str, Any]) -> Figure:
             if _is_closed(column, strata) and np.isfinite(of.value):
                 ends = (of.median, of.max) if is_largest else of.interval
                 _interval(axes, place, (of.value, *ends), styles[policy], policy)
-                shown.append(of.value)
+                shown += [of.value, ends[0]] if is_largest else [of.value]
             else:
                 words = {"transform": axes.get_yaxis_transform(), "fontsize": 6, "color": "#777777"}
                 axes.text(0.98, place, f"no bound in {100 * endless:.0f} %", ha="right", va="center", **words)
         _scaled(axes, column, np.array(shown or [1.0]))
-        axes.set_title(_title(column) + (f", largest of {of.n}" if column.summary == LARGEST else ""))
+        axes.set_title(_title(column) + (f"\nlargest of {of.n}" if column.summary == LARGEST else ""))
     return figure
 
 
@@ -304,7 +304,7 @@ def _distribution(name: str, of: Mapping[str, Rows], columns: Sequence[Column], 
             axes.set_xscale("log")
         if column.unit != "s":
             _scaled(axes, column, values)
-        counted = f", largest of {max(map(len, every))}" if column.summary == LARGEST else ""
+        counted = f"\nlargest of {max(map(len, every))}" if column.summary == LARGEST else ""
         axes.set_title(column.heading + counted)
     return figure
 
