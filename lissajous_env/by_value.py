@@ -1,4 +1,4 @@
-"""Code of a notebook, a prompt or a script, which other processes cannot import: it travels to them by value, but for Warp kernels."""
+"""Code of a notebook, a prompt or a script, which other processes cannot import, travels by value; Warp kernels do not."""
 
 from typing import Any
 
