@@ -1,4 +1,4 @@
-"""Code of a notebook, a prompt or a script, which other processes cannot import, travels by value; Warp kernels do not."""
+"""Code of a notebook, a prompt or a script travels to other processes by value; they cannot import it."""
 
 from typing import Any
 
