@@ -1,4 +1,4 @@
-"""Code of a notebook, a prompt or a script, which other processes cannot import: it travels to them by value, but for Warp kernels."""
+"""Code of a notebook, a prompt or a script travels to other processes by value; they cannot import it."""
 
 from typing import Any
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from baselines.policies.as_cars import AsCars
 from baselines.policies.base import Policy
+from baselines.policies.model_files import how_to_play
 from lissajous_env import here
 from lissajous_env import scenario as make_scenario
 from lissajous_env.by_value import ByValue, replaces
@@ -58,11 +59,6 @@ class _Opener(NamedTuple):
     parts: Callable[[str], dict[str, str]]
 
 
-_MODELS = {
-    ".zip": "training.sb3.ModelPolicy(PPO.load(file), scenario, num_worlds, device) for a model of Stable-Baselines3",
-    ".onnx": "a baselines.Policy that runs the model in `decide`",
-}
-"""Returned values of a function that plays a model, by the suffix of its file."""
 _OPENERS: dict[str, _Opener] = {}
 """Openers of policies in folders, by the file that such a folder contains."""
 
@@ -392,25 +388,12 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
     return build(name, factory_of(name), made, num_worlds, device)
 
 
-def _how_to_play(name: str) -> str:
-    """Return a hint for the file of a model, which a function of a module has to load; "" for any other name."""
-    suffix = Path(name).suffix.lower()
-    if suffix not in _MODELS and os.path.isfile(f"{name}.zip"):
-        suffix = ".zip"
-    if suffix not in _MODELS:
-        return ""
-    return (
-        f"; write a function(scenario, num_worlds, device) in a module that returns {_MODELS[suffix]}, and name it as "
-        "module:function"
-    )
-
-
 def check(name: str, made: Scenario) -> None:
     """Raise a ValueError if the name is unknown, or if the policy is for another kind of robot."""
     bring(name)
     if name not in (known := _kinds()):
         hint = nearest(name, [*known, *meant_here(name)])
-        hint = _how_to_play(name) or hint
+        hint = how_to_play(name) or hint
         words = f"policy must be one of the {len(known)} that `lissajous policies` lists, got {shown(name)}{hint}"
         raise ValueError("; ".join([words, *_BROUGHT.broken]))
     if name not in names(made):

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from lissajous_env.by_value import PROMPT, ByValue
 from lissajous_env.device.work import Work
 from lissajous_env.wording import few_of
 
@@ -66,7 +67,8 @@ class Copyable:
 
     def __reduce__(self) -> tuple:
         args, more = self.__dict__[_MADE_WITH]
-        return _make_again, (type(self), args, more), _contents(self)
+        cls = ByValue(type(self)) if type(self).__module__ in PROMPT else type(self)
+        return _make_again, (cls, args, more), _contents(self)
 
     def __setstate__(self, contents: dict[Any, Any]) -> None:
         _fill(self, contents, type(self).__name__)

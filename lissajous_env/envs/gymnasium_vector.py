@@ -131,8 +131,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
             ValueError: an invalid seed or mask, or a mask with only some of the rows of a world.
         """
         worlds = self._masked(options)
-        if seed is not None and np.size(seed):
-            super().reset(seed=int(np.ravel(seed)[0]))
         if isinstance(seed, (int, np.integer)):
             self.simulation.reset(worlds, [fold_seed(int(seed) + int(k)) for k in worlds])
         elif seed is not None:
@@ -147,6 +145,8 @@ class LissajousVectorEnv(Timed, VectorEnv):
                 self.simulation.reset(first, drawn_seeds(len(first)))
             if len(first) < len(worlds):
                 self.simulation.reset(worlds[self._begun[worlds]])
+        if seed is not None:
+            super().reset(seed=int(np.ravel(seed)[0]))  # checked above
         self._ended[worlds], self._begun[worlds], self._gone[worlds] = False, True, False
         self._look()
         return self._observed(), self._infos(np.zeros(self.simulation.action_shape[:2], np.float32), self._ended)

@@ -99,17 +99,22 @@ def rogue(name: str) -> Callable[[Callable[[Any], Any]], Callable[[Any], Any]]:
     return register
 
 
-def sent(name: str | None) -> tuple[Rogue, ...]:
-    """Return the rogues that a process without the user's registrations needs for `targets.rogues`, for `remember`."""
-    members = () if name is None or name == AGENTS else members_of(name)
-    brought = (_ROGUES[each] for each in dict.fromkeys(members) if each in _ROGUES)
-    return tuple(each for each in brought if not isinstance(each.decide, wp.Kernel) and not _is_ours(each))
+class BringsRogues:
+    """Part of a scenario: its copy in another process brings the rogues of the user, which that process lacks."""
 
+    targets: Any
 
-def remember(brought: tuple[Rogue, ...]) -> None:
-    """Register what `sent` returned in another process, unless this process has a rogue of the name."""
-    for each in brought:
-        _ROGUES.setdefault(each.name, each)
+    def __getstate__(self) -> dict[str, Any]:
+        name = self.targets.rogues
+        members = () if name is None or name == AGENTS else members_of(name)
+        known = (_ROGUES[each] for each in dict.fromkeys(members) if each in _ROGUES)
+        brought = [each for each in known if not isinstance(each.decide, wp.Kernel) and not _is_ours(each)]
+        return {"rogues": brought} | self.__dict__
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for each in state.pop("rogues", ()):
+            _ROGUES.setdefault(each.name, each)
+        self.__dict__.update(state)
 
 
 def _is_ours(made: Rogue) -> bool:

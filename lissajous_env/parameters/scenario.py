@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.device.turns import with_own_locks
-from lissajous_env.parameters import rogues
 from lissajous_env.parameters.extensions import Extension, TargetMotion, as_extensions
 from lissajous_env.parameters.robot_models import model_of
-from lissajous_env.parameters.rogues import rogue_of
+from lissajous_env.parameters.rogues import BringsRogues, rogue_of
 from lissajous_env.parameters.spreading import Spreading, spreading_of
 from lissajous_env.settings.parts import (
     MOST_TARGETS,
@@ -71,7 +70,7 @@ _OUTSIDE = 1.002
 
 @with_own_locks
 @dataclass(frozen=True)
-class Scenario:
+class Scenario(BringsRogues):
     """All constants of an episode, in parts. Each part checks its own fields; this class checks rules across parts."""
 
     name: str = "custom"
@@ -87,14 +86,6 @@ class Scenario:
     extensions: tuple[Extension, ...] = ()
     """Extensions, as objects, `module:name` or tables; see `lissajous_env.parameters.extensions`."""
     messages: Messages = field(default_factory=Messages)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the fields, after the rogues of the user, which another process does not have."""
-        return {"rogues": rogues.sent(self.targets.rogues)} | self.__dict__
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        rogues.remember(state.pop("rogues", ()))
-        self.__dict__.update(state)
 
     def __post_init__(self) -> None:
         for name, part in PARTS.items():
