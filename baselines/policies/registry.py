@@ -392,8 +392,7 @@ def check(name: str, made: Scenario) -> None:
     """Raise a ValueError if the name is unknown, or if the policy is for another kind of robot."""
     bring(name)
     if name not in (known := _kinds()):
-        hint = nearest(name, [*known, *meant_here(name)])
-        hint = how_to_play(name) or hint
+        hint = how_to_play(name) or nearest(name, [*known, *meant_here(name)])
         words = f"policy must be one of the {len(known)} that `lissajous policies` lists, got {shown(name)}{hint}"
         raise ValueError("; ".join([words, *_BROUGHT.broken]))
     if name not in names(made):
