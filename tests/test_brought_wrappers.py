@@ -173,6 +173,7 @@ def test_tensors_are_actions(discrete):
     torch = pytest.importorskip("torch")
     plain, given = (lissajous_env.parallel_env("experiment", discrete_actions=discrete) for _ in range(2))
     kinds = [lambda x: x.requires_grad_(), lambda x: x.bfloat16(), lambda x: x.half().requires_grad_(), list]
+    kinds.append(lambda x: torch._neg_view(-x))  # its elements are negated only when they are read
     kinds = [lambda x: x, lambda x: x.to(torch.uint8), lambda x: x.reshape(1)] if discrete else kinds
     for kind in kinds:
         for env in (plain, given):

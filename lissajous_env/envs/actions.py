@@ -63,7 +63,7 @@ def on_host(actions: Any) -> Any:
     if isinstance(actions, (list, tuple)):
         return [on_host(each) for each in actions]
     if is_torch(actions) and hasattr(actions, "detach"):
-        plain = actions.detach().cpu()
+        plain = actions.detach().cpu().resolve_neg()
         is_short = plain.is_floating_point() and plain.element_size() < 4  # NumPy does not have all of these types
         return (plain.float() if is_short else plain).numpy()
     return np.asarray(actions) if hasattr(actions, "__array__") else actions

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from lissajous_env import here
+from lissajous_env.by_value import is_called_at_prompt
 from lissajous_env.parameters.assumptions import AssumptionWarning, violations
-from lissajous_env.parameters.ids import register_ids
+from lissajous_env.parameters.ids import add_name, register_ids
 from lissajous_env.parameters.overriding import overridden
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import SUFFIX, is_space_file, read_scenario_file, read_space_file
@@ -62,11 +63,8 @@ def register_scenario(made: Scenario) -> Scenario:
         raise ValueError(f"scenario must be a Scenario to be registered, got {shown(made)}")
     _check_name(made.name)
     warn_of_violations(made)
-    if (there := _SHIPPED.get(made.name) or _REGISTERED.get(made.name)) is None:
-        _REGISTERED[made.name] = made
+    if add_name("scenario", made, _REGISTERED, _SHIPPED, is_called_at_prompt()):
         register_ids(made.name)
-    elif there != made:
-        raise ValueError(f"name of a scenario must be new, got {made.name}, which another one has")
     return made
 
 
@@ -114,10 +112,7 @@ def register_scenario_space(space: ScenarioSpace) -> ScenarioSpace:
     if not isinstance(space, ScenarioSpace):
         raise ValueError(f"space must be a ScenarioSpace to be registered, got {shown(space)}")
     _check_name(space.name)
-    is_new = space.name not in _SPACES
-    if space.name in _SHIPPED_SPACES or _SPACES.setdefault(space.name, space) != space:
-        raise ValueError(f"name of a space must be new, got {space.name}, which another one has")
-    if is_new:
+    if add_name("space", space, _SPACES, _SHIPPED_SPACES, is_called_at_prompt()):
         register_ids(space.name, is_space=True)
     return space
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from lissajous_env.by_value import replaces
 from lissajous_env.device.program import LANES
 from lissajous_env.device.warp_abi import names_of_arguments
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
@@ -96,7 +97,8 @@ def register_robot_model(model: RobotModel) -> RobotModel:
         raise ValueError(f"robot model must be a RobotModel, got {shown(model)}")
     if not (isinstance(model.name, str) and re.fullmatch(r"\w[\w-]{0,62}", model.name)):
         raise ValueError(f"name of a robot model must be of letters, digits, _ and -, got {shown(model.name)}")
-    if _MODELS.get(model.name, model) != model:
+    before = _MODELS.get(model.name, model)
+    if before != model and not replaces(getattr(model.move, "func", None), before.move.func):
         raise ValueError(f"name of a robot model must be new, got {shown(model.name)}")
     words = all(isinstance(each, str) and each.strip() == each != "" for each in model.actions)
     if not model.actions or not words or len(set(model.actions)) < len(model.actions):
