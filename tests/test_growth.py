@@ -58,6 +58,6 @@ def test_what_is_measured_is_a_step_of_a_world():
     sides = [Side(ROOT, 5, 1000, 1)]
     times, peaks = growth.measured(sides, 2)
     assert times.shape == (2, 1)
-    assert (times > 1e-5).all()
+    assert (times > 1e-6).all()
     assert (times < 1.0).all()
     assert 50 < peaks[0] < 600

@@ -7,17 +7,19 @@ import lissajous_env
 from lissajous_env.logs.car_input import actions_of, inputs_of
 from lissajous_env.logs.identification import identify
 from lissajous_env.logs.log import Series, Track
+from lissajous_env.logs.motion import motion_of
 from lissajous_env.logs.rollouts import CONSTANTS, Rollouts
 from lissajous_env.settings.parts import Robot
 
 NOISE = {"noise.position": 0.01, "noise.heading": 0.02, "noise.speed": 0.02, "faults.schedule": ()}
 
 
-def drive(robots, late=0, seed=1, **fields):
+def drive(robots, late=0, seed=1, faster=False, **fields):
     """Log of simulated cars under random commands, which the cars receive `late` steps later, with true constants."""
     made = lissajous_env.scenario("experiment", **(NOISE | fields)).resolve()
     simulation, random = lissajous_env.Simulation(made, seed=seed), np.random.default_rng(seed)
-    wanted = np.repeat(random.uniform(-1, 1, (made.task.steps // 4, 5, 2)), 4, axis=0).astype(np.float32)
+    same = 1 if faster else 4  # steps in which the commands are the same
+    wanted = np.repeat(random.uniform(-1, 1, (made.task.steps // same, 5, 2)), same, axis=0).astype(np.float32)
     poses = [simulation.robots.measured.numpy()[0].copy()]
     for k in range(made.task.steps):
         simulation.step(wanted[max(k - late, 0)][None])
@@ -153,3 +155,28 @@ def test_a_log_that_shows_nothing_is_refused(change, words):
     ((track, commands, _),) = drive([0], **{"task.duration": 10.0})
     with pytest.raises(ValueError, match=words):
         identify(*change(track, commands))
+
+
+@pytest.mark.parametrize("noise", [{}, {"noise.position": 0.01, "noise.heading": 0.02}])
+@pytest.mark.parametrize("seed", [1, 5])
+def test_logged_speeds_count_exactly_if_they_lead_from_pose_to_pose(seed, noise):
+    # Law: however fast a car turns between two poses, its speeds are used; no others are.
+    for track, *_ in drive(
+        [0, 1],
+        seed=seed,
+        faster=True,
+        **{name: noise.get(name, 0.0) for name in ("noise.position", "noise.heading", "noise.speed")},
+    ):
+        assert motion_of(track).derived == ""
+        for wrong in (0 * track.speed, 3 * track.speed, -track.speed):
+            changed = Track(track.time, track.position, track.heading, wrong)
+            assert motion_of(changed).derived == "do not match the poses"
+
+
+def test_a_fit_that_ends_elsewhere_is_named_as_a_misfit():
+    # Story: the same car with the commands of another one, and with its own, but a second late.
+    (track, commands, _), (_, others, _) = drive([0, 1], faster=True)
+    late = Series(commands.time + 1.0, commands.value)
+    for wrong in (others, late):
+        assert "position" in identify(track, wrong, Robot()).misfits
+    assert identify(track, commands, Robot()).misfits == ()

@@ -41,8 +41,10 @@ _LEAST_UNIT = np.array([1e-3, 1e-2, 1e-2, 1e-1, 1.0])
 """Least units in which they are fitted."""
 _ROUNDING = 1e-5
 """Least relative standard error: predictions are computed in single precision."""
-_NOISES, _SPREAD = 3.0, 0.05
+_NOISES, _SPREAD = 4.0, 0.05
 """Factors on the noise of the log and on the spread of the motion in a segment, up to which residuals are no misfit."""
+_CALM = 0.1
+"""Quantile of the deviations from smooth motion that counts as noise: a car that turns fast deviates, too."""
 _FIRST_STEPS = 6
 """Steps to the best starts with which a fit begins."""
 _SHARES = np.array([1.0, 0.3, 0.1, 0.0])
@@ -165,7 +167,7 @@ class _Fit:
                 noise.append(local_deviations(self._time[begin:end], values[begin:end]))
             middle = np.add.reduceat(values, self._begin[:-1]) / counts[:, None]
             spread = float((values - middle[self._segment]).std())
-            if residual[name] > max(_NOISES * float(np.median(np.concatenate(noise))), _SPREAD * spread):
+            if residual[name] > max(_NOISES * float(np.quantile(np.concatenate(noise), _CALM)), _SPREAD * spread):
                 names.append(name)
         return tuple(names)
 

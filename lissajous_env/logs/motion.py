@@ -112,7 +112,7 @@ def motion_of(track: Track, gap: float = math.inf, top_speed: float = math.inf, 
     jumps = way > _FASTER * top_speed * width + slack + 6 * _roughness(track)
     known = (width <= gap + SAME) & ~jumps
     edges = np.concatenate([[0], np.flatnonzero(~known) + 1, [len(track)]])
-    velocity, error = _derived(track, edges)
+    velocity, error, deviation = _derived(track, edges)
     reason = ""
     heading, headless = _headings(track, velocity)
     along = np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
@@ -123,12 +123,10 @@ def motion_of(track: Track, gap: float = math.inf, top_speed: float = math.inf, 
     turned = not headless and _many(np.abs(forwards) < 0.7 * length, moving)
     speed = length * np.where(forwards < -1e-9, -1.0, 1.0)
     logged = np.isfinite(track.speed)
-    off = np.linalg.norm((np.where(logged, track.speed, 0)[:, None] * along - velocity)[:, :2], axis=1)
-    far = off > np.maximum(0.5 * np.maximum(length, np.median(length[moving]) if moving.any() else 0), 4 * error)
     odd = judged & (np.abs(np.where(logged, track.speed, 0)) > 4 * length.max(initial=0) + 4 * error + 1e-3)
     if not logged.any():
         reason = "were not logged"
-    elif _many(far | ~logged, moving):
+    elif _contradict(track, heading, known, deviation):
         reason = "do not match the poses"
     elif (odd | ~logged).any():
         reason = SOME
@@ -143,6 +141,41 @@ def motion_of(track: Track, gap: float = math.inf, top_speed: float = math.inf, 
 
 def _many(contradicting: np.ndarray, moving: np.ndarray) -> bool:
     return bool(moving.any() and (contradicting & moving).sum() > _CONTRADICTING * moving.sum())
+
+
+def _contradict(track: Track, heading: np.ndarray, known: np.ndarray, deviation: float) -> bool:
+    """Return whether the logged speeds along the headings do not lead from pose to pose.
+
+    Between two poses, speed and heading are interpolated, so that a car may turn as fast as it can. The ways that are
+    compared are the shortest that are long beside the noise of the poses.
+
+    Args:
+        track: The track.
+        heading: (K,) headings [rad].
+        known: (K - 1,) True where the motion from a pose to the next is known.
+        deviation: Standard deviation of a pose [m].
+    """
+    speeds = np.stack([track.speed[:-1], (track.speed[:-1] + track.speed[1:]) / 2, track.speed[1:]])
+    angles = np.stack([heading[:-1], (heading[:-1] + heading[1:]) / 2, heading[1:]])
+    velocities = speeds[..., None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    driven = np.einsum("s,skx->kx", [1 / 6, 4 / 6, 1 / 6], velocities) * np.diff(track.time)[:, None]
+    missing = ~np.isfinite(driven[:, 0])
+    sums = np.concatenate([np.zeros((1, 2)), np.cumsum(np.where(missing[:, None], 0.0, driven), axis=0)])
+    gaps, holes = (np.concatenate([[0], np.cumsum(flags)]) for flags in (~known, missing))
+    slack, contradict = 4 * deviation + SAME, False
+    for span in (1, *_WINDOWS):
+        if span >= len(track):
+            break
+        way = track.position[span:, :2] - track.position[:-span, :2]
+        length = np.linalg.norm(way, axis=1)
+        moving = (gaps[span:] == gaps[:-span]) & (length > np.maximum(0.1 * np.quantile(length, 0.9), slack))
+        typical = float(np.median(length[moving])) if moving.any() else 0.0
+        off = np.linalg.norm(sums[span:] - sums[:-span] - way, axis=1)
+        far = (off > np.maximum(0.5 * np.maximum(length, typical), slack)) | (holes[span:] > holes[:-span])
+        contradict = _many(far, moving)
+        if typical > 2 * slack:
+            break
+    return contradict
 
 
 def _headings(track: Track, velocity: np.ndarray) -> tuple[np.ndarray, bool]:
@@ -165,8 +198,10 @@ def _roughness(track: Track) -> float:
     return float(np.median(np.linalg.norm(off, axis=1)))
 
 
-def _derived(track: Track, edges: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return velocities (K, 3) from the positions of each stretch between two edges, and their standard deviation.
+def _derived(track: Track, edges: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """Return velocities (K, 3) from the positions of each stretch between two edges, and two standard deviations.
+
+    These are that of a velocity [m/s] and that of a position [m].
 
     The number of poses of which each is computed is the least that is precise enough, for the whole track.
     """
@@ -184,7 +219,7 @@ def _derived(track: Track, edges: np.ndarray) -> tuple[np.ndarray, float]:
         typical = float(np.quantile(np.linalg.norm(velocity, axis=1), 0.75))
         if error <= _PRECISE * typical or (count - 1) * period > _LONGEST:
             break
-    return velocity, error
+    return velocity, error, deviation
 
 
 def local_deviations(time: np.ndarray, values: np.ndarray) -> np.ndarray:
