@@ -1,0 +1,131 @@
+"""What plans guarantee: with robots that fail, over all episodes, and after a search that did not try every family."""
+
+import io
+import itertools
+import math
+import re
+
+import numpy as np
+import pytest
+from command_line import called
+from rich.console import Console
+from test_plan import SMALL, planned
+
+import lissajous_env
+from baselines.planning import tables
+from baselines.planning.planner import Outcome
+from baselines.planning.plans import Plan, worst_case
+from baselines.planning.playing import Episodes, play, remove_early
+from baselines.planning.request import Request
+from baselines.planning.search import Search
+from baselines.policies.settings import PolicySettings
+from lissajous_env.world.simulation import Simulation
+from lissajous_env.world.state import REMOVED
+
+
+@pytest.fixture
+def small(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL)
+    return str(path)
+
+
+def test_partition_has_no_bound_if_a_robot_fails():
+    """Story: two of the five cells have no neighbour that senses them; whoever loses such a robot has no guarantee."""
+    evaders = lissajous_env.scenario("evaders")
+    for seed in (0, 7, 13):
+        found = play(Plan("defaults", evaders, PolicySettings("partition")), Episodes(seed, failures=1))
+        assert math.isfinite(found.figures.worst_case)
+        assert found.figures.worst_case_failed == math.inf
+        assert tables.worst_in_words(math.inf, found.failed_rows).startswith("no bound (median ")
+
+
+@pytest.mark.long
+def test_partition_has_no_bound_if_a_robot_fails_with_any_seed():
+    evaders = lissajous_env.scenario("evaders")
+    for seed in range(20):
+        found = play(Plan("defaults", evaders, PolicySettings("partition")), Episodes(seed, failures=1))
+        assert found.figures.worst_case_failed == math.inf, seed
+
+
+@pytest.mark.parametrize(
+    ("robots", "failures", "count"), [(5, 1, 5), (5, 2, 10), (9, 3, 64), (64, 1, 64), (64, 40, 64)]
+)
+def test_each_combination_of_robots_is_lost_once_or_a_sample_of_them(robots, failures, count):
+    # Oracle: the binomial coefficient.
+    made = lissajous_env.scenario("evaders", **{"robot.count": robots})
+    losses = Episodes(failures=failures).losses(made)
+    assert len(losses) == count
+    assert len(set(losses)) == count
+    assert all(len(set(lost)) == failures and set(lost) <= set(range(robots)) for lost in losses)
+    if math.comb(robots, failures) <= 64:
+        assert set(losses) == set(itertools.combinations(range(robots), failures))
+    outcome = Outcome(Request(made), Episodes(failures=failures), tasks={robots: made}, finals=[planned(1.0)])
+    is_sample = f"64 of {math.comb(robots, failures)}" in tables.sentences(outcome)[0]
+    assert is_sample == (math.comb(robots, failures) > 64)
+
+
+def test_lost_robots_are_removed_after_a_quarter_of_the_episode_and_no_others(small):
+    """Oracle: the status of the robots at each step."""
+    scenario = lissajous_env.scenario(small)
+    losses = Episodes(failures=2).losses(scenario)
+    simulation = Simulation(Episodes(failures=2).with_failures(scenario), len(losses))
+    remove_early(simulation, losses)
+    early = scenario.task.steps // 4
+    for step in range(1, scenario.task.steps + 1):
+        simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
+        gone = simulation.robots.status.numpy() == int(REMOVED)
+        for lost, row in zip(losses, gone, strict=True):
+            assert set(np.flatnonzero(row)) == (set(lost) if step > early else set())
+
+
+def row(longest, is_open=0.0, grows=False):
+    return {"guaranteed_detection_time": longest, "guarantee_open": is_open, "still_growing": grows}
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ([row(3.2), row(3.2), row(3.2)], "3.2"),
+        ([row(3.2), row(3.2), row(7.3)], "7.3 (median 3.2)"),
+        ([row(3.2), row(3.2), row(46.0, 1.0, True)], "no bound (median 3.2)"),
+        ([row(3.2), row(46.0, 1.0, True), row(46.0, 1.0, True)], "no bound"),
+        ([row(3.2), row(3.2), row(9.0, grows=True)], "> 9 (median 3.2)"),
+    ],
+)
+def test_a_guarantee_is_the_largest_time_with_the_median_beside_it(rows, words):
+    # Oracle: by hand. A time that was still growing is no bound, and ranks as none.
+    worst = worst_case(rows)
+    assert (worst == math.inf) == any(each["still_growing"] for each in rows)
+    assert tables.worst_in_words(worst, rows) == words
+
+
+def test_the_number_of_episodes_is_in_the_table(small):
+    request = Request(lissajous_env.scenario(small))
+    outcome = Outcome(request, Episodes(failures=1), tasks={5: request.task(5)}, finals=[planned(1.0, failed=2.0)])
+    console = Console(width=200, file=io.StringIO(), record=True)
+    tables.print_plans(console, outcome, outcome.plans)
+    assert re.search(r"4 episodes +4 episodes +5 episodes", console.export_text())
+
+
+def test_a_family_that_was_not_tried_is_named_in_the_first_line(small, capsys, monkeypatch):
+    """Story: a clock on which a second look has no time; what the search did not try stands above the table."""
+    hours = itertools.count(0.0, 3600.0)
+    monkeypatch.setattr(Search.__init__, "__defaults__", (*Search.__init__.__defaults__[:-1], lambda: next(hours)))
+    code, said, _ = called(capsys, "plan", small, "--seconds", 1)
+    first = said.splitlines()[0]
+    assert code in (0, 1)
+    assert first.startswith("Not tried for lack of time: ")
+    assert "loops" in first
+
+
+def test_every_family_is_tried_before_the_defaults(small, monkeypatch):
+    """Story: the time ends with the first looks, and each family has one of these."""
+    monkeypatch.setattr(Search, "_play_defaults", lambda self, threads: None)
+    monkeypatch.setattr(Search, "_look", lambda self, threads: None)
+    search = Search(lissajous_env.scenario(small), Episodes())
+    search.run(600)
+    tried = {look.plan.family for look in search.looks}
+    assert tried == {"partition", "lines", "Lissajous", "loops"}
+    assert search.untried() == ["defaults"]
+    assert {each.plan.family for each in search.finals} <= tried
