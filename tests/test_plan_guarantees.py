@@ -1,4 +1,4 @@
-"""What plans guarantee: with robots that fail, over all episodes, and after a search that did not try every family."""
+"""Guarantees of plans: with robots that fail, over all episodes, and after a search that did not try every family."""
 
 import io
 import itertools

@@ -1,4 +1,4 @@
-"""Which robots a log has: their numbers and topics, from the names that a user gives."""
+"""Find the robots of a log, their numbers and topics, by the names that a user gives."""
 
 import re
 from collections.abc import Sequence
