@@ -13,6 +13,10 @@ import numpy as np
 import pytest
 
 import lissajous_env
+
+pytest.importorskip("stable_baselines3")
+pytest.importorskip("torchrl")
+
 from training.sb3.mixed_vec_env import MixedVecEnv
 from training.sb3.vec_env import RobotVecEnv
 from training.torchrl.env import LissajousTorchEnv
