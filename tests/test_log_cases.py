@@ -180,6 +180,15 @@ def test_a_robot_whose_messages_end_does_not_shorten_the_log(tmp_path):
     assert any("robot 2 has no pose after" in note for note in result.notes)
 
 
+def test_a_channel_of_another_encoding_is_named_and_the_file_is_not_called_damaged(tmp_path):
+    write(tmp_path / "log", of_robots(lambda k, t: odometry(EPOCH + t, *circle(k, t))))
+    (path,) = (tmp_path / "log").glob("*.mcap")
+    path.write_bytes(path.read_bytes().replace(b"ros2msg", b"schemas"))
+    with pytest.raises(ValueError, match="encoding ros2msg or ros2idl.*got one of schemas: leave it out") as raised:
+        read(path)
+    assert "damaged" not in str(raised.value)
+
+
 def test_a_jump_is_named(tmp_path):
     jumping = of_robots(lambda k, t: odometry(EPOCH + t, circle(k, t)[0] + (k == 1 and t > 2), *circle(k, t)[1:]))
     result = scored(tmp_path, jumping)

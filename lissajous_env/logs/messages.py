@@ -1,12 +1,16 @@
 """Messages of rosbag2 files (MCAP) or folders, by topic."""
 
 import contextlib
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from lissajous_env.logs.ros_types import rosbags, type_store
+
+
+_ENCODING = re.compile(r"[A-Za-z][\w-]*")
 
 
 class Message(NamedTuple):
@@ -90,5 +94,10 @@ def _undamaged(path: Path) -> Iterator[None]:
     except (OSError, GeneratorExit):
         raise
     except Exception as error:
+        # The library looks up the encoding of each channel's schema.
+        encoding = error.args[0] if isinstance(error, KeyError) and error.args else None
+        if isinstance(encoding, str) and _ENCODING.fullmatch(encoding):
+            rule = "must contain only channels whose schemas have the encoding ros2msg or ros2idl, as ROS 2 writes them"
+            raise ValueError(f"{path} {rule}, got one of {encoding}: leave it out of the recording") from error
         reason = str(error).partition("\n")[0] or type(error).__name__
         raise ValueError(f"{path} must be an undamaged rosbag2 file (.mcap) or folder, but {reason}") from error
