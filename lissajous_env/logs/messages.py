@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 from lissajous_env.logs.ros_types import rosbags, type_store
 
-
 _ENCODING = re.compile(r"[A-Za-z][\w-]*")
 
 
