@@ -184,7 +184,7 @@ def test_a_channel_of_another_encoding_is_named_and_the_file_is_not_called_damag
     write(tmp_path / "log", of_robots(lambda k, t: odometry(EPOCH + t, *circle(k, t))))
     (path,) = (tmp_path / "log").glob("*.mcap")
     path.write_bytes(path.read_bytes().replace(b"ros2msg", b"schemas"))
-    with pytest.raises(ValueError, match="encoding ros2msg or ros2idl.*got one of schemas: leave it out") as raised:
+    with pytest.raises(ValueError, match=r"encoding ros2msg or ros2idl.*got one of schemas: leave it out") as raised:
         read(path)
     assert "damaged" not in str(raised.value)
 
