@@ -65,7 +65,7 @@ def test_poses_without_speeds_are_enough(noisy):
     for speed in (np.nan * track.speed, 0 * track.speed) if noisy else (np.nan * track.speed,):
         found = identify(without_speeds(track, speed), commands, Robot())
         for name in ("wheelbase", "drag", "drive", "offset"):
-            assert found.values[name] == pytest.approx(true[name], rel=0.05 if noisy else 1e-3), name
+            assert found.values[name] == pytest.approx(true[name], rel=0.02 if noisy else 1e-3), name
             assert abs(found.values[name] - true[name]) < 5 * found.errors[name] + 1e-4 * true[name], name
         assert np.isnan(found.residual["speed"])
         assert found.misfits == ()
