@@ -2,8 +2,8 @@
 
 Lengths are multiplied by L and times by T, each policy plays the same seeds at every scale, and the means in scaled
 units are compared with those at the scale of the scenario. Factors that are powers of 2 change no bit, as
-`tests/test_similarity.py` shows. Others round differently, and after a near collision two episodes that differ in the
-last digit part. If they do, more seeds are played until the standard error of each difference is small enough to detect
+`tests/world/test_similarity.py` shows. Others round differently, and after a near collision two episodes that differ in
+the last digit part. If they do, more seeds are played until the standard error of each difference allows to detect
 1 %. `--store` puts the table into docs/figures.json: the number of policies whose distance and spacing differ by less
 than 1 %, and the largest differences over the scales and policies.
 """

@@ -1,6 +1,6 @@
 """Undocumented parts of Warp that the package uses, collected here because a new version of Warp may change them.
 
-`tests/test_warp_abi.py` tests each of them; the name of a failing test names the part that changed.
+`tests/device/test_warp_abi.py` tests each of them; the name of a failing test names the part that changed.
 """
 
 import ctypes

@@ -355,7 +355,7 @@ def extensions(draw: np.random.Generator) -> str | None:
 
 def conservative(draw: np.random.Generator) -> str | None:
     """A rogue in a gap of a formation that moves as a whole, against the conservative figure."""
-    sys.path.insert(0, str(Path(__file__).parents[1]))
+    sys.path.insert(0, str(Path(__file__).parents[1] / "world"))
     import test_conservative
 
     lissajous_env.register_robot_model(test_conservative.CONVOY)

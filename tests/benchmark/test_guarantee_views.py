@@ -1,0 +1,130 @@
+"""Guarantees in every table, page and file: the largest of the episodes, their number and their median."""
+
+import contextlib
+import io
+import json
+import math
+import re
+
+import figures
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.console import Console
+
+import lissajous_env
+from baselines.benchmark import report_page, tables
+from baselines.benchmark.comparison import compare
+from baselines.benchmark.report_page import Report
+from baselines.benchmark.shown_columns import SHOWN
+from baselines.benchmark.summary_files import summarized
+from baselines.benchmark.types import Benchmark, Outcome
+from baselines.benchmark.written import latex, markdown, table_of
+from lissajous_env.console.cli import main
+from lissajous_env.console.terminal import plain
+from lissajous_env.world.columns import COLUMNS, LARGEST, WORST_CASE
+
+EVADERS = {"evaders": lissajous_env.scenario("evaders")}
+GUARANTEE = WORST_CASE.name
+
+
+def rows(policy, episodes):
+    """Return score rows of episodes, each a worst case [s] and whether it is open."""
+    numbers = dict.fromkeys(COLUMNS, 1.0) | {"collisions": 0, "targets": 1}
+    return [
+        {"scenario": "evaders", "policy": policy, "episode": seed, "seed": seed}
+        | numbers
+        | {GUARANTEE: time, "unseen_at_end": time if is_open else 0.5, "guarantee_open": float(is_open)}
+        for seed, (time, is_open) in enumerate(episodes)
+    ]
+
+
+def views_of(episodes):
+    """Return what each view shows of the worst case of a policy, as one line of text by the name of the view."""
+    played = [*rows("ours", episodes), *rows("other", [(45.0, False)] * len(episodes))]
+    comparisons = compare(played, EVADERS)
+    of = comparisons.cells["evaders"]
+    settings_ = Benchmark(("evaders",), ("ours", "other"), episodes=len(episodes))
+    held = {"policies": {"evaders": {}}, "digests": {}, "device": "cpu"}
+    outcome = Outcome(settings_, [], played, [], 0, 0.0, held, EVADERS, played, {})
+    wide = Console(width=400, record=True, file=io.StringIO())
+    tables.print_policies(wide, tables.Text("t"), {"ours": of["ours"]}, SHOWN)
+    terminal = re.sub(r"[^\x21-\x7e]+", " ", wide.export_text())
+    wide = Console(width=400, record=True, file=io.StringIO())
+    tables.print_scores(wide, "ours", "evaders", of["ours"])
+    (scores,) = [line for line in wide.export_text().splitlines() if line.split()[:1] == [GUARANTEE]]
+    page = Report(outcome, comparisons, {}, {}, frozenset(("ours", "other"))).html(played, {})
+    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[1])
+    cell = data["scenarios"][0]["policies"][0]["cells"][GUARANTEE]
+    summary = json.loads(json.dumps(plain(summarized(outcome, played, comparisons))))
+    return {
+        "terminal": terminal,
+        "scores": scores,
+        "markdown": markdown(table_of(comparisons)).splitlines()[2],
+        "latex": next(line for line in latex(comparisons).splitlines() if line.startswith("ours &")),
+        "page": f"{cell['words']} {cell['between']}",
+        "summary": summary["statistics"]["evaders"]["ours"][GUARANTEE],
+    }
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    st.lists(st.tuples(st.floats(2.0, 40.0).map(lambda time: round(time, 1)), st.booleans()), min_size=2, max_size=6)
+)
+def test_every_view_shows_the_largest_and_the_number_of_episodes(episodes):
+    # Law: of any episodes, every view shows the same three numbers.
+    views, is_open = views_of(episodes), [flag for _, flag in episodes]
+    largest = tables.number(max(time for time, _ in episodes))
+    ordered = sorted(math.inf if flag else time for time, flag in episodes)
+    middle = (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2
+    summary = views.pop("summary")
+    assert (summary["summary"], summary["n"], summary["open"]) == (LARGEST, len(episodes), sum(is_open))
+    assert tables.number(summary["max"]) == largest
+    assert summary["at_least"] == any(is_open)
+    scores = views.pop("scores")
+    assert f"{LARGEST} " in scores
+    assert f"{'> ' if any(is_open) else ''}{largest}" in scores
+    for name, words in views.items():
+        assert largest in words, name
+        assert f"n = {len(episodes)}" in words, name
+        assert f"median {tables.number(middle) if math.isfinite(middle) else 'open'}" in words, name
+        assert (f"{sum(is_open)} open" in words) == any(is_open), name
+        assert ("> " in words or "$>$ " in words) == any(is_open), name
+
+
+def test_every_stored_table_with_a_guarantee_shows_the_number_of_episodes():
+    # Law: of the tables of the documentation, a cell below the heading of the worst case is "largest (median ...)".
+    found = 0
+    for name, table in (figures.load() | figures.made_now()).items():
+        for place, title in enumerate(table["columns"]):
+            if title.endswith(WORST_CASE.heading):
+                for row in table["rows"]:
+                    if row[place] and not any("best known" in cell for cell in row[:2]):
+                        assert re.fullmatch(
+                            r"(> )?[\d.]+ \(median ([\d.]+|open), n = \d+(, \d+ open)?\)", row[place]
+                        ), name
+                        found += 1
+    assert found > 100
+
+
+def test_the_page_sorts_a_guarantee_without_a_bound_last():
+    played = [
+        row | {"scenario": name}
+        for name in ("evaders", "evaders-fast")
+        for row in rows("ours", [(3.0, name == "evaders-fast")])
+    ]
+    scenarios = {name: lissajous_env.scenario(name) for name in ("evaders", "evaders-fast")}
+    (of,) = compare(played, scenarios).overall.values()
+    assert report_page._aggregate(of["ours"]["worst_case_over_bound"])[2] is None
+    for words, beside, _ in (report_page._aggregate(each) for each in of["ours"].values()):
+        assert "inf" not in words + beside
+        assert "at least" not in beside
+
+
+def test_the_command_guarantee_prints_the_largest_of_its_episodes(tmp_path):
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
+        main(["guarantee", "evaders", "--policies", "still", "--radii", "2", "--cells", "10", "--episodes", "3",
+              "--out", str(tmp_path), "--set", "task.duration=3.0", "--json"])  # fmt: skip
+    result = json.loads(said.getvalue())
+    of = result["guarantees"]["evaders"]["still"]
+    assert (of["max"], of["n"], of["open"]) == (max(result["unseen"]["evaders"]["still"]), 3, 3)

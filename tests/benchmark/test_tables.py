@@ -1,0 +1,205 @@
+"""The scripts that write the README's tables: tables match their rows."""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import figures
+import learned
+import numpy as np
+import pytest
+import results
+import safety
+import trainings
+from rich.console import Console
+
+import lissajous_env
+from baselines.benchmark import clairvoyant, standard
+from baselines.benchmark.comparison import compare
+from baselines.benchmark.running import measure, plan, run
+from baselines.benchmark.statistics import interquartile_mean, summarize
+from baselines.benchmark.types import Benchmark
+from baselines.benchmark.written import markdown, table_of
+from baselines.planning import best_known
+from lissajous_env.world.columns import COLUMNS
+from training.choosing import chooser
+
+
+def rows(policy, times, scenario="intruders"):
+    for k, time in enumerate(times):
+        numbers = dict.fromkeys(COLUMNS, 0.5) | {"detection_time_mean": time}
+        yield {"scenario": scenario, "policy": policy, "episode": k, "seed": k} | numbers
+
+
+def test_the_table_says_what_the_rows_hold():
+    scenario = lissajous_env.scenario("intruders")
+    played = [*rows("kuramoto-mpcc", [4.0] * 4), *rows("laps", [2.0, 2.0, 2.0, 6.0]), *rows("clairvoyant", [1.0] * 4)]
+    made = table_of(compare(played, {"intruders": scenario}))
+    first, laps, seer = (dict(zip(made["columns"], row, strict=True)) for row in made["rows"])
+    assert list(first)[:4] == ["scenario", "policy", "detection [s]", "over lower bound"]
+    assert (first["scenario"], first["detection [s]"], first["sooner"]) == ("`intruders`, lower bound 0.582 s", "4", "")
+    assert (laps["scenario"], laps["detection [s]"]) == ("", "2 (2\N{EN DASH}6)")
+    assert laps["sooner"].startswith("75 %")
+    assert seer["policy"] == "*(clairvoyant)*"
+    lines = markdown(made).splitlines()
+    assert lines[2].startswith("| `intruders`, lower bound 0.582 s | `kuramoto-mpcc` | 4 |")
+    assert len({line.count("|") for line in lines}) == 1
+
+
+def policies_of(table):
+    """Policies of each scenario in a table in Markdown."""
+    found = {}
+    for line in table.splitlines()[2:]:
+        where, policy = (cell.strip() for cell in line.split("|")[1:3])
+        if where:
+            of = found.setdefault(where.split("`")[1], set())
+        of.add(policy)
+    return found
+
+
+def test_the_command_makes_the_table_of_the_readme(tmp_path):
+    # Story: who runs the README's command finds its table in the folder: the same scenarios, policies and columns.
+    # Oracle: the page itself. Episodes of half a second, as only what is played and shown counts.
+    import baselines
+
+    settings = Benchmark(episodes=1, out=tmp_path, replays=("none",), overrides={"task.duration": 0.5})
+    run(settings, console=Console(quiet=True))
+    page = (figures.ROOT / "docs" / "comparison.md").read_text(encoding="utf-8")
+    stored = re.search(r"<!-- figures: policies -->\s+(.*?)\s+<!-- end -->", page, re.DOTALL)[1]
+    made, told = ((tmp_path / "table.md").read_text().strip(), stored)
+    assert made.splitlines()[0] == told.splitlines()[0]
+    # Scenarios of another duration have no best known plan, and learned choices refuse such short ones.
+    known = {each.name for each in best_known.all_known()} & set(standard.SCENARIOS)
+    assert {name for name, of in policies_of(told).items() if "*best known*" in of} == known
+    missing = {"*best known*", *(f"`{name}`" for name in standard.POLICIES if name in chooser.names())}
+    assert policies_of(made) == {name: of - missing for name, of in policies_of(told).items()}
+    readme = (figures.ROOT / "README.md").read_text(encoding="utf-8")
+    gist = re.search(r"<!-- figures: gist -->\s+(.*?)\s+<!-- end -->", readme, re.DOTALL)[1].splitlines()[2:]
+    assert {line.split("|")[1].strip() for line in gist} == policies_of(told)["evaders"]
+    assert set(standard.POLICIES) <= set(baselines.names())
+    # Every one of them has a guarantee, also where the scenario does not follow one by itself.
+    rows = [json.loads(line) for line in (tmp_path / "episodes.jsonl").read_text().splitlines()]
+    assert all(row["guaranteed_detection_time"] is not None for row in rows)
+
+
+def test_a_named_scenario_is_played_as_in_the_standard_comparison(tmp_path):
+    def played(**overrides):
+        settings = Benchmark(("intruders",), ("still",), 1, out=tmp_path / str(len(overrides)), overrides=overrides)
+        return measure(settings, console=Console(quiet=True)).held_scenarios["intruders"].task.contamination
+
+    assert played(**{"task.duration": 0.5}) == (108, 48)
+    assert played(**{"task.duration": 0.5, "task.contamination": None}) is None
+    page = (tmp_path / "1" / "report.html").read_text()
+    assert "--set 'task.contamination=(108, 48)' task.duration=0.5" in page
+
+
+def test_policies_that_users_registered_are_played_beside_the_standard_ones_and_all_plays_every_one():
+    import baselines
+
+    baselines.register("theirs", "car", lambda scenario, num_worlds, device: None)
+    names = lambda *policies: [cell.policy for cell in plan(Benchmark(("evaders",), policies))]  # noqa: E731
+    usual = names()
+    assert [name for name in usual if name not in standard.POLICIES] == ["theirs", clairvoyant.NAME]
+    assert {"arc-mpcc", "still", "theirs"} <= set(names("all"))
+    assert clairvoyant.NAME not in names("all")
+
+
+def test_results_are_kept_of_each_policy_on_a_scenario(tmp_path, monkeypatch, capsys):
+    # Story: one short scenario is played and stored; the page of that scenario reads it. Oracle: `evaluate`.
+    import baselines
+
+    monkeypatch.setattr(figures, "STORE", tmp_path / "figures.json")
+    settings = ["--scenarios", "perturbation", "--episodes", "2", "--out", str(tmp_path / "kept"), "--store"]
+    monkeypatch.setattr(sys, "argv", ["results.py", *settings])
+    results.main()
+    kept = figures.load()["results perturbation"]
+    assert kept["episodes"] == 2
+    assert "perturbation, 2 seeds" in capsys.readouterr().out
+    told = {row[0]: dict(zip(kept["columns"], row, strict=True)) for row in kept["rows"]}
+    assert {"`kuramoto`", "`open-loop`", "`random`", "`still`"} <= set(told)
+    rows = lissajous_env.evaluate(baselines.make("still", "perturbation", 2), "perturbation", seeds=range(2))
+    assert float(told["`still`"]["sensed"].split()[0]) == pytest.approx(
+        np.mean([row["sensed_fraction"] for row in rows]), abs=2e-3
+    )
+
+
+def test_a_large_scenario_is_played_by_few():
+    small = results.settings_for(lissajous_env.scenario("swarm"), 8, Path("x"))
+    large = results.settings_for(lissajous_env.scenario("swarm", **{"targets.count": 200_000}), 8, Path("x"))
+    assert (small.episodes, small.policies) == (8, ("all",))
+    assert (large.episodes, large.policies) == (1, results.RIVALS)
+
+
+def test_trainings_are_judged_together_and_alone():
+    # Oracle: by hand, and the two-level interval of the same numbers.
+    rng = np.random.default_rng(0)
+    times = rng.uniform(1, 3, (3, 8))
+    reference = list(rows("kuramoto-mpcc", [2.5] * 8))
+    judged = trainings.judged([list(rows(f"training {k}", each)) for k, each in enumerate(times)], reference)
+    of = judged["detection_time_mean"]
+    assert of["value"] == pytest.approx(interquartile_mean(times.ravel()))
+    assert of["interval"] == trainings.two_level_interval(times)
+    assert of["better"] == pytest.approx((times < 2.5).mean())
+    assert [each["iqm"] for each in of["trainings"]] == pytest.approx([interquartile_mean(each) for each in times])
+    assert judged["collisions"]["statistic"] == "mean"
+    assert judged["sensed_fraction"]["better"] == 0.5
+    assert trainings.judged([list(rows("alone", times[0]))], reference)["collisions"]["interval"] is None
+
+
+def test_episodes_of_a_training_that_are_there_are_not_played_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(trainings.subprocess, "run", lambda *_, **__: pytest.fail("trained again"))
+    kept = list(rows("learned", [1.0, 2.0]))
+    (tmp_path / "seed-0-1000.json").write_text(json.dumps(kept))
+    assert trainings.scored(tmp_path, "intruders", 0, 1000, 2, ()) == kept
+    with pytest.raises(BaseException, match="trained again"):
+        trainings.scored(tmp_path, "intruders", 0, 1000, 3, ())
+
+
+def cell(made, row, column):
+    mark = f"<!-- figures: made / {row} / {column} -->"
+    return figures.filled(f"{mark}<!-- end -->", {"made": made}).removeprefix(mark).removesuffix("<!-- end -->")
+
+
+def test_the_table_of_trainings_has_each_of_them_all_and_the_reference():
+    # Oracle: by hand. The second training is better on half of the seeds.
+    reference = list(rows("kuramoto-mpcc", [2.0] * 4))
+    tables = [list(rows("a", [1.0] * 4)), list(rows("b", [1.0, 1.0, 3.0, 3.0]))]
+    judgement = {"seeds": [0, 1], "columns": trainings.judged(tables, reference)}
+    made = trainings.as_table({"5000000": judgement, "15000000": judgement})
+    assert [row[0] for row in made["rows"]][2:] == [
+        "after 5 million steps, all",
+        *(f"after 15 million steps, {who}" for who in ("seed 0", "seed 1", "all")),
+        "`kuramoto-mpcc`",
+    ]
+    assert cell(made, "after 5 million steps, seed 0", "detection [s]") == "1"
+    assert cell(made, "after 5 million steps, seed 0", "sooner") == "100 %"
+    assert cell(made, "after 15 million steps, seed 1", "sooner").startswith("50 % (")
+    assert cell(made, "after 15 million steps, all", "sooner").startswith("75 % (")
+    assert cell(made, "`kuramoto-mpcc`", "detection [s]") == "2"
+    assert cell(made, "`kuramoto-mpcc`", "sooner") == ""
+
+
+def test_collisions_with_a_filter_stand_beside_those_without():
+    numbers = dict.fromkeys(safety.COLUMNS, 1.0)
+    counts = {"sweep": 8.0, "sweep-safe": 2.0, "sweep-close": 4.0, "still": 0.0, "still-safe": 0.0}
+    made = safety.as_table({("rough", name): numbers | {"collisions": count} for name, count in counts.items()})
+    column = "of those without the filter [%]"
+    assert cell(made, "rough, `sweep`", "collisions") == "8"
+    shares = [cell(made, f"rough, `{name}`", column) for name in counts]
+    assert shares == ["", "25", "50", "", ""]
+
+
+def test_the_learned_ones_time_stands_beside_the_others():
+    def scores(time):
+        numbers = {"detection_time_mean": time, "collisions": 1.0, "recovery_time": np.nan}
+        return {column: summarize([number] * 4) for column, number in numbers.items()}
+
+    made = learned.as_table(
+        {"intruders": {"learned-intruders": scores(1.0), "laps": scores(2.0), "laps, tuned (fast)": scores(4.0)}}
+    )
+    assert made["columns"][1:4] == ["detection [s]", "collisions", "recovery [s]"]
+    assert made["rows"][1:] == [
+        ["intruders, `laps`", "2", "1", "\N{EM DASH}", "0.500"],
+        ["intruders, `laps`, tuned (fast)", "4", "1", "\N{EM DASH}", "0.250"],
+    ]

@@ -1,0 +1,218 @@
+"""Code blocks and commands of README and docs: each runs, shortened if it is slow.
+
+test_extending.py covers docs/extending.md; building the documentation runs the notebooks.
+"""
+
+import ast
+import re
+import shlex
+import tomllib
+from functools import cache
+from pathlib import Path
+
+import gymnasium
+import pytest
+import speed
+
+import baselines
+import lissajous_env
+import training
+from benchmarks import figures
+from docs.generator import concepts, design
+from lissajous_env.console import cli
+
+ROOT = figures.ROOT
+PAGES = [path for path in figures.PAGES if path.name != "extending.md"]
+BLOCKS = [
+    (path.name, language, body)
+    for path in PAGES
+    for language, body in re.findall(
+        r"^```(.*?)\n(.*?)^```$", path.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
+    )
+    if not language.startswith("{")
+]
+PYTHON = [(name, body) for name, language, body in BLOCKS if language == "python"]
+SHELL = {
+    page: [line for name, language, body in BLOCKS if (name, language) == (page, "") for line in body.splitlines()]
+    for page in dict.fromkeys(name for name, *_ in BLOCKS)
+}
+OPTIONAL = {"benchmarl", "mlflow", "ray", "stable_baselines3", "torch", "torchrl", "wandb"}
+NEEDS = {"training.sb3": "stable_baselines3", "training.torchrl": "torchrl", "training.rllib": "ray"}
+SHORTER = {
+    "benchmark": "--scenarios intruders --policies sweep laps --episodes 1",
+    "evaluate": "--episodes 1",
+    "plan": "--seconds 4",
+    "guarantee": "--radii 2 --cells 16 --episodes 1",
+    "train": "--steps 2000 --worlds 4 --evaluation-episodes 1 --rivals sweep --imitation-steps 0 --rollout 8",
+    "train --side": "--rogue-rounds 2 --rogue-steps 200 --evaluation-episodes 1",
+    "exploit": "--episodes 1",
+    "choose": "--scenarios 2 --evaluation-scenarios 2 --episodes 1",
+}
+"""Options added to a command to shorten it."""
+LASTING = ("benchmark", "evaluate", "exploit", "guarantee", "replay", "run", "train")
+"""Commands that run episodes, here of half a second."""
+IMAGES = {
+    "intruders.gif": "lissajous run intruders kuramoto-mpcc --seed 1 --set task.duration=14",
+    "unseen.png": "lissajous guarantee evaders-failure --policies kuramoto-mpcc kuramoto-mpcc-close open-loop-mpcc",
+    "critical_speed.png": "lissajous guarantee`",
+    "trainings.png": "python benchmarks/trainings.py --store",
+    "growth.png": "python benchmarks/speed.py --parts growth --against FOLDER --store",
+    "fig3.png": "lissajous reproduce fig3 fig6 fig9",
+    "fig6.png": "lissajous reproduce fig3 fig6 fig9",
+    "fig9.png": "lissajous reproduce fig3 fig6 fig9",
+}
+"""Stored pictures, each with the command that makes it."""
+
+
+def test_every_block_is_of_a_kind_that_is_tried_here():
+    assert {language for _, language, _ in BLOCKS} == {"", "python", "text", "pycon", "bibtex"}
+    assert len(PYTHON) > 12
+    assert sum(map(len, SHELL.values())) > 30
+    assert {name for name, language, _ in BLOCKS if language == "pycon"} == {"paper.md"}, "test_reproduce.py has them"
+
+
+@pytest.mark.parametrize(("page", "body"), PYTHON, ids=[f"{page}-{k}" for k, (page, _) in enumerate(PYTHON)])
+def test_a_block_of_python_runs(page, body, tmp_path, monkeypatch, capsys):
+    for node in ast.walk(ast.parse(body)):
+        names = [node.module] if isinstance(node, ast.ImportFrom) else []
+        names += [each.name for each in node.names] if isinstance(node, ast.Import) else []
+        for name in names:
+            for needed in {name.split(".")[0], *(of for module, of in NEEDS.items() if name.startswith(module))}:
+                if needed in OPTIONAL:
+                    pytest.importorskip(needed)
+    for library, word in {"benchmarl": "benchmarl", "onnx": "export_onnx"}.items():
+        if word in body:
+            pytest.importorskip(library)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(body, page, "exec"), {"__name__": "__main__"})
+    assert "print(" not in body or capsys.readouterr().out.strip()
+
+
+@pytest.mark.parametrize("page", [page for page, lines in SHELL.items() if lines])
+def test_the_commands_of_a_page_run(page, tmp_path, monkeypatch, capsys):
+    # In order, in one folder: a command may read what an earlier one wrote.
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+    for line in SHELL[page]:
+        for part in line.split(" && "):
+            program = part.split()[0]
+            assert program in CHECKS, line
+            if (part not in _TRIED) or "--out" in part:
+                CHECKS[program](part)
+            _TRIED.add(part)
+    capsys.readouterr()
+
+
+_TRIED = set()
+"""Commands that have run; one that writes nothing need not run twice."""
+
+
+def check_install(line):
+    (extras,) = re.findall(r"^pip install (?:\"\.\[([\w,]*)\]\"|\.)$", line)
+    known = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    assert set(filter(None, extras.split(","))) <= set(known)
+
+
+def check_python(line):
+    # A program of benchmarks/ has its own tests; here only its options are checked.
+    module = re.match(r"python (?:-m )?(\S+)", line)[1]
+    if module == "benchmarks/speed.py":
+        speed.parser().parse_args([str(ROOT) if word == "FOLDER" else word for word in shlex.split(line)[2:]])
+        return
+    if module == "pytest":
+        assert "-m pytest -n auto --dist loadfile" in (ROOT / ".ci" / "run").read_text()
+        return
+    path = ROOT / (module if module.endswith(".py") else f"{module.replace('.', '/')}.py")
+    path = path if path.exists() else path.with_suffix("") / "__main__.py"
+    source = path.read_text(encoding="utf-8")
+    if "figures.parser(" in source:
+        source += (ROOT / "benchmarks" / "figures.py").read_text(encoding="utf-8")
+    for option in re.findall(r"--([\w-]+)", line):
+        # By argparse, or as a field or an argument of what tyro reads; every --set is `Overrides`.
+        declared = rf'"--{option}"|^\W*{option.replace("-", "_")}: |\b{option.replace("-", "_")}: '
+        assert re.search(declared, source, re.MULTILINE) or (option == "set" and "Overrides" in source), (line, option)
+
+
+def check_site(line):
+    assert line.split()[:2] == ["sphinx-build", "-W"]
+    assert "sphinx-build" in (ROOT / ".ci" / "run").read_text()
+
+
+def run_lissajous(line):
+    """Run a command of this package, shortened and without a cluster."""
+    _, command, *given = shlex.split(re.sub(r"--engine ray( --address \S+)?", "", line))
+    if command == "ros":  # it runs for as long as its processes; test_ros_launch.py runs them
+        assert {word for word in given if word.startswith("--")} <= options_of(f"ros {given[0]}"), line
+        return
+    if command == "train" or any(word.startswith("runs/") for word in given):
+        pytest.importorskip("stable_baselines3")
+    if "--optimise" in given:
+        pytest.importorskip("cma")
+    if command == "reproduce":
+        given = ["fig2" if word == "all" else word for word in given]
+    if command in LASTING and not "".join(given[:1]).endswith(".npz"):
+        given = [word for word in given if not word.startswith("task.duration")]
+        at = given.index("--set") + 1 if "--set" in given else len(given)
+        given[at:at] = ["task.duration=0.5"] if "--set" in given else ["--set", "task.duration=0.5"]
+    shorter = SHORTER.get(" ".join([command, *given[:1]]), SHORTER.get(command, ""))
+    with pytest.raises(SystemExit) as end:
+        cli.main([command, *given, *([] if "--episodes" in given else shorter.split())])
+    assert not end.value.code, line
+
+
+CHECKS = {"pip": check_install, "python": check_python, "sphinx-build": check_site, "lissajous": run_lissajous}
+
+
+@cache
+def options_of(command):
+    """Return the options in the help of a command."""
+    import contextlib
+    import io
+
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), pytest.raises(SystemExit):
+        cli.main([*command.split(), "--help"])
+    return set(re.findall(r"--[\w-]+", said.getvalue()))
+
+
+@pytest.mark.parametrize("path", figures.PAGES, ids=lambda path: path.name)
+def test_commands_in_the_text_are_commands(path):
+    # Story: an option is renamed, but a page still shows the old one.
+    text = " ".join(path.read_text(encoding="utf-8").split())
+    for command, rest in re.findall(r"`lissajous ((?:ros )?[a-z]+)([^`]*)`", text):
+        assert set(re.findall(r"(?<= )--[\w-]+", rest)) <= options_of(command), (command, rest)
+    for line in re.findall(r"`(?:[^`]* && )?(python (?:benchmarks/|-m (?:training|tests))[^`]*)`", text):
+        check_python(line)
+
+
+CALLS = re.findall(
+    r"`((?:lissajous_env|gymnasium|baselines|training)\.[^`]+\))`", (ROOT / "docs" / "start.md").read_text()
+)
+
+
+@pytest.mark.parametrize(
+    "call", [call for call in CALLS if "policy" not in call and "mine.zip" not in call and "/x/" not in call]
+)
+def test_a_call_of_the_table_works(call):
+    # Story: a reader types what the table says, here with fewer worlds.
+    for module, needed in NEEDS.items():
+        if call.startswith(module):
+            pytest.importorskip(needed)
+            __import__(module + ".benchmarl" * ("benchmarl" in call))
+    fewer = re.sub(r"(num_worlds|num_envs)=\d+", r"\1=2", call).replace("cuda", "cpu")
+    known = {"gymnasium": gymnasium, "lissajous_env": lissajous_env, "baselines": baselines, "training": training}
+    assert eval(fewer, known | {"scenario": "failure"}) is not None
+
+
+def test_every_picture_is_drawn_by_the_code_or_by_a_command_that_its_page_names():
+    used = {}
+    for path in figures.PAGES:
+        text = path.read_text(encoding="utf-8")
+        for name in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", text):
+            used.setdefault(Path(name).name, []).append(" ".join(text.split()))
+            drawn = Path(name).suffix == ".svg" and Path(name).stem in {**concepts.DRAWINGS, **design.DRAWINGS}
+            assert drawn or (path.parent / name).is_file(), (path.name, name)
+    kept = {name for name in used if not name.endswith(".svg")}
+    assert kept == set(IMAGES) == {path.name for path in (ROOT / "docs").iterdir() if path.suffix in (".png", ".gif")}
+    for name in kept:
+        assert any(IMAGES[name] in page for page in used[name]), name

@@ -1,0 +1,321 @@
+"""Third-party libraries, used as in their documentation: each trains, records or rolls out."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.wrappers import FlattenObservation, NormalizeObservation, RecordEpisodeStatistics, TimeLimit
+from gymnasium.wrappers import vector as vector_wrappers
+
+import lissajous_env
+
+ID = "lissajous_env:lissajous/experiment-v0"
+
+
+def learn_as_cleanrl_does(envs, num_steps=16, updates=2):
+    """PPO in one function, in the form in which people write it: collect, advantages, update. Returns the losses."""
+    torch = pytest.importorskip("torch")
+    nn, normal = torch.nn, torch.distributions.Normal
+    inputs = int(np.array(envs.single_observation_space.shape).prod())
+    outputs = int(np.prod(envs.single_action_space.shape))
+    critic = nn.Sequential(nn.Linear(inputs, 32), nn.Tanh(), nn.Linear(32, 1))
+    mean = nn.Sequential(nn.Linear(inputs, 32), nn.Tanh(), nn.Linear(32, outputs))
+    logstd = nn.Parameter(torch.zeros(1, outputs))
+    parameters = [*critic.parameters(), *mean.parameters(), logstd]
+    optimizer = torch.optim.Adam(parameters, lr=3e-4, eps=1e-5)
+
+    obs = torch.zeros((num_steps, envs.num_envs, *envs.single_observation_space.shape))
+    actions = torch.zeros((num_steps, envs.num_envs, *envs.single_action_space.shape))
+    logprobs, rewards, dones, values = (torch.zeros((num_steps, envs.num_envs)) for _ in range(4))
+
+    next_obs, _ = envs.reset(seed=1)
+    next_obs, next_done = torch.Tensor(next_obs), torch.zeros(envs.num_envs)
+    losses, returned = [], []
+    for _ in range(updates):
+        for step in range(num_steps):
+            obs[step], dones[step] = next_obs, next_done
+            with torch.no_grad():
+                policy = normal(mean(next_obs), logstd.exp())
+                action = policy.sample()
+                values[step] = critic(next_obs).flatten()
+            actions[step], logprobs[step] = action, policy.log_prob(action).sum(1)
+            next_obs, reward, terminations, truncations, infos = envs.step(action.cpu().numpy())
+            next_done = np.logical_or(terminations, truncations)
+            rewards[step] = torch.tensor(reward).view(-1)
+            next_obs, next_done = torch.Tensor(next_obs), torch.Tensor(next_done)
+            if "final_info" in infos:
+                for info in infos["final_info"]:
+                    if info and "episode" in info:
+                        returned.append(info["episode"]["r"])
+            if "episode" in infos:
+                returned += infos["episode"]["r"][infos["_episode"]].tolist()
+        with torch.no_grad():
+            advantages, last = torch.zeros_like(rewards), 0
+            for t in reversed(range(num_steps)):
+                nonterminal = 1.0 - (next_done if t == num_steps - 1 else dones[t + 1])
+                following = critic(next_obs).flatten() if t == num_steps - 1 else values[t + 1]
+                delta = rewards[t] + 0.99 * following * nonterminal - values[t]
+                advantages[t] = last = delta + 0.99 * 0.95 * nonterminal * last
+            returns = advantages + values
+        b_obs = obs.reshape((-1, *envs.single_observation_space.shape))
+        b_actions = actions.reshape((-1, *envs.single_action_space.shape))
+        policy = normal(mean(b_obs), logstd.exp().expand(len(b_obs), -1))
+        ratio = (policy.log_prob(b_actions).sum(1) - logprobs.reshape(-1)).exp()
+        value_loss = 0.5 * (critic(b_obs).flatten() - returns.reshape(-1)).square().mean()
+        loss = value_loss - (advantages.reshape(-1) * ratio).mean()
+        optimizer.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(parameters, 0.5)
+        optimizer.step()
+        losses.append(loss.item())
+    assert np.isfinite(losses).all()
+    return returned
+
+
+@pytest.mark.parametrize("mode", ["NEXT_STEP", "SAME_STEP"])
+def test_cleanrl_learns_with_a_row_for_each_robot(mode):
+    if mode == "SAME_STEP" and gymnasium.__version__ < "1.3":
+        pytest.skip("this Gymnasium's statistics take every environment to reset in the next step")
+    envs = gymnasium.make_vec(
+        ID, 3, vectorization_mode="vector_entry_point", max_cycles=6, agents_as_rows=True, autoreset_mode=mode
+    )
+    envs = vector_wrappers.RecordEpisodeStatistics(envs)
+    # 32 steps hold four episodes of 6 steps and the steps that reset (or five without them), of 15 robots each.
+    assert len(learn_as_cleanrl_does(envs)) == (4 if mode == "NEXT_STEP" else 5) * 15
+
+
+def test_cleanrl_learns_with_its_own_stack_of_single_environments():
+    def make_env():
+        env = gymnasium.make(ID, max_cycles=6, flat_actions=True, render_mode="rgb_array")
+        env = gymnasium.wrappers.FlattenObservation(env)
+        env = gymnasium.wrappers.RecordEpisodeStatistics(env)
+        env = gymnasium.wrappers.ClipAction(env)
+        env = gymnasium.wrappers.NormalizeObservation(env)
+        env = gymnasium.wrappers.TransformObservation(env, lambda obs: np.clip(obs, -10, 10), env.observation_space)
+        env = gymnasium.wrappers.NormalizeReward(env, gamma=0.99)
+        return gymnasium.wrappers.TransformReward(env, lambda reward: np.clip(reward, -10, 10))
+
+    envs = gymnasium.vector.SyncVectorEnv([make_env for _ in range(2)])
+    assert isinstance(envs.single_action_space, gymnasium.spaces.Box)
+    assert len(learn_as_cleanrl_does(envs)) == 8
+
+
+def test_wrappers_of_gymnasium_for_one_world():
+    env = RecordEpisodeStatistics(NormalizeObservation(FlattenObservation(TimeLimit(gymnasium.make(ID), 5))))
+    observation, _ = env.reset(seed=1)
+    assert observation.shape == env.observation_space.shape
+    rewards, truncated = [], False
+    while not truncated:
+        _, reward, _, truncated, info = env.step(env.action_space.sample())
+        rewards.append(reward)
+    assert info["episode"]["l"] == len(rewards) == 5
+    assert info["episode"]["r"] == pytest.approx(sum(rewards), rel=1e-4)
+    # The rest of the info is still there: no wrapper's key is one of ours.
+    assert set(info) == {"robot_reward", "reward_terms", "score", "episode"}
+
+
+@pytest.mark.parametrize("rows", [False, True])
+def test_wrappers_of_gymnasium_for_a_batch(rows):
+    env = gymnasium.make_vec(ID, 3, vectorization_mode="vector_entry_point", max_cycles=4, agents_as_rows=rows)
+    env = vector_wrappers.NormalizeReward(vector_wrappers.NormalizeObservation(vector_wrappers.FlattenObservation(env)))
+    env = vector_wrappers.DictInfoToList(vector_wrappers.RecordEpisodeStatistics(env))
+    env.reset(seed=1)
+    for _ in range(4):
+        _, _, _, truncated, infos = env.step(env.action_space.sample())
+    assert truncated.all()
+    assert len(infos) == env.num_envs == (15 if rows else 3)
+    expected = env.unwrapped.simulation.score_numbers(None).repeat(env.num_envs // 3, axis=0)
+    np.testing.assert_array_equal([info["score"] for info in infos], expected)
+    assert all(info["episode"]["l"] == 4 for info in infos)
+
+
+@pytest.mark.parametrize("rows", [False, True])
+def test_the_wrapper_that_records_videos_of_a_batch(rows, tmp_path, monkeypatch):
+    moviepy = pytest.importorskip("moviepy.video.io.ImageSequenceClip")
+    kept, original = [], moviepy.ImageSequenceClip
+    monkeypatch.setattr(moviepy, "ImageSequenceClip", lambda frames, fps: kept.append(frames) or original(frames, fps))
+    settings = {"max_cycles": 3, "render_mode": "rgb_array", "agents_as_rows": rows}
+    env = gymnasium.make_vec(ID, 4, vectorization_mode="vector_entry_point", **settings)
+    env = vector_wrappers.RecordVideo(env, str(tmp_path / "films"), episode_trigger=lambda number: number == 0)
+    env.reset(seed=1)
+    for _ in range(5):
+        env.step(env.action_space.sample())
+    env.close()
+    assert [file.stat().st_size > 1000 for file in (tmp_path / "films").iterdir()] == [True]
+    # The reset and three steps; the four worlds are four different pictures.
+    assert len(kept[0]) == 4
+    assert all(np.ptp(frame) > 100 for frame in kept[0])
+
+
+def test_torchrl_tries_keywords_and_makes_the_environment():
+    torchrl = pytest.importorskip("torchrl.envs")
+    env = torchrl.GymEnv(ID, max_cycles=6)
+    data = env.rollout(10)
+    assert data["next", "reward"].shape == (6, 1)
+    assert data["next", "truncated"][-1]
+
+
+def test_torchrl_wraps_it_and_reads_the_infos():
+    torchrl = pytest.importorskip("torchrl.envs")
+    env = torchrl.GymWrapper(gymnasium.make(ID)).auto_register_info_dict()
+    data = env.rollout(5)["next"]
+    # The reward is the team's, a single number; the robots' stand beside it under another name.
+    assert data["reward"].shape == (5, 1)
+    assert data["robot_reward"].shape == (5, 5)
+    np.testing.assert_allclose(data["reward"][:, 0], data["robot_reward"].mean(1), rtol=1e-6)
+
+
+@pytest.mark.parametrize("rows", [False, True])
+@pytest.mark.parametrize("mode", ["SAME_STEP", "DISABLED"])
+def test_torchrl_wraps_a_batch(mode, rows):
+    torchrl = pytest.importorskip("torchrl.envs")
+    env = lissajous_env.vector_env("experiment", 3, max_cycles=4, autoreset_mode=mode, agents_as_rows=rows)
+    data = torchrl.GymWrapper(env).rollout(9, break_when_any_done=False)
+    assert data["next", "reward"].shape == (15 if rows else 3, 9, 1)
+    assert data["next", "done"].sum() == 2 * (15 if rows else 3)
+
+
+def test_torchrl_collects():
+    collectors, torchrl = pytest.importorskip("torchrl.collectors"), pytest.importorskip("torchrl.envs")
+    make = getattr(collectors, "Collector", None) or collectors.SyncDataCollector
+    collector = make(lambda: torchrl.GymEnv(ID, max_cycles=10), None, frames_per_batch=32, total_frames=64)
+    ends = [int(batch["next", "done"].sum()) for batch in collector]
+    collector.shutdown()
+    assert ends == [3, 3]
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_torchrl_wraps_the_parallel_environment():
+    torchrl = pytest.importorskip("torchrl.envs")
+    data = torchrl.PettingZooWrapper(lissajous_env.parallel_env("experiment", max_cycles=5)).rollout(9)
+    assert data["robot", "observation"].shape[:2] == (5, 5)
+    assert data["next", "done"][-1]
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_supersuit_pads_flattens_and_stacks():
+    supersuit = pytest.importorskip("supersuit")
+    env = lissajous_env.parallel_env("experiment", max_cycles=5)
+    size = env.observation_space("robot_0").shape[0]
+    env = supersuit.flatten_v0(supersuit.pad_observations_v0(supersuit.pad_action_space_v0(env)))
+    env = supersuit.frame_stack_v1(env, 3)
+    env.reset(seed=1)
+    steps = 0
+    while env.agents:
+        observations, *_ = env.step({agent: env.action_space(agent).sample() for agent in env.agents})
+        steps += 1
+    assert steps == 5
+    assert observations["robot_0"].shape == (3 * size,)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_supersuit_makes_a_vector_of_the_robots():
+    supersuit = pytest.importorskip("supersuit")
+    env = supersuit.pettingzoo_env_to_vec_env_v1(lissajous_env.parallel_env("experiment", max_cycles=5))
+    env = supersuit.concat_vec_envs_v1(env, 2, num_cpus=0, base_class="stable_baselines3")
+    rows = env.reset()
+    assert rows.shape[0] == 10
+    # Two copies of an environment that was given no seed do not play the same episode.
+    assert (rows[:5] != rows[5:]).any()
+    for _ in range(5):
+        _, _, dones, _ = env.step(np.stack([env.action_space.sample() for _ in range(10)]))
+    assert dones.all()
+
+
+def test_stable_baselines_learns_on_one_world_after_another():
+    sb3 = pytest.importorskip("stable_baselines3")
+    from stable_baselines3.common.env_util import make_vec_env
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    env = VecNormalize(make_vec_env(ID, 2, seed=1, env_kwargs={"flat_actions": True, "max_cycles": 8}))
+    model = sb3.PPO("MlpPolicy", env, n_steps=16, batch_size=16, n_epochs=1, seed=1).learn(32)
+    # Its own monitor has seen whole episodes, with none of our infos in the place of its own.
+    assert [episode["l"] for episode in model.ep_info_buffer] == [8] * 4
+
+
+def test_stable_baselines_normalises_the_rows_of_a_batch():
+    sb3 = pytest.importorskip("stable_baselines3")
+    from stable_baselines3.common.vec_env import VecCheckNan, VecMonitor, VecNormalize
+
+    from training.sb3 import RobotVecEnv
+
+    scenario = lissajous_env.scenario("experiment", **{"task.duration": 0.8})
+    env = VecNormalize(VecMonitor(VecCheckNan(RobotVecEnv(scenario, 2), raise_exception=True)))
+    model = sb3.PPO("MlpPolicy", env, n_steps=16, batch_size=40, n_epochs=1, seed=1).learn(160)
+    assert [episode["l"] for episode in model.ep_info_buffer] == [8] * 20
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore")
+def test_tianshou_collects_and_learns():
+    """Install it first, `pip install tianshou`; then `pytest --long tests/envs/test_libraries.py -k tianshou`."""
+    pytest.importorskip("tianshou")
+    torch = pytest.importorskip("torch")
+    from tianshou.algorithm import PPO
+    from tianshou.algorithm.modelfree.reinforce import ProbabilisticActorPolicy
+    from tianshou.algorithm.optim import AdamOptimizerFactory
+    from tianshou.data import Collector, VectorReplayBuffer
+    from tianshou.env import DummyVectorEnv
+    from tianshou.utils.net.common import Net
+    from tianshou.utils.net.continuous import ContinuousActorProbabilistic, ContinuousCritic
+
+    def make():
+        return FlattenObservation(gymnasium.make(ID, max_cycles=8, flat_actions=True))
+
+    envs = DummyVectorEnv([make for _ in range(2)])
+    space, action = make().observation_space, make().action_space
+    bodies = [Net(state_shape=space.shape, hidden_sizes=[32]) for _ in range(2)]
+    actor = ContinuousActorProbabilistic(preprocess_net=bodies[0], action_shape=action.shape, unbounded=True)
+    policy = ProbabilisticActorPolicy(
+        actor=actor,
+        dist_fn=lambda both: torch.distributions.Independent(torch.distributions.Normal(*both), 1),
+        action_space=action,
+    )
+    learner = PPO(policy=policy, critic=ContinuousCritic(preprocess_net=bodies[1]), optim=AdamOptimizerFactory(lr=3e-4))
+    collector = Collector(learner, envs, VectorReplayBuffer(64, 2))
+    collector.reset()
+    stats = collector.collect(n_step=32)
+    assert stats.n_collected_episodes == 4
+    with torch.no_grad():
+        before = [parameter.clone() for parameter in actor.parameters()]
+    policy.is_within_training_step = True
+    learner.update(buffer=collector.buffer, batch_size=16, repeat=1)
+    assert any((old != new).any() for old, new in zip(before, actor.parameters(), strict=True))
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"scenario": "failure"}, {"scenario": "failure", "discrete_actions": True}],
+    ids=["cars", "points", "points of a table"],
+)
+def test_agilerl_steps_worlds_in_processes_and_learns(settings):
+    """Install it in an environment of its own that has this package with its tests; each line after the one before.
+
+    `pip install agilerl==2.58.0 peft==0.21.0`: that release imports `peft` and does not ask for it.
+    `pip install pettingzoo==1.27.0`: AgileRL requires an older one, and works with this one.
+    Then `pytest --long tests/envs/test_libraries.py -k agilerl`. Oracle: the environments, with the same seeds.
+    """
+    pytest.importorskip("agilerl")
+    from agilerl.algorithms import IPPO
+    from agilerl.training.train_multi_agent_on_policy import train_multi_agent_on_policy
+    from agilerl.vector.pz_async_vec_env import AsyncPettingZooVecEnv
+
+    def make():
+        return lissajous_env.parallel_env(max_cycles=8, **settings)
+
+    envs = AsyncPettingZooVecEnv([make, make])
+    observations, _ = envs.reset(seed=1)
+    for row, env in enumerate((make(), make())):
+        for agent, observation in env.reset(seed=1 + row)[0].items():
+            np.testing.assert_array_equal(observations[agent][row], observation)
+    spaces = [[space(agent) for agent in envs.agents] for space in (make().observation_space, make().action_space)]
+    ippo = IPPO(*spaces, agent_ids=envs.agents, batch_size=16, learn_step=32)
+    # The robots share a network, for their names differ in the number alone.
+    before = [parameter.clone() for parameter in ippo.actors["robot"].parameters()]
+    trained, fitness = train_multi_agent_on_policy(
+        envs, "lissajous", "IPPO", [ippo], max_steps=64, evo_steps=64, eval_loop=1, sum_scores=False, verbose=False
+    )
+    assert np.isfinite(fitness[0]["robot"])
+    after = trained[0].actors["robot"].parameters()
+    assert any((old != new).any() for old, new in zip(before, after, strict=True))

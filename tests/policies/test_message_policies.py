@@ -1,0 +1,111 @@
+"""Messages as policies send and read them: classical, filtered, learned and random ones."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import warp as wp
+from choices import differing
+from test_messages import draws, heard, made
+from test_network import make_network
+
+import baselines
+import lissajous_env
+from baselines.policies import own_row
+from baselines.policies.registry import make
+from baselines.safety.filter import Safe
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.world.observation import layout, message_start
+from lissajous_env.world.robots.point import POINT
+from training.learned.card import Card
+from training.learned.policy import Learned
+from training.learned.wiring import Wiring
+
+wp.set_module_options(OPTIONS)
+
+
+@pytest.mark.parametrize("name", ["failure", "rough"])
+def test_classical_policies_send_zeros_and_move_as_ever(name):
+    # Oracle: the same policy without messages, bit for bit.
+    plain, talking = made(name, 0), made(name, 2)
+    for policy in differing(baselines.names(name)):
+        both = [make(policy, plain, 2), make(policy, talking, 2)]
+        simulations = [lissajous_env.Simulation(each, 2, seed=6) for each in (plain, talking)]
+        for _ in range(4):
+            first, second = (p.act(s.observation.numpy()) for p, s in zip(both, simulations, strict=True))
+            assert second[..., : first.shape[-1]].tobytes() == first.tobytes(), policy
+            assert not second[..., first.shape[-1] :].any(), policy
+            for simulation, action in zip(simulations, (first, second), strict=True):
+                simulation.step(action)
+
+
+@pytest.mark.parametrize("base", [None, "kuramoto"])
+def test_a_small_network_without_messages_sends_zeros_in_the_longest_action(base):
+    # Oracle: the network without messages. Its row is narrower than the action, of 33 numbers.
+    plain, talking = made(k=0), made(k=32)
+    card = Card.of(plain, inputs=("x", "y", "cos_phase"), base=base, residual=0.3)
+    network = make_network((card.network_inputs, 5, 1))
+    rows = lissajous_env.Simulation(talking, 3, seed=1).observation.numpy()
+    action = Learned(network, card, talking, 3).act(rows)
+    expected = Learned(network, card, plain, 3).act(np.ascontiguousarray(rows[..., : layout(plain).size]))
+    np.testing.assert_array_equal(action[..., :1], expected)
+    assert not action[..., 1:].any()
+    with pytest.raises(ValueError, match="action_size must be 33 for failure, got 1"):
+        Wiring(card, talking)
+
+
+class Talker(baselines.Policy):
+    """Cars at full throttle, straight on, that send their own x and y."""
+
+    def decide(self, observation):
+        action = np.zeros(self.action.shape, dtype=np.float32)
+        action[..., 1] = 1
+        action[..., 2:] = 0.2 * observation[..., :2]
+        return action
+
+
+def test_the_filter_passes_messages_on():
+    # Oracle: what the policy sends; steering and throttle are changed, so that the filter has something to do.
+    scenario = made("intruders", 2, **{"formation.start": "random"})
+    simulation = lissajous_env.Simulation(scenario, 4, seed=2)
+    safe, bare = Safe(Talker(scenario, 4)), Talker(scenario, 4)
+    changed = 0
+    for _ in range(15):
+        rows = simulation.observation.numpy()
+        wanted, action = bare.act(rows), safe.act(rows)
+        np.testing.assert_array_equal(action[..., 2:], wanted[..., 2:])
+        changed += (action[..., :2] != wanted[..., :2]).sum()
+        simulation.step(action)
+    assert changed > 0
+
+
+def test_random_robots_of_a_model_of_ones_own_send_at_random():
+    # Oracle: the spread of uniform numbers; the model is not one that the policy knows.
+    lissajous_env.register_robot_model(dataclasses.replace(POINT, name="bead"))
+    scenario = made(k=2, **{"robot.kind": "bead"})
+    policy, simulation = baselines.make("random", scenario, 50), lissajous_env.Simulation(scenario, 50)
+    simulation.step(np.random.default_rng(0).uniform(-1, 1, simulation.action_shape))
+    assert policy.act(simulation.observation.numpy())[..., 1:].std() == pytest.approx(3**-0.5, abs=0.05)
+
+
+@wp.kernel
+def relay(size: int, start: int, observation: wp.array3d(dtype=float), heard_out: wp.array4d(dtype=float)):
+    w, i = wp.tid()
+    for side in range(2):
+        for m in range(size):
+            heard_out[w, i, side, m] = own_row.message_heard(w, i, side, m, start, size, observation)
+
+
+@pytest.mark.parametrize("k", [0, 1, 3])
+def test_readers_of_rows_find_messages(k):
+    # Oracle: the entries by their names.
+    simulation = lissajous_env.Simulation(made("experiment", k, **{"sensing.robots_seen": 3}), 2)
+    for action in draws(simulation, 3):
+        simulation.step(action)
+    expected = heard(simulation) if k else np.zeros((2, 5, 2, 0))
+    rows = baselines.Rows(simulation.observation.numpy(), simulation.scenario)
+    np.testing.assert_array_equal(rows.message, expected)
+    found = wp.zeros((2, 5, 2, k), dtype=float, device="cpu")
+    inputs = [k, message_start(simulation.scenario), simulation.observation]
+    wp.launch(relay, (2, 5), inputs, outputs=[found], device="cpu")
+    np.testing.assert_array_equal(found.numpy(), expected)

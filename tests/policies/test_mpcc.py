@@ -1,0 +1,285 @@
+"""The contouring controller against IPOPT, its own cost in float64, closed forms, and physical stories."""
+
+import importlib
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+import warp as wp
+
+from baselines.mpcc.solver import Mpcc, MpccParameters
+from lissajous_env.parameters.scenario import Curve, Robot, Scenario
+
+CURVE = Curve()
+P = MpccParameters()
+
+
+@cache
+def load_benchmark():
+    """Import benchmarks/mpcc.py, which holds the problem once more in CasADi and the closed loop in NumPy."""
+    return importlib.import_module("mpcc")
+
+
+@pytest.fixture(scope="module")
+def near():
+    """Random states near the curve, with guesses."""
+    return load_benchmark().random_problems(64, CURVE, P, np.random.default_rng(3))
+
+
+def rates(state, control, p, curve):
+    """(12) with gamma' by (14), written independently, float64; state (K, 5), control (K, 2)."""
+    v, heading, gamma = state[:, 3], state[:, 2], state[:, 4]
+    a, b = curve.a, curve.b
+    norm = np.hypot(curve.half_width * a * np.sin(a * gamma), curve.half_height * b * np.cos(b * gamma))
+    turn = v * np.tan(control[:, 0]) / p.wheelbase
+    push = p.drive * control[:, 1] - p.offset - p.drag * v
+    return np.stack([v * np.cos(heading), v * np.sin(heading), turn, push, v / norm], axis=1)
+
+
+def cost_and_path(state, phase_rate, control, p, curve):
+    """Cost (11a) and trajectory (K, M + 1, 5) of controls (K, M, 2) in float64, errors by the angle of the tangent."""
+    z, h, path, cost = np.array(state, float), p.step, [], 0.0
+    for i in range(p.stages + 1):
+        gamma = z[:, 4]
+        dx = -curve.half_width * curve.a * np.sin(curve.a * gamma)
+        dy = curve.half_height * curve.b * np.cos(curve.b * gamma)
+        angle = np.arctan2(dy, dx)
+        x = z[:, 0] - curve.half_width * np.cos(curve.a * gamma)
+        y = z[:, 1] - curve.half_height * np.sin(curve.b * gamma)
+        lag, lateral = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
+        cost = cost + (phase_rate - z[:, 3] / np.hypot(dx, dy)) ** 2
+        cost = cost + p.weight_lag * lag**2 + p.weight_lateral * lateral**2
+        path.append(z)
+        if i < p.stages:
+            u = control[:, i].astype(float)
+            cost = cost + p.weight_steering * u[:, 0] ** 2 + p.weight_throttle * u[:, 1] ** 2
+            k1 = rates(z, u, p, curve)
+            k2 = rates(z + h / 2 * k1, u, p, curve)
+            k3 = rates(z + h / 2 * k2, u, p, curve)
+            k4 = rates(z + h * k3, u, p, curve)
+            z = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return cost, np.stack(path, axis=1)
+
+
+def test_costs_no_more_than_ipopt():
+    """Oracle: IPOPT on the same problem from the same guess, on states met in closed loop and on random ones."""
+    benchmark = load_benchmark()
+    ipopt = benchmark.Ipopt(CURVE, P)
+    rng = np.random.default_rng(7)
+    met, _ = benchmark.closed_loop(Mpcc(CURVE, P, 5), CURVE, 120)
+    excess = []
+    for problems in (met[rng.permutation(595)[:16]], benchmark.random_problems(16, CURVE, P, rng)):
+        solution = Mpcc(CURVE, P, 16).solve(problems.state, problems.phase_rate, problems.guess)
+        for k in range(16):
+            state, phase_rate = problems.state[k], problems.phase_rate[k]
+            ours = ipopt.cost(state, phase_rate, solution.control[k].astype(float))
+            excess.append(ours / ipopt.solve(state, phase_rate, problems.guess[k])[0] - 1)
+    assert np.median(excess) < 1e-3
+    assert np.sum(np.array(excess) > 0.01) <= 1
+
+
+def test_acados_is_given_the_same_problem(tmp_path):
+    """Oracle: the cost that acados reports for its solution is (11a) of its controls; both sides start alike."""
+    pytest.importorskip("acados_template", reason="acados is built by hand, see benchmarks/acados.py")
+    benchmark, rival = load_benchmark(), importlib.import_module("acados")
+    model = benchmark.Model(CURVE, P)
+    problems = benchmark.random_problems(8, CURVE, P, np.random.default_rng(1))
+    guess = rival.first_guesses(CURVE, P, problems.state, problems.phase_rate)
+    settings = {**rival.QP_SOLVERS["DAQP, condensed"], **rival.METHODS["SQP, exact Hessian"][0]}
+    tight = {"nlp_solver_tol_stat": 1e-7, "nlp_solver_tol_eq": 1e-7}
+    solver = rival.Acados(model, tmp_path / "same", {**settings, **tight})
+    for state, rate, start in zip(problems.state, problems.phase_rate, guess, strict=True):
+        control, _, _, failed = solver.solve(state, rate, start, True)
+        assert not failed
+        assert solver.solver.get_cost() == pytest.approx(model.cost(state, rate, control), rel=1e-4)
+    single = P.replace(poor=1e6)
+    own = Mpcc(CURVE, single, batch=8).solve(problems.state, problems.phase_rate)
+    given = Mpcc(CURVE, single, batch=8).solve(problems.state, problems.phase_rate, guess)
+    np.testing.assert_allclose(own.cost, given.cost, rtol=1e-5)
+
+
+@pytest.mark.parametrize("curve", [CURVE, Curve(5.0, 5.0, 7, 8)], ids=["experiment", "dense"])
+def test_cost_and_trajectory_are_those_of_the_control(curve):
+    """Oracle: an independent float64 Runge-Kutta rollout and (11a); float32 sums of 16 stages keep 1e-4."""
+    problems = load_benchmark().random_problems(64, curve, P, np.random.default_rng(5))
+    solution = Mpcc(curve, P, 64).solve(problems.state, problems.phase_rate)
+    cost, path = cost_and_path(problems.state, problems.phase_rate, solution.control, P, curve)
+    np.testing.assert_allclose(solution.cost, cost, rtol=5e-4)
+    # The fastest phase is a few rad per second where the curve is slow: errors of float32 grow along the horizon.
+    np.testing.assert_allclose(solution.trajectory, path, atol=1e-3)
+
+
+def test_control_stays_in_its_bounds_and_reaches_them(near):
+    """Oracle: constraint (11c)."""
+    control = Mpcc(CURVE, P, 64).solve(near.state, near.phase_rate).control
+    assert np.abs(control[..., 0]).max() == np.float32(P.steering_max)
+    assert control[..., 1].min() == np.float32(P.throttle_min)
+    assert control[..., 1].max() == np.float32(P.throttle_max)
+
+
+def test_a_circle_is_driven_with_constant_steering_and_throttle():
+    """Oracle: a bicycle on a circle steers atan(l / R) and holds its speed with tau = (c v + beta) / alpha."""
+    circle, rate = Curve(half_width=1.0, half_height=1.0, a=1, b=1), 0.8
+    state = np.array([[1.0, 0.0, math.pi / 2, rate, 0.0]])
+    # Without the weights on the inputs, driving on the circle costs nothing.
+    p = MpccParameters(weight_steering=1e-6, weight_throttle=1e-6, tolerance=1e-7)
+    control = Mpcc(circle, p).solve(state, np.array([rate])).control[0]
+    np.testing.assert_allclose(control[:10, 0], math.atan(p.wheelbase), atol=0.01)
+    np.testing.assert_allclose(control[:10, 1], (p.drag * rate + p.offset) / p.drive, atol=1e-3)
+
+
+def test_mirrored_problems_have_mirrored_solutions():
+    """Oracle: symmetry of curve (3) under y -> -y, gamma -> -gamma, which reverses the way along it: x -> -x too.
+
+    With a odd, (x, y, gamma) -> (-x, y', gamma + pi) maps the curve on itself: cos(a (g + pi)) = -cos(a g) and, for b
+    even, sin(b (g + pi)) = sin(b g); left and right change places.
+    """
+    state = np.array([[1.0, 0.5, 2.5, 1.0, 0.3]])
+    mirrored = np.array([[-1.0, 0.5, math.pi - 2.5, 1.0, 0.3 + math.pi]])
+    mpcc = Mpcc(CURVE, P, 2)
+    solution = mpcc.solve(np.concatenate([state, mirrored]), np.array([0.3, 0.3]))
+    np.testing.assert_allclose(solution.control[0] * [-1, 1], solution.control[1], atol=5e-3)
+    assert solution.cost[0] == pytest.approx(solution.cost[1], rel=1e-3)
+
+
+def test_the_closed_loop_stays_near_the_curve():
+    """Physical story: five cars drive the experiment for 20 s and leave the curve by about 0.6 m in its tight turns."""
+    benchmark = load_benchmark()
+    mpcc = Mpcc(CURVE, P, 5)
+    problems, _ = benchmark.closed_loop(mpcc, CURVE, 200)
+    off = problems.state[:, :2] - benchmark.closed_forms.curve_point(CURVE, problems.state[:, 4])
+    assert np.hypot(off[:, 0], off[:, 1]).max() < 0.75
+    assert mpcc.failures.numpy().sum() == 0
+
+
+def test_a_warm_start_is_the_last_solution_shifted(near):
+    """Oracle: the same solve from that guess, given by hand; where the warm start does well both take the same way."""
+    warm, cold = Mpcc(CURVE, P, 64), Mpcc(CURVE, P, 64)
+    last = warm.solve(near.state, near.phase_rate)
+    state = last.trajectory[:, 1]
+    guess = np.concatenate([last.control[:, 1:], last.control[:, -1:]], axis=1)
+    shifted = warm.solve(state, near.phase_rate)
+    given = cold.solve(state, near.phase_rate, guess)
+    easy = given.cost < P.poor * (P.stages + 1) * near.phase_rate**2
+    assert easy.sum() > 20
+    np.testing.assert_array_equal(shifted.control[easy], given.control[easy])
+    assert shifted.iterations.mean() < last.iterations.mean()
+
+
+def test_reset_forgets_the_warm_start_of_the_chosen_ones(near):
+    """Oracle: a solver that never solved before."""
+    mpcc = Mpcc(CURVE, P, 64)
+    first = mpcc.solve(near.state, near.phase_rate)
+    mpcc.solve(near.state[::-1], near.phase_rate[::-1])
+    chosen = np.arange(64) < 32
+    mpcc.reset(chosen)
+    again = mpcc.solve(near.state, near.phase_rate)
+    np.testing.assert_array_equal(again.control[chosen], first.control[chosen])
+    assert (again.iterations[~chosen] != first.iterations[~chosen]).any()
+
+
+def test_a_problem_does_not_depend_on_its_batch(near):
+    """Oracle: the batch law, bit for bit, cold and warm, over batch sizes, positions and thread counts."""
+    batch, single = Mpcc(CURVE, P, 64, threads=1), Mpcc(CURVE, P, 1)
+    double = Mpcc(CURVE, P, 128, threads=2)
+    for _ in range(2):
+        one = batch.solve(near.state, near.phase_rate)
+        two = double.solve(np.tile(near.state, (2, 1)), np.tile(near.phase_rate, 2))
+        alone = single.solve(near.state[37:38], near.phase_rate[37:38])
+        for all_of, twice, of_one in zip(one, two, alone, strict=True):
+            np.testing.assert_array_equal(twice, np.concatenate([all_of, all_of]))
+            np.testing.assert_array_equal(all_of[37:38], of_one)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e38])
+def test_a_failed_solve_brakes_is_counted_and_starts_afresh(near, value):
+    """Physical story: one car loses its position for a step; it brakes straight on, and the others do not notice."""
+    mpcc, undisturbed = Mpcc(CURVE, P, 64), Mpcc(CURVE, P, 64)
+    expected = undisturbed.solve(near.state, near.phase_rate)
+    state = near.state.copy()
+    state[5, 1] = value
+    solution = mpcc.solve(state, near.phase_rate)
+    others = np.arange(64) != 5
+    assert solution.failed.tolist() == [int(k == 5) for k in range(64)]
+    assert mpcc.failures.numpy()[5] == 1
+    np.testing.assert_array_equal(solution.control[5], np.tile(np.float32([0, P.throttle_min]), (P.stages, 1)))
+    assert all(np.isfinite(result).all() for result in solution)
+    np.testing.assert_array_equal(solution.control[others], expected.control[others])
+    recovered = mpcc.solve(near.state, near.phase_rate)
+    np.testing.assert_array_equal(recovered.control[5], expected.control[5])
+    assert mpcc.failures.numpy().sum() == 1
+
+
+def test_phase_rates_and_guesses_that_are_no_numbers(near):
+    """A phase rate that is no number fails; a guess that is none is only a bad start."""
+    phase_rate, guess = near.phase_rate.copy(), near.guess.copy()
+    phase_rate[0] = math.nan
+    guess[1] = math.nan
+    solution = Mpcc(CURVE, P, 64).solve(near.state, phase_rate, guess)
+    assert solution.failed.tolist() == [1] + [0] * 63
+    assert all(np.isfinite(result).all() for result in solution)
+    assert solution.cost[1] < 1e3
+
+
+@pytest.mark.parametrize(
+    ("stages", "step", "curve"),
+    [(1, 0.1, CURVE), (2, 0.1, CURVE), (40, 0.05, CURVE), (15, 0.3, Curve(5.0, 5.0, 7, 3)), (15, 0.1, Curve(a=1, b=2))],
+)
+def test_other_horizons_and_curves(stages, step, curve):
+    """Oracle: the float64 cost of the control; a horizon of one stage included."""
+    p = P.replace(stages=stages, step=step)
+    problems = load_benchmark().random_problems(16, curve, p, np.random.default_rng(1))
+    solution = Mpcc(curve, p, 16).solve(problems.state, problems.phase_rate)
+    cost, _ = cost_and_path(problems.state, problems.phase_rate, solution.control, p, curve)
+    np.testing.assert_allclose(solution.cost, cost, rtol=2e-3)
+    assert not solution.failed.any()
+
+
+def test_arrays_of_the_device_come_back_without_a_copy(near):
+    """Warp in, the solver's own Warp arrays out; `launch` alone does the same."""
+    mpcc, expected = Mpcc(CURVE, P, 64), Mpcc(CURVE, P, 64).solve(near.state, near.phase_rate)
+    state = wp.array(near.state, dtype=wp.float32, device="cpu")
+    phase_rate = wp.array(near.phase_rate, dtype=wp.float32, device="cpu")
+    solution = mpcc.solve(state, phase_rate)
+    assert solution.control is mpcc.control
+    np.testing.assert_array_equal(solution.control.numpy(), expected.control)
+    mpcc.reset()
+    mpcc.launch()
+    np.testing.assert_array_equal(mpcc.control.numpy(), expected.control)
+
+
+def test_parameters_of_a_robot():
+    """The model's offset is the robot's own, or what the designer measured; the rest is the robot's."""
+    assert MpccParameters.of(Scenario(robot=Robot())).offset == 3.681
+    p = MpccParameters.of(Scenario(robot=Robot(wheelbase=0.2, model_offset=3.804)), stages=7)
+    assert (p.offset, p.wheelbase, p.stages) == (3.804, 0.2, 7)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: MpccParameters(stages=0), "stages must be a whole number from 1 to 200, got 0"),
+        (lambda: MpccParameters(step=-0.1), r"step must be from 0.0001 to 100 \[s\], got -0.1"),
+        (
+            lambda: MpccParameters(weight_lag=math.nan),
+            r"weight_lag must be from 0 to 1000000 \[1/\(m s\)\^2\], got nan",
+        ),
+        (lambda: MpccParameters(throttle_min=0.3), "throttle_max must be above throttle_min, got 0.25"),
+        (lambda: MpccParameters(steering_max=2.0), r"steering_max must be from 0.001 to 1.57 \[rad\], got 2.0"),
+        (lambda: Mpcc(CURVE, P, 0), "batch must be at least 1, got 0"),
+        (lambda: Mpcc(CURVE, P, 2, threads=0), "threads must be at least 1, got 0"),
+        (lambda: Mpcc(CURVE, P, 2, device="nowhere"), "device must be"),
+        (lambda: Mpcc(CURVE, P, 2).solve(np.zeros((3, 5)), np.zeros(2)), r"state must have shape \(2, 5\)"),
+        (lambda: Mpcc(CURVE, P, 2).solve(np.zeros((2, 5)), 0.3), r"phase_rate must have shape \(2,\), got \(\)"),
+        (
+            lambda: Mpcc(CURVE, P, 2).solve(np.zeros((2, 5)), np.zeros(2), np.zeros((2, 14, 2))),
+            r"guess must have shape \(2, 15, 2\), got \(2, 14, 2\)",
+        ),
+        (lambda: Mpcc(CURVE, P, 2).reset(np.zeros(3, bool)), r"mask must have shape \(2,\), got \(3,\)"),
+    ],
+)
+def test_what_is_wrong_is_named(make, message):
+    """Errors say the name, the rule and the value."""
+    with pytest.raises(ValueError, match=message):
+        make()

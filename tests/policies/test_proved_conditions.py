@@ -1,0 +1,229 @@
+"""The proved filter at the ends of its conditions: absence, clipped speeds, own constants, and random attacks."""
+
+import numpy as np
+import pytest
+import warp as wp
+from test_proved import FIVE, Idle, driven, towards_the_nearest
+
+import lissajous_env
+from baselines.safety.compatibility import GONE
+from baselines.safety.proved import Proved, integration_error, unmet_conditions
+from benchmarks import attacked
+from lissajous_env.parameters.assumptions import violations
+from lissajous_env.world.observation import layout
+
+FAILED, REMOVED = 1, 2
+QUICK = {"robot.throttle_max": None, "robot.speed_max": 1.5, "task.duration": 100.0}
+SILENT = {"noise.message_loss": 0.5, "formation.phase_rate": 3.0}
+"""A ring neighbour's message is soon too old for the phase dynamics."""
+
+
+def played(scenario, worlds, steps, adversary=towards_the_nearest, seed=0):
+    """Yield simulation and policy in each step, after the filter and before the motion."""
+    simulation = lissajous_env.Simulation(scenario, worlds, seed=seed)
+    policy = Proved(Idle(simulation.scenario, worlds))
+    rng = np.random.default_rng(seed)
+    for _ in range(steps):
+        wanted = wp.array(adversary(simulation, rng), dtype=wp.float32, device="cpu")
+        action = policy.filter(simulation.observation, wanted)
+        yield simulation, policy
+        simulation.step(action)
+
+
+@pytest.mark.parametrize(("way", "changed"), [
+    ("schedule", {"faults.removed": ((0, 0.0), (2, 1.0), (3, 2.0))}),
+    ("chance", {"faults.lost": 3, "task.duration": 4.0}),
+    ("boundary", {"task.boundary": "remove"}),
+    ("collision", {"task.on_collision": "remove"}),
+])  # fmt: skip
+def test_a_robot_is_absent_exactly_if_it_is_removed(way, changed):
+    """Oracle: the true state, while robots fail and half of the messages are lost."""
+    scenario = lissajous_env.scenario(FIVE, **{**QUICK, **SILENT, "faults.rate": 0.3, **changed})
+    assert not unmet_conditions(scenario)
+    heard = np.zeros((40, 5), dtype=bool)
+    gone = failed = 0
+
+    def outwards(simulation, rng):
+        goal = 20 * np.sign(simulation.robots.position.numpy()[..., :2])
+        return attacked.steered(simulation.robots, goal) if way == "boundary" else towards_the_nearest(simulation, rng)
+
+    for step, (simulation, policy) in enumerate(played(scenario, 40, 40, outwards)):
+        status = simulation.robots.status.numpy()
+        heard |= (simulation.links.heard_at.numpy() >= 0).any(axis=-1) & (status != REMOVED)
+        absent = policy._memory.presence.numpy() == GONE
+        assert not absent[status != REMOVED].any()
+        assert absent[(status == REMOVED) & (heard | (step == 0))].all()
+        gone, failed = gone + absent.sum(), failed + (status == FAILED).sum()
+    assert gone > 100
+    assert failed > 100
+
+
+def test_failed_robots_that_are_not_heard_are_not_hit():
+    """Oracle: the theorem, where nearly every failed robot is silent for a while."""
+    scenario = lissajous_env.scenario(FIVE, **QUICK, **SILENT, **{"faults.rate": 0.3})
+    collisions, proved, broken, least = driven(scenario, 60, 60, towards_the_nearest, seed=79000)
+    assert proved.mean() > 0.5
+    assert collisions.sum() == 0
+    assert not broken.any()
+    assert least > 1
+
+
+def test_the_proof_is_tested_anew_if_a_removed_robot_comes_back():
+    """Story: rows show that a robot is removed, another one drives to its place, and rows show that it stands there."""
+    scenario = lissajous_env.scenario(FIVE, **QUICK)
+    size = scenario.curve.half_width, scenario.curve.half_height
+    names = layout(scenario).names
+    links = [k for k, name in enumerate(names) if name.startswith("neighbour_") or name == "works"]
+    simulation = lissajous_env.Simulation(scenario, 20, seed=2)
+    policy = Proved(Idle(scenario, 20))
+    place = simulation.observation.numpy()[:, 0].copy()
+    place[:, 4] = 0.0
+    goal = np.repeat(place[:, None, :2] * size, 5, axis=1)
+    for step in range(40):
+        rows = simulation.observation.numpy().copy()
+        if step > 0:
+            rows[:, 0] = place
+            rows[:, 0, links] = 0.0
+        wanted = wp.array(attacked.steered(simulation.robots, goal).astype(np.float32), dtype=wp.float32, device="cpu")
+        simulation.step(policy.filter(wp.array(rows, dtype=wp.float32, device="cpu"), wanted))
+    rows = simulation.observation.numpy().copy()
+    near = np.linalg.norm(simulation.robots.position.numpy()[:, 1:, :2] - goal[:, 1:], axis=-1).min(axis=1) < 0.2
+    rows[:, 0, :5] = place[:, :5]
+    before = policy.holds
+    policy.filter(wp.array(rows, dtype=wp.float32, device="cpu"), wp.zeros_like(simulation.action))
+    assert (near & before).sum() > 3
+    assert not policy.holds[near].any()
+
+
+@pytest.mark.parametrize("speed", [0.2, 1.0])
+def test_cars_stay_within_the_range_of_the_observed_speed(speed):
+    """Oracles: the theorem, and the range of the entry, for motors that reach more than four top speeds."""
+    wide = {"formation.phase_rate": 0.03, "curve.half_width": 5.0, "curve.half_height": 3.0, "noise.drive_spread": 0.1}
+    factors = {"robot.drive_factors": tuple((i, 1.0 + 1.2 * speed * i) for i in range(5))}
+    fields = {**QUICK, **wide, "robot.speed_max": speed, **(factors if speed == 1.0 else {})}
+    scenario = lissajous_env.scenario(FIVE, **fields)
+    most = layout(scenario).high[4] * speed
+    assert scenario.top_speed_bound > most
+    (words,) = (words for words in violations(scenario) if "noise.drive_spread" in words)
+    assert words.startswith(f"the strongest car reaches {scenario.top_speed_bound:.3g} m/s")
+    fastest = 0.0
+    for simulation, policy in played(scenario, 60, 120, seed=79000):
+        fastest = max(fastest, simulation.robots.speed.numpy()[policy.holds].max(initial=0))
+    assert 0.9 * most < fastest < most
+    collisions, proved, broken, _ = driven(scenario, 100, 120, towards_the_nearest, seed=79000)
+    assert proved.mean() > 0.5
+    assert collisions.sum() == 0
+    assert not broken.any()
+
+
+def test_a_speed_at_the_end_of_its_range_proves_nothing():
+    """Oracle: the entry. Cars start faster than it shows, and the proof begins once all of them show less than four."""
+    fast = {"robot.drive_factors": tuple((i, 2.0) for i in range(5)), "robot.speed_max": 0.2}
+    scenario = lissajous_env.scenario(FIVE, **{**QUICK, **fast, "formation.phase_rate": 0.4})
+    assert (lissajous_env.Simulation(scenario, 60).robots.speed.numpy() > 0.81).any(axis=1).mean() > 0.5
+    proved = 0
+    for simulation, policy in played(scenario, 60, 40):
+        clipped = (simulation.observation.numpy()[..., 4] >= 4).any(axis=1)
+        assert not (policy.holds & clipped).any()
+        proved += policy.holds.sum()
+    assert proved > 100
+
+
+def test_a_message_that_is_not_a_number_leaves_the_action_valid():
+    scenario = lissajous_env.scenario(FIVE, **{"messages.size": 2})
+    simulation = lissajous_env.Simulation(scenario, 2, seed=0)
+    policy = Proved(Idle(scenario, 2))
+    wanted = np.full(simulation.action_shape, 0.5, dtype=np.float32)
+    wanted[1, 3, 3] = np.nan
+    action = policy.filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu")).numpy()
+    assert np.isfinite(action).all()
+    assert action[1, 3, 2:].tolist() == [0.5, 0.0]
+
+
+def crosses_the_truth(scenario, worlds, steps, adversary):
+    """Return the share of cars whose learned bounds of the curvature excluded the true one in any step."""
+    excluded = np.zeros((worlds, scenario.num_robots), dtype=bool)
+    for simulation, policy in played(scenario, worlds, steps, adversary):
+        known = policy._memory.known.numpy()
+        curvature = scenario.robot.wheelbase / simulation.robots.wheelbase.numpy()
+        excluded |= (curvature < known[..., 0] * (1 - 1e-4)) | (curvature > known[..., 1] * (1 + 1e-4))
+    return excluded.mean()
+
+
+def test_cars_that_brake_to_a_stop_learn_nothing_wrong():
+    """Oracle: the constants of the simulated cars. Weak motors brake above the dead zone, and the cars steer late."""
+
+    def braking(simulation, _):
+        slow = simulation.robots.speed.numpy() < 0.06
+        return np.stack([np.where(slow, 1.0, 0.0), np.full(slow.shape, -0.99)], axis=-1).astype(np.float32)
+
+    weak = {"robot.drive_factors": tuple((i, 0.8) for i in range(5)), "noise.wheelbase_spread": 0.1}
+    wide = {"curve.half_width": 20.0, "curve.half_height": 20.0, "formation.phase_rate": 0.02}
+    assert crosses_the_truth(lissajous_env.scenario(FIVE, **QUICK, **weak, **wide), 100, 20, braking) == 0
+
+
+def test_cars_that_spin_learn_nothing_wrong():
+    """Oracle: as above. A car with a short wheelbase turns by more than a lap in a step."""
+
+    def turning(simulation, _):
+        return np.stack([np.ones((400, 5)), np.full((400, 5), -1.0)], axis=-1).astype(np.float32)
+
+    short = {"noise.wheelbase_spread": 0.3, "robot.steering_max": 1.0, "task.step": 0.2, "task.substeps": 64}
+    wide = {"curve.half_width": 20.0, "curve.half_height": 20.0, "formation.phase_rate": 0.03}
+    assert crosses_the_truth(lissajous_env.scenario(FIVE, **QUICK, **short, **wide), 400, 6, turning) == 0
+
+
+def test_a_robot_that_a_collision_stopped_is_expected_to_stand():
+    """Oracle: the speeds. No proof holds in a step in which a robot stands although its tail would roll."""
+    scenario = lissajous_env.scenario(FIVE, **QUICK, **{"task.on_collision": "stop"})
+    stopped = proved = 0
+    before, speeds = np.zeros((2, 200, 5))
+    for simulation, policy in played(scenario, 200, 30, seed=4):
+        failed = simulation.robots.status.numpy() == FAILED
+        rolls = failed & (before == 0) & (speeds > 0.01)
+        assert not (policy.holds[:, None] & rolls).any()
+        stopped += rolls.sum()
+        before, speeds = failed, simulation.robots.speed.numpy().copy()
+        proved += (policy.holds & failed.any(axis=1)).sum()
+    assert stopped > 20
+    assert proved > 20
+
+
+@pytest.mark.parametrize("slowing", [0.05, 0.3, 0.6, 1.0])
+@pytest.mark.parametrize("turn", [0.1, 0.6, 1.2, 2.0])
+def test_bound_of_the_integration_error(slowing, turn):
+    """Oracle: the closed form of a car that rolls on an arc, against the Runge-Kutta method in float64."""
+    robot = lissajous_env.scenario("experiment", **QUICK, **{"noise.drive_spread": 0.0, "noise.wheelbase_spread": 0.0})
+    radius = robot.robot.wheelbase / np.tan(robot.robot.steering_max)
+    step = turn * radius / 1.5
+    motor = {"robot.offset": 0.0, "robot.dead_zone": 0.0, "robot.throttle_min": 0.0}
+    changed = {"task.step": step, "task.substeps": 1, "robot.drag": slowing / step, "task.duration": 100 * step}
+    scenario = lissajous_env.scenario(robot, **changed, **motor)
+    car, c = np.array([0.0, 0.0, 0.0, 1.5]), slowing / step
+
+    def rate(state):
+        return np.array([state[3] * np.cos(state[2]), state[3] * np.sin(state[2]), state[3] / radius, -c * state[3]])
+
+    for n in range(1, 30):
+        k1 = rate(car)
+        k2 = rate(car + 0.5 * step * k1)
+        k3 = rate(car + 0.5 * step * k2)
+        car = car + step / 6 * (k1 + 2 * k2 + 2 * k3 + rate(car + step * k3))
+        way = 1.5 / c * (1 - np.exp(-c * n * step))
+        exact = radius * np.array([np.sin(way / radius), 1 - np.cos(way / radius)])
+        error = np.linalg.norm(car[:2] - exact)
+        assert error <= integration_error(scenario) * way + 3e-4 * radius
+
+
+def test_random_attacks():
+    """Oracle: the theorem, in random scenarios, of which each violates no condition that is named."""
+    rows, _ = attacked.campaign(60_000, first_seed=500)
+    assert sum(row[3] for row in rows) >= 60_000
+    assert min(row[4] for row in rows) > 1
+
+
+@pytest.mark.long
+def test_random_attacks_of_ten_million_pair_steps():
+    """Oracle: the theorem, as above."""
+    rows, _ = attacked.campaign(10_000_000, first_seed=1_000_000)
+    assert min(row[4] for row in rows) > 1

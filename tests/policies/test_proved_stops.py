@@ -1,0 +1,96 @@
+"""The proved filter where robots stop dead at the worst moments, and messages are lost."""
+
+import numpy as np
+import pytest
+import warp as wp
+from test_proved import FIVE, PAIR, Idle, driven, towards_the_nearest
+
+import lissajous_env
+from baselines.safety.proved import Proved, ProvedParameters
+from baselines.safety.swept import gap
+
+FAILING = {"faults.rate": 1e-9, "faults.mean_duration": 1.0, "task.duration": 30.0}
+"""Robots can fail, and the test chooses when."""
+
+
+def stop(simulation, chosen, steps=8):
+    """Let chosen robots (W, N) that work stop dead in the next steps."""
+    until = simulation.robots.stuck_until.numpy()
+    now = simulation.clock.step.numpy()[:, None]
+    until = np.where(chosen & (until < now), now + steps, until)
+    simulation.robots.stuck_until.assign(until.astype(np.int32))
+
+
+def stop_before_others(simulation, policy):
+    """Robots that drive stop dead if another one drives at where they are; the others drive at their nearest."""
+    position = simulation.robots.position.numpy()[..., :2]
+    heading, speed = simulation.robots.heading.numpy(), simulation.robots.speed.numpy()
+    offset = position[:, None] - position[:, :, None]
+    far = np.linalg.norm(offset, axis=-1)
+    ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)[:, :, None]
+    towards = (offset * ahead).sum(axis=-1) > 0.9 * far
+    radius, drag = simulation.scenario.robot.radius, simulation.scenario.robot.drag
+    near = far < 2 * radius + speed[:, :, None] / drag
+    threatened = (towards & near & (far > 0)).any(axis=1)
+    stop(simulation, threatened & (speed > 0.05))
+
+
+@pytest.mark.parametrize("scenario", [PAIR, FIVE], ids=["two cars", "five cars"])
+def test_robots_that_stop_dead_before_others_are_not_hit(scenario):
+    """Oracle: the theorem. Robots stop where others are about to pass, again and again."""
+    failing = lissajous_env.scenario(scenario, **FAILING)
+    stopped = []
+
+    def each(simulation, policy):
+        stopped.append((simulation.robots.status.numpy() == 1).mean())
+        stop_before_others(simulation, policy)
+
+    collisions, proved, broken, least = driven(failing, 150, 100, towards_the_nearest, seed=3, each=each)
+    assert proved.mean() > 0.3
+    assert np.mean(stopped) > 0.05
+    assert collisions.sum() == 0
+    assert not broken.any()
+    assert least >= 1
+
+
+def test_robots_assumed_to_coast_are_hit_where_they_stop_dead():
+    """Story: the same adversary collides with robots whose sudden stops the filter does not consider."""
+    failing = lissajous_env.scenario(FIVE, **FAILING)
+    assumed = lissajous_env.scenario(failing, **{"faults.stop": "coast"})
+    collisions, *_ = driven(failing, 150, 100, towards_the_nearest, seed=3, each=stop_before_others, assumed=assumed)
+    assert collisions.sum() > 0
+
+
+@wp.kernel
+def measure_gaps(ends: wp.array2d(dtype=wp.vec3), out: wp.array(dtype=float)):
+    """Measure the distance of two segments in each row."""
+    k = wp.tid()
+    out[k] = gap(ends[k, 0], ends[k, 1], ends[k, 2], ends[k, 3])
+
+
+def test_distance_of_segments():
+    """Oracle: the least distance of 400 x 400 points of the segments, in float64."""
+    rng = np.random.default_rng(0)
+    ends = np.zeros((200, 4, 3), dtype=np.float32)
+    ends[..., :2] = rng.uniform(-1, 1, (200, 4, 2))
+    ends[:20, 1] = ends[:20, 0]  # a point
+    ends[20:30, 2:] = ends[20:30, :2] + np.float32(0.5)  # parallel
+    found = wp.zeros(200, dtype=float, device="cpu")
+    wp.launch(measure_gaps, 200, [wp.array(ends, dtype=wp.vec3, device="cpu")], [found], device="cpu")
+    share = np.linspace(0, 1, 400)[:, None]
+    for (a, a_end, b, b_end), value in zip(ends[..., :2].astype(float), found.numpy(), strict=True):
+        one, other = a + share * (a_end - a), b + share * (b_end - b)
+        least = np.linalg.norm(one[:, None] - other, axis=-1).min()
+        assert least - 0.01 < value < least + 1e-5
+
+
+@pytest.mark.parametrize("repeats", [1, 3])
+def test_a_tail_is_lost_only_if_each_of_its_messages_is(repeats):
+    """Oracle: a robot decides if it has heard all others, with probability (1 - loss^repeats)^(N - 1)."""
+    wide = {"curve.half_width": 60.0, "curve.half_height": 60.0, "formation.phase_rate": 0.01}
+    lossy = lissajous_env.scenario(FIVE, **wide, **{"noise.message_loss": 0.5})
+    simulation = lissajous_env.Simulation(lossy, 2000, seed=1)
+    policy = Proved(Idle(simulation.scenario, 2000), ProvedParameters(repeats=repeats))
+    wanted = np.full(simulation.action_shape, 0.3, dtype=np.float32)
+    action = policy.filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu")).numpy()
+    assert (action == wanted).all(axis=-1).mean() == pytest.approx((1 - 0.5**repeats) ** 4, abs=0.02)

@@ -1,0 +1,358 @@
+"""Invalid extensions: one clear line names the cause, and no unrequested module is imported."""
+
+import json
+import os
+import sys
+
+import numpy as np
+import pytest
+import warp as wp
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from test_network import make_network
+
+import baselines
+import lissajous_env
+import training
+from baselines.policies import factories, registry
+from baselines.policies.base import Policy
+from lissajous_env import plugins
+from lissajous_env.console import cli
+from lissajous_env.parameters import named
+from training.learned import checkpoint
+from training.learned.card import Card
+
+MODULE = """
+import sys
+import lissajous_env
+number = 3
+@lissajous_env.reward_term(weight=-0.1)
+def term(world): return world.robots.speed
+scenario = lissajous_env.scenario("failure")
+def same(): return scenario
+def needs_more(x): return scenario
+def nothing(): pass
+def fails(): raise RuntimeError("boom\\nand more")
+def leaves(): sys.exit(0)
+def still(scenario, num_worlds, device):
+    import baselines
+    return baselines.make("still", scenario, num_worlds, device)
+"""
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    """A folder with a module, in which this process is; what is registered meanwhile is forgotten."""
+    (tmp_path / "theirs.py").write_text(MODULE)
+    (tmp_path / "broken.py").write_text("1 / 0\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(named, "register_ids", lambda name: None)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    yield tmp_path
+    for name in ("theirs", "broken", "evil"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize(("given", "words"), [
+    ("no_such_module:mine", "scenario must be module:attribute that can be loaded, got 'no_such_module:mine': Module"),
+    ("broken:mine", r"ZeroDivisionError: division by zero \(broken.py, line 1\)"),
+    ("theirs:gone", "has no attribute 'gone'"),
+    ("theirs:", "both must be names"),
+    (":mine", "both must be names"),
+    ("theirs:number", "scenario theirs:number must be a Scenario, or a function .* that returns one, got 3"),
+    ("theirs:nothing", "theirs:nothing must be a Scenario, .* got None"),
+    ("theirs:needs_more", "theirs:needs_more must be .*, got TypeError: needs_more"),
+    ("theirs:fails", r"theirs:fails must be .*, got RuntimeError: boom \(theirs.py, line 11\)"),
+    ("theirs:leaves", "theirs:leaves must be .*, got SystemExit: 0"),
+    ("lissajous_env:Curve", "lissajous_env:Curve must be a Scenario"),
+])  # fmt: skip
+def test_a_module_without_a_scenario(given, words, capsys):
+    with pytest.raises(ValueError, match=words):
+        lissajous_env.scenario(given)
+    for line in (["scenarios", given], ["run", given, "still"], ["evaluate", given, "kuramoto"],
+                 ["benchmark", "--scenarios", given], ["train", "--scenario", given]):  # fmt: skip
+        with pytest.raises(SystemExit) as ended:
+            cli.main(line)
+        said = capsys.readouterr().err
+        assert (ended.value.code, len(said.splitlines())) == (2, 1), said
+
+
+FILES = {
+    "curve = 3": "must contain curve as a table, got int",
+    "name = 3": "must contain name as text, got int",
+    "base = ['failure']": "must contain base as text, got list",
+    "[cruve]\na = 3": "'cruve'; did you mean curve",
+    "[curve]\nhalf_widht = 3": "curve.half_widht; did you mean half_width",
+    "[curve]\na = 2": "curve.a must be an odd whole number from 1 to 1023, got 2",
+    "[curve]\na = 'three'": "curve.a must be an odd whole number",
+    "[curve]\na = {b = 3}": "curve.a must be an odd whole number",
+    "[curve]\na = 1979-05-27": "curve.a must be an odd whole number",
+    "[curve]\nhalf_width = inf": "curve.half_width must be from",
+    "[curve]\nhalf_width = nan": "curve.half_width must be from",
+    "[faults]\nschedule = [[0, 5.0]]": "faults.schedule must",
+    "[faults]\nschedule = [[99, 5.0, inf]]": "faults.schedule must name robots 0 to 4",
+    "base = 'falure'": "scenario must be one of .* got 'falure'; did you mean failure",
+    "base = 'theirs:scenario'": "scenario must be one of .* got 'theirs:scenario'",
+    "extensions = 'theirs:term'": "must contain extensions as a list, got str",
+    "extensions = ['theirs:number']": "extension theirs:number must be made by reward_term",
+    "extensions = ['theirs:gone']": "has no attribute 'gone'",
+    "extensions = [3]": "extensions must be objects or module:name, got 3",
+    "extensions = [{weight = 1.0}]": "extensions must contain tables with a place, as module:name, got",
+    "extensions = [{place = 3}]": "extensions must contain tables with a place, as module:name, got",
+    "extensions = [{place = 'theirs:term', wight = 1.0}]": "must be of weight, got 'wight'; did you mean weight?",
+    "extensions = [{place = 'theirs:term', weight = 'much'}]": "weight of theirs:term must be a number, got 'much'",
+    "extensions = [{place = 'theirs:term', name = 'x'}]": "settings of theirs:term must be of weight, got 'name'",
+    "base = 'x.toml'": "scenario must be one of .* got 'x.toml'",
+    "name = 'two words'": "name of a scenario must be a word",
+    "name = 'other.toml'": "name of a scenario must be a word",
+    "'curve.a' = 3": "must contain name, description, base, extensions, curve, .* got 'curve.a'",
+    "[curve]\na = 3\na = 5": "Cannot overwrite",
+    "curve": "must be a TOML file",
+    "x = " + "[" * 5000: "must have fewer nested levels",
+    "a." * 501 + "a = 1": "line 1 must contain at most 500 dots, got 501",
+    "x = " + "9" * 5000: "must be a TOML file",
+    "#" * 65537: "must be at most 65,536 bytes",
+}
+
+
+@pytest.mark.parametrize("text", FILES, ids=range(len(FILES)))
+def test_a_file_that_holds_no_scenario(text, here):
+    (here / "x.toml").write_text(text)
+    with pytest.raises(ValueError, match=rf"(?s)x\.toml.*{FILES[text]}"):
+        lissajous_env.scenario("x.toml")
+
+
+def test_what_is_no_file(here, capsys):
+    (here / "folder.toml").mkdir()
+    os.mkfifo(here / "pipe.toml")
+    (here / "bytes.toml").write_bytes(b"name = '\xff'")
+    (here / "nowhere.toml").symlink_to("gone.toml")
+    names = ["folder", "pipe", "bytes", "nowhere", "gone", "no/such", "a" * 999, "/proc/self/mem/x", "\0"]
+    for name in [f"{each}.toml" for each in names]:
+        with pytest.raises(ValueError, match=r"scenario .*\.toml must be a TOML file that can be read: "):
+            lissajous_env.scenario(name)
+    for line in (["scenarios", "folder.toml"], ["evaluate", "gone.toml", "still"], ["policies", "pipe.toml"]):
+        with pytest.raises(SystemExit) as ended:
+            cli.main(line)
+        said = capsys.readouterr().err
+        assert (ended.value.code, len(said.splitlines())) == (2, 1), said
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read all files")
+def test_a_file_that_may_not_be_read(here):
+    (here / "secret.toml").write_text("")
+    (here / "secret.toml").chmod(0)
+    with pytest.raises(ValueError, match="Permission denied"):
+        lissajous_env.scenario("secret.toml")
+
+
+def test_a_link_to_a_file_is_followed(here):
+    (here / "real.toml").write_text("base = 'knot'")
+    (here / "mine.TOML").symlink_to("real.toml")
+    made = lissajous_env.scenario("mine.TOML")
+    assert (made.name, made.digest()) == ("mine", lissajous_env.scenario("knot").digest())
+
+
+values = st.recursive(
+    st.sampled_from(["1", "-3", "2.5", "inf", "nan", "true", "'word'", "1979-05-27", "9" * 400, "1e999"]),
+    lambda inside: st.lists(inside, max_size=3).map(lambda each: f"[{', '.join(each)}]"),
+)
+keys = st.sampled_from([
+    "name", "base", "curve.a", "curve.half_width", "robot.kind", "robot.count", "formation.ring", "formation.displaced",
+    "faults.schedule", "faults.removed", "targets.count", "targets.arrival_rate", "task.grid", "task.duration",
+    "noise.message_delay", "sensing.radius", "robot", "other", "curve.other", "[curve]", "[[task]]",
+])  # fmt: skip
+
+
+@given(st.one_of(st.text(max_size=60), st.dictionaries(keys, values, max_size=4)))
+@settings(max_examples=150, deadline=None, derandomize=True)
+@example({"task.duration": "inf"})
+def test_no_file_ends_in_anything_but_a_scenario_or_a_clear_error(tmp_path_factory, drawn):
+    # Oracle: only these two endings, whatever the file contains.
+    path = tmp_path_factory.getbasetemp() / "drawn.toml"
+    lines = [key if key[0] == "[" else f"{key} = {drawn[key]}" for key in drawn] if type(drawn) is dict else [drawn]
+    path.write_text("\n".join(lines), encoding="utf-8", errors="replace")
+    try:
+        found = lissajous_env.scenario(path)
+    except ValueError as error:
+        found = error
+    assert isinstance(found, lissajous_env.Scenario) or "drawn.toml" in str(found)
+
+
+def test_a_name_that_is_taken():
+    mine = lissajous_env.register_scenario(lissajous_env.Scenario(name="mine"))
+    assert lissajous_env.register_scenario(lissajous_env.scenario("knot")).name == "knot", "the same as ours"
+    for name in ("mine", "knot"):
+        other = lissajous_env.Scenario(name=name, description="another one")
+        with pytest.raises(ValueError, match=f"name of a scenario must be new, got {name}, which another one has"):
+            lissajous_env.register_scenario(other)
+    assert lissajous_env.scenario("mine") == mine
+
+
+@pytest.mark.parametrize("made", [None, "failure", {}, lissajous_env.Scenario])
+def test_what_is_no_scenario(made):
+    with pytest.raises(ValueError, match="scenario must be a Scenario to be registered, got"):
+        lissajous_env.register_scenario(made)
+
+
+@pytest.mark.parametrize("name", ["", "two words", "a:b", "a/b", "../a", "mine.toml", "-a", "a\n", "x" * 100])
+def test_what_is_no_name(name):
+    with pytest.raises(ValueError, match="name of a scenario must be a word"):
+        lissajous_env.register_scenario(lissajous_env.Scenario(name=name))
+
+
+@pytest.mark.parametrize("name", [None, 3, [], b"knot", np.array(["knot", "knot"]), object()])
+def test_what_names_no_scenario(name):
+    with pytest.raises(ValueError, match=r"scenario must be one of .* got"):
+        lissajous_env.scenario(name)
+
+
+def test_what_a_file_names_is_looked_up_and_never_loaded(here):
+    # Story: a checkpoint of a stranger names a module of the folder that one is in.
+    (here / "evil.py").write_text("open('done', 'w')\n")
+    folder = here / "policy"
+    checkpoint.save(folder, make_network((42, 2)), Card.of(lissajous_env.scenario("rough")))
+    text = json.loads((folder / "checkpoint.json").read_text())
+    del text["scenario"]  # the name is all that is left
+    for name in ("evil:scenario", "evil.toml", "theirs:scenario"):
+        text["policy"]["scenario"] = name
+        (folder / "checkpoint.json").write_text(json.dumps(text))
+        (here / "evil.toml").write_text("base = 'evil:scenario'")
+        with pytest.raises(ValueError, match="scenario must be one of"):
+            training.load(folder)
+        with pytest.raises(ValueError, match="scenario must be one of"):
+            lissajous_env.scenario("evil.toml")
+    assert not (here / "done").exists()
+    assert {"evil", "theirs"} & set(sys.modules) == set()
+
+
+@pytest.mark.parametrize(("names", "told"), [
+    (["failure", "theirs:still"], (("failure",), "theirs:still")),
+    (["theirs:still", "failure"], (("failure",), "theirs:still")),
+    (["theirs:scenario", "theirs:still"], (("theirs:scenario",), "theirs:still")),
+    (["theirs:scenario", "still"], (("theirs:scenario",), "still")),
+    (["still", "theirs:scenario", "x.toml"], (("theirs:scenario", "x.toml"), "still")),
+    (["a:b.toml", "theirs:same", "knot", "theirs:still"], (("a:b.toml", "theirs:same", "knot"), "theirs:still")),
+])  # fmt: skip
+def test_scenarios_and_the_policy_are_told_apart(names, told):
+    # Oracle: the rule of the docs, spelled out: a policy by its name is the policy, else the last module:attribute is.
+    assert factories.split_scenarios_and_policy(names) == told
+
+
+@pytest.mark.parametrize(("names", "words"), [
+    (["theirs:still"], "scenario must be given before the policy"),
+    (["x.toml"], "policy must be given after the scenario, got x.toml"),
+    (["theirs:scenario", "stil"], "got 'stil'; did you mean still?"),
+    (["still", "kuramoto", "theirs:scenario"], "exactly one policy must be given, got still, kuramoto"),
+])  # fmt: skip
+def test_names_that_are_too_few_or_too_many(names, words):
+    with pytest.raises(ValueError, match=words):
+        factories.split_scenarios_and_policy(names)
+
+
+def test_the_decorator_returns_what_it_is_given_and_refuses_what_is_taken():
+    @baselines.register("mine")
+    class Mine(Policy):
+        """Cars that do nothing.
+
+        And more.
+        """
+
+        kind = "car"
+
+        def decide(self, observation):
+            return np.zeros(self.action.shape)
+
+    @baselines.register("made", kind="curve", made_for=("failure",))
+    def make(scenario, num_worlds, device):
+        """Points that do nothing."""
+        return Mine(scenario, num_worlds, device)
+
+    about = [registry.describe(name) for name in ("mine", "made")]
+    assert [(each["kind"], each["made_for"]) for each in about] == [("car", []), ("curve", ["failure"])]
+    assert [each["description"] for each in about] == ["Cars that do nothing.", "Points that do nothing."]
+    assert isinstance(baselines.make("made", "failure"), Mine)
+    assert "mine-safe" in baselines.names("rough"), "the filter goes over it too"
+    for name in ("mine", "still", "mine-safe"):
+        with pytest.raises(ValueError, match=f"name of a policy must be new, got {name}"):
+            baselines.register(name, kind="car")(make)
+    with pytest.raises(ValueError, match="factory of other must be callable, got 3"):
+        baselines.register("other")(3)
+
+
+class Returning(Policy):
+    """Returns what it is told to."""
+
+    def __init__(self, scenario, num_worlds=1, device="cpu", *, value=None):
+        super().__init__(scenario, num_worlds, device)
+        self.value = value
+
+    def decide(self, observation):
+        self.seen = observation
+        return self.value
+
+
+@pytest.mark.parametrize(("value", "words"), [
+    (None, "must contain real numbers, got object None"),
+    (np.zeros((2, 5)), r"must have shape \(2, 5, 1\), got \(2, 5\)"),
+    (np.zeros((2, 5, 1), complex), "must contain real numbers"),
+    (np.full((2, 5, 1), "a"), "must contain real numbers"),
+    (wp.zeros((2, 5, 1), dtype=wp.float64, device="cpu"), "must contain float32 if it is a Warp array"),
+    ([[0.0], [1.0, 2.0]], "must contain real numbers, got rows of different lengths"),
+])  # fmt: skip
+def test_a_decision_of_another_form_names_the_policy(value, words):
+    policy = Returning("failure", 2, value=value)
+    with pytest.raises(ValueError, match=f"actions of Returning {words}"):
+        lissajous_env.evaluate(policy, "failure", seeds=range(2))
+
+
+def test_a_decision_that_is_not_finite_is_stopped():
+    policy = Returning("failure", 2, value=np.full((2, 5, 1), 1e300))
+    with pytest.raises(ValueError, match="policy Returning must return finite actions"):
+        lissajous_env.evaluate(policy, "failure", seeds=range(2))
+
+
+def test_a_policy_without_a_decision_says_what_it_lacks():
+    with pytest.raises(NotImplementedError, match=r"Policy must have a method decide\(observation\) that returns"):
+        Policy("failure").act(np.zeros(Policy("failure").observation_shape))
+
+
+@pytest.mark.parametrize("arrays", ["numpy", "torch", "warp"])
+def test_a_policy_gets_the_arrays_that_it_asks_for(arrays):
+    # Oracle: the rows themselves; and whoever changes an observation in place changes nobody else's.
+    torch = pytest.importorskip("torch") if arrays == "torch" else None
+    kind = {"numpy": np.ndarray, "torch": torch and torch.Tensor, "warp": wp.array}[arrays]
+    policy = type("Asking", (Returning,), {"arrays": arrays})("failure", 2, value=np.full((2, 5, 1), 0.25))
+    simulation = lissajous_env.Simulation("failure", 2)
+    rows = simulation.observation.numpy().copy()
+    assert (policy.act(simulation.observation).numpy() == np.float32(0.25)).all()
+    assert (type(policy.seen), policy.seen.shape) == (kind, rows.shape)
+    np.testing.assert_array_equal(policy.seen if arrays == "numpy" else policy.seen.numpy(), rows)
+    if arrays != "warp":
+        policy.seen[...] = 7.0
+        np.testing.assert_array_equal(simulation.observation.numpy(), rows)
+
+
+def test_a_kind_of_arrays_that_is_none():
+    wrong = type("Wrong", (Returning,), {"arrays": "jax"})
+    with pytest.raises(ValueError, match="arrays of Wrong must be one of numpy, torch, warp, got 'jax'"):
+        wrong("failure")
+
+
+@pytest.mark.parametrize("policy", [None, 3, "still", Returning])
+def test_what_is_no_policy(policy):
+    with pytest.raises(ValueError, match="policy must have reset, act and num_worlds, or be a function, got"):
+        lissajous_env.evaluate(policy, "failure", seeds=range(1))
+
+
+def test_a_policy_that_was_registered_here_is_made_in_a_process_that_does_not_know_it():
+    # Story: what a driver sends to a worker of Ray, where nothing was registered.
+    baselines.register("mine", "curve", Returning)
+    sent = factories.named("mine")
+    registry._REGISTRY.pop("mine")
+    assert isinstance(sent(lissajous_env.scenario("failure"), 2, "cpu"), Returning)
+
+
+def test_a_folder_that_was_removed_stops_no_import(here, monkeypatch):
+    monkeypatch.setattr(os, "getcwd", lambda: (_ for _ in ()).throw(FileNotFoundError()))
+    assert plugins.import_attribute("lissajous_env:scenario", "it must be there") is lissajous_env.scenario

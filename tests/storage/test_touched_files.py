@@ -1,0 +1,190 @@
+"""Number of files that one more scenario, policy, stage, ... changes, tried in a copy of the package."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("lissajous_env", "baselines", "training")
+
+POLICY = """
+import numpy as np
+from baselines.policies.base import Policy
+from baselines.policies.registry import register
+
+
+@register("half", kind="curve")
+class Half(Policy):
+    def decide(self, observation):
+        return np.full((*self.shape, 1), 0.5)
+"""
+
+ROBOT = """
+import warp as wp
+from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
+from lissajous_env.world.state import Clock, Robots
+
+
+@wp.kernel
+def stay(first: int, lanes: int, clock: Clock, robots: Robots):
+    tid, lane = wp.tid()
+    for i in range(lane, robots.status.shape[1], lanes):
+        robots.speed[first + tid, i] = 0.0
+
+
+register_robot_model(RobotModel("post", ("nothing",), ((0.0,),), stay, lambda curve, formation, robot: 1.0))
+"""
+
+COLUMN = """
+from pathlib import Path
+from baselines.benchmark.running import run
+from baselines.benchmark.types import Benchmark
+settings = Benchmark(("failure",), ("still", "random"), 2, out=Path("out"), overrides={"task.duration": 0.5})
+assert [row["speed_min"] for row in run(settings)][:2] == [0.0, 0.0]
+assert len(run(settings)) == 4  # read back, by its rule
+assert "least speed [m/s]" in (settings.out / "report.html").read_text()
+assert "speed_min" in (settings.out / "episodes.csv").read_text()
+"""
+
+STAGE = """
+import warp as wp
+from lissajous_env.world.state import Clock, Robots
+
+
+@wp.kernel
+def halve_speeds(first: int, lanes: int, clock: Clock, robots: Robots):
+    tid, lane = wp.tid()
+    for i in range(lane, robots.status.shape[1], lanes):
+        robots.speed[first + tid, i] = 0.5 * robots.speed[first + tid, i]
+"""
+
+EXTRA = """
+import lissajous_env
+
+
+@lissajous_env.{door}
+def mine(world):
+    return {value}
+"""
+
+EXTENDED = """
+made = lissajous_env.scenario("failure", extensions=["lissajous_env.mine:mine"], **{"targets.custom": 0.0})
+simulation = lissajous_env.Simulation(made)
+simulation.advance()
+assert "mine" in (*simulation.reward_term_names, *simulation.score()[0], "mine" * ("TargetMotion" in str(made)))
+"""
+
+
+def evaluated(policy, kind="curve"):
+    return f"""
+made = lissajous_env.scenario("failure", **{{"robot.kind": "{kind}", "task.duration": 1.0}})
+assert len(lissajous_env.evaluate(baselines.make("{policy}", made, 2), made, seeds=range(2))) == 2
+"""
+
+
+@pytest.mark.parametrize(
+    ("files", "lines", "program"),
+    [
+        ({"baselines/policies/half.py": POLICY}, {}, evaluated("half")),
+        pytest.param(
+            {"lissajous_env/world/robots/post.py": ROBOT},
+            {
+                "lissajous_env/world/robots/__init__.py": [("import car, point", "import car, point, post")],
+            },
+            evaluated("still", "post"),
+            marks=pytest.mark.long,
+        ),
+        (
+            {"lissajous_env/world/robots/halving.py": STAGE},
+            {
+                "lissajous_env/world/stages.py": [
+                    (
+                        '        Stage("end", end_episodes, WORLD),',
+                        '        Stage("end", end_episodes, WORLD),\n        Stage("halving", halve_speeds, ROBOT),',
+                    ),
+                    (
+                        "from lissajous_env.world.robots.faults",
+                        "from lissajous_env.world.robots.halving import halve_speeds\n"
+                        "from lissajous_env.world.robots.faults",
+                    ),
+                ]
+            },
+            """
+simulation = lissajous_env.Simulation("failure")
+simulation.advance()
+assert "halving" in str(simulation.stages)
+""",
+        ),
+        (
+            {},
+            {"lissajous_env/parameters/shipped.py": [('name="ideal"', 'name="mine"')]},
+            'assert lissajous_env.parallel_env("mine").reset(seed=1)',
+        ),
+        (
+            {},
+            {
+                "lissajous_env/world/tally.py": [
+                    ("    speed_max: wp", "    speed_min: wp.array(dtype=wp.float32)\n    speed_max: wp"),
+                    (
+                        "    tally.speed_max[w] = 0.0\n",
+                        "    tally.speed_max[w] = 0.0\n    tally.speed_min[w] = 1.0e30\n",
+                    ),
+                    (
+                        "    if now > 0:\n        tally.distance",
+                        "    tally.speed_min[w] = wp.min(tally.speed_min[w], "
+                        "fastest)\n    if now > 0:\n        tally.distance",
+                    ),
+                ],
+                "lissajous_env/world/columns.py": [
+                    (
+                        "_SMOOTHNESS = Column(",
+                        'SLOWEST = Column("speed_min", "least speed of the fastest robot", lambda '
+                        'e: e.totals["speed_min"], "m/s", title="least speed", place=14)\n_SMOOTHNESS = Column(',
+                    ),
+                ],
+            },
+            COLUMN,
+        ),
+        *(
+            ({"lissajous_env/mine.py": EXTRA.format(door=door, value=value)}, {}, EXTENDED)
+            for door, value in [
+                ("reward_term()", "world.robots.speed"),
+                ("score_column()", "world.robots.speed.mean(axis=1)"),
+                ("target_motion", "world.targets.position"),
+            ]
+        ),
+    ],
+    ids=[
+        "policy",
+        "robot model",
+        "stage",
+        "scenario",
+        "core score column",
+        "reward term",
+        "score column",
+        "target motion",
+    ],
+)
+def test_files_to_touch(files, lines, program, tmp_path):
+    # Oracle: two for what the kernels of the world are a part of, one for each of the others.
+    for package in PACKAGES:
+        # With the times of the files, so that what Python compiled of unchanged ones is good for the copy as well.
+        shutil.copytree(ROOT / package, tmp_path / package)
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    for name, changes in lines.items():
+        text = (tmp_path / name).read_text()
+        for old, new in changes:
+            assert text.count(old) == 1, old
+            text = text.replace(old, new)
+        (tmp_path / name).write_text(text)
+    assert len(files) + len(lines) <= (2 if "world" in "".join([*files, *lines]) else 1)
+    here = f"import lissajous_env, baselines\nassert {str(tmp_path)!r} in baselines.__file__\n"
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    command = [sys.executable, "-c", here + program]
+    ended = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment)
+    assert ended.returncode == 0, ended.stderr

@@ -1,0 +1,167 @@
+"""Policies trained on a user's scenario: the folder contains that scenario, and every command plays it."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("stable_baselines3")
+
+from test_train import QUIET, SMALL
+
+import lissajous_env
+import training
+from lissajous_env.console import cli
+from lissajous_env.console.terminal import plain
+from lissajous_env.parameters.plain_scenario import scenario_of
+from training.learned import checkpoint
+from training.publish import publish
+from training.sb3.trainer import train
+from training.settings import TrainingSettings
+
+MINE = """
+base = "failure"
+[curve]
+half_width = 2.5
+[faults]
+schedule = [[0, 1.0, inf]]
+[robot]
+lateral_acceleration_max = inf
+[task]
+duration = 2.0
+"""
+EXTRAS = """
+import lissajous_env
+
+@lissajous_env.observation_entry(low=-4.0, high=4.0)
+def doubled(world):
+    return 2.0 * world.robots.position[..., 0] / world.scenario.curve.half_width
+"""
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text(MINE)
+    return tmp_path
+
+
+def settings(**changes):
+    small: dict = {"scenario": "mine.toml", "overrides": {}, "steps": 640, "evaluate_every": 640, "teacher": "none"}
+    given: dict = SMALL | small | {"out": Path("run")} | changes
+    return TrainingSettings(**given)
+
+
+def trained(**changes):
+    train(settings(**changes), QUIET)
+    return lissajous_env.scenario("mine.toml", **changes.get("overrides", {})).resolve()
+
+
+def command(*arguments):
+    with pytest.raises(SystemExit) as ended:
+        cli.main([*map(str, arguments)])
+    assert ended.value.code == 0
+
+
+def test_a_folder_holds_the_scenario(here):
+    # Oracle: the file, read again; the grid, which training leaves out, is there.
+    wanted = trained()
+    (here / "mine.toml").unlink()
+    for folder in ("run", "run/best"):
+        policy = training.load(folder)
+        assert policy.scenario == wanted
+    assert lissajous_env.evaluate(policy, policy.scenario, seeds=[3])[0]["scenario"] == "mine"
+
+
+def test_every_command_plays_it(here, capsys):
+    wanted = trained()
+    command("evaluate", "mine.toml", "run/best", "--episodes", 2, "--json")
+    named = json.loads(capsys.readouterr().out)["episodes"]
+    (here / "mine.toml").rename(here / "other.toml")
+    # Without a scenario it is that of the folder.
+    command("evaluate", "run/best", "--episodes", 2, "--json")
+    assert json.loads(capsys.readouterr().out)["episodes"] == named
+    two = ("--policies", "run/best", "kuramoto")
+    command("benchmark", "--scenarios", "other.toml", *two, "--episodes", 1, "--replays", "none", "--out", "results")
+    publish(here / "run" / "best", "published", folder=here)
+    text = checkpoint.read_text(here / "published")
+    assert text["made_for"] == ["mine"]
+    assert training.load(here / "published").scenario == wanted
+
+
+def test_a_benchmark_leaves_out_scenarios_of_other_robots(here, capsys):
+    # Story: a policy of points, on scenarios of points and of cars.
+    trained()
+    less = ("--episodes", 1, "--replays", "none", "--set", "task.duration=2", "--out", "results", "--json")
+    command("benchmark", "--scenarios", "mine.toml", "rough", "--policies", "run/best", *less)
+    assert {row["scenario"] for row in json.loads(capsys.readouterr().out)["episodes"]} == {"mine"}
+
+
+def test_a_scenario_that_has_changed_is_not_trained_on(here):
+    trained()
+    (here / "mine.toml").write_text(MINE.replace("2.5", "2.25"))
+    with pytest.raises(ValueError, match=r"curve of the scenario = .*2\.5.* there, .*2\.25.* here"):
+        train(settings(steps=1280), QUIET)
+
+
+def test_what_it_brings_is_taken_from_modules_that_are_imported_already(here, monkeypatch):
+    (here / "my_extras.py").write_text(EXTRAS)
+    wanted = trained(overrides={"extensions": "my_extras:doubled"})
+    assert training.load("run").scenario == wanted
+    # Story: another process, which has not imported it; a stranger's folder cannot make it.
+    monkeypatch.delitem(sys.modules, "my_extras")
+    with pytest.raises(ValueError, match="scenario mine uses my_extras:doubled: import my_extras before"):
+        training.load("run")
+    assert "my_extras" not in sys.modules
+    __import__("my_extras")
+    assert training.load("run").scenario.digest() == wanted.digest()
+
+
+@pytest.mark.parametrize(
+    ("part", "value", "words"),
+    [
+        ("curve", {"half_widht": 1.0}, "half_widht"),
+        ("curve", {"half_width": -1.0}, "half_width must be"),
+        ("curve", 3, "scenario must contain the parts and fields"),
+        ("robot", {"kind": "theirs"}, "robot.kind must be one of"),
+        ("extensions", 0.5, "extensions of a scenario must be a list, got 0.5"),
+        ("extensions", [{"place": 3}], "place of an extension must be module:name, got 3"),
+        ("extensions", [3], "place of an extension must be module:name"),
+    ],
+)
+def test_a_damaged_scenario_is_refused(here, part, value, words):
+    trained()
+    path = here / "run" / checkpoint.FILE
+    text = json.loads(path.read_text())
+    text["scenario"][part] = value
+    path.write_text(json.dumps(text))
+    with pytest.raises(ValueError, match=words):
+        training.load("run")
+
+
+@pytest.mark.parametrize("name", lissajous_env.scenarios())
+def test_plain_values_make_the_scenario(name):
+    made = lissajous_env.scenario(name).resolve()
+    text = json.dumps(plain(made.to_dict()), allow_nan=False)
+    assert scenario_of(json.loads(text)) == made
+    with pytest.raises(ValueError, match="scenario must contain curve, got name"):
+        scenario_of({"name": name})
+
+
+def test_a_file_may_begin_with_a_byte_order_mark_and_have_any_name(tmp_path):
+    text = '\ufeffname = "lab"\n[task]\nduration = 2.0\n'
+    marked = tmp_path / "lab 2.toml"
+    marked.write_text(text, encoding="utf-8")
+    assert lissajous_env.scenario(marked).name == "lab"
+    marked.write_text("[task]\nduration = 2.0\n")
+    with pytest.raises(ValueError, match=r"got 'lab 2'; the file may contain another name, as in name ="):
+        lissajous_env.scenario(marked)
+
+
+@pytest.mark.parametrize(("file", "word"), [("mine.zip", "ModelPolicy"), ("mine", "ModelPolicy"), ("a.onnx", "decide")])
+def test_a_file_of_a_model_is_played_by_a_module(file, word, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.zip").touch()
+    with pytest.raises(ValueError, match=rf"policy must be one of .* got '{file}'; write a function.*{word}"):
+        lissajous_env.policy(file, "experiment")

@@ -1,0 +1,168 @@
+"""Rehearsal before a training: the best classical policy, found by playing, is a rival; and the value of feedback."""
+
+import io
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+pytest.importorskip("stable_baselines3")
+
+from test_train import QUIET, SMALL
+
+import baselines
+import lissajous_env
+from baselines.policies import registry
+from baselines.policies.base import Policy
+from lissajous_env.storage.journal import Journal
+from training import rehearsal, scenarios
+from training.learned import checkpoint
+from training.learned.history import summarize_scores
+from training.rehearsal import Rehearsal
+from training.sb3.trainer import train
+from training.settings import TrainingSettings
+
+SHORT = {"task.duration": 20.0}
+
+
+def nothing(_):
+    return None
+
+
+def rehearsed(path, *played_on, begin=nothing, leave_out=nothing):
+    with Journal(path) as journal:
+        return Rehearsal(played_on, journal, "cpu", begin, leave_out).best()
+
+
+@pytest.mark.parametrize("name", ["failure", "intruders-inside"])
+def test_no_classical_policy_is_better_than_the_one_that_a_rehearsal_finds(tmp_path, name):
+    # Oracle: `lissajous_env.evaluate` of each policy on seeds that the rehearsal does not use.
+    scenario, found = lissajous_env.scenario(name, **SHORT), {}
+    best = rehearsed(tmp_path / "rehearsal.jsonl", scenario)
+    for policy in (each for each in registry.names(scenario) if registry.is_classical(each)):
+        if policy in best or not registry.unwrapped(policy)[1]:
+            made = baselines.make(policy, scenario, 24)
+            found[policy] = summarize_scores(lissajous_env.evaluate(made, scenario, range(50, 74)))
+    fastest = min(found[policy]["detection_time"] for policy in best)
+    fewest = min(found[policy]["collisions"] for policy in best)
+    for policy, scores in found.items():
+        assert scores["detection_time"] > 0.75 * fastest or scores["collisions"] > fewest, policy
+    assert max(found[policy]["return"] for policy in best) >= max(of["return"] for of in found.values()) - 0.5
+
+
+class StoppedError(Exception):
+    pass
+
+
+def test_a_rehearsal_that_was_interrupted_plays_no_policy_twice(tmp_path):
+    scenario, path, begun = lissajous_env.scenario("failure", **SHORT), tmp_path / "rehearsal.jsonl", []
+
+    def stop_later(name):
+        begun.append(name)
+        if len(begun) == 4:
+            raise StoppedError
+
+    with pytest.raises(StoppedError):
+        rehearsed(path, scenario, begin=stop_later)
+    before = begun[:3]
+    best = rehearsed(path, scenario, begin=begun.append)
+    assert not set(before) & set(begun[4 : begun.index("still", 4) + 1])
+    count = len(begun)
+    assert rehearsed(path, scenario, begin=begun.append) == best
+    assert len(begun) == count
+    # Another scenario is played anew.
+    rehearsed(path, lissajous_env.scenario("failure", **{"task.duration": 10.0}), begin=begun.append)
+    assert len(begun) >= 1.5 * count
+
+
+def test_a_policy_that_raises_is_left_out_by_name(tmp_path, monkeypatch):
+    class Broken(Policy):
+        kind = "curve"
+
+        def decide(self, observation):
+            raise RuntimeError("no action")
+
+    class Perfect(Policy):
+        """A policy that does not suit any scenario."""
+
+        kind = "curve"
+
+        def __init__(self, *_):
+            raise ValueError("scenario must be another one")
+
+    monkeypatch.setattr(registry, "_REGISTRY", dict(registry._REGISTRY))
+    baselines.register("broken", kind="curve", factory=Broken)
+    baselines.register("unsuitable", kind="curve", factory=Perfect)
+    said = []
+    best = rehearsed(tmp_path / "a.jsonl", lissajous_env.scenario("failure", **SHORT), leave_out=said.append)
+    assert best
+    assert not {"broken", "unsuitable"} & {*best}
+    assert [words.partition(":")[0] for words in said] == ["broken is left out of the rehearsal"]
+
+
+def test_on_several_scenarios_the_one_that_is_fast_on_all_is_best(tmp_path, monkeypatch):
+    # Oracle: the mean of logarithms, by hand.
+    times = {"laps": (1.0, 16.0), "sweep": (3.0, 3.0), "still": (9.0, 9.0)}
+    monkeypatch.setattr(registry, "names", lambda scenario: tuple(times))
+    played_on = [lissajous_env.scenario("intruders", **{"task.duration": t}) for t in (1.0, 2.0)]
+
+    def evaluated(policy, scenario, seeds, device):
+        time = times[policy.name][round(scenario.task.duration) - 1]
+        return [{"detection_time_mean": time, "collisions": 0, "return_mean": time, "detected_fraction": 1.0}] * 2
+
+    monkeypatch.setattr(rehearsal, "evaluate", evaluated)
+    assert rehearsed(tmp_path / "a.jsonl", *played_on) == ("sweep",)
+    assert rehearsed(tmp_path / "b.jsonl", played_on[0]) == ("laps", "still")
+
+
+def test_the_default_rivals_are_rehearsed_once_for_a_training(tmp_path, monkeypatch):
+    played = []
+    play = Rehearsal._play
+    monkeypatch.setattr(Rehearsal, "_play", lambda self, name, count: played.append(name) or play(self, name, count))
+    given = {"scenario": "failure", "overrides": {"task.duration": 3.0}, "base": None, "rivals": None, "steps": 1280}
+    out = io.StringIO()
+    history = train(TrainingSettings(**SMALL | given | {"out": tmp_path}), Console(file=out, width=200))
+    count, words = len(played), out.getvalue()
+    (line,) = [each for each in words.splitlines() if each.startswith("best classical policy in a rehearsal: ")]
+    best = line.partition(": ")[2].split(" and ")
+    assert list(history.rivals) == list(dict.fromkeys(["kuramoto", *best]))
+    assert history.curve[0]["steps"] == 0
+    assert (tmp_path / checkpoint.REHEARSAL).exists()
+    assert words.index("on failure feedback has no value") < words.index("best classical policy")
+    more = TrainingSettings(**SMALL | given | {"steps": 2560, "out": tmp_path})
+    assert train(more, QUIET).rivals == history.rivals
+    assert len(played) == count
+    # Rivals that are named need no rehearsal.
+    train(TrainingSettings(**SMALL | given | {"rivals": ("still",), "out": tmp_path / "named"}), QUIET)
+    assert len(played) == count
+
+
+def test_feedback_has_a_value_only_where_something_observed_is_random():
+    # Oracle: for each scenario, the fields by which robots fail at random.
+    for name in lissajous_env.scenarios():
+        made = lissajous_env.scenario(name)
+        fails = made.faults.rate > 0 or made.faults.lost > 0
+        assert bool(scenarios.uses_of_feedback(made)) == fails, name
+        first, *others = scenarios.about_feedback(made)
+        assert ("feedback has no value" in first) != fails
+        assert fails or "rough, rough-lost (robots fail or are removed at random" in others[0]
+    made = lissajous_env.scenario("intruders-inside")
+    assert scenarios.uses_of_feedback(lissajous_env.scenario(made, **{"faults.rate": 0.01}))
+    assert scenarios.uses_of_feedback(lissajous_env.scenario(made, **{"task.reward_formation": -1.0}))
+
+
+def test_an_observation_without_a_target_tells_nothing_about_those_that_are_undetected():
+    # Story: undetected targets elsewhere in the same scenario change no observation of robots that move alike.
+    rows = []
+    for count in (3, 30):
+        changes = {"targets.arrival_rate": 0.0, "targets.count": count, "task.duration": 8.0, "faults.schedule": ()}
+        scenario = lissajous_env.scenario("intruders-inside", **changes)
+        simulation, seen = lissajous_env.Simulation(scenario, 4, seed=3), []
+        acting = baselines.make("sweep", scenario, 4)
+        for _ in range(scenario.task.steps):
+            seen.append(simulation.observation.numpy().copy())
+            simulation.step(acting.act(simulation.observation))
+        rows.append(np.array(seen))
+    targets = ["target_" in name for name in simulation.layout.names]
+    assert (rows[0][..., np.logical_not(targets)] == rows[1][..., np.logical_not(targets)]).all()
+    assert not (rows[0][..., targets] == rows[1][..., targets]).all()

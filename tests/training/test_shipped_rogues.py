@@ -1,0 +1,84 @@
+"""The included learned rogues: they have names, need no learning library, and hide better than the scripts."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lissajous_env
+from baselines.exploitability.bracket import rogue_names
+from baselines.exploitability.survival import survive, with_starts
+from benchmarks.rogues import rows
+from lissajous_env.parameters.rogues import folder_of, rogue_of, shipped_rogues
+from tests.command_line import called
+from training.learned import checkpoint
+from training.rogue_settings import RogueTraining
+
+SCRIPTS = ("wander", "flee", "shadow", "follow-gap")
+
+
+def text_of(name):
+    return checkpoint.read_text(folder_of(name))
+
+
+def test_each_shipped_rogue_tells_how_it_was_trained():
+    # Story: the command and the seed are stored, the name says against whom, and an episode can be played by name.
+    assert {"hide-from-sweep", "hide-from-partition", "hide-from-kuramoto-mpcc"} <= set(shipped_rogues())
+    for name in shipped_rogues():
+        text, rogue = text_of(name), rogue_of(name)
+        settings = RogueTraining(**{key: text["settings"][key] for key in ("scenario", "against", "seed", "rounds")})
+        assert f"--against {settings.against}" in text["command"]
+        assert f"--scenario {settings.scenario}" in text["command"]
+        assert rogue.trained_on == settings.scenario
+        assert rogue.trained_against == settings.against
+        assert name.startswith(f"hide-from-{settings.against}")
+        assert name in lissajous_env.rogues()
+        assert list(text["held_out_times"]) == [rogue.trained_against]
+
+
+def test_the_table_of_the_page_is_that_of_the_stored_times():
+    # Oracle: what the command that the page names prints.
+    found, page = rows(), (Path(__file__).parents[2] / "docs" / "rogues.md").read_text(encoding="utf-8")
+    assert len(found) >= len(shipped_rogues())
+    assert [row for row in found if row not in page] == []
+
+
+def test_each_shipped_rogue_hides_better_than_every_script():
+    # Oracle: the stored times on seeds that were in neither training nor evaluations.
+    for name in shipped_rogues():
+        for times in text_of(name)["held_out_times"].values():
+            assert times["learned"]["mean"] > 1.05 * max(times[script]["mean"] for script in SCRIPTS)
+
+
+def test_the_stored_times_are_those_of_the_shipped_weights():
+    # Oracle: a few of the held-out episodes; their mean lies within the spread of all.
+    stored = text_of("hide-from-sweep")["held_out_times"]["sweep"]
+    scenario = lissajous_env.scenario("evaders", **{"task.grid": None, "task.contamination": None})
+    found = {
+        rogue: survive("sweep", with_starts(scenario, rogue, 96), range(10_000, 10_004))
+        for rogue in ("hide-from-sweep", "follow-gap")
+    }
+    ours = found["hide-from-sweep"].means
+    assert np.abs(ours.mean() - stored["learned"]["mean"]) < 4 * max(ours.std(ddof=1), 0.2) / 2
+    assert (ours > found["follow-gap"].means).all()
+
+
+def test_exploit_plays_rogues_that_were_trained_on_the_scenario_or_against_the_policy(capsys):
+    evaders = lissajous_env.scenario("evaders")
+    played = rogue_names(evaders)
+    assert [name for name in played if name in shipped_rogues()] == [
+        name for name in shipped_rogues() if rogue_of(name).trained_on == "evaders"
+    ]
+    elsewhere = lissajous_env.scenario("experiment")
+    assert not set(rogue_names(elsewhere)) & set(shipped_rogues())
+    assert set(rogue_names(elsewhere, policy="sweep")) & set(shipped_rogues()) == {"hide-from-sweep"}
+    arguments = ("exploit", "experiment", "sweep", "--episodes", 1, "--starts", 4, "--json", "--set", "task.duration=2")
+    code, out, error = called(capsys, *arguments)
+    assert code == 0, error
+    assert "hide-from-sweep" in [each["rogue"] for each in json.loads(out)["exploits"]]
+
+
+def test_the_name_of_a_shipped_rogue_is_taken():
+    with pytest.raises(ValueError, match="name of a rogue must be new, got 'hide-from-sweep'"):
+        lissajous_env.rogue("hide-from-sweep")(lambda rows: rows)
