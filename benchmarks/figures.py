@@ -40,6 +40,17 @@ GIST = (
     ("rough", "collisions"),
 )
 """Scenario and column of each number that the README shows of the table of the policies."""
+GIST_POLICIES = (
+    "kuramoto-mpcc",
+    "kuramoto-mpcc-safe",
+    "open-loop-mpcc",
+    "partition-repair",
+    "line-abreast",
+    "sweep",
+    "portfolio",
+    "portfolio-guarantee",
+)
+"""Policies that the README shows of the table of the policies."""
 
 Table = Mapping[str, Sequence[Any]]
 """A table: `columns`, the titles, and `rows` with as many cells; all are text."""
@@ -85,7 +96,7 @@ def made_now() -> dict[str, Table]:
 
 
 def gist_of(policies: Table) -> Table:
-    """Return the most informative columns of the table `policies`, with a row for each policy that drives cars."""
+    """Return the most informative columns and rows of the table `policies`."""
     at = {title: k for k, title in enumerate(policies["columns"])}
     cells: dict[str, dict[str, str]] = {}
     name = ""
@@ -95,7 +106,7 @@ def gist_of(policies: Table) -> Table:
             if scenario == name:
                 cells.setdefault(row[1], {})[f"`{scenario}`: {column}"] = row[at[column]]
     titles = [f"`{scenario}`: {column}" for scenario, column in GIST]
-    rows = [[policy, *(of.get(title, "") for title in titles)] for policy, of in cells.items()]
+    rows = [[f"`{policy}`", *(cells[f"`{policy}`"].get(title, "") for title in titles)] for policy in GIST_POLICIES]
     return {"columns": ["policy", *titles], "rows": rows}
 
 
