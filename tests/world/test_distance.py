@@ -82,8 +82,9 @@ RANDOM = {
 
 
 @pytest.mark.parametrize("case", RANDOM)
-def test_the_distance_from_a_curve_of_harmonics_is_that_of_brute_force(case, half=1e-3):
+def test_the_distance_from_a_curve_of_harmonics_is_that_of_brute_force(case):
     # Oracle: the nearest of a hundred thousand points of a lap. A curve may be far smaller than its rectangle.
+    half = 1e-3
     count, decay, size, flat = RANDOM[case]
     rng = np.random.default_rng(len(case))
     curve = Curve(half, half, harmonics=harmonics(count, decay, size * half, rng, flat))
