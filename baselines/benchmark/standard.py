@@ -16,7 +16,7 @@ SCENARIOS = (
 """Scenarios on which policies differ."""
 
 POLICIES = (
-    "kuramoto-mpcc", "kuramoto-mpcc-close", "open-loop-mpcc", "consensus-mpcc", "partition", "partition-repair",
+    "kuramoto-mpcc", "kuramoto-mpcc-safe", "open-loop-mpcc", "consensus-mpcc", "partition", "partition-repair",
     "line-abreast", "sweep", "laps",
     "learned-intruders-proved", "learned-careful", "learned-guard", "random", "kuramoto", "consensus", "open-loop",
 )  # fmt: skip

@@ -182,7 +182,7 @@ def test_the_table_of_trainings_has_each_of_them_all_and_the_reference():
 
 def test_collisions_with_a_filter_stand_beside_those_without():
     numbers = dict.fromkeys(safety.COLUMNS, 1.0)
-    counts = {"sweep": 8.0, "sweep-safe": 2.0, "sweep-close": 4.0, "still": 0.0, "still-safe": 0.0}
+    counts = {"sweep": 8.0, "sweep-safe": 2.0, "sweep-proved": 4.0, "still": 0.0, "still-safe": 0.0}
     made = safety.as_table({("rough", name): numbers | {"collisions": count} for name, count in counts.items()})
     column = "of those without the filter [%]"
     assert cell(made, "rough, `sweep`", "collisions") == "8"

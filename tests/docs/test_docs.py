@@ -53,7 +53,7 @@ LASTING = ("benchmark", "evaluate", "exploit", "guarantee", "replay", "run", "tr
 """Commands that run episodes, here of half a second."""
 IMAGES = {
     "intruders.gif": "lissajous run intruders kuramoto-mpcc --seed 1 --set task.duration=14",
-    "unseen.png": "lissajous guarantee evaders-failure --policies kuramoto-mpcc kuramoto-mpcc-close open-loop-mpcc",
+    "unseen.png": "lissajous guarantee evaders-failure --policies kuramoto-mpcc kuramoto-mpcc-safe open-loop-mpcc",
     "critical_speed.png": "lissajous guarantee`",
     "trainings.png": "python benchmarks/trainings.py --store",
     "growth.png": "python benchmarks/speed.py --parts growth --against FOLDER --store",

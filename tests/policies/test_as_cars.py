@@ -126,7 +126,7 @@ def evaders(request, register):
 
 def test_every_classical_policy_of_cars_drives_robots_that_move_like_cars(evaders):
     listed = set(baselines.names(evaders))
-    assert {"partition", "partition-repair", "line-abreast-safe", "kuramoto-mpcc-close", "sweep", "random"} <= listed
+    assert {"partition", "partition-repair", "line-abreast-safe", "kuramoto-mpcc-safe", "sweep", "random"} <= listed
     assert not [name for name in listed if name.endswith("-proved") or name.startswith("learned")]
     short = lissajous_env.scenario(evaders, **{"task.duration": 1.0})
     for name in listed:

@@ -41,7 +41,7 @@ def test_the_same_policy_may_be_registered_again():
     for _ in range(2):
         baselines.register("mine", "car", partial(Laps, parameters=None))
     register_shipped()
-    assert set(baselines.names()) == {*before, "mine", "mine-safe", "mine-close", "mine-proved"}
+    assert set(baselines.names()) == {*before, "mine", "mine-safe", "mine-proved"}
     with pytest.raises(ValueError, match="must be new, got mine"):
         baselines.register("mine", "car", partial(Laps))
 
@@ -102,5 +102,5 @@ def test_learned_policies_are_told_from_classical_ones():
 
 
 def test_a_wrapped_policy_has_its_own_name():
-    for name in ("kuramoto-mpcc-safe", "kuramoto-mpcc-close"):
+    for name in ("kuramoto-mpcc-safe", "kuramoto-mpcc-proved"):
         assert baselines.make(name, "experiment").name == name

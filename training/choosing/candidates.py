@@ -121,7 +121,7 @@ GUARDS = (
     Candidate("line-abreast", {"lines": 1, "speed": 0.85}),
     Candidate("line-abreast", {"lines": 2, "speed": 0.97}),
     Candidate("line-abreast-safe"),
-    Candidate("line-abreast-close", {"lines": 1, "speed": 0.9}),
+    Candidate("line-abreast-safe", {"lines": 1, "speed": 0.9}),
     Candidate("line-abreast-proved"),
     Candidate("line-abreast-proved", {"lines": 1, "speed": 0.85}),
     Candidate("sweep-safe", {"cruise": 0.89, "inset": 0.44, "slowest": 0.1, "gather": 2.6}),
