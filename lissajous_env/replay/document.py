@@ -25,14 +25,13 @@ def page(recording: Recording, against: Recording | None = None, missed: MissedR
         HTML that needs no other file and no network.
     """
     episodes = [recording] if against is None else [recording, against]
-    in_space = any(each.scenario.curve.half_depth > 0 for each in episodes)
     policies = " against ".join(str(each.score.get("policy", "")) or "an episode" for each in episodes)
     return bundled(
         "page.html",
         "main.js",
         {"format": FORMAT, "episodes": [contents(recording, missed=missed), *map(contents, episodes[1:])]},
         {"title": f"{recording.scenario.name}: {policies}"},
-        ["uPlot", "three"] if in_space else ["uPlot"],
+        ["uPlot"],
     )
 
 

@@ -28,7 +28,7 @@ def report(
     Returns:
         HTML that needs no other file and no network.
     """
-    viewer = _viewer(any(each["scenario"]["half"][2] > 0 for each in replays.values())) if replays else ""
+    viewer = _viewer() if replays else ""
     framed = {"viewer-page": viewer.replace(as_json(_EPISODES), "@episodes@", 1)} if viewer else {}
     return bundled(
         template,
@@ -42,8 +42,7 @@ def report(
     )
 
 
-def _viewer(in_space: bool) -> str:
+def _viewer() -> str:
     """Return the replay page without episodes."""
-    libraries = ["uPlot", "three"] if in_space else ["uPlot"]
     data = {"format": FORMAT, "theme": "@theme@", "at": "@at@", "episodes": [_EPISODES]}
-    return bundled("page.html", "main.js", data, {"title": "Replay"}, libraries)
+    return bundled("page.html", "main.js", data, {"title": "Replay"}, ["uPlot"])
