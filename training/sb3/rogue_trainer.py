@@ -1,9 +1,9 @@
 """`lissajous train --side rogues`: imitation of a rogue with foresight, against robots that do not learn; then PPO.
 
 A rogue that starts in the wrong place is detected at once whatever it does, and one that hides well is detected much
-later than a discounted return reaches. So imitation comes first (`training.sb3.foresight`), in the states that the
-learner itself reaches, and PPO can follow, which in the time of more rounds of imitation gains less than these. All
-rogues share one network.
+later than a discounted return reaches. So imitation comes first (`lissajous_env.episodes.missed.foresight`), in the
+states that the learner itself reaches, and PPO can follow, which in the time of more rounds of imitation gains less
+than these. All rogues share one network.
 """
 
 import math
@@ -24,12 +24,12 @@ from baselines.policies.factories import named
 from lissajous_env import Simulation
 from lissajous_env.console.terminal import make_console
 from lissajous_env.episodes.evaluation import EpisodeRunner
+from lissajous_env.episodes.missed.foresight import Foresight, Labels, Visits
 from lissajous_env.storage.folder import Folder
 from training.learned import checkpoint
 from training.learned.network import Network
 from training.learned.rogue import rogue_card
 from training.rogue_settings import RogueTraining
-from training.sb3.foresight import Foresight, Labels, Visits
 from training.sb3.ppo import RobotPPO
 from training.sb3.rogue_env import RogueVecEnv
 
@@ -162,7 +162,7 @@ class RogueTrainer:
 
     def _visit(self, k: int) -> Visits:
         """Play an episode in each world, by a script at first, then by the learner, and record the rogues' states."""
-        settings, visits = self.settings, Visits.none()
+        settings, visits = self.settings, Visits()
         scenario = settings.make_scenario(_SCRIPTS[k]) if k < len(_SCRIPTS) else self.scenario
         simulation = Simulation(scenario, settings.worlds, device=settings.device, threads=settings.threads)
         first = k * settings.worlds  # number of the first episode
