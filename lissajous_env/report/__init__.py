@@ -1,14 +1,11 @@
 """Report pages: one HTML file with scores and replays of many episodes, in a frame, which works offline."""
 
 from collections.abc import Mapping
-from importlib.resources import files
 from typing import Any
 
-from lissajous_env.replay.bundle import ASSETS, Folders, as_json, bundled
+from lissajous_env.replay.bundle import as_json, bundled
 from lissajous_env.replay.contents import FORMAT
 
-FOLDERS: Folders = (files("lissajous_env.report") / "assets", ASSETS)
-"""Folders of templates, style sheets and modules of a report."""
 _EPISODES = "the episodes"
 """Placeholder of the episodes in the page of the frame."""
 
@@ -36,7 +33,6 @@ def report(
         data,
         words,
         styles=("style.css", "report.css"),
-        folders=FOLDERS,
         blocks=framed | dict(replays),
         framed=viewer,
     )
@@ -45,4 +41,4 @@ def report(
 def _viewer() -> str:
     """Return the replay page without episodes."""
     data = {"format": FORMAT, "theme": "@theme@", "at": "@at@", "episodes": [_EPISODES]}
-    return bundled("page.html", "main.js", data, {"title": "Replay"}, ["uPlot"])
+    return bundled("page.html", "main.js", data, {"title": "Replay"}, charts=True)

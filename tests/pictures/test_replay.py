@@ -251,8 +251,9 @@ def test_times_that_make_no_sense_are_refused(recording, tmp_path, settings):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("suffix", ["svg", "pdf", "png"])
-@pytest.mark.parametrize("name", ["experiment", "knot", "intruders"])
+@pytest.mark.parametrize(
+    ("name", "suffix"), [("experiment", "svg"), ("knot", "svg"), ("intruders", "pdf"), ("intruders", "png")]
+)
 def test_a_contact_sheet(name, suffix, tmp_path):
     # Oracle: the recording. Its times are the titles, a robot is a number, and the same makes the same file.
     played = recordings.record(
