@@ -32,7 +32,7 @@ _STEMS = (
 _ENDS = (".tmpl", ".safetensors", ".tmp", ".tmp.json", ".json", ".png", ".jsonl", "", ".123.tmp.csv")
 _RESULTS = (
     "settings.json", "episodes.jsonl", "episodes.csv", "summary.json", "collisions.png", "README.md", "table.csv",
-    "checkpoint.json", "curve.png", "best", "tensorboard", LIST, ".lock", "theorem2.png", "knot.png",
+    "checkpoint.json", "best", "tensorboard", LIST, ".lock", "theorem2.png", "knot.png",
 )  # fmt: skip
 _HOSTILE = (
     None, True, -1, 3, 0.5, 10**400, 1e300, 1e-300, "", "x", "../x", "/etc/passwd", "a\0b", "\ud800", "sweep", ".", [],
@@ -161,11 +161,11 @@ def _chooser() -> bytes:
 
 @_in_a_folder
 def _changed_checkpoint(draw: np.random.Generator, folder: Path) -> str | None:
+
     import training
     from lissajous_env import Simulation
     from training.choosing import chooser
     from training.learned import checkpoint
-    from training.pictures import draw_curve
 
     files = _trained() if draw.random() < 0.7 else {chooser.FILE: _chooser()}
     for name, data in files.items():
@@ -179,8 +179,6 @@ def _changed_checkpoint(draw: np.random.Generator, folder: Path) -> str | None:
     else:
         _damage(draw, folder / str(draw.choice(sorted(files))))
     try:
-        if path.name == checkpoint.FILE and draw.random() < 0.2 and checkpoint.read(folder)[2].get("curve"):
-            draw_curve(folder, folder / "drawn.png")
         policy = training.load(folder)
         action = policy.act(Simulation(policy.scenario).observation.numpy())
     except ValueError as error:

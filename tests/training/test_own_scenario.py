@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("stable_baselines3")
 
 from test_train import QUIET, SMALL
+from training.publish import publish
 
 import lissajous_env
 import training
@@ -16,7 +17,6 @@ from lissajous_env.console import cli
 from lissajous_env.console.terminal import plain
 from lissajous_env.parameters.plain_scenario import scenario_of
 from training.learned import checkpoint
-from training.publish import publish
 from training.sb3.trainer import train
 from training.settings import TrainingSettings
 
