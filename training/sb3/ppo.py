@@ -185,11 +185,11 @@ class RobotPPO(PPO):
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy all that a resumed training needs: weights, optimizer, random generators, rows to act on next."""
         state = {"rows": self.rows.copy(), "starts": np.array(self._last_episode_starts)}
-        state["updates"] = np.array(self._n_updates)
+        state["updates"] = np.array([self._n_updates])
         return save_state(self.policy, self.policy.optimizer) | state
 
     def load_state(self, arrays: dict[str, np.ndarray]) -> None:
         """Resume from what `save_state` returned for the same settings."""
         load_state(self.policy, self.policy.optimizer, arrays)
         self._last_obs, self._last_episode_starts = arrays["rows"], arrays["starts"]
-        self._n_updates = int(arrays["updates"])
+        self._n_updates = int(arrays["updates"][0])
