@@ -303,8 +303,7 @@ class TrainingSettings:
     @property
     def base_label(self) -> str:
         """Name of the base among the rivals, with its parameters, such as `sweep(cruise=1.9)`; "" without a base."""
-        given = ", ".join(f"{name}={value}" for name, value in self.chosen_base_parameters.items())
-        return f"{self.chosen_base}({given})" if given else self.chosen_base or ""
+        return "" if self.chosen_base is None else PolicySettings(self.chosen_base, self.chosen_base_parameters).label
 
     @property
     def imitated(self) -> str | None:
