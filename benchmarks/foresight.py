@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 import figures
 import numpy as np
+from publish import HELD_OUT, SCRIPTS
 
 from baselines.exploitability.survival import Survival, survive
 from baselines.policies.factories import named
@@ -20,7 +21,6 @@ from lissajous_env import Scenario, Simulation
 from lissajous_env.episodes.missed.foresight import Foresight, Visits
 from lissajous_env.parameters.rogues import folder_of, rogue_of, shipped_rogues
 from training.learned import checkpoint
-from training.publish_rogue import HELD_OUT, SCRIPTS
 from training.rogue_settings import RogueTraining
 
 TITLES = ("scenario, policy", "best script [s]", "learned [s]", "with foresight [s]", "learned share of it")
