@@ -1,15 +1,17 @@
 """Episodes that a report can play: chosen among those of a benchmark, and played again from their seeds."""
 
+import json
 import math
 import time
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from itertools import zip_longest
+from typing import Any
 
 from baselines.benchmark.clairvoyant import Clairvoyant
 from baselines.benchmark.local import may_be_shared
+from baselines.benchmark.table import Row
 from baselines.benchmark.types import Cell
 from lissajous_env.device.devices import cores
 from lissajous_env.episodes import witness
@@ -27,9 +29,10 @@ FEW_BYTES = 11e6
 _TOGETHER = 4
 """Episodes that are recorded together: each requires tens of megabytes meanwhile."""
 
-_T = TypeVar("_T")
 Key = tuple[str, str, int]
 """Scenario, policy and seed of an episode."""
+Batch = tuple[Cell, list[int]]
+"""A policy on a scenario, and the seeds that are played side by side."""
 
 
 @dataclass(frozen=True)
@@ -57,17 +60,18 @@ def check(asked: Sequence[str], cells: Iterable[Cell], seeds: range) -> None:
             )
 
 
-def chosen(asked: Sequence[str], ranked: Sequence[Mapping[str, Any]]) -> list[list[Key]]:
-    """Return the episodes to replay, in rounds; those of a round matter more than those of the next.
+def chosen(asked: Sequence[str], ranked: Sequence[Row], cells: Container[tuple[str, str]]) -> dict[Key, int]:
+    """Return the episodes to replay, each with its round; those of a round matter more than those of the next.
 
     Args:
         asked: As `Benchmark.replays` has them.
         ranked: Score rows, the worst first.
+        cells: Scenario and policy of those that can be played.
     """
     of: dict[tuple[str, str], list[Key]] = {}
     for row in ranked:
         of.setdefault((row["scenario"], row["policy"]), []).append((row["scenario"], row["policy"], row["seed"]))
-    rounds: list[list[Key]] = [[]]
+    rounds: list[list[Key]] = []
     for word in asked:
         if word in ("few", "each"):
             rounds.append([keys[0] for keys in of.values()])
@@ -76,88 +80,102 @@ def chosen(asked: Sequence[str], ranked: Sequence[Mapping[str, Any]]) -> list[li
             most = None if word == "all" else int(word)
             rounds.append([key for keys in of.values() for key in keys[:most]])
         elif (key := _episode(word, of)) is not None:
-            rounds[0].append(key)
-    return [list(dict.fromkeys(keys)) for keys in rounds if keys]
+            rounds.insert(0, [key])
+    found: dict[Key, int] = {}
+    for number, keys in enumerate(rounds):
+        for key in keys:
+            if key[:2] in cells:
+                found.setdefault(key, number)
+    return found
+
+
+def batches(
+    chosen: Mapping[Key, int],
+    cells: Mapping[tuple[str, str], Cell],
+    ranked: Sequence[Row],
+    references: Mapping[str, str],
+) -> list[Batch]:
+    """Group episodes by cell, a few at a time, each after the same seeds of its reference; scenarios take turns.
+
+    Args:
+        chosen: Result of `chosen`.
+        cells: Policies on scenarios, by name.
+        ranked: Score rows of the benchmark.
+        references: Policy that the others of a scenario are compared with.
+    """
+    there = {(row["scenario"], row["policy"], row["seed"]) for row in ranked}
+    done: set[Key] = set()
+    queues: dict[tuple[int, str], list[Batch]] = {}
+    for (number, scenario), keys in _by(chosen, lambda key: (chosen[key], key[0])).items():
+        queue = queues.setdefault((number, scenario), [])
+        for k in range(0, len(keys), _TOGETHER):
+            few = keys[k : k + _TOGETHER]
+            beside = [(scenario, references.get(scenario, ""), seed) for *_, seed in few]
+            wanted = [
+                key for key in (*(key for key in beside if key in there and key[:2] in cells), *few) if key not in done
+            ]
+            queue += [
+                (cells[place], [key[2] for key in of]) for place, of in _by(dict.fromkeys(wanted), _place).items()
+            ]
+            done.update(wanted)
+    ordered = []
+    for number in dict.fromkeys(number for number, _ in queues):
+        turns = [queue for (of, _), queue in queues.items() if of == number]
+        ordered += [batch for turn in zip_longest(*turns) for batch in turn if batch is not None]
+    return ordered
+
+
+def _by(keys: Iterable[Key], group: Callable[[Key], Any]) -> dict[Any, list[Key]]:
+    """Return keys by group."""
+    of: dict[Any, list[Key]] = {}
+    for key in keys:
+        of.setdefault(group(key), []).append(key)
+    return of
+
+
+def _place(key: Key) -> tuple[str, str]:
+    return key[:2]
 
 
 def make(
-    rounds: Sequence[Sequence[Key]],
-    cells: Mapping[tuple[str, str], Cell],
-    rows: Mapping[Key, Mapping[str, Any]],
-    references: Mapping[str, str],
-    device: Any,
-    hurried: bool,
-    on_begin: Callable[[Cell], None],
-    on_failure: Callable[[Cell, BaseException], None],
-) -> Iterator[tuple[Key, Played]]:
-    """Play episodes again, round after round, and yield each; before them, the same seeds of their reference.
-
-    They are played on as many threads as the benchmark's, and yielded in the same order on any number.
+    batches: Sequence[Batch], ranked: Sequence[Row], device: Any, hurried: bool
+) -> Iterator[tuple[Cell, dict[Key, Played] | BaseException]]:
+    """Play episodes again, and yield those of each batch, or what its policy raised, in the order of the batches.
 
     Args:
-        rounds: Episodes to play; those without a cell are left out.
-        cells: Policies on scenarios, by name.
-        rows: Score rows of the benchmark.
-        references: Policy that the others of a scenario are compared with.
+        batches: Result of `batches`.
+        ranked: Score rows of the benchmark.
         device: Warp device.
         hurried: End after `FEW_SECONDS` or `FEW_BYTES`.
-        on_begin: Called with each cell before it is played.
-        on_failure: Called with a cell whose policy raised this time, and with what it raised.
     """
-    began, size, done = time.monotonic(), 0, set()
+    rows = {(row["scenario"], row["policy"], row["seed"]): row for row in ranked}
+    began, size = time.monotonic(), 0
 
-    def play(cell: Cell, seeds: list[int]) -> list[tuple[Key, Played]]:
-        recorded, found = record_together(cell, seeds, device), []
-        rogues = _missed(cell, [played for _, played in recorded])
+    def play(cell: Cell, seeds: list[int]) -> dict[Key, Played]:
+        recorded, played = record_together(cell, seeds, device), {}
+        rogues = _missed(cell, [episode for _, episode in recorded])
         for (recording, _), rogue in zip(recorded, rogues, strict=True):
             key = (cell.scenario.name, cell.policy, int(recording.score["seed"]))
             same, appears = _agree(recording.score, rows[key]), None if rogue is None else rogue.appears
-            found.append((key, Played(contents(recording, BRIEF, rogue), same, appears)))
-        return found
-
-    def begun(pool: ThreadPoolExecutor) -> Iterator[tuple[Cell, Future[list[tuple[Key, Played]]]]]:
-        for keys in rounds:
-            wanted = [key for key in keys if key in rows and key[:2] in cells]
-            for place, seeds in _batches(wanted, references, rows):
-                cell, left = cells[place], [seed for seed in seeds if (*place, seed) not in done]
-                if not left:
-                    continue
-                if hurried and (time.monotonic() - began > FEW_SECONDS or size > FEW_BYTES):
-                    return
-                on_begin(cell)
-                done.update((*place, seed) for seed in left)
-                shared = device == "cpu" and may_be_shared(cell)
-                yield cell, pool.submit(play, cell, left) if shared else _called(play, cell, left)
+            played[key] = Played(contents(recording, BRIEF, rogue), same, appears)
+        return played
 
     with ThreadPoolExecutor(cores()) as pool:
-        for cell, future in _ahead(begun(pool), cores()):
-            try:
-                episodes = future.result()
-            except (Exception, SystemExit) as error:
-                on_failure(cell, error)
-                continue
-            size += sum(_size(played.contents) for _, played in episodes)
-            yield from episodes
-
-
-def _ahead(begun: Iterator[_T], most: int) -> Iterator[_T]:
-    """Yield in order what an iterator yields, which is up to `most` entries ahead."""
-    waiting: deque[_T] = deque()
-    for each in begun:
-        waiting.append(each)
-        if len(waiting) > most:
-            yield waiting.popleft()
-    yield from waiting
-
-
-def _called(function: Callable[..., _T], *given: Any) -> Future[_T]:
-    """Call a function in this thread, and return its result as a thread of a pool does."""
-    future: Future[_T] = Future()
-    try:
-        future.set_result(function(*given))
-    except (Exception, SystemExit) as error:
-        future.set_exception(error)
-    return future
+        for first in range(0, len(batches), cores()):
+            if hurried and (time.monotonic() - began > FEW_SECONDS or size > FEW_BYTES):
+                return
+            some = batches[first : first + cores()]
+            futures = [
+                pool.submit(play, *batch) if device == "cpu" and may_be_shared(batch[0]) else None for batch in some
+            ]
+            for batch, future in zip(some, futures, strict=True):
+                try:
+                    played = play(*batch) if future is None else future.result()
+                except (Exception, SystemExit) as error:
+                    yield batch[0], error
+                    continue
+                size += sum(len(json.dumps(episode.contents)) for episode in played.values())
+                yield batch[0], played
 
 
 def record_together(
@@ -199,25 +217,6 @@ def _missed(cell: Cell, episodes: Sequence[witness.Played | None]) -> list[witne
     return [found.get(k) for k in range(len(episodes))]
 
 
-def _batches(
-    keys: Sequence[Key], references: Mapping[str, str], rows: Mapping[Key, Any]
-) -> Iterator[tuple[tuple[str, str], list[int]]]:
-    """Group episodes of a cell, a few at a time, after those beside which they are shown; scenario by scenario."""
-    queues = []
-    for scenario in dict.fromkeys(key[0] for key in keys):
-        of, reference, queue = [key for key in keys if key[0] == scenario], references.get(scenario), []
-        for k in range(0, len(of), _TOGETHER):
-            few = of[k : k + _TOGETHER]
-            beside = [(scenario, reference, key[2]) for key in few if reference is not None]
-            seeds_of: dict[tuple[str, str], list[int]] = {}
-            for key in dict.fromkeys([*(key for key in beside if key in rows), *few]):
-                seeds_of.setdefault(key[:2], []).append(key[2])
-            queue += seeds_of.items()
-        queues.append(queue)
-    for k in range(max(map(len, queues), default=0)):
-        yield from (queue[k] for queue in queues if k < len(queue))
-
-
 def _episode(word: str, names: Iterable[tuple[str, str]]) -> Key | None:
     """Return the episode that `SCENARIO:POLICY:SEED` names; names of scenarios and policies may contain colons."""
     cell, _, seed = word.rpartition(":")
@@ -229,12 +228,3 @@ def _agree(score: Mapping[str, Any], row: Mapping[str, Any]) -> bool:
     """Return whether two score rows have the same numbers."""
     numbers = [(row[c], score[c]) for c in row if c in score and isinstance(row[c], (int, float)) and c != "episode"]
     return all(a == b or math.isclose(a, b, rel_tol=1e-9) or (a != a and b != b) for a, b in numbers)
-
-
-def _size(value: Any) -> int:
-    """Return the approximate size of an object as JSON [bytes]."""
-    if isinstance(value, str):
-        return len(value) + 2
-    if isinstance(value, Mapping):
-        return sum(len(name) + 4 + _size(each) for name, each in value.items())
-    return sum(map(_size, value)) + 2 if isinstance(value, (list, tuple)) else 8

@@ -8,38 +8,39 @@ import os
 import platform
 import shlex
 import sys
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from baselines.benchmark import report_page
-from baselines.benchmark.comparison import Comparisons
-from baselines.benchmark.ratios import TAUS
+from baselines.benchmark.shown_columns import RATIOS
+from baselines.benchmark.statistics import profile_over_scenarios
+from baselines.benchmark.table import Group, Table
 from baselines.benchmark.types import Outcome
 from baselines.benchmark.written import MARKDOWN, markdown, table_of
 from lissajous_env.console.terminal import plain
 from lissajous_env.device.devices import as_device, memory
 from lissajous_env.storage.files import write_atomically
 from lissajous_env.storage.folder import Folder
-from lissajous_env.world.columns import NAMES as ENTRIES
+from lissajous_env.world.columns import NAMES
 
-NAMES = ("episodes.csv", "summary.json", MARKDOWN, report_page.NAME)
+CSV, SUMMARY, REPORT = "episodes.csv", "summary.json", "report.html"
+FILES = (CSV, SUMMARY, MARKDOWN, REPORT)
 """Files that are derived from the episodes."""
+TAUS = (1.0, 1.05, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 10.0)
+"""Ratios at which the profiles of summary.json are evaluated."""
 
 
-def write_files(folder: Folder, outcome: Outcome, comparisons: Comparisons) -> None:
-    """Write episodes.csv, summary.json and table.md of all episodes in the folder."""
-    rows = outcome.held_rows
-    folder.write("episodes.csv", as_csv(rows))
-    summary = summarized(outcome, rows, comparisons)
-    folder.write("summary.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
-    folder.write(MARKDOWN, markdown(table_of(comparisons)))
+def write_files(folder: Folder, outcome: Outcome, rows: Sequence[dict[str, Any]]) -> None:
+    """Write episodes.csv, summary.json and table.md of all episodes in the folder, of which `rows` are the scores."""
+    folder.write(CSV, as_csv(rows))
+    summary = summarized(outcome, outcome.table)
+    folder.write(SUMMARY, json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
+    folder.write(MARKDOWN, markdown(table_of(outcome.table)))
 
 
-def summarized(outcome: Outcome, rows: Sequence[dict[str, Any]], comparisons: Comparisons) -> dict[str, Any]:
-    """Return the content of summary.json for some of an outcome's rows; the failures are those of this call.
+def summarized(outcome: Outcome, table: Table) -> dict[str, Any]:
+    """Return the content of summary.json for a table of some of an outcome's rows; the failures are those of this call.
 
     `limits` has the lower bound of the mean detection time of each scenario [s], null without one, and `against` the
     comparison of each policy with the reference on the same seeds. `profiles` has, for the ratios to a bound and to the
@@ -51,9 +52,9 @@ def summarized(outcome: Outcome, rows: Sequence[dict[str, Any]], comparisons: Co
         "versions": versions(),
         "command": command(),
         "elapsed_s": outcome.elapsed,
-        "seeds": sorted({row["seed"] for row in rows}),
+        "seeds": sorted({row["seed"] for row in table.rows}),
         "settings": held,
-        "limits": {name: of.mean_time for name, of in comparisons.bounds.items()},
+        "limits": {name: of.mean_time for name, of in table.bounds.items()},
         "guarantees": {
             name: {
                 "limit": of.worst_case,
@@ -61,25 +62,29 @@ def summarized(outcome: Outcome, rows: Sequence[dict[str, Any]], comparisons: Co
                 "best_known": of.best_known,
                 "best_known_settled": of.best_known_settled,
             }
-            for name, of in comparisons.bounds.items()
+            for name, of in table.bounds.items()
         },
-        "statistics": _plain_cells(comparisons.cells),
-        "against": {
-            name: {
-                "reference": reference,
-                "policies": {p: {c: asdict(of) for c, of in cs.items()} for p, cs in ps.items()},
-            }
-            for name, (reference, ps) in comparisons.against.items()
+        "statistics": table.estimates,
+        "against": table.against,
+        "overall": table.overall,
+        "profiles": {
+            "ratios": TAUS,
+            "shares": {of.name: _profiles(of) for of in table.groups() if of.name in table.overall},
         },
-        "overall": _plain_cells(comparisons.overall),
-        "profiles": {"ratios": TAUS, "shares": comparisons.profiles},
-        "failures": [asdict(failure) for failure in outcome.failures],
-        "left_out": [asdict(refusal) for refusal in outcome.left_out],
+        "failures": outcome.failures,
+        "left_out": outcome.left_out,
     }
 
 
-def _plain_cells(cells: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> dict[str, Any]:
-    return {s: {p: {c: asdict(of) for c, of in cs.items()} for p, cs in ps.items()} for s, ps in cells.items()}
+def _profiles(group: Group) -> dict[str, dict[str, list[tuple[float, ...]]]]:
+    """Return by policy and ratio, for each of `TAUS`, the share of episodes and its interval."""
+    return {
+        policy: {
+            column.name: list(zip(*profile_over_scenarios(group.strata(policy, column), TAUS), strict=True))
+            for column in RATIOS
+        }
+        for policy in group.rows
+    }
 
 
 def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
@@ -90,7 +95,7 @@ def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
 def as_csv(rows: Iterable[dict[str, Any]]) -> str:
     """Return score rows as CSV: `lissajous_env.world.columns.NAMES`, then columns of scenarios; NaN is empty."""
     rows, text = list(rows), io.StringIO()
-    columns = dict.fromkeys((*ENTRIES, *(name for row in rows for name in row)))
+    columns = dict.fromkeys((*NAMES, *(name for row in rows for name in row)))
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     for row in rows:
@@ -127,3 +132,13 @@ def cpu_model() -> str:
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return models[0] if models else platform.machine()
+
+
+def provenance(device: str) -> dict[str, str]:
+    """Return in words the command, machine and versions of numbers that are computed now."""
+    of = machine(device)
+    return {
+        "command": command(),
+        "machine": f"{of['cpu']}, {of['cores']} cores, {of['device']}",
+        "versions": ", ".join(f"{name} {number}" for name, number in versions().items()),
+    }

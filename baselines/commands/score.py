@@ -62,7 +62,7 @@ def score(
         overrides: fields changed in the scenario, as in --set sensing.radius=0.8
     """
     from baselines.benchmark import summary_files, tables
-    from baselines.benchmark.comparison import statistics, with_derived
+    from baselines.benchmark.table import Table
     from lissajous_env.logs.reading import read
 
     if episodes < 1:
@@ -85,8 +85,8 @@ def score(
     if episodes == 1:
         tables.print_row(console, scored.rows[0])
     else:
-        of = statistics(with_derived(scored.rows, {scored.scenario.name: scored.scenario}))
-        for scenario_name, policies in of.items():
+        table = Table.of(scored.rows, {scored.scenario.name: scored.scenario}, simulates=False)
+        for scenario_name, policies in table.estimates.items():
             left_out = tables.print_scores(console, name, scenario_name, policies[name])
             print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     for note in scored.notes:

@@ -21,9 +21,9 @@ from rich.text import Text
 import baselines
 import lissajous_env
 from baselines.benchmark import local, tables
-from baselines.benchmark.comparison import statistics
 from baselines.benchmark.running import measure, run
 from baselines.benchmark.shown_columns import SHOWN
+from baselines.benchmark.table import estimates_of, grouped
 from baselines.benchmark.types import Benchmark
 from lissajous_env.storage.folder import LIST
 from lissajous_env.world.columns import COLUMNS, NAMES
@@ -56,6 +56,10 @@ run(settings, {"slow": Slow})
 def small(out, **changes):
     given = {"scenarios": ("failure",), "policies": ("kuramoto", "open-loop"), "episodes": 5, "batch": 2}
     return Benchmark(**given | {"out": out, "overrides": SHORT} | changes)
+
+
+def estimates(played):
+    return {policy: estimates_of(rows) for policy, rows in grouped(played)["failure"].items()}
 
 
 def lines(folder):
@@ -196,7 +200,7 @@ def test_fewer_episodes_are_the_first_of_those_there(whole, tmp_path):
     before = (tmp_path / "episodes.csv").read_bytes()
     outcome = measure(small(tmp_path, policies=("kuramoto",), episodes=2), console=QUIET)
     assert str(outcome.rows) == str(whole[1][:2])
-    assert (outcome.kept, len(outcome.held_rows)) == (2, 10)
+    assert (outcome.kept, len(outcome.table.rows)) == (2, 10)
     assert (tmp_path / "episodes.csv").read_bytes() == before
     assert json.loads((tmp_path / "settings.json").read_text())["episodes"] == 5
 
@@ -305,8 +309,8 @@ def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
 
     def shown(columns):
         console = Console(width=columns, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
-        of = statistics(played)["failure"]
-        left_out = tables.print_policies(console, Text("title"), of, SHOWN)
+        of = estimates(played)
+        left_out = tables.print_lines(console, Text("title"), SHOWN, tables.lines_of(of, SHOWN))
         left_out += tables.print_scores(console, "runs/x[/b]", "failure", of["runs/x[/b]"])
         return console.export_text(), left_out
 
@@ -370,9 +374,9 @@ def test_table_marks_the_best_and_shows_missing_numbers_as_a_dash():
     ]
     console = Console(width=120, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
     shown = [each for each in SHOWN if each.name in ("detection_time_mean", "recovery_time")]
-    tables.print_policies(console, Text("title"), statistics(played)["failure"], shown)
+    tables.print_lines(console, Text("title"), shown, tables.lines_of(estimates(played), shown))
     text = [line.split() for line in console.export_text().splitlines()]
     assert ["a", "2*", "3"] in text  # 3 s is faster, but in one episode of two alone
     assert ["b", "4", "5*"] in text
     assert ["c", "9", "\N{EM DASH}"] in text
-    assert ["(0/2)"] in text
+    assert ["1/2"] in text

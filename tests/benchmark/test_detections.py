@@ -78,7 +78,7 @@ def test_the_curves_are_those_of_all_episodes_of_a_cell(made):
     of = [entry for entry in map(json.loads, lines(out)) if entry["policy"] == "still"]
     found, unfound = (np.concatenate([entry[name] for entry in of]) for name in ("found", "unfound"))
     times, share = detections.share_detected(found, unfound)
-    got_times, got_share = outcome.held_curves["failure"]["still"]
+    got_times, got_share = outcome.table.curves["failure"]["still"]
     np.testing.assert_array_equal(got_times, times)
     np.testing.assert_array_equal(got_share, share)
 
@@ -89,9 +89,9 @@ def test_an_interrupted_benchmark_ends_with_the_same_curves(made, tmp_path):
     rows = (tmp_path / "episodes.jsonl").read_text().splitlines(keepends=True)
     (tmp_path / "episodes.jsonl").write_text("".join(rows[:-1]))
     outcome = measure(small(tmp_path), console=QUIET)
-    for policy, (times, share) in made[0].held_curves["failure"].items():
-        np.testing.assert_array_equal(outcome.held_curves["failure"][policy][0], times)
-        np.testing.assert_array_equal(outcome.held_curves["failure"][policy][1], share)
+    for policy, (times, share) in made[0].table.curves["failure"].items():
+        np.testing.assert_array_equal(outcome.table.curves["failure"][policy][0], times)
+        np.testing.assert_array_equal(outcome.table.curves["failure"][policy][1], share)
 
 
 def test_no_more_episodes_are_kept_than_a_curve_needs(monkeypatch, tmp_path):

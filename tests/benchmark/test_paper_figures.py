@@ -9,13 +9,13 @@ import pytest
 from PIL import Image
 from rich.console import Console
 from scipy.stats import mannwhitneyu
-from test_comparison import INTRUDERS, rows
+from test_table import INTRUDERS, rows
 
 import lissajous_env
 from baselines.benchmark import clairvoyant, paper_figures
-from baselines.benchmark.comparison import compare
 from baselines.benchmark.running import run
 from baselines.benchmark.statistics import performance_profile, probability_of_improvement
+from baselines.benchmark.table import Table
 from baselines.benchmark.types import Benchmark
 from baselines.benchmark.written import latex
 from baselines.commands.figures import figures
@@ -141,7 +141,7 @@ def test_a_column_of_ones_own_is_in_its_distribution_and_in_the_table(folder, tm
 def test_the_table_escapes_what_latex_would_read_and_marks_the_best():
     seer = rows(clairvoyant.NAME, detection_time_mean=[0.1, 0.1])
     played = [*rows("my_50%&#{x}~^\\$", detection_time_mean=[2.0, 2.0]), *rows("slow", detection_time_mean=[3.0, 3.0])]
-    text = latex(compare([*played, *seer], INTRUDERS))
+    text = latex(Table.of([*played, *seer], INTRUDERS))
     assert r"my\_50\%\&\#\{x\}\textasciitilde{}\textasciicircum{}\textbackslash{}\$ & \textbf{2}" in text
     assert "slow & 3 " in text
     assert r"(clairvoyant) & 0.100 " in text

@@ -16,9 +16,9 @@ from rich.console import Console
 
 import lissajous_env
 from baselines.benchmark import clairvoyant, standard
-from baselines.benchmark.comparison import compare
 from baselines.benchmark.running import measure, plan, run
 from baselines.benchmark.statistics import interquartile_mean, summarize
+from baselines.benchmark.table import Table
 from baselines.benchmark.types import Benchmark
 from baselines.benchmark.written import markdown, table_of
 from baselines.planning import best_known
@@ -35,7 +35,7 @@ def rows(policy, times, scenario="intruders"):
 def test_the_table_says_what_the_rows_hold():
     scenario = lissajous_env.scenario("intruders")
     played = [*rows("kuramoto-mpcc", [4.0] * 4), *rows("laps", [2.0, 2.0, 2.0, 6.0]), *rows("clairvoyant", [1.0] * 4)]
-    made = table_of(compare(played, {"intruders": scenario}))
+    made = table_of(Table.of(played, {"intruders": scenario}))
     first, laps, seer = (dict(zip(made["columns"], row, strict=True)) for row in made["rows"])
     assert list(first)[:4] == ["scenario", "policy", "detection [s]", "over lower bound"]
     assert (first["scenario"], first["detection [s]"], first["sooner"]) == ("`intruders`, lower bound 0.582 s", "4", "")
@@ -86,7 +86,7 @@ def test_the_command_makes_the_table_of_the_readme(tmp_path):
 def test_a_named_scenario_is_played_as_in_the_standard_comparison(tmp_path):
     def played(**overrides):
         settings = Benchmark(("intruders",), ("still",), 1, out=tmp_path / str(len(overrides)), overrides=overrides)
-        return measure(settings, console=Console(quiet=True)).held_scenarios["intruders"].task.contamination
+        return measure(settings, console=Console(quiet=True)).table.scenarios["intruders"].task.contamination
 
     assert played(**{"task.duration": 0.5}) == (108, 48)
     assert played(**{"task.duration": 0.5, "task.contamination": None}) is None
