@@ -1,6 +1,7 @@
-"""Mean ranks of the policies over the scenarios of a robot kind, with bootstrap intervals."""
+"""The order of policies, by mean ranks, and of episodes: the ways in which one fails, and the worst first."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,11 +9,22 @@ import numpy as np
 from baselines.benchmark import clairvoyant
 from baselines.benchmark.shown_columns import COMPARED
 from baselines.benchmark.statistics import bootstrap_interval
-from baselines.benchmark.table import Group, Rows, Table, numbers
-from lissajous_env.world.columns import LARGEST, OPEN, WORST_CASE, Column
+from baselines.benchmark.table import Group, Row, Rows, Table, numbers
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.columns import (
+    COLLISIONS,
+    DETECTED,
+    DETECTION_TIME,
+    LARGEST,
+    OPEN,
+    SENSED,
+    WORST_CASE,
+    Column,
+)
 
 Rank = tuple[float, float, float]
 """Mean rank, 1 for the best, and the ends of its 95 % bootstrap interval over seeds, stratified by scenario."""
+_HALF = 0.5
 
 
 @dataclass(frozen=True)
@@ -84,3 +96,61 @@ def _worths(played: Sequence[Rows]) -> np.ndarray:
 
 def _mean(strata: Sequence[np.ndarray]) -> Rank:
     return float(np.concatenate(strata).mean()), *bootstrap_interval(*strata, cut=0.0)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A way to fail."""
+
+    name: str
+    words: str
+    """Predicate of which the policy is the subject."""
+    about: str
+    """Rule in words."""
+    applies: Callable[[Row], bool]
+    """Function that tests a score row with its derived columns."""
+
+
+KINDS = (
+    Kind(
+        "unseen",
+        "missed more than half",
+        "Less than half of the targets were detected, or less than half of the cells were covered.",
+        lambda row: row[DETECTED.name] < _HALF or row[SENSED.name] < _HALF,
+    ),
+    Kind(
+        "open",
+        "lost the guarantee",
+        "The worst-case undetected time was still growing when the episode ended and was at least half of the episode, "
+        "or no robot was left.",
+        lambda row: row[OPEN.name] == 1,
+    ),
+    Kind("collided", "collided", "Two robots collided.", lambda row: row[COLLISIONS.name] > 0),
+)
+"""The gravest first."""
+
+
+def failed(row: Row) -> list[bool]:
+    """Return for each of `KINDS` whether an episode failed in that way; NaN is no failure."""
+    return [kind.applies(row) for kind in KINDS]
+
+
+def headline(scenario: Scenario) -> Column:
+    """Return the main column of a scenario: the worst-case undetected time if computed, else the detection time."""
+    return DETECTION_TIME if scenario.task.contamination is None else WORST_CASE
+
+
+def badness(row: Row, scenario: Scenario) -> tuple[float, ...]:
+    """Return a key by which episodes are sorted, larger being worse.
+
+    It is the number of ways in which the episode failed, then the headline of its scenario over T_max, the collisions,
+    and the mean detection time over T_max. A missing number counts as 0.
+    """
+    bound = scenario.detection_time_bound
+    times = (row[headline(scenario).name] / bound, row[COLLISIONS.name], row[DETECTION_TIME.name] / bound)
+    return sum(failed(row)), *(0.0 if math.isnan(each) else each for each in times)
+
+
+def worst_first(rows: Sequence[Row], scenarios: Mapping[str, Scenario]) -> list[int]:
+    """Return the indices of some rows, the worst episode first; of equal ones the earlier first."""
+    return sorted(range(len(rows)), key=lambda k: badness(rows[k], scenarios[rows[k]["scenario"]]), reverse=True)

@@ -11,10 +11,8 @@ import numpy as np
 
 from baselines.benchmark import clairvoyant
 from baselines.benchmark.bounds import Bounds
-from baselines.benchmark.failures import KINDS, badness, failed, headline, worst_first
 from baselines.benchmark.plot_styles import COLOURS, styles_of
-from baselines.benchmark.ranking import Ranking, rankings
-from baselines.benchmark.replays import Key, Played
+from baselines.benchmark.ranking import KINDS, Ranking, badness, failed, headline, rankings, worst_first
 from baselines.benchmark.shown_columns import (
     COMPARED,
     MAIN,
@@ -28,7 +26,7 @@ from baselines.benchmark.shown_columns import (
 from baselines.benchmark.statistics import Estimate, Paired
 from baselines.benchmark.table import Row, Rows, Table, grouped, numbers
 from baselines.benchmark.tables import in_words, pair_in_words, shown_name, with_numbers
-from baselines.benchmark.types import Failure
+from baselines.benchmark.types import Failure, Key
 from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.report import report
@@ -41,6 +39,18 @@ _KINDS = {"car": "cars", "curve": "points on the curve"}
 _CURVE = 240
 """Number of times of a curve."""
 _DIGITS = 5
+
+
+@dataclass(frozen=True)
+class Played:
+    """An episode that was played again."""
+
+    contents: dict[str, Any] = field(repr=False)
+    """Content that the page needs to play it."""
+    same: bool
+    """True if it had the same scores as in the benchmark; a policy may draw its own numbers, or round differently."""
+    rogue: float | None = None
+    """Time at which the rogue that the policy misses appears [s]; None if the replay shows none."""
 
 
 @dataclass(frozen=True)

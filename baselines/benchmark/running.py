@@ -16,11 +16,10 @@ from baselines.benchmark import (
     cluster,
     local,
     replays,
-    report_writer,
     results_folder,
     standard,
-    summary_files,
     tables,
+    written,
 )
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import Results
@@ -78,7 +77,7 @@ def measure(
     progress = progress or make_console(stderr=True, quiet=console.quiet)
     started = time.monotonic()
     with (
-        Folder(settings.out, (*results_folder.FILES, *summary_files.FILES)) as folder,
+        Folder(settings.out, (*results_folder.FILES, *written.FILES)) as folder,
         Results(folder, settings, cells) as results,
     ):
         kept = len(results.of(cells, settings.episodes))
@@ -89,9 +88,9 @@ def measure(
         for failure in raised:
             is_wanted = not failure.is_refusal or failure.policy in settings.policies
             (outcome.failures if is_wanted else outcome.left_out).append(failure)
-        outcome.theorem = about_theorem(report_writer.playable(outcome).values(), held_rows, outcome.device)
-        summary_files.write_files(folder, outcome, held_rows)
-        said = report_writer.write_report(folder, outcome, progress)
+        outcome.theorem = about_theorem(replays.playable(outcome).values(), held_rows, outcome.device)
+        written.write_files(folder, outcome, held_rows)
+        said = replays.write_report(folder, outcome, progress)
     if len(rows) < len(held_rows):
         table = Table.of(rows, outcome.scenarios, settings.against)
     tables.print_tables(console, outcome, table, said)

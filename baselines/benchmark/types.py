@@ -122,6 +122,8 @@ class Batch:
     """Detection times of their targets: `baselines.benchmark.detections.detections_of`."""
 
 
+Key = tuple[str, str, int]
+"""Scenario, policy and seed of an episode."""
 Work = list[tuple[Cell, list[int]]]
 """Cells, each with the numbers of the episodes to play."""
 

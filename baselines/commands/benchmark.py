@@ -36,7 +36,7 @@ def benchmark(
         output: Console output.
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
-    from baselines.benchmark import summary_files
+    from baselines.benchmark import written
     from baselines.benchmark.table import Table
 
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides, rogues))
@@ -47,7 +47,7 @@ def benchmark(
         raise KeyboardInterrupt(words) from None
     if output.json:
         table = Table.of(outcome.rows, outcome.scenarios, settings.against)
-        output.print_json({**summary_files.summarized(outcome, table), "episodes": outcome.rows})
+        output.print_json({**written.summarized(outcome, table), "episodes": outcome.rows})
     if outcome.failures:
         names = dict.fromkeys(f"{each.policy} on {each.scenario}" for each in outcome.failures)
         raise CommandError(f"{', '.join(names)} failed; {settings.out / 'summary.json'} has the tracebacks")

@@ -56,7 +56,7 @@ def evaluate(
         output: Console output.
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
-    from baselines.benchmark import summary_files, tables
+    from baselines.benchmark import tables, written
     from baselines.benchmark.table import Table
     from baselines.benchmark.theorem import about_theorem
 
@@ -83,7 +83,7 @@ def evaluate(
     tables.print_theorem(console, about_theorem(cells, rows, device))
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     if out is not None:
-        summary_files.write_csv(out, rows)
+        written.write_csv(out, rows)
         output.print(f"wrote {out}")
     of = {name: policies[policy] for name, policies in table.estimates.items()}
     output.print_json({"policy": policy, "statistics": of, "episodes": rows})

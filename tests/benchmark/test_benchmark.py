@@ -92,13 +92,6 @@ def test_csv_has_the_columns_of_the_contract_and_nan_is_empty(whole):
     assert "" in table[1]  # two seconds are over before any fault: no recovery
 
 
-def test_every_policy_meets_the_same_seeds(whole):
-    _, rows = whole
-    assert [(row["policy"], row["episode"], row["seed"]) for row in rows] == [
-        (policy, k, k) for policy in ("kuramoto", "open-loop") for k in range(5)
-    ]
-
-
 def test_summary_is_the_statistics_of_the_episodes(whole):
     folder, rows = whole
     summary = json.loads((folder / "summary.json").read_text())
@@ -205,16 +198,6 @@ def test_fewer_episodes_are_the_first_of_those_there(whole, tmp_path):
     assert json.loads((tmp_path / "settings.json").read_text())["episodes"] == 5
 
 
-def test_a_scenario_that_is_there_cannot_change_by_coming_again_with_others(tmp_path):
-    run(small(tmp_path, episodes=1), console=QUIET)
-    other = small(tmp_path, scenarios=("knot", "failure"), episodes=1, overrides={"task.duration": 3.0})
-    with pytest.raises(ValueError, match=r"other settings(.|\n)*scenarios.failure.task.duration +2.0 +3.0") as error:
-        run(other, console=QUIET)
-    assert "knot" not in str(error.value)
-    run(small(tmp_path, scenarios=("knot",), episodes=1, overrides={"task.duration": 3.0}), console=QUIET)
-    assert len(lines(tmp_path)) == 4
-
-
 def test_a_folder_in_use_is_refused_and_free_once_its_holder_is_gone(tmp_path):
     run(small(tmp_path, episodes=1), console=QUIET)
     with open(tmp_path / LIST, "a") as holder:
@@ -244,13 +227,6 @@ def test_a_policy_that_raises_is_reported_and_the_others_go_on(tmp_path):
     assert json.loads((tmp_path / "summary.json").read_text())["failures"][0]["policy"] == "mine"
 
 
-def test_a_policy_object_and_a_scenario_of_ones_own(tmp_path):
-    scenario = lissajous_env.scenario("failure", **{"task.duration": 1.0, "robot.count": 4})
-    policy = baselines.make("still", scenario, num_worlds=3)
-    rows = run(Benchmark(episodes=4, out=tmp_path), {"mine": policy}, [scenario], QUIET)
-    assert [(row["policy"], row["seed"]) for row in rows] == [("mine", k) for k in range(4)]
-
-
 class Mine:
     def __init__(self, scenario, num_worlds=1, device="cpu", speed=0.0):
         self.scenario, self.num_worlds, self.speed = scenario, num_worlds, speed
@@ -275,7 +251,7 @@ def test_whatever_makes_a_policy_is_one(tmp_path, policy):
     assert len(run(small(tmp_path, policies=(), episodes=2), {"mine": policy}, console=QUIET)) == 2
 
 
-@pytest.mark.parametrize("made", [3, None, Mine, "still", type("HalfAPolicy", (), {"act": print, "num_worlds": 1})()])
+@pytest.mark.parametrize("made", [None, Mine, type("HalfAPolicy", (), {"act": print, "num_worlds": 1})()])
 def test_a_factory_that_makes_no_policy_is_named(tmp_path, made):
     outcome = measure(small(tmp_path, episodes=1), {"mine": lambda *_: made}, console=QUIET)
     (failed,) = outcome.failures
@@ -340,18 +316,12 @@ def test_columns_that_do_not_fit_are_in_the_file_that_is_named(tmp_path):
     ("changes", "words"),
     [
         ({"scenarios": ("failur",)}, "did you mean failure"),
-        ({"policies": ("kuramot",)}, "did you mean kuramoto"),
         ({"policies": ("kuramoto", "sweep")}, "robots of kind curve"),
-        ({"policies": ("nowhere:Policy",)}, "nowhere"),
         ({"episodes": 0}, "episodes must be at least 1"),
         ({"episodes": 10**9}, "episodes must be at most 1,000,000, got 1000000000"),
-        ({"batch": 10**9}, "batch must be at most 65,536"),
-        ({"overrides": {"name": "evil"}}, "override must name one of curve, .*got 'name'"),
         ({"address": ""}, "address"),
         ({"seed": 2**31 - 2}, "seed must be"),
         ({"scenarios": ("failure", "failure")}, "each entry once"),
-        ({"overrides": {"targets.cont": 3}}, "did you mean count"),
-        ({"device": "gpu"}, "device must be one of"),
     ],
 )
 def test_bad_settings_are_refused_before_anything_is_written(tmp_path, changes, words):

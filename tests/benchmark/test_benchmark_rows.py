@@ -40,13 +40,11 @@ def out(made, tmp_path):
     ("column", "value", "words"),
     [
         ("targets", "NaN", "a whole number"), ("targets", "true", "a whole number"), ("targets", "null", "a whole"),
-        ("targets", "-1", "a whole number"), ("targets", "2.0", "a whole number"), ("collisions", "false", "a whole"),
         ("detected_fraction", "1.01", "from 0 to 1 or null \\(no target appeared\\)"),
-        ("contact_time", "null", r"number of at least 0 \[s\], got None"), ("contact_time", "-0.1", "at least 0"),
-        ("return_mean", "Infinity", "a finite number"), ("return_mean", "NaN", "a finite number"),
-        ("return_mean", "1" + "0" * 400, "a finite number"), ("idleness_mean", "-1", r"or null \(no grid\)"),
-        ("phase_error", '"3"', "a number"), ("spacing_factor", "[1]", "a number"), ("seed", "0.0", "a whole number"),
-        ("scenario", "null", "scenario must be a text"),
+        ("contact_time", "null", r"number of at least 0 \[s\], got None"),
+        ("idleness_mean", "-1", r"or null \(no grid\)"),
+        ("return_mean", "1" + "0" * 400, "a finite number"), ("spacing_factor", "[1]", "a number"),
+        ("seed", "0.0", "a whole number"), ("scenario", "null", "scenario must be a text"),
     ],
 )  # fmt: skip
 def test_a_value_that_no_score_has_is_refused_by_file_line_rule_and_value(out, column, value, words):
@@ -62,12 +60,6 @@ def test_a_time_that_never_came_is_null(out, empty):
     rows = [json.loads(line) | {empty: None} for line in lines(out)]
     (out / "episodes.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
     assert all(math.isnan(row[empty]) for row in run(small(out, episodes=1), console=QUIET))
-
-
-def test_lists_in_each_other_are_damage_and_no_crash(out):
-    (out / "episodes.jsonl").write_text("\n".join(["[" * 100_000, *lines(out)]) + "\n")
-    with pytest.raises(ValueError, match=r"episodes\.jsonl, line 1 "):
-        run(small(out, episodes=1), console=QUIET)
 
 
 @pytest.mark.parametrize(

@@ -12,13 +12,12 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 import lissajous_env
-from baselines.benchmark import report_page, tables
+from baselines.benchmark import tables
 from baselines.benchmark.report_page import Report
 from baselines.benchmark.shown_columns import SHOWN
-from baselines.benchmark.summary_files import summarized
 from baselines.benchmark.table import Table
 from baselines.benchmark.types import Benchmark, Outcome
-from baselines.benchmark.written import latex, markdown, table_of
+from baselines.benchmark.written import latex, markdown, summarized, table_of
 from lissajous_env.console.cli import main
 from lissajous_env.console.terminal import plain
 from lissajous_env.world.columns import COLUMNS, LARGEST, WORST_CASE
@@ -103,20 +102,6 @@ def test_every_stored_table_with_a_guarantee_shows_the_number_of_episodes():
                         ), name
                         found += 1
     assert found > 100
-
-
-def test_the_page_sorts_a_guarantee_without_a_bound_last():
-    played = [
-        row | {"scenario": name}
-        for name in ("evaders", "evaders-fast")
-        for row in rows("ours", [(3.0, name == "evaders-fast")])
-    ]
-    scenarios = {name: lissajous_env.scenario(name) for name in ("evaders", "evaders-fast")}
-    (of,) = Table.of(played, scenarios).overall.values()
-    assert report_page._aggregate(of["ours"]["worst_case_over_bound"])[2] is None
-    for words, beside, _ in (report_page._aggregate(each) for each in of["ours"].values()):
-        assert "inf" not in words + beside
-        assert "at least" not in beside
 
 
 def test_the_command_guarantee_prints_the_largest_of_its_episodes(tmp_path):

@@ -60,11 +60,6 @@ def test_improvement_is_mann_whitneys_u_averaged_over_scenarios():
     assert (low, high) == pytest.approx(tuple(np.quantile(drawn, [0.025, 0.975])), abs=0.02)
 
 
-def test_improvement_over_what_never_ends():
-    endless = [np.array([np.inf, 3.0, np.nan])]
-    assert probability_of_improvement(endless, [np.array([np.inf, np.inf])])[0] == (0.5 + 0.5 + 1 + 1) / 4
-
-
 def test_profiles_are_shares_of_all_episodes():
     strata = [np.array([1.0, 2.0, np.inf, 2.0]), np.array([0.5, np.nan, 3.0])]
     share, low, high = performance_profile(strata, np.array([0.4, 0.5, 2.0, 9.0]))

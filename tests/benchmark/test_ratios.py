@@ -15,9 +15,9 @@ from baselines.benchmark.statistics import (
     performance_profile,
     profile_over_scenarios,
 )
-from baselines.benchmark.summary_files import TAUS
 from baselines.benchmark.table import with_derived
 from baselines.benchmark.tables import in_words
+from baselines.benchmark.written import TAUS
 from lissajous_env.world.columns import AT_END, COLUMNS, DETECTION_TIME, OPEN, WORST_CASE
 
 BOUNDS = {"small": Bounds(0.5, 2.0, math.nan), "large": Bounds(5.0, math.nan, math.nan)}

@@ -13,7 +13,7 @@ from rich.console import Console
 import baselines
 import lissajous_env
 import training.report
-from baselines.benchmark import failures, local, replays, report_page
+from baselines.benchmark import local, ranking, replays, report_page
 from baselines.benchmark.ranking import rankings
 from baselines.benchmark.running import run
 from baselines.benchmark.table import Table
@@ -123,8 +123,8 @@ def test_the_worst_comes_first():
     blind = lost | {"collisions": 3, "sensed_fraction": 0.4}
     empty = good | dict.fromkeys(("guaranteed_detection_time", "detection_time_mean", "detected_fraction"), math.nan)
     rows = [good, both, slow, blind, empty, lost]
-    assert failures.worst_first(rows, {"evaders": scenario}) == [3, 1, 5, 2, 0, 4]
-    assert [failures.failed(row) for row in rows[:4]] == [
+    assert ranking.worst_first(rows, {"evaders": scenario}) == [3, 1, 5, 2, 0, 4]
+    assert [ranking.failed(row) for row in rows[:4]] == [
         [False, False, False], [False, True, True], [False, False, False], [True, True, True],
     ]  # fmt: skip
 
@@ -133,7 +133,7 @@ def test_replays_are_the_worst_the_chosen_and_their_partners(small_one):
     _, rows, blocks = small_one
     data = blocks["data"]
     scenarios = {name: lissajous_env.scenario(name, **SHORT) for name in TWO}
-    ranked = [rows[k] for k in failures.worst_first(rows, scenarios)]
+    ranked = [rows[k] for k in ranking.worst_first(rows, scenarios)]
     worst = {(row["scenario"], row["policy"]): row["seed"] for row in reversed(ranked)}
     wanted = {(s, p, seed) for (s, p), seed in worst.items()} | {("evaders", "laps", 2)}
     wanted |= {("evaders", "kuramoto-mpcc", seed) for s, _, seed in wanted if s == "evaders"}

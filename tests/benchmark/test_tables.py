@@ -3,21 +3,18 @@
 import json
 import re
 import sys
-from pathlib import Path
 
 import figures
-import learned
 import numpy as np
 import pytest
 import results
-import safety
 import trainings
 from rich.console import Console
 
 import lissajous_env
 from baselines.benchmark import clairvoyant, standard
 from baselines.benchmark.running import measure, plan, run
-from baselines.benchmark.statistics import interquartile_mean, summarize
+from baselines.benchmark.statistics import interquartile_mean
 from baselines.benchmark.table import Table
 from baselines.benchmark.types import Benchmark
 from baselines.benchmark.written import markdown, table_of
@@ -124,13 +121,6 @@ def test_results_are_kept_of_each_policy_on_a_scenario(tmp_path, monkeypatch, ca
     )
 
 
-def test_a_large_scenario_is_played_by_few():
-    small = results.settings_for(lissajous_env.scenario("swarm"), 8, Path("x"))
-    large = results.settings_for(lissajous_env.scenario("swarm", **{"targets.count": 200_000}), 8, Path("x"))
-    assert (small.episodes, small.policies) == (8, ("all",))
-    assert (large.episodes, large.policies) == (1, results.RIVALS)
-
-
 def test_trainings_are_judged_together_and_alone():
     # Oracle: by hand, and the two-level interval of the same numbers.
     rng = np.random.default_rng(0)
@@ -145,15 +135,6 @@ def test_trainings_are_judged_together_and_alone():
     assert judged["collisions"]["statistic"] == "mean"
     assert judged["sensed_fraction"]["better"] == 0.5
     assert trainings.judged([list(rows("alone", times[0]))], reference)["collisions"]["interval"] is None
-
-
-def test_episodes_of_a_training_that_are_there_are_not_played_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(trainings.subprocess, "run", lambda *_, **__: pytest.fail("trained again"))
-    kept = list(rows("learned", [1.0, 2.0]))
-    (tmp_path / "seed-0-1000.json").write_text(json.dumps(kept))
-    assert trainings.scored(tmp_path, "intruders", 0, 1000, 2, ()) == kept
-    with pytest.raises(BaseException, match="trained again"):
-        trainings.scored(tmp_path, "intruders", 0, 1000, 3, ())
 
 
 def cell(made, row, column):
@@ -178,28 +159,3 @@ def test_the_table_of_trainings_has_each_of_them_all_and_the_reference():
     assert cell(made, "after 15 million steps, all", "sooner").startswith("75 % (")
     assert cell(made, "`kuramoto-mpcc`", "detection [s]") == "2"
     assert cell(made, "`kuramoto-mpcc`", "sooner") == ""
-
-
-def test_collisions_with_a_filter_stand_beside_those_without():
-    numbers = dict.fromkeys(safety.COLUMNS, 1.0)
-    counts = {"sweep": 8.0, "sweep-safe": 2.0, "sweep-proved": 4.0, "still": 0.0, "still-safe": 0.0}
-    made = safety.as_table({("rough", name): numbers | {"collisions": count} for name, count in counts.items()})
-    column = "of those without the filter [%]"
-    assert cell(made, "rough, `sweep`", "collisions") == "8"
-    shares = [cell(made, f"rough, `{name}`", column) for name in counts]
-    assert shares == ["", "25", "50", "", ""]
-
-
-def test_the_learned_ones_time_stands_beside_the_others():
-    def scores(time):
-        numbers = {"detection_time_mean": time, "collisions": 1.0, "recovery_time": np.nan}
-        return {column: summarize([number] * 4) for column, number in numbers.items()}
-
-    made = learned.as_table(
-        {"intruders": {"learned-intruders": scores(1.0), "laps": scores(2.0), "laps, tuned (fast)": scores(4.0)}}
-    )
-    assert made["columns"][1:4] == ["detection [s]", "collisions", "recovery [s]"]
-    assert made["rows"][1:] == [
-        ["intruders, `laps`", "2", "1", "\N{EM DASH}", "0.500"],
-        ["intruders, `laps`, tuned (fast)", "4", "1", "\N{EM DASH}", "0.250"],
-    ]

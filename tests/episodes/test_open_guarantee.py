@@ -13,7 +13,7 @@ from rich.text import Text
 
 import baselines
 import lissajous_env
-from baselines.benchmark import failures, tables
+from baselines.benchmark import ranking, tables
 from baselines.benchmark.shown_columns import SHOWN
 from baselines.benchmark.statistics import summarize_largest
 from baselines.benchmark.table import Table
@@ -100,7 +100,7 @@ def test_an_episode_that_ends_at_its_worst_moment_is_not_open():
     assert found
     for row in found:
         assert row[OPEN.name] == 0
-        assert failures.failed(row)[1] is False
+        assert ranking.failed(row)[1] is False
         of = cells([row, *rows([(9.3, 3.6), (12.8, 1.7), (8.4, 2.3)], "random")])["random"]
         assert tables.in_words(of["guaranteed_detection_time"])[0] == "12.8"
 
@@ -113,7 +113,7 @@ def test_where_a_rogue_stays_unseen_since_the_beginning_every_episode_is_open():
         (row,) = lissajous_env.evaluate(baselines.make("still", scenario), scenario, seeds=[3])
         assert row["guaranteed_detection_time"] == pytest.approx(duration - 0.1)
         told.append(row)
-    assert all(row[OPEN.name] == 1 and failures.failed(row)[1] for row in told)
+    assert all(row[OPEN.name] == 1 and ranking.failed(row)[1] for row in told)
 
 
 def test_a_rogue_that_came_later_and_stayed_for_most_of_the_episode_is_open_too():
@@ -154,7 +154,7 @@ def test_where_nothing_is_followed_nothing_is_open():
     scenario = lissajous_env.scenario("experiment", **{"task.duration": 1.0})
     (row,) = lissajous_env.evaluate(baselines.make("still", scenario), scenario, seeds=[0])
     assert math.isnan(row[OPEN.name])
-    assert failures.failed(row)[1] is False
+    assert ranking.failed(row)[1] is False
 
 
 # What a table states.

@@ -11,7 +11,7 @@ from baselines.benchmark.running import run
 from baselines.benchmark.types import Benchmark
 from baselines.commands.reproduce import reproduce
 from lissajous_env.storage import files
-from lissajous_env.storage.files import check_writable_file, parse_json, read_json, replacing, write_atomically
+from lissajous_env.storage.files import check_writable_file, read_json, replacing, write_atomically
 from lissajous_env.storage.folder import LIST, Folder
 from lissajous_env.storage.journal import Journal
 
