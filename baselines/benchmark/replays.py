@@ -3,9 +3,9 @@
 import json
 import math
 import time
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from itertools import zip_longest
 from typing import Any
 
 from rich import progress as bars
@@ -47,8 +47,10 @@ def write_report(folder: Folder, outcome: Outcome, progress: Console) -> str:
 
     It depends only on the score rows and their seeds, so that a benchmark that was interrupted has the same report.
     """
-    made = written.provenance(outcome.held["device"])
-    report = Report(outcome.table, made, _commands(outcome), _nameless(outcome), outcome.failures, outcome.theorem)
+    provenance = written.provenance(outcome.stored["device"])
+    report = Report(
+        outcome.table, provenance, _commands(outcome), _nameless(outcome), outcome.failures, outcome.theorem
+    )
     ranked, cells, asked = report.ranked(), playable(outcome), outcome.settings.replays
     folder.write(written.REPORT, report.html(ranked, {}))
     wanted = chosen(asked, ranked, cells)
@@ -77,12 +79,12 @@ def write_report(folder: Folder, outcome: Outcome, progress: Console) -> str:
 def playable(outcome: Outcome) -> dict[tuple[str, str], Cell]:
     """Return the cells of this call, and those of earlier calls whose policy and scenario are unchanged."""
     cells = {(cell.scenario.name, cell.policy): cell for cell in outcome.cells}
-    for name, policies in outcome.held["policies"].items():
+    for name, policies in outcome.stored["policies"].items():
         scenario = outcome.table.scenarios[name]
         for policy in policies:
-            whole = scenario.digest() == outcome.held["digests"][name]  # no extension is missing
+            whole = scenario.digest() == outcome.stored["digests"][name]  # no extension is missing
             known = (name, policy) not in cells and whole and policy in registry.names(scenario)
-            if known and registry.parts(policy) == outcome.held["played"][policy]:
+            if known and registry.parts(policy) == outcome.stored["played"][policy]:
                 cells[name, policy] = Cell(scenario, policy, named(policy))
     failed = {(each.scenario, each.policy) for each in outcome.failures}
     return {place: cell for place, cell in cells.items() if place not in failed}
@@ -96,7 +98,7 @@ def _commands(outcome: Outcome) -> dict[str, str]:
             scenario = standard.as_played(given, overrides)
         except (ValueError, OSError, ImportError):
             continue
-        if scenario.digest() == outcome.held["digests"].get(scenario.name):
+        if scenario.digest() == outcome.stored["digests"].get(scenario.name):
             words = command_of(given, plain_fields(standard.overrides_of(given, overrides)))
             commands.setdefault(scenario.name, words)
     return commands
@@ -109,7 +111,7 @@ def plain_fields(overrides: Mapping[str, Any]) -> dict[str, Any]:
 
 def _nameless(outcome: Outcome) -> frozenset[str]:
     """Return the policies that were passed as Python objects, so that no command can name them."""
-    policies = {policy for of in outcome.held["policies"].values() for policy in of}
+    policies = {policy for of in outcome.stored["policies"].values() for policy in of}
     return frozenset(name for name in policies if name not in registry.names() and not is_ones_own(name))
 
 
@@ -147,12 +149,12 @@ def chosen(asked: Sequence[str], ranked: Sequence[Row], cells: Container[tuple[s
             rounds.append([key for keys in of.values() for key in keys[:most]])
         elif (key := _episode(word, of)) is not None:
             rounds.insert(0, [key])
-    found: dict[Key, int] = {}
+    rounds_of: dict[Key, int] = {}
     for number, keys in enumerate(rounds):
         for key in keys:
             if key[:2] in cells:
-                found.setdefault(key, number)
-    return found
+                rounds_of.setdefault(key, number)
+    return rounds_of
 
 
 def batches(
@@ -170,37 +172,24 @@ def batches(
         references: Policy that the others of a scenario are compared with.
     """
     there = {(row["scenario"], row["policy"], row["seed"]) for row in ranked}
+    seeds_of: dict[tuple[int, tuple[str, str]], list[int]] = {}
     done: set[Key] = set()
-    queues: dict[tuple[int, str], list[Batch]] = {}
-    for (number, scenario), keys in _by(chosen, lambda key: (chosen[key], key[0])).items():
-        queue = queues.setdefault((number, scenario), [])
-        for k in range(0, len(keys), _TOGETHER):
-            few = keys[k : k + _TOGETHER]
-            beside = [(scenario, references.get(scenario, ""), seed) for *_, seed in few]
-            wanted = [
-                key for key in (*(key for key in beside if key in there and key[:2] in cells), *few) if key not in done
-            ]
-            queue += [
-                (cells[place], [key[2] for key in of]) for place, of in _by(dict.fromkeys(wanted), _place).items()
-            ]
-            done.update(wanted)
+    for key, number in chosen.items():
+        for wanted in ((key[0], references.get(key[0], ""), key[2]), key):
+            if wanted in there and wanted not in done and wanted[:2] in cells:
+                done.add(wanted)
+                seeds_of.setdefault((number, wanted[:2]), []).append(wanted[2])
+    turns: Counter[tuple[int, str]] = Counter()
     ordered = []
-    for number in dict.fromkeys(number for number, _ in queues):
-        turns = [queue for (of, _), queue in queues.items() if of == number]
-        ordered += [batch for turn in zip_longest(*turns) for batch in turn if batch is not None]
-    return ordered
-
-
-def _by(keys: Iterable[Key], group: Callable[[Key], Any]) -> dict[Any, list[Key]]:
-    """Return keys by group."""
-    of: dict[Any, list[Key]] = {}
-    for key in keys:
-        of.setdefault(group(key), []).append(key)
-    return of
-
-
-def _place(key: Key) -> tuple[str, str]:
-    return key[:2]
+    for (number, place), seeds in seeds_of.items():
+        turns[number, place[0]] += 1
+        ordered.append((number, turns[number, place[0]], place, seeds))
+    ordered.sort(key=lambda entry: entry[:2])
+    return [
+        (cells[place], seeds[k : k + _TOGETHER])
+        for _, _, place, seeds in ordered
+        for k in range(0, len(seeds), _TOGETHER)
+    ]
 
 
 def make(
@@ -279,15 +268,15 @@ def _missed(cell: Cell, episodes: Sequence[witness.Played | None]) -> list[witne
     bound = cell.scenario.detection_time_bound
     long = [k for k, each in enumerate(episodes) if each is not None and each.score[WORST_CASE.name] > bound]
     chosen = [each for k, each in enumerate(episodes) if k in long and each is not None]
-    found = dict(zip(long, witness.witnesses_in(chosen, cell.policy, prove=False) if chosen else [], strict=True))
-    return [found.get(k) for k in range(len(episodes))]
+    rogues = dict(zip(long, witness.witnesses_in(chosen, cell.policy, prove=False) if chosen else [], strict=True))
+    return [rogues.get(k) for k in range(len(episodes))]
 
 
 def _episode(word: str, names: Iterable[tuple[str, str]]) -> Key | None:
     """Return the episode that `SCENARIO:POLICY:SEED` names; names of scenarios and policies may contain colons."""
     cell, _, seed = word.rpartition(":")
-    found = next((name for name in names if f"{name[0]}:{name[1]}" == cell), None)
-    return (*found, int(seed)) if found and seed.isascii() and seed.isdecimal() else None
+    place = next((name for name in names if f"{name[0]}:{name[1]}" == cell), None)
+    return (*place, int(seed)) if place and seed.isascii() and seed.isdecimal() else None
 
 
 def _agree(score: Mapping[str, Any], row: Mapping[str, Any]) -> bool:

@@ -58,7 +58,7 @@ class Report:
     """The content of the page."""
 
     table: Table
-    made: Mapping[str, str]
+    provenance: Mapping[str, str]
     """Command, machine and versions of the numbers, in words."""
     commands: Mapping[str, str] = field(default_factory=dict)
     """Name of each scenario in a command, with its overrides; scenarios without such a name are left out."""
@@ -87,7 +87,7 @@ class Report:
         replayed = {f"replay-{k}": (key, played) for k, (key, played) in enumerate(replays.items())}
         data = {
             "format": FORMAT,
-            "made": dict(self.made),
+            "made": dict(self.provenance),
             "kinds": [{"name": kind.name, "words": kind.words, "about": kind.about} for kind in KINDS],
             "policies": self._policies(policies),
             "rankings": [self._ranking(of, scenario_of, number_of) for of in rankings(self.table)],

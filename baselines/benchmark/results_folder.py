@@ -42,7 +42,7 @@ class Results:
     """The settings and score rows in a folder; of an episode that has ended, its row is there once.
 
     Attributes:
-        held: Settings of the folder, including those of earlier calls.
+        stored: Settings of the folder, including those of earlier calls.
         scenarios: Scenarios of the folder by name.
 
     Raises:
@@ -56,19 +56,20 @@ class Results:
         if there is None and (folder.path / EPISODES).exists():
             raise ValueError(f"{folder.path} contains {EPISODES} but no {SETTINGS}; choose another --out")
         now = None if settings is None else as_settings(settings, cells)
-        self.held: dict[str, Any] = there or now or {}
+        self.stored: dict[str, Any] = there or now or {}
         self._rows: dict[_Key, dict[str, Any]] = {}
         self._detections: dict[_Key, dict[str, Any]] = {}
         self._journals: list[Journal] = []
+        if self.stored != (there or {}):
+            self._write(folder)  # before the episodes, which are useless without it
         try:
             self._episodes = self._open(folder, EPISODES, self._wrong_row, self._rows)
             self._times = self._open(folder, detections.NAME, detections.refusal_of, self._detections)
             if there is not None and now is not None:
-                self.held = self._extended(folder.path, there, now)
-            if self.held != there:
-                text = self.held | {"digest": _digest(self.held)}
-                folder.write(SETTINGS, json.dumps(text, indent=2) + "\n")
-            self.scenarios = _scenarios_of(folder.path, self.held)
+                self.stored = self._extended(folder.path, there, now)
+                if self.stored != there:
+                    self._write(folder)
+            self.scenarios = _scenarios_of(folder.path, self.stored)
         except BaseException:
             self.close()
             raise
@@ -85,20 +86,23 @@ class Results:
             entries[_key(entry)] = entry | {name: math.nan for name in entry if entry[name] is None}
         return journal
 
+    def _write(self, folder: Folder) -> None:
+        folder.write(SETTINGS, json.dumps(self.stored | {"digest": _digest(self.stored)}, indent=2) + "\n")
+
     def _wrong_row(self, row: Any) -> str | None:
         """Return the rule that a row violates, also that it is of an episode of the settings which is there once."""
-        held = self.held
+        stored = self.stored
         scenario = row.get("scenario") if isinstance(row, dict) else None
-        extensions = held["scenarios"].get(scenario, {}).get("extensions", ()) if isinstance(scenario, str) else ()
+        extensions = stored["scenarios"].get(scenario, {}).get("extensions", ()) if isinstance(scenario, str) else ()
         wrong = refusal_of(row, [each["name"] for each in extensions if each["kind"] == "score column"])
         if wrong is not None:
             return wrong
-        if row["policy"] not in held["policies"].get(row["scenario"], []):
+        if row["policy"] not in stored["policies"].get(row["scenario"], []):
             return f"is an episode of {row['policy']!r} on {row['scenario']!r}, which settings.json does not name"
-        if row["episode"] >= held["episodes"]:
-            return f"is episode {row['episode']} of {held['episodes']}"
-        if row["seed"] != held["seed"] + row["episode"]:
-            return f"must have seed {held['seed'] + row['episode']}, got {row['seed']}"
+        if row["episode"] >= stored["episodes"]:
+            return f"is episode {row['episode']} of {stored['episodes']}"
+        if row["seed"] != stored["seed"] + row["episode"]:
+            return f"must have seed {stored['seed'] + row['episode']}, got {row['seed']}"
         return "is an episode that the folder already contains" if _key(row) in self._rows else None
 
     def _extended(self, folder: Path, there: dict[str, Any], now: dict[str, Any]) -> dict[str, Any]:
@@ -155,7 +159,7 @@ class Results:
 
     def rows(self) -> list[dict[str, Any]]:
         """Return all rows, by scenario, policy and episode, in the order of the folder's settings."""
-        places = [(scenario, policy) for scenario, policies in self.held["policies"].items() for policy in policies]
+        places = [(scenario, policy) for scenario, policies in self.stored["policies"].items() for policy in policies]
         order = {place: k for k, place in enumerate(places)}
         return [self._rows[key] for key in sorted(self._rows, key=lambda key: (order[key[:2]], key[2]))]
 
@@ -206,15 +210,15 @@ def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
     return {cell.policy: parts(cell.factory) for cell in cells} | models | learned
 
 
-def _scenarios_of(folder: Path, held: Mapping[str, Any]) -> dict[str, Scenario]:
+def _scenarios_of(folder: Path, stored: Mapping[str, Any]) -> dict[str, Scenario]:
     """Make the scenarios in a folder's settings, by name; extensions are not imported."""
-    made = {}
-    for name, fields in held["scenarios"].items():
+    scenarios = {}
+    for name, fields in stored["scenarios"].items():
         try:
-            made[name] = scenario_of(fields)
+            scenarios[name] = scenario_of(fields)
         except (TypeError, ValueError, KeyError, AttributeError) as error:
             raise _damaged(folder, f"scenarios.{name}: {error}") from error
-    return made
+    return scenarios
 
 
 def read_settings(folder: Path) -> dict[str, Any]:
@@ -269,8 +273,8 @@ def _short(value: Any) -> str:
     return words if len(words) <= 60 else f"{words[:60]}..."
 
 
-def _digest(held: Mapping[str, Any]) -> str:
-    return digest_of(json.dumps(held, sort_keys=True).encode())
+def _digest(stored: Mapping[str, Any]) -> str:
+    return digest_of(json.dumps(stored, sort_keys=True).encode())
 
 
 def _damaged(folder: Path, why: str) -> ValueError:
@@ -281,22 +285,28 @@ def _key(row: Mapping[str, Any]) -> _Key:
     return row["scenario"], row["policy"], row["episode"]
 
 
-def _differences(there: Any, now: Any, name: str = "") -> list[tuple[str, str, str]]:
+def _differences(there: Any, now: Any) -> list[tuple[str, str, str]]:
     """Return the entries that differ, as (dotted name, stored, now); a scenario's description does not count."""
-    if isinstance(there, dict) and isinstance(now, dict):
-        names = [*there, *(key for key in now if key not in there)]
-        names = [key for key in names if key != "description" or "played." in name or name.endswith(".parts")]
-        inside = [(there.get(key, "-"), now.get(key, "-"), key) for key in names]
-        return [entry for a, b, key in inside for entry in _differences(a, b, f"{name}.{key}".lstrip("."))]
-    alike = isinstance(there, list) and isinstance(now, list) and len(there) == len(now)
-    if alike and all(isinstance(each, dict) for each in (*there, *now)):
-        pairs = zip(there, now, strict=True)
-        return [entry for k, (a, b) in enumerate(pairs) for entry in _differences(a, b, f"{name}.{k}")]
-    return [] if there == now else [(name, _in_words(there), _in_words(now))]
+    first, second = _flat(there), _flat(now)
+    pairs = {name: (first.get(name, "-"), second.get(name, "-")) for name in {**first, **second}}
+    return [
+        (name, *(_short(value).strip("'") for value in pair))
+        for name, pair in pairs.items()
+        if pair[0] != pair[1] and not (name.startswith("scenarios.") and name.endswith(".description"))
+    ]
 
 
-def _in_words(value: Any) -> str:
-    return "..." if isinstance(value, dict) else _short(value).strip("'")
+def _flat(value: Any, name: str = "") -> dict[str, Any]:
+    """Return the entries of nested objects, and of lists of objects, by dotted name."""
+    if isinstance(value, list) and value and all(isinstance(entry, dict) for entry in value):
+        value = dict(enumerate(value))
+    if not isinstance(value, dict):
+        return {name: value}
+    return {
+        place: inner
+        for key, entry in value.items()
+        for place, inner in _flat(entry, f"{name}.{key}".lstrip(".")).items()
+    }
 
 
 def _refusal(folder: Path, differing: list[tuple[str, str, str]]) -> str:

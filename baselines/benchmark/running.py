@@ -80,18 +80,20 @@ def measure(
         Folder(settings.out, (*results_folder.FILES, *written.FILES)) as folder,
         Results(folder, settings, cells) as results,
     ):
-        kept = len(results.of(cells, settings.episodes))
+        resumed = len(results.of(cells, settings.episodes))
         raised = _play_all(settings, cells, results, progress)
-        rows, held_rows = results.of(cells, settings.episodes), results.rows()
-        table = Table.of(held_rows, results.scenarios, settings.against, results.curves())
-        outcome = Outcome(settings, cells, rows, table, results.held, kept=kept, elapsed=time.monotonic() - started)
+        rows, stored_rows = results.of(cells, settings.episodes), results.rows()
+        table = Table.of(stored_rows, results.scenarios, settings.against, results.curves())
+        outcome = Outcome(
+            settings, cells, rows, table, results.stored, resumed=resumed, elapsed=time.monotonic() - started
+        )
         for failure in raised:
             is_wanted = not failure.is_refusal or failure.policy in settings.policies
             (outcome.failures if is_wanted else outcome.left_out).append(failure)
-        outcome.theorem = about_theorem(replays.playable(outcome).values(), held_rows, outcome.device)
-        written.write_files(folder, outcome, held_rows)
+        outcome.theorem = about_theorem(replays.playable(outcome).values(), stored_rows, outcome.device)
+        written.write_files(folder, outcome, stored_rows)
         said = replays.write_report(folder, outcome, progress)
-    if len(rows) < len(held_rows):
+    if len(rows) < len(stored_rows):
         table = Table.of(rows, outcome.scenarios, settings.against)
     tables.print_tables(console, outcome, table, said)
     return outcome
@@ -117,12 +119,12 @@ def plan(
     kinds = {name: _kind_of(name) for name in own if registry.is_folder(name)}
     others = [name for name in settings.policies if name not in own and not everything]
     unnamed = not (own or others)
-    made = [build(each, **settings.overrides) for each in (settings.scenarios if scenarios is None else scenarios)]
+    played = [build(each, **settings.overrides) for each in (settings.scenarios if scenarios is None else scenarios)]
     for name in others:
-        if not any(name in registry.names(scenario) for scenario in made):
-            registry.make(name, made[0])  # names the defect
+        if not any(name in registry.names(scenario) for scenario in played):
+            registry.make(name, played[0])  # names the defect
     cells = []
-    for scenario in made:
+    for scenario in played:
         fitting = registry.names(scenario)
         if unnamed:
             chosen = _all(fitting, scenario) if everything else _usual(fitting, scenario)
@@ -133,16 +135,16 @@ def plan(
         cells += [Cell(scenario, name, of) for name, of in own.items() if kinds.get(name) in (None, kind)]
         if (settings.clairvoyant or (unnamed and not everything)) and kind in clairvoyant.KINDS:
             cells.append(Cell(scenario, clairvoyant.NAME, clairvoyant.Clairvoyant))
-        if not chosen and len(cells) == before and not (own and len(made) > 1):
+        if not chosen and len(cells) == before and not (own and len(played) > 1):
             kind, got = f"robots of kind {kind}", few_of((*others, *own))
             raise ValueError(f"policies must contain one for {scenario.name}, which has {kind}; got {got}")
     if not cells:
         raise ValueError(f"policies must contain one for the scenarios, got {few_of(own)}")
     if settings.against is not None and settings.against not in {cell.policy for cell in cells}:
-        played = few_of((cell.policy for cell in cells), settings.against)
-        raise ValueError(f"against must be one of the policies ({played}), got {settings.against}")
+        names = few_of((cell.policy for cell in cells), settings.against)
+        raise ValueError(f"against must be one of the policies ({names}), got {settings.against}")
     if len({(cell.scenario.name, cell.policy) for cell in cells}) < len(cells):
-        raise ValueError(f"scenarios must differ in name, got {few_of(scenario.name for scenario in made)}")
+        raise ValueError(f"scenarios must differ in name, got {few_of(scenario.name for scenario in played)}")
     replays.check(settings.replays, cells, range(settings.seed, settings.seed + settings.episodes))
     if settings.engine == "ray":
         cluster.check(settings.device)

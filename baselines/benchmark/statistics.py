@@ -140,16 +140,16 @@ def paired(policy: Sequence[float] | np.ndarray, reference: Sequence[float] | np
     Raises:
         ValueError: other numbers of seeds.
     """
-    ours, theirs = np.asarray(policy, dtype=float), np.asarray(reference, dtype=float)
-    if ours.shape != theirs.shape:
-        raise ValueError(f"policies must have the same seeds to be compared, got {len(ours)} and {len(theirs)}")
-    both = ~(np.isnan(ours) | np.isnan(theirs))
-    ours, theirs = better * ours[both], better * theirs[both]
-    if not len(ours):
+    own, other = np.asarray(policy, dtype=float), np.asarray(reference, dtype=float)
+    if own.shape != other.shape:
+        raise ValueError(f"policies must have the same seeds to be compared, got {len(own)} and {len(other)}")
+    both = ~(np.isnan(own) | np.isnan(other))
+    own, other = better * own[both], better * other[both]
+    if not len(own):
         return Paired(0, *[np.nan] * 6)
-    won = (ours > theirs) + (ours == theirs) / 2
-    finite = np.isfinite(ours) & np.isfinite(theirs)
-    differences = better * (ours[finite] - theirs[finite])
+    won = (own > other) + (own == other) / 2
+    finite = np.isfinite(own) & np.isfinite(other)
+    differences = better * (own[finite] - other[finite])
     shares = bootstrap_interval(won, cut=0.0)
     middle = interquartile_mean(differences)
     return Paired(len(won), float(won.mean()), *shares, middle, *bootstrap_interval(differences))
@@ -184,11 +184,11 @@ def probability_of_improvement(
     U / (n m) of Mann and Whitney. Episodes of the two are drawn again apart. NaN is left out.
     """
     means, drawn = [], np.zeros(RESAMPLES)
-    for k, (ours, theirs) in enumerate(zip(policy, reference, strict=True)):
-        ours, theirs = better * ours[~np.isnan(ours)], better * theirs[~np.isnan(theirs)]
-        won = (ours[:, None] > theirs[None]) + (ours[:, None] == theirs[None]) / 2
+    for k, (own, other) in enumerate(zip(policy, reference, strict=True)):
+        own, other = better * own[~np.isnan(own)], better * other[~np.isnan(other)]
+        won = (own[:, None] > other[None]) + (own[:, None] == other[None]) / 2
         means.append(won.mean())
-        counts = draws(len(ours), RESAMPLES, 2 * k), draws(len(theirs), RESAMPLES, 2 * k + 1)
+        counts = draws(len(own), RESAMPLES, 2 * k), draws(len(other), RESAMPLES, 2 * k + 1)
         drawn += ((counts[0] @ won) * counts[1]).sum(axis=1) / won.size
     return float(np.mean(means)), *middle_of(drawn / len(means), 0.95)
 

@@ -135,9 +135,9 @@ def print_tables(console: Console, outcome: Outcome, table: Table, said: str = "
         print_line(console, f"{failure.policy} failed on {failure.scenario}: {failure.error}", "bold red")
     if outcome.failures:
         print_line(console, "Tracebacks are in summary.json.", "red")
-    if outcome.kept:
+    if outcome.resumed:
         words = (
-            f"{outcome.kept} of {len(outcome.rows)} episodes were already in {out} and were not played again; "
+            f"{outcome.resumed} of {len(outcome.rows)} episodes were already in {out} and were not played again; "
             "to replay them all, delete that folder or choose another --out."
         )
         print_line(console, words, "yellow")

@@ -151,12 +151,12 @@ class Outcome:
     """Score rows of the requested episodes, by scenario, policy and episode."""
     table: Table
     """Table of all episodes in the folder."""
-    held: dict[str, Any]
+    stored: dict[str, Any]
     """Settings of the folder, including those of earlier calls."""
     failures: list[Failure] = field(default_factory=list)
     left_out: list[Failure] = field(default_factory=list)
     """Policies that refused a scenario, of those that the settings do not name."""
-    kept: int = 0
+    resumed: int = 0
     """Number of the rows that an earlier call had stored."""
     elapsed: float = 0.0
     """Duration of this call [s]."""

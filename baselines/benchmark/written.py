@@ -53,14 +53,14 @@ def summarized(outcome: Outcome, table: Table) -> dict[str, Any]:
     comparison of each policy with the reference on the same seeds. `profiles` has, for the ratios to a bound and to the
     best policy, the share of the episodes that do not exceed each of `ratios`, and its interval over scenarios.
     """
-    held = outcome.held
+    stored = outcome.stored
     return {
-        "machine": machine(held["device"]),
+        "machine": machine(stored["device"]),
         "versions": versions(),
         "command": command(),
         "elapsed_s": outcome.elapsed,
         "seeds": sorted({row["seed"] for row in table.rows}),
-        "settings": held,
+        "settings": stored,
         "limits": {name: of.mean_time for name, of in table.bounds.items()},
         "guarantees": {
             name: {

@@ -174,7 +174,7 @@ def test_scenarios_and_policies_are_added_and_nothing_is_played_twice(whole, tmp
     run(small(tmp_path, policies=("kuramoto",), episodes=3), console=QUIET)
     first = lines(tmp_path)
     outcome = measure(small(tmp_path, policies=("open-loop",), episodes=5), console=QUIET)
-    assert (outcome.kept, {row["policy"] for row in outcome.rows}) == (0, {"open-loop"})
+    assert (outcome.resumed, {row["policy"] for row in outcome.rows}) == (0, {"open-loop"})
     run(small(tmp_path, scenarios=("failure", "knot"), policies=("kuramoto", "open-loop"), episodes=5), console=QUIET)
     held = lines(tmp_path)
     assert held[:3] == first
@@ -193,7 +193,7 @@ def test_fewer_episodes_are_the_first_of_those_there(whole, tmp_path):
     before = (tmp_path / "episodes.csv").read_bytes()
     outcome = measure(small(tmp_path, policies=("kuramoto",), episodes=2), console=QUIET)
     assert str(outcome.rows) == str(whole[1][:2])
-    assert (outcome.kept, len(outcome.table.rows)) == (2, 10)
+    assert (outcome.resumed, len(outcome.table.rows)) == (2, 10)
     assert (tmp_path / "episodes.csv").read_bytes() == before
     assert json.loads((tmp_path / "settings.json").read_text())["episodes"] == 5
 

@@ -188,7 +188,7 @@ def test_policies_that_fail_are_reported_and_the_others_go_on(one_node, tmp_path
     assert "WorkerCrashedError" in deadly.error
     own["raising"] = own["deadly"] = Quick
     healed = measure(settings, own, console=QUIET)
-    assert (healed.failures, healed.kept, len(healed.rows)) == ([], 8, 16)
+    assert (healed.failures, healed.resumed, len(healed.rows)) == ([], 8, 16)
 
 
 def test_a_policy_that_cannot_be_sent_is_named(tmp_path):
