@@ -51,13 +51,14 @@ def play_all(settings: Benchmark, work: Work, sink: Sink) -> None:
             stopped.set()
             raise
 
-    shared = [each for each in work if settings.device == "cpu" and may_be_shared(each[0])]
+    shared, own = [], []
+    for cell, numbers in work:
+        (shared if settings.device == "cpu" and may_be_shared(cell) else own).append((cell, numbers))
     with ThreadPoolExecutor(cores()) as pool:
-        helpers = [pool.submit(play_cell, *each) for each in shared]
+        helpers = [pool.submit(play_cell, cell, numbers) for cell, numbers in shared]
         try:
-            for each in work:
-                if each not in shared:
-                    play_cell(*each)
+            for cell, numbers in own:
+                play_cell(cell, numbers)
             wait(helpers, return_when=FIRST_EXCEPTION)
         except _Stopped:  # the error of the thread that stopped this one is raised below
             pass

@@ -148,7 +148,7 @@ def badness(row: Row, scenario: Scenario) -> tuple[float, ...]:
     """
     bound = scenario.detection_time_bound
     times = (row[headline(scenario).name] / bound, row[COLLISIONS.name], row[DETECTION_TIME.name] / bound)
-    return sum(failed(row)), *(0.0 if math.isnan(each) else each for each in times)
+    return sum(failed(row)), *(0.0 if math.isnan(number) else number for number in times)
 
 
 def worst_first(rows: Sequence[Row], scenarios: Mapping[str, Scenario]) -> list[int]:

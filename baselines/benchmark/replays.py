@@ -86,7 +86,7 @@ def playable(outcome: Outcome) -> dict[tuple[str, str], Cell]:
             known = (name, policy) not in cells and whole and policy in registry.names(scenario)
             if known and registry.parts(policy) == outcome.stored["played"][policy]:
                 cells[name, policy] = Cell(scenario, policy, named(policy))
-    failed = {(each.scenario, each.policy) for each in outcome.failures}
+    failed = {(failure.scenario, failure.policy) for failure in outcome.failures}
     return {place: cell for place, cell in cells.items() if place not in failed}
 
 
@@ -266,8 +266,8 @@ def record_together(
 def _missed(cell: Cell, episodes: Sequence[missed.Played | None]) -> list[missed.MissedRogue | None]:
     """Return the rogues that a policy misses for longer than T_max, the detection-time bound of the paper."""
     bound = cell.scenario.detection_time_bound
-    long = [k for k, each in enumerate(episodes) if each is not None and each.score[WORST_CASE.name] > bound]
-    chosen = [each for k, each in enumerate(episodes) if k in long and each is not None]
+    long = [k for k, episode in enumerate(episodes) if episode is not None and episode.score[WORST_CASE.name] > bound]
+    chosen = [episode for k, episode in enumerate(episodes) if k in long and episode is not None]
     rogues = dict(zip(long, missed.missed_in(chosen, cell.policy, prove=False) if chosen else [], strict=True))
     return [rogues.get(k) for k in range(len(episodes))]
 

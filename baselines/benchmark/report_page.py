@@ -135,13 +135,15 @@ class Report:
         return {
             "kind": _KINDS.get(ranking.group.kind, ranking.group.kind),
             "scenarios": [scenario_of[name] for name in ranking.group.scenarios],
-            "columns": [{"name": each.name, "title": each.heading} for each in ranking.columns],
-            "measures": [{"column": each.name, "title": each.heading, "about": each.described} for each in OVERALL],
+            "columns": [{"name": column.name, "title": column.heading} for column in ranking.columns],
+            "measures": [
+                {"column": column.name, "title": column.heading, "about": column.described} for column in OVERALL
+            ],
             "policies": [
                 {
                     "policy": number_of[policy],
                     "ranks": _rounded([list(ranking.overall[policy]), *map(list, of.values())]),
-                    "overall": [_aggregate(overall[policy][each.name]) for each in OVERALL] if overall else [],
+                    "overall": [_aggregate(overall[policy][column.name]) for column in OVERALL] if overall else [],
                 }
                 for policy, of in ranking.ranks.items()
             ],
@@ -178,7 +180,7 @@ class Report:
             "reference": None if reference is None else number_of[reference],
             "against": self._against(name, number_of),
             "command": self.commands.get(name),
-            "measures": [_described(each, lines_of(each, scenario, bounds)) for each in shown],
+            "measures": [_described(column, lines_of(column, scenario, bounds)) for column in shown],
             "times": times,
             "policies": [
                 {
@@ -186,7 +188,7 @@ class Report:
                     "episodes": len(of),
                     "failed": np.sum([failed(row) for row in of], axis=0).tolist(),
                     "badness": _rounded(_badness(of, scenario)),
-                    "cells": {each.name: _cell(cells[policy], each, of) for each in shown},
+                    "cells": {column.name: _cell(cells[policy], column, of) for column in shown},
                     "curve": curves.get(policy),
                 }
                 for policy, of in rows.items()
@@ -303,13 +305,13 @@ def _columns(rows: Sequence[Row]) -> list[dict[str, Any]]:
     brought = brought_in(rows)
     return [
         {
-            "name": each.name,
-            "title": each.heading,
-            "listed": each in (*brought, *MAIN),
-            "whole": each.rule is WHOLE,
-            "open": OPEN.name if each is WORST_CASE else None,
+            "name": column.name,
+            "title": column.heading,
+            "listed": column in (*brought, *MAIN),
+            "whole": column.rule is WHOLE,
+            "open": OPEN.name if column is WORST_CASE else None,
         }
-        for each in dict.fromkeys((*brought, *SHOWN, *COLUMNS.values()))
+        for column in dict.fromkeys((*brought, *SHOWN, *COLUMNS.values()))
     ]
 
 
@@ -325,14 +327,14 @@ def _episodes(
         "policy": [number_of[row["policy"]] for row in rows],
         "seed": [row["seed"] for row in rows],
         "failed": [sum(fails << k for k, fails in enumerate(failed(row))) for row in rows],
-        **{each["name"]: [_rounded(row.get(each["name"], math.nan)) for row in rows] for each in columns},
+        **{column["name"]: [_rounded(row.get(column["name"], math.nan)) for row in rows] for column in columns},
     }
 
 
 def _rounded(value: Any) -> Any:
     """Round to a few digits; NaN and infinity become null."""
     if isinstance(value, list):
-        return [_rounded(each) for each in value]
+        return [_rounded(entry) for entry in value]
     if not math.isfinite(value):
         return None
     return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value

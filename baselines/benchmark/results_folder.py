@@ -94,7 +94,7 @@ class Results:
         stored = self.stored
         scenario = row.get("scenario") if isinstance(row, dict) else None
         extensions = stored["scenarios"].get(scenario, {}).get("extensions", ()) if isinstance(scenario, str) else ()
-        wrong = refusal_of(row, [each["name"] for each in extensions if each["kind"] == "score column"])
+        wrong = refusal_of(row, [extension["name"] for extension in extensions if extension["kind"] == "score column"])
         if wrong is not None:
             return wrong
         if row["policy"] not in stored["policies"].get(row["scenario"], []):

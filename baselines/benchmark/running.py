@@ -71,7 +71,7 @@ def measure(
 ) -> Outcome:
     """Do the same as `run`, and also return the policies that failed; `progress` is shown on a console of its own."""
     if scenarios is None:
-        scenarios = [standard.as_played(each, settings.overrides) for each in settings.scenarios]
+        scenarios = [standard.as_played(name, settings.overrides) for name in settings.scenarios]
     cells = plan(settings, policies, scenarios)
     console = console or make_console()
     progress = progress or make_console(stderr=True, quiet=console.quiet)
@@ -119,7 +119,9 @@ def plan(
     kinds = {name: _kind_of(name) for name in own if registry.is_folder(name)}
     others = [name for name in settings.policies if name not in own and not everything]
     unnamed = not (own or others)
-    played = [build(each, **settings.overrides) for each in (settings.scenarios if scenarios is None else scenarios)]
+    played = [
+        build(scenario, **settings.overrides) for scenario in (settings.scenarios if scenarios is None else scenarios)
+    ]
     for name in others:
         if not any(name in registry.names(scenario) for scenario in played):
             registry.make(name, played[0])  # names the defect

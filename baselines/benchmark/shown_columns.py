@@ -72,7 +72,9 @@ OVERALL = (OVER_LOWER_BOUND, TIME_OVER_BOUND, WITHIN_BOUND, COLLISIONS, SPACING,
 DERIVED = {column.name: column for column in (*RATIOS, TIME_OVER_BOUND)}
 """Columns that `baselines.benchmark.table` adds to score rows, by name."""
 SHOWN = tuple(
-    sorted((column for column in (*COLUMNS.values(), OVER_LOWER_BOUND) if column.place), key=lambda each: each.place)
+    sorted(
+        (column for column in (*COLUMNS.values(), OVER_LOWER_BOUND) if column.place), key=lambda column: column.place
+    )
 )
 """Columns of tables of policies, the most important first."""
 MAIN = tuple(column for column in SHOWN if column.main)
@@ -103,7 +105,7 @@ def shown_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Any]])
 
     The recovery time is left out without a fault. `policies` has estimates by policy and column.
     """
-    others = [each for each in SHOWN if not each.main and (each is not RECOVERY or scenario.faults != Faults())]
+    others = [column for column in SHOWN if not column.main and (column is not RECOVERY or scenario.faults != Faults())]
     return [*MAIN, *brought_in(policies.values()), *others]
 
 

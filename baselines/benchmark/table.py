@@ -269,7 +269,7 @@ def _compared(column: Column, pairs: Sequence[tuple[Row, Row]]) -> Paired:
 def _worst_cases(row: Row, other: Row) -> tuple[float, float]:
     """Return two worst-case undetected times to compare, infinite if open; both infinite if their order is unknown."""
     first, second = _worst_case(row), _worst_case(other)
-    growing = tuple(each[OPEN.name] == 0 and is_growing(each) for each in (row, other))
+    growing = tuple(of[OPEN.name] == 0 and is_growing(of) for of in (row, other))
     if growing == (True, False) and first > second:
         return math.inf, second
     if growing == (False, True) and second > first:
