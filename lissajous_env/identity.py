@@ -15,7 +15,6 @@ OURS = ("lissajous_env", "baselines", "training")
 """Packages of this distribution."""
 MODULE = "module "
 """Prefix of the names of parts that are the file of a module."""
-_LONGEST = 40
 
 
 def parts_of(value: Any) -> dict[str, str]:
@@ -25,10 +24,9 @@ def parts_of(value: Any) -> dict[str, str]:
     script or at a prompt, of its own source. Values in closures and attributes are not compared.
     """
     if isinstance(value, functools.partial):
-        arguments = {f"argument {k}": each for k, each in enumerate(value.args)} | value.keywords
-        plain = {name: repr(each) for name, each in arguments.items() if isinstance(each, (str, int, float, tuple))}
-        return parts_of(value.func) | {name: text if len(text) <= _LONGEST else digest_of(text.encode())
-                                       for name, text in plain.items()}  # fmt: skip
+        arguments = {f"argument {k}": argument for k, argument in enumerate(value.args)} | value.keywords
+        plain = {name: repr(each) for name, each in arguments.items() if isinstance(each, (str, int, float))}
+        return parts_of(value.func) | {name: digest_of(text.encode()) for name, text in plain.items()}
     if isinstance(value, types.MethodType):
         return parts_of(value.__self__)
     definition = getattr(value, "func", value)  # that of a Warp kernel
@@ -42,7 +40,7 @@ def parts_of(value: Any) -> dict[str, str]:
 def _source(definition: Any, module: str) -> dict[str, str]:
     """Return a digest of the file of a module; of a script or a prompt, of the source of the definition."""
     file = getattr(sys.modules.get(module), "__file__", None)
-    if file is not None and module != "__main__":
+    if file is not None and module != "__main__" and Path(file).is_file():
         return {MODULE + module: digest_of(Path(file).read_bytes())}
     try:
         return {"source": digest_of(inspect.getsource(definition).encode())}
