@@ -17,14 +17,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from baselines.benchmark.plot_styles import STYLE, saved, styles_of
-from baselines.benchmark.shown_columns import COMPARED, RATIOS, brought_in
+from baselines.benchmark.shown_columns import COMPARED, OVERALL, RATIOS, brought_in
 from baselines.benchmark.statistics import (
     Band,
+    Estimate,
     performance_profile,
     probability_of_improvement,
     profile_over_scenarios,
-    summarize,
-    summarize_largest,
 )
 from baselines.benchmark.table import Group, Rows, Table, grouped, numbers, reference_of
 from baselines.benchmark.tables import shown_name
@@ -51,8 +50,6 @@ _STYLE: dict[Any, Any] = STYLE | {
     "pdf.fonttype": 42,  # fonts that journals accept and readers can search
     "svg.hashsalt": "lissajous",
 }
-_MOST_ENDLESS = 0.25
-"""Share of infinite scores up to which the middle half has none."""
 _VALUES = 200
 """Values at which a profile is drawn."""
 _FIRST_ROW = 0.7
@@ -96,7 +93,9 @@ def draw(table: Table, against: str | None, form: str) -> Iterator[tuple[str, by
             yield f"profiles-{group.kind}.{form}", saved(_profiles(scores, styles), form)
             if len(scores.policies) > 1:
                 yield f"improvement-{group.kind}.{form}", saved(_improvement(scores, styles), form)
-            yield f"aggregates-{group.kind}.{form}", saved(_aggregates(scores, styles), form)
+            if group.name in table.overall:
+                overall = _aggregates(table.overall[group.name], styles)
+                yield f"aggregates-{group.kind}.{form}", saved(overall, form)
         for group in table.groups():
             ratios = [c for c in RATIOS if any(np.isfinite(x).any() for p in group.rows for x in group.strata(p, c))]
             if ratios and len(group.scenarios) > 1:
@@ -203,45 +202,29 @@ def _improvement(scores: _Scores, styles: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def _aggregates(scores: _Scores, styles: Mapping[str, Any]) -> Figure:
-    """Draw the interquartile mean over the episodes of all scenarios, for collisions the mean, with its interval.
-
-    For a guarantee it is the largest of all episodes, with a bar from their median.
-    """
-    policies = scores.policies
-    figure, panels = _panels(_closed(scores), _FIRST_ROW + _ROW * len(policies), rows=policies)
+def _aggregates(policies: Mapping[str, Mapping[str, Estimate]], styles: Mapping[str, Any]) -> Figure:
+    """Draw the estimates over all scenarios with their intervals; of a largest value, a bar from the median."""
+    columns = [c for c in OVERALL if any(_has_bound(of[c.name]) for of in policies.values())]
+    figure, panels = _panels(columns, _FIRST_ROW + _ROW * len(policies), rows=list(policies))
     for column, axes in panels.items():
         shown = []
-        for place, policy in enumerate(policies):
-            strata = scores.of[policy][column]
-            is_largest = column.summary == LARGEST
-            of = summarize_largest(np.concatenate(strata)) if is_largest else summarize(*strata, summary=column.summary)
-            endless = _endless(strata)
-            if _is_closed(column, strata) and np.isfinite(of.value):
-                ends = (of.median, of.max) if is_largest else of.interval
-                _interval(axes, place, (of.value, *ends), styles[policy], policy)
-                shown += [of.value, ends[0]] if is_largest else [of.value]
+        for place, (policy, of) in enumerate(policies.items()):
+            estimate = of[column.name]
+            if _has_bound(estimate):
+                ends = (estimate.median, estimate.max) if column.summary == LARGEST else estimate.interval
+                _interval(axes, place, (estimate.value, *ends), styles[policy], policy)
+                shown += [estimate.value, *ends]
             else:
                 words = {"transform": axes.get_yaxis_transform(), "fontsize": 6, "color": "#777777"}
-                axes.text(0.98, place, f"no bound in {100 * endless:.0f} %", ha="right", va="center", **words)
-        _scaled(axes, column, np.array(shown or [1.0]))
-        axes.set_title(_title(column) + (f"\nlargest of {of.n}" if column.summary == LARGEST else ""))
+                axes.text(0.98, place, "no bound" if estimate.n_finite else "", ha="right", va="center", **words)
+        _scaled(axes, column, np.array(shown))
+        counted = max(of[column.name].n_finite for of in policies.values())
+        axes.set_title(column.heading + (f"\nlargest of {counted}" if column.summary == LARGEST else ""))
     return figure
 
 
-def _endless(strata: Sequence[np.ndarray]) -> float:
-    """Return the share of the scores that are infinite."""
-    return float(np.isinf(np.concatenate(strata)).mean())
-
-
-def _closed(scores: _Scores) -> list[Column]:
-    """Return the columns of which some policy has an aggregate."""
-    return [c for c in scores.columns if any(_is_closed(c, of[c]) for of in scores.of.values())]
-
-
-def _is_closed(column: Column, strata: Sequence[np.ndarray]) -> bool:
-    """Return whether a column has an aggregate in spite of infinite scores, none of which a largest value allows."""
-    return _endless(strata) <= (0 if column.summary == LARGEST else _MOST_ENDLESS)
+def _has_bound(estimate: Estimate) -> bool:
+    return math.isfinite(estimate.value) and not estimate.at_least
 
 
 def _distribution(name: str, of: Mapping[str, Rows], columns: Sequence[Column], styles: Mapping[str, Any]) -> Figure:

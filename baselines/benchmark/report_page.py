@@ -20,8 +20,8 @@ from baselines.benchmark.shown_columns import (
     OVERALL,
     SHOWN,
     brought_in,
-    lines_of,
     shown_columns,
+    values_of_theory,
 )
 from baselines.benchmark.statistics import Estimate, Paired
 from baselines.benchmark.table import Row, Rows, Table, grouped, numbers
@@ -180,7 +180,7 @@ class Report:
             "reference": None if reference is None else number_of[reference],
             "against": self._against(name, number_of),
             "command": self.commands.get(name),
-            "measures": [_described(column, lines_of(column, scenario, bounds)) for column in shown],
+            "measures": [_described(column, values_of_theory(column, scenario, bounds)) for column in shown],
             "times": times,
             "policies": [
                 {

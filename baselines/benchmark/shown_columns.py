@@ -109,7 +109,7 @@ def shown_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Any]])
     return [*MAIN, *brought_in(policies.values()), *others]
 
 
-def lines_of(column: Column, scenario: Scenario, bounds: Bounds) -> list[tuple[float, str]]:
+def values_of_theory(column: Column, scenario: Scenario, bounds: Bounds) -> list[tuple[float, str]]:
     """Return the values that theory names for a column of a scenario, each with its label."""
     bound = scenario.detection_time_bound, scenario.detection_time_label
     lines = {
