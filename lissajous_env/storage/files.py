@@ -15,6 +15,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from lissajous_env.wording import shown
+
 LARGEST_JSON = 1 << 26
 """Largest size of a JSON file that is read [bytes]."""
 _DEEPEST = 100
@@ -110,25 +112,17 @@ def check_writable_file(path: str | Path) -> None:
     try:
         with contextlib.suppress(FileNotFoundError, NotADirectoryError):
             os.lstat(path)  # unlike a missing name, one that is too long raises
-        is_folder, has_home = path.is_dir(), path.absolute().parent.is_dir()
-    except OSError as error:
-        raise ValueError(f"out must be a file that can be written, got {_short(path)}: {error.strerror}") from None
-    if is_folder:
-        raise ValueError(f"out must be a file, got the folder {path}")
-    if not has_home:
-        raise ValueError(f"out must be in an existing folder, got {path}")
-    # Permissions are not enough: the folder may be on a full or read-only disk.
-    try:
+        if path.is_dir():
+            raise ValueError(f"out must be a file, got the folder {path}")
+        if not path.absolute().parent.is_dir():
+            raise ValueError(f"out must be in an existing folder, got {path}")
+        # Permissions are not enough: the folder may be on a full or read-only disk.
         temporary = _temporary(path)
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
         temporary.unlink()
     except OSError as error:
-        raise ValueError(f"out must be in a folder that can be written to, got {path}: {error.strerror}") from None
-
-
-def _short(path: Path) -> str:
-    text = str(path)
-    return text if len(text) <= 200 else f"{text[:100]}...{text[-60:]}"
+        words = f"got {shown(str(path))}: {error.strerror}"
+        raise ValueError(f"out must be in a folder that can be written to, {words}") from None
 
 
 def write_atomically(path: str | Path, data: str | bytes, temporary: Path | None = None) -> None:
