@@ -22,7 +22,7 @@ from baselines.policies.patrol_path import (
     patrol_loop,
 )
 from baselines.policies.trackers.mpcc import WithMpcc
-from baselines.policies.trackers.point import OnCurve
+from baselines.policies.trackers.base import OnCurve
 from baselines.policies.trackers.vector_field import FieldParameters, WithVectorField
 from lissajous_env.theory import closed_forms
 
