@@ -21,8 +21,8 @@ from baselines.policies.patrol_path import (
     fastest_speed,
     patrol_loop,
 )
-from baselines.policies.trackers.mpcc import WithMpcc
 from baselines.policies.trackers.base import OnCurve
+from baselines.policies.trackers.mpcc import WithMpcc
 from baselines.policies.trackers.vector_field import FieldParameters, WithVectorField
 from lissajous_env.theory import closed_forms
 
