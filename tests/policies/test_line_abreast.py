@@ -110,7 +110,7 @@ def test_all_starts_have_the_same_guarantee_and_no_cars_collide():
     assert sum(row["collisions"] for row in rows) == 0
 
 
-@pytest.mark.parametrize("grid", [(54, 24), (81, 36), (135, 60), (216, 96)])
+@pytest.mark.parametrize("grid", [(54, 24), (216, 96)])
 def test_rogues_do_not_pass_where_discs_only_just_reach_the_walls(grid):
     """Law: the guarantee hardly depends on the grid, down to spacings of 0.4 sensing radii."""
     scenario = named.build(INTRUDERS, **{"task.contamination": grid})
