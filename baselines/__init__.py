@@ -19,6 +19,7 @@ __all__ = [
     "Onboard",
     "Policy",
     "Rows",
+    "chosen",
     "make",
     "names",
     "plan",
@@ -44,3 +45,4 @@ for _module in sorted(each.name for each in pkgutil.walk_packages(policies.__pat
 # These import policies, and those above are to be the first in the registry.
 from baselines.onboard.robot import Onboard  # noqa: E402
 from baselines.planning.planner import plan  # noqa: E402
+from baselines.planning.portfolio import chosen  # noqa: E402

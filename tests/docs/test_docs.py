@@ -46,7 +46,6 @@ SHORTER = {
     "train": "--steps 2000 --worlds 4 --evaluation-episodes 1 --rivals sweep --imitation-steps 0 --rollout 8",
     "train --side": "--rogue-rounds 2 --rogue-steps 200 --evaluation-episodes 1",
     "exploit": "--episodes 1",
-    "choose": "--scenarios 2 --evaluation-scenarios 2 --episodes 1",
 }
 """Options added to a command to shorten it."""
 LASTING = ("benchmark", "evaluate", "exploit", "guarantee", "replay", "run", "train")
