@@ -188,8 +188,9 @@ def test_cars_with_a_lowest_speed_reach_their_places_along_the_loop():
     loop = patrol_loop(scenario)
     length = np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum()
     farthest, uneven = [], []
-    for slowest in (None, 0.3):
-        policy = Sweep(scenario, 32, parameters=SweepParameters(gather=2.0, slowest=slowest))
+    for slowest, by_phase in ((None, False), (0.3, False), (None, True)):
+        parameters = SweepParameters(gather=2.0, slowest=slowest, by_phase=by_phase)
+        policy = Sweep(scenario, 32, parameters=parameters)
         simulation, away = lissajous_env.Simulation(scenario, 32, seed=1), []
         for _ in range(200):
             played(policy, simulation, 1)
@@ -204,6 +205,8 @@ def test_cars_with_a_lowest_speed_reach_their_places_along_the_loop():
     assert farthest[0] > 0.4
     # Robots that compare their phases with their neighbours' seldom disagree on the order of their places.
     assert uneven[1] < 0.1 < uneven[0]
+    # Places by the phase alone are evenly spaced, but for the deviations of the start themselves.
+    assert uneven[2] < 0.1
 
 
 @pytest.mark.parametrize(
