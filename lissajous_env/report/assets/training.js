@@ -22,10 +22,9 @@ function begin(training) {
   showLearning(training);
   fillEvaluations(training);
   fillScenarios(training);
-  of("changed").append(...groups(training.settings, "changed"));
-  of("defaults").append(...groups(training.settings, "others"));
-  const count = training.settings.reduce((sum, group) => sum + group.others.length, 0);
-  of("defaults-title").textContent = `${count} settings that have their defaults`;
+  of("changed").append(element("dl", "", ...facts(training.settings.changed)));
+  of("defaults").append(element("dl", "", ...facts(training.settings.others)));
+  of("defaults-title").textContent = `${training.settings.others.length} settings that have their defaults`;
   globalThis.training = { training, viewer };
 }
 
@@ -37,7 +36,7 @@ function curve(training, score) {
     x: {
       scale: scaleOf(steps),
       title: "steps of a robot [million]",
-      lines: training.stages.map((at) => [at / 1e6, ""]),
+      lines: [],
     },
     y: { scale: scaleOf([...values, ...rivals.map((rival) => rival[score.name])]), title: "" },
   };
@@ -72,13 +71,6 @@ function closeTogether(lines) {
     else groups.push([line]);
   }
   return groups;
-}
-
-// Groups of settings that have any of a kind: `changed` or `others`.
-function groups(settings, kind) {
-  return settings
-    .filter((group) => group[kind].length > 0)
-    .map((group) => element("section", "", element("h3", "", group.title), element("dl", "", ...facts(group[kind]))));
 }
 
 function showLosses(training) {
