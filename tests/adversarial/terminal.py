@@ -19,8 +19,8 @@ from rich.console import Console
 
 import lissajous_env
 from baselines.benchmark import tables
-from baselines.benchmark.comparison import statistics
 from baselines.benchmark.shown_columns import SHOWN
+from baselines.benchmark.table import estimates_of, grouped
 from baselines.planning import tables as plan_tables
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import Figures, Plan, Planned
@@ -240,8 +240,8 @@ def _try_width(draw: np.random.Generator) -> str | None:
 
     def shown(columns: int) -> str:
         console = Console(width=columns, file=io.StringIO(), record=True)
-        cells = statistics(rows)["failure"]
-        tables.print_policies(console, tables.Text("t"), cells, SHOWN)
+        cells = {policy: estimates_of(played) for policy, played in grouped(rows)["failure"].items()}
+        tables.print_lines(console, tables.Text("t"), SHOWN, tables.lines_of(cells, SHOWN))
         tables.print_scores(console, "still", "failure", next(iter(cells.values())))
         return console.export_text()
 
