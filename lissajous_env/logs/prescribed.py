@@ -9,7 +9,8 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap, wrap_phase
 from lissajous_env.device.devices import as_device
-from lissajous_env.device.program import BLOCKS, ROBOT, WORLD, Stage
+from lissajous_env.device.program import Stage
+from lissajous_env.device.stage import BLOCKS, ROBOT, WORLD
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.placing import follow_curve
 from lissajous_env.world.simulation import Simulation

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.by_value import replaces
-from lissajous_env.device.program import LANES
+from lissajous_env.device.stage import LANES
 from lissajous_env.device.warp_abi import names_of_arguments
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task

@@ -14,7 +14,7 @@ from typing import Any
 import warp as wp
 
 from lissajous_env.by_value import ByValue, replaces
-from lissajous_env.device.program import LANES
+from lissajous_env.device.stage import LANES
 from lissajous_env.identity import OURS
 from lissajous_env.siblings import PARENT, import_ours
 from lissajous_env.wording import few_of, nearest, shown

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.program import ROBOT, TARGET, WORLD, Stage
+from lissajous_env.device.program import Stage
+from lissajous_env.device.stage import ROBOT, TARGET, WORLD
 from lissajous_env.parameters.extensions import (
     LARGEST,
     Extension,
@@ -61,25 +62,25 @@ class ExtensionStages:
                 value = self._room(shape[:2])
                 own = {"term": term, "weight": each.weight, "value": value}
                 self._after.setdefault("end", []).extend(
-                    [*self._run(each, ROBOT, value), Stage(f"{each.name} taken", take_term, ROBOT, own=own)]
+                    [*self._run(each, ROBOT, value), Stage(f"{each.name} taken", take_term, own=own)]
                 )
                 term += 1
             elif isinstance(each, ScoreColumn):
                 value, kept = self._room(shape[:1], wp.float64), self._room((shape[0], 4), wp.float64)
                 self.kept[each.name] = kept
-                keeps = Stage(f"{each.name} kept", keep_column, WORLD, own={"value": value, "kept_out": kept})
+                keeps = Stage(f"{each.name} kept", keep_column, own={"value": value, "kept_out": kept})
                 self._after.setdefault("reward", []).extend([*self._run(each, WORLD, value), keeps])
                 self._after_reset.setdefault("score", []).append(keeps)
             elif isinstance(each, ObservationEntry):
                 value = self._room((*shape[:2], each.size))
                 own = {"start": entry, "low": each.low, "high": each.high, "value": value}
-                stages = [*self._run(each, ROBOT, value), Stage(f"{each.name} taken", take_entries, ROBOT, own=own)]
+                stages = [*self._run(each, ROBOT, value), Stage(f"{each.name} taken", take_entries, own=own)]
                 self._after.setdefault("observation", []).extend(stages)
                 self._after_reset.setdefault("observation", []).extend(stages)
                 entry += each.size
             elif isinstance(each, TargetMotion):
                 value = self._room((shape[0], scenario.target_capacity), wp.vec2)
-                takes = Stage(f"{each.name} taken", take_places, TARGET, own={"value": value})
+                takes = Stage(f"{each.name} taken", take_places, own={"value": value})
                 run = self._run(each, TARGET, value)
                 self._after["collisions"] = run if run[0].is_kernel else [*run, takes]
 

@@ -4,6 +4,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.stage import ROBOT, TARGET, WORLD, stage
 from lissajous_env.parameters.extensions import LARGEST
 from lissajous_env.world.state import GONE, HIDDEN, Clock, StepEvents, Targets
 from lissajous_env.world.targets.motion import CUSTOM
@@ -19,23 +20,18 @@ def or_zero(value: float) -> float:
     return wp.where(wp.abs(value) <= _LARGEST, value, 0.0)
 
 
-@wp.kernel
+@stage(ROBOT, writes="latest: terms")
 def take_term(
-    first: int, lanes: int, term: int, weight: float, value: wp.array2d(dtype=float), clock: Clock, latest: StepEvents
+    w: int, i: int, term: int, weight: float, value: wp.array2d(dtype=float), clock: Clock, latest: StepEvents
 ):
     """Copy an extension's term among those of the reward."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    for i in range(lane, value.shape[1], lanes):
-        latest.terms[w, i, term] = or_zero(weight * value[w, i])
+    latest.terms[w, i, term] = or_zero(weight * value[w, i])
 
 
-@wp.kernel
+@stage(ROBOT, writes="observation_out")
 def take_entries(
-    first: int,
-    lanes: int,
+    w: int,
+    i: int,
     start: int,
     low: float,
     high: float,
@@ -44,21 +40,13 @@ def take_entries(
     observation_out: wp.array3d(dtype=float),
 ):
     """Copy an extension's entries to the end of the rows."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    for i in range(lane, value.shape[1], lanes):
-        for k in range(value.shape[2]):
-            observation_out[w, i, start + k] = wp.clamp(or_zero(value[w, i, k]), low, high)
+    for k in range(value.shape[2]):
+        observation_out[w, i, start + k] = wp.clamp(or_zero(value[w, i, k]), low, high)
 
 
-@wp.kernel
-def keep_column(first: int, value: wp.array(dtype=wp.float64), clock: Clock, kept_out: wp.array2d(dtype=wp.float64)):
+@stage(WORLD, writes="kept_out")
+def keep_column(w: int, value: wp.array(dtype=wp.float64), clock: Clock, kept_out: wp.array2d(dtype=wp.float64)):
     """Update sum, largest, least and last of an extension's score column."""
-    w = first + wp.tid()
-    if clock.active[w] == 0:
-        return
     if clock.step[w] == 0:
         kept_out[w, 0] = wp.float64(0.0)
         kept_out[w, 1] = wp.float64(-wp.inf)
@@ -72,26 +60,14 @@ def keep_column(first: int, value: wp.array(dtype=wp.float64), clock: Clock, kep
         kept_out[w, 3] = latest
 
 
-@wp.kernel
-def take_places(
-    first: int,
-    lanes: int,
-    curve: CurveStruct,
-    value: wp.array2d(dtype=wp.vec2),
-    clock: Clock,
-    targets: Targets,
-):
+@stage(TARGET, writes="targets: heading, position")
+def take_places(w: int, t: int, curve: CurveStruct, value: wp.array2d(dtype=wp.vec2), clock: Clock, targets: Targets):
     """Move the targets of an extension to their new positions."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    for t in range(lane, value.shape[1], lanes):
-        stage = targets.stage[w, t]
-        if targets.motion[w, t] == CUSTOM and stage != HIDDEN and stage != GONE:
-            x = wp.clamp(value[w, t][0], -curve.half_width, curve.half_width)
-            y = wp.clamp(value[w, t][1], -curve.half_height, curve.half_height)
-            moved = wp.vec2(x, y) - targets.position[w, t]
-            if wp.length_sq(moved) > 0.0:
-                targets.heading[w, t] = wp.atan2(moved[1], moved[0])
-            targets.position[w, t] = wp.vec2(x, y)
+    stage = targets.stage[w, t]
+    if targets.motion[w, t] == CUSTOM and stage != HIDDEN and stage != GONE:
+        x = wp.clamp(value[w, t][0], -curve.half_width, curve.half_width)
+        y = wp.clamp(value[w, t][1], -curve.half_height, curve.half_height)
+        moved = wp.vec2(x, y) - targets.position[w, t]
+        if wp.length_sq(moved) > 0.0:
+            targets.heading[w, t] = wp.atan2(moved[1], moved[0])
+        targets.position[w, t] = wp.vec2(x, y)

@@ -11,7 +11,8 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.part_structs import NoiseStruct, SensingStruct
-from lissajous_env.device.program import BLOCKS, Program, Split, Stage
+from lissajous_env.device.program import Program, Split, Stage
+from lissajous_env.device.stage import BLOCKS
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.constants import constants_of

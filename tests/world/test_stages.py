@@ -9,7 +9,8 @@ import warp as wp
 
 import lissajous_env
 from lissajous_env.device import program
-from lissajous_env.device.program import BLOCKS, LANES, PARTS, ROBOT, WORLD, Program, Split, Stage
+from lissajous_env.device.program import Program, Split, Stage
+from lissajous_env.device.stage import BLOCKS, LANES, PARTS, ROBOT, WORLD
 from lissajous_env.world import simulation, stages
 from lissajous_env.world.state import Clock
 

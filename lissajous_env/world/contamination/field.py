@@ -21,6 +21,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.discs import along, mark_disc, mark_way, points_per_metre
 from lissajous_env.device.part_structs import TargetStruct
+from lissajous_env.device.stage import FIELD_ROW, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings import parts
 from lissajous_env.world.contamination.labels import MARGIN, Hops, context_of, forget_seen, label_cells, slot_of
@@ -46,9 +47,10 @@ def is_over(w: int, target: TargetStruct, clock: Clock, contamination: Contamina
     return target.arrival_rate == 0.0 and contamination.cleared_at[w] < clock.step[w] - 1
 
 
-@wp.kernel
+@stage(FIELD_ROW, writes="contamination: swept", idle=True)
 def clear_cells(
-    first: int,
+    w: int,
+    lane: int,
     lanes: int,
     curve: CurveStruct,
     target: TargetStruct,
@@ -59,8 +61,6 @@ def clear_cells(
     contamination: Contamination,
 ):
     """Find the cells that are sensed in a tick, and clear those that were sensed in the tick before."""
-    tid, lane = wp.tid()
-    w = first + tid
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
     slot = slot_of(clock.step[w], tick, hops)
@@ -93,20 +93,11 @@ def clear_cells(
                     start = end
 
 
-@wp.kernel
+@stage(FIELD_ROW, writes="contamination: labels, oldest, row_ages, row_oldest, sensed, settled, swept, there")
 def reset_labels(
-    first: int,
-    lanes: int,
-    target: TargetStruct,
-    hops: Hops,
-    clock: Clock,
-    contamination: Contamination,
+    w: int, lane: int, lanes: int, target: TargetStruct, hops: Hops, clock: Clock, contamination: Contamination
 ):
     """Contaminate the cells in which targets are introduced, where targets are present from the start."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
     rows = contamination.sensed.shape[2]
     for row in range(lane, rows, lanes):
         for word in range(contamination.sensed.shape[1]):
@@ -132,9 +123,10 @@ def reset_labels(
         contamination.oldest[w] = wp.where(target.count > 0, 0, NEVER)
 
 
-@wp.kernel
+@stage(FIELD_ROW, writes="contamination: row_ages, row_oldest, settled, there", idle=True)
 def spread(
-    first: int,
+    w: int,
+    lane: int,
     lanes: int,
     target: TargetStruct,
     hops: Hops,
@@ -143,8 +135,6 @@ def spread(
     contamination: Contamination,
 ):
     """Spread contamination: targets stay, hop and are introduced where no robot senses."""
-    tid, lane = wp.tid()
-    w = first + tid
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
     now = context_of(clock.step[w], tick, contamination.oldest[w], target.arrival_rate > 0.0, hops)

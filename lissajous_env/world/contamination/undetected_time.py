@@ -4,6 +4,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import TargetStruct, TaskStruct
+from lissajous_env.device.stage import WORLD, stage
 from lissajous_env.world.contamination.labels import Hops
 from lissajous_env.world.state import NEVER, Clock, Contamination, Robots
 from lissajous_env.world.tally import FAULT_MARGIN, EpisodeTotals, any_failed
@@ -11,12 +12,12 @@ from lissajous_env.world.tally import FAULT_MARGIN, EpisodeTotals, any_failed
 wp.set_module_options(OPTIONS)
 
 
-@wp.kernel
-def reset_guarantee(first: int, clock: Clock, contamination: Contamination):
+@stage(
+    WORLD,
+    writes=("contamination: age, age_before, age_max, age_reduction, cleared_at, high_at, mean_age, mean_age_sum"),
+)
+def reset_guarantee(w: int, clock: Clock, contamination: Contamination):
     """Reset the undetected times of a new episode."""
-    w = first + wp.tid()
-    if clock.active[w] == 0:
-        return
     contamination.cleared_at[w] = NEVER
     contamination.age[w] = 0
     contamination.age_max[w] = 0
@@ -27,9 +28,14 @@ def reset_guarantee(first: int, clock: Clock, contamination: Contamination):
     contamination.high_at[w] = -1
 
 
-@wp.kernel
+@stage(
+    WORLD,
+    writes=(
+        "contamination: age, age_before, age_max, age_reduction, cleared_at, high_at, mean_age, mean_age_sum, oldest"
+    ),
+)
 def keep_guarantee(
-    first: int,
+    w: int,
     target: TargetStruct,
     task: TaskStruct,
     hops: Hops,
@@ -39,9 +45,6 @@ def keep_guarantee(
     contamination: Contamination,
 ):
     """Compute how long a target can have been undetected: t - min e, its largest value and its mean over the cells."""
-    w = first + wp.tid()
-    if clock.active[w] == 0:
-        return
     now = clock.step[w]
     oldest = int(NEVER)
     ages = wp.int64(0)

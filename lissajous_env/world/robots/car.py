@@ -25,7 +25,7 @@ from lissajous_env.device.car_input import steering_angle, throttle
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.part_structs import FaultsStruct, RobotStruct, TaskStruct
-from lissajous_env.device.program import BLOCKS
+from lissajous_env.device.stage import BLOCKS
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model

@@ -5,7 +5,7 @@ import warp as wp
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, curve_parameter, point, wrap_phase
 from lissajous_env.device.part_structs import FormationStruct, RobotStruct, TaskStruct
-from lissajous_env.device.program import PARTS
+from lissajous_env.device.stage import PARTS
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
 from lissajous_env.theory.geometry import top_speed
 from lissajous_env.world.robots.placing import place_on_curve
