@@ -93,7 +93,11 @@ def count_visits(w: int, lane: int, lanes: int, now: int, cells: Cells) -> Count
     ...
 
 
-@stage(ROW, writes="latest: idle_ended; tally: covered, covered_each")
+@stage(
+    ROW,
+    writes="cells: coming, idle_max, idle_squares, in_discs, sensed, sensed_at, sensed_by; latest: idle_ended; "
+    "tally: covered, covered_each",
+)
 def cover(
     w: int,
     lane: int,

@@ -47,7 +47,7 @@ def is_over(w: int, target: TargetStruct, clock: Clock, contamination: Contamina
     return target.arrival_rate == 0.0 and contamination.cleared_at[w] < clock.step[w] - 1
 
 
-@stage(FIELD_ROW, writes="contamination: swept", idle=True)
+@stage(FIELD_ROW, writes="contamination: sensed, swept, there", idle=True)
 def clear_cells(
     w: int,
     lane: int,
@@ -123,7 +123,7 @@ def reset_labels(
         contamination.oldest[w] = wp.where(target.count > 0, 0, NEVER)
 
 
-@stage(FIELD_ROW, writes="contamination: row_ages, row_oldest, settled, there", idle=True)
+@stage(FIELD_ROW, writes="contamination: labels, row_ages, row_oldest, settled, there", idle=True)
 def spread(
     w: int,
     lane: int,
