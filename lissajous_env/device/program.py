@@ -38,14 +38,14 @@ from lissajous_env.device.warp_abi import Call, content_of, is_struct, names_of_
 from lissajous_env.device.work import TASKS_PER_THREAD, Work
 from lissajous_env.wording import few_of
 
-_PLACED = {
-    WORLDS: ("first",),
-    LANES: ("first", "lanes"),
-    PARTS: ("first", "lanes", "begin", "end"),
-    BLOCKS: ("begin", "end"),
+_LAYOUTS = {
+    ("first",): WORLDS,
+    ("first", "lanes"): LANES,
+    ("first", "lanes", "begin", "end"): PARTS,
+    ("begin", "end"): BLOCKS,
 }
-"""Parameters that select the worlds and entities of a launch, by layout."""
-_PLACES = frozenset(name for names in _PLACED.values() for name in names) | {"entities"}
+"""Layouts by the parameters that select the worlds and entities of a launch."""
+_PLACES = frozenset(name for names in _LAYOUTS for name in names)
 
 _MOST_LAUNCHES = 64
 """Largest number of recorded launches of a launcher."""
@@ -64,8 +64,6 @@ class Stage:
     """A Warp kernel, or a function without arguments that is called on the host."""
     over: str = WORLD
     """Entities of a kernel that `@stage` has not made: WORLD, ROBOT, TARGET, ROW, FIELD_ROW or BIN."""
-    layout: str = LANES
-    """Layout of such a kernel: LANES, PARTS or BLOCKS; WORLDS where it goes over worlds."""
     barrier: bool = True
     """False for a PARTS or BLOCKS stage that does not wait for the stages before it, as the module describes."""
     when: bool = True
@@ -74,16 +72,18 @@ class Stage:
     """Arguments of its kernel besides the values of the program, by name."""
 
     def __post_init__(self) -> None:
-        kernel = self.run
-        if hasattr(kernel, "writes"):
-            object.__setattr__(self, "over", kernel.over)
-            object.__setattr__(self, "layout", kernel.layout)
-        elif self.over == WORLD:
-            object.__setattr__(self, "layout", WORLDS)
-        got = tuple(name for name in self.labels if name in _PLACES and name != "entities")
-        if self.is_kernel and got != _PLACED[self.layout]:
-            rule = f"of layout {self.layout} must have {', '.join(_PLACED[self.layout])}"
-            raise ValueError(f"kernel of stage {self.name} {rule}, got {', '.join(got) or 'none of them'}")
+        object.__setattr__(self, "over", getattr(self.run, "over", self.over))
+        if self.is_kernel and (self.layout is None or (self.layout == WORLDS) != (self.over == WORLD)):
+            of = (
+                "of worlds must have first" if self.over == WORLD else "must have first, lanes, perhaps with begin, end"
+            )
+            got = ", ".join(name for name in self.labels if name in _PLACES) or "none of them"
+            raise ValueError(f"kernel of stage {self.name} {of}, got {got}")
+
+    @property
+    def layout(self) -> str | None:
+        """Return the layout of its kernel; None without one."""
+        return _LAYOUTS.get(tuple(name for name in self.labels if name in _PLACES))
 
     @property
     def is_kernel(self) -> bool:
@@ -93,7 +93,7 @@ class Stage:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the kernel's parameters that are matched in the state and the constants."""
-        return tuple(name for name in self.labels if name not in _PLACES)
+        return tuple(name for name in self.labels if name not in _PLACES | {"entities"})
 
     @property
     def writes(self) -> tuple[str, ...]:

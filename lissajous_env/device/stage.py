@@ -64,16 +64,16 @@ def stage(over: str, writes: str, split: bool = False, idle: bool = False, modul
         module: Warp module of the kernel; by default that of the function.
 
     Returns:
-        A decorator that returns a kernel with the attributes `over`, `layout` and `writes`.
+        A decorator that returns a kernel with the attributes `over` and `writes`.
     """
 
     def make(function: Any) -> Any:
         tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
         assert isinstance(tree, ast.FunctionDef)
-        layout = _arrange(tree, over, split, idle)
+        _arrange(tree, over, split, idle)
         tree.decorator_list.clear()
         kernel = wp.kernel(_compiled(ast.unparse(tree), function), module=module)
-        kernel.over, kernel.layout, kernel.writes = over, layout, _named(writes)
+        kernel.over, kernel.writes = over, _named(writes)
         return kernel
 
     return make
@@ -88,8 +88,8 @@ def _named(writes: str) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _arrange(tree: ast.FunctionDef, over: str, split: bool, idle: bool) -> str:
-    """Turn the definition of a stage's function into that of its kernel, and return the layout."""
+def _arrange(tree: ast.FunctionDef, over: str, split: bool, idle: bool) -> None:
+    """Turn the definition of a stage's function into that of its kernel."""
     arguments, body = tree.args.args, tree.body
     names = [argument.arg for argument in arguments]
     if names[0] == "block":
@@ -109,7 +109,6 @@ def _arrange(tree: ast.FunctionDef, over: str, split: bool, idle: bool) -> str:
     tree.args.args = [*_parameters(places), *arguments[given:]]
     before += "" if idle or layout == BLOCKS else _ACTIVE
     tree.body = [body[0], *ast.parse(before).body, *body[1:]]
-    return layout
 
 
 def _parameters(text: str) -> list[ast.arg]:

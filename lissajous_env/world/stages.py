@@ -54,7 +54,7 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
         Stage("events", clear_events, own={"resets": False}),
         Stage("faults", update_status, when=scenario.faults != Faults()),
         Stage("commands", take_commands),
-        Stage("motion", model.move, ROBOT, model.layout, barrier=False),
+        Stage("motion", model.move, ROBOT, barrier=False),
         Stage("phase", follow_curve, barrier=False, when=not model.keeps_to_curve),
         Stage("measurement", measure, barrier=False),
         Stage("sending", send),

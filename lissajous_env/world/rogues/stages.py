@@ -54,7 +54,7 @@ def _decision(rogue: Rogue, scenario: Scenario, rogues: Any) -> Stage:
     if rogue.bind is not None:
         return Stage(name, rogue.bind(scenario, rogues))
     if isinstance(rogue.decide, wp.Kernel):
-        return Stage(name, rogue.decide, TARGET, rogue.layout)
+        return Stage(name, rogue.decide, TARGET)
 
     def decide() -> None:
         action = np.asarray(rogue.decide(rogues.observation.numpy().copy()))
