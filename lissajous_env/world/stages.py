@@ -14,8 +14,7 @@ from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Faults, Scenario
 from lissajous_env.world.clock import advance_clock, end_episodes, reset_clock
 from lissajous_env.world.contamination.conservative import bound_labels, reset_bounds
-from lissajous_env.world.contamination.field import clear_cells, reset_labels, spread
-from lissajous_env.world.contamination.undetected_time import keep_guarantee, reset_guarantee
+from lissajous_env.world.contamination.field import clear_cells, keep_guarantee, reset_guarantee, reset_labels, spread
 from lissajous_env.world.coverage import cover, reset_cells
 from lissajous_env.world.observation import message_start
 from lissajous_env.world.observing import keep_final, observe, observe_listed

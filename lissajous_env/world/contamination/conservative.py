@@ -21,7 +21,7 @@ cells.
   becomes older by either, never younger.
 
 A target that is unseen at the end of step n may be sensed any time later in step n + 1: the age that is stored as the
-longest is that at the end of that step (`lissajous_env.world.contamination.undetected_time`).
+longest is that at the end of that step (`lissajous_env.world.contamination.field`).
 
 The labels are those of `Contamination.labels`, times 256 as there.
 """
