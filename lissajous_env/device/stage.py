@@ -122,7 +122,7 @@ def _compiled(source: str, function: Any) -> Any:
     # Warp reads the source of a function through `linecache`.
     file = f"<stage {function.__module__}.{function.__qualname__}>"
     linecache.cache[file] = len(source), None, source.splitlines(keepends=True), file
-    names = {"block_of": block_of} | function.__globals__ | inspect.getclosurevars(function).nonlocals
+    names = {"block_of": block_of, "wp": wp} | function.__globals__ | inspect.getclosurevars(function).nonlocals
     exec(compile(source, file, "exec"), names)
     made = names[function.__name__]
     made.__module__, made.__qualname__ = function.__module__, function.__qualname__

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.device import program
+from lissajous_env.device import stage
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.devices import as_device, compile_quietly
@@ -169,10 +169,10 @@ class RowOutside:
         values = constants | {"noise": NoiseStruct(), "robots": robots, "clock": clock, "bins": bins}
         values |= {"outside": outside, "observation_out": row, "start": message_start(scenario)}
         follow = Stage("phase", follow_curve)
-        rest = [Stage("measurement", measure), Stage("observation", fill_row, program.ROBOT)]
+        rest = [Stage("measurement", measure), Stage("observation", fill_row, stage.ROBOT)]
         with compile_quietly():
-            self._follow = Program([follow, *rest], values, {program.ROBOT: 1}, 1, robots.status.device, Split())
-            self._fill = Program(rest, values, {program.ROBOT: 1}, 1, robots.status.device, Split())
+            self._follow = Program([follow, *rest], values, {stage.ROBOT: 1}, 1, robots.status.device, Split())
+            self._fill = Program(rest, values, {stage.ROBOT: 1}, 1, robots.status.device, Split())
         self._kept = robots, outside, row
         self._position = robots.position.numpy()[0, 0]
         self._heading, self._speed = robots.heading.numpy()[0], robots.speed.numpy()[0]
