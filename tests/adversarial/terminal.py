@@ -22,10 +22,9 @@ import lissajous_env
 from baselines.benchmark import tables
 from baselines.benchmark.comparison import statistics
 from baselines.benchmark.shown_columns import SHOWN
-from baselines.planning import tables as plan_tables
+from baselines.planning import report as plan_tables
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import Figures, Plan, Planned
-from baselines.planning.playing import Episodes
 from baselines.planning.request import Request
 from baselines.policies.settings import PolicySettings
 from lissajous_env.console.cli import main
@@ -261,7 +260,7 @@ def _try_plan_width(draw: np.random.Generator) -> str | None:
         numbers = [float(10.0 ** draw.integers(-6, 9) * draw.random()) for _ in range(6)]
         figures = Figures(*numbers[:4], 0, int(draw.integers(3)), *numbers[4:], "phases of ring neighbours")
         plans.append(Planned(Plan("hand", made, PolicySettings("kuramoto-mpcc"), f"{k} lanes"), figures, 0.1, [], []))
-    outcome = Outcome(Request(made), Episodes(failures=1), tasks={5: made})
+    outcome = Outcome(Request(made, failures=1), tasks={5: made})
 
     def shown(columns: int) -> str:
         console = Console(width=columns, file=io.StringIO(), record=True)
