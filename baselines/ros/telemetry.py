@@ -1,6 +1,5 @@
 """Diagnostics and markers of a robot's node."""
 
-import math
 from typing import Any
 
 import numpy as np
@@ -89,8 +88,3 @@ class RobotMarkers:
         r, g, b, a = map(float, colour)
         marker.color = ros.ColorRGBA(r=r, g=g, b=b, a=a)
         return marker
-
-
-def percentile(times: list[float], share: float) -> float:
-    """Return a percentile of some times; NaN for none."""
-    return float(np.percentile(times, share)) if times else math.nan

@@ -11,7 +11,6 @@ from baselines.onboard import Limits, Twist, inputs_of
 from baselines.ros import conversions
 from baselines.ros import library as ros
 from baselines.ros.conversions import cloud_message, odometry_message, pose_message, seconds, stamp_of
-from baselines.ros.running import signals_deferred
 from baselines.ros.settings import WorldSettings
 from baselines.ros.vehicle import Vehicle
 from lissajous_env.console.terminal import CommandError
@@ -90,12 +89,17 @@ class WorldNode(ros.Node):
             return self.get_clock().now().nanoseconds / 1e9
         return START + (monotonic() - self._begun) * self.settings.pace
 
-    def play(self, on_step: Callable[[], None] = lambda: None) -> Recording:
+    def play(self, on_step: Callable[[], None] = lambda: None, check: Callable[[], None] = lambda: None) -> Recording:
         """Wait for the robots, start them, play the episode, and stop them.
+
+        Args:
+            on_step: Called after each step.
+            check: Called after each message; it may end the episode by an error.
 
         Raises:
             CommandError: robots are missing, or do not answer.
         """
+        self._check = check
         self._await_robots()
         self._call("start")
         self._recorder.take()
@@ -161,8 +165,8 @@ class WorldNode(ros.Node):
             if monotonic() - self._clock_sent_at >= _CLOCK_PERIOD:
                 self._clock_sent_at = monotonic()
                 self._send_clock(ros.Clock(clock=stamp_of(self.now)))
-        with signals_deferred():
-            self.loop.spin_once(timeout_sec=max(timeout, 0.0))
+        self.loop.spin_once(timeout_sec=max(timeout, 0.0))
+        self._check()
 
     def _spin_until(self, holds: Callable[[], bool], limit: float, every: Callable[[], None] | None = None) -> bool:
         """Receive messages and call a function regularly until a condition is true; return False after a time limit."""
