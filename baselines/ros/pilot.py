@@ -72,7 +72,7 @@ class RealTimePilot(Pilot):
     def __init__(self, onboard: Onboard, wait: float):
         super().__init__(onboard)
         self._wait, self._works = wait, True
-        self._seen: dict[str, tuple[float, np.ndarray]] = {}
+        self._seen: dict[str, tuple[float, Any]] = {}
         self._announced_at = -math.inf
         self._forget()
 
@@ -130,7 +130,7 @@ class RealTimePilot(Pilot):
         if not self._is_due(now):
             return None
         limit = self.onboard.limits.pose_age
-        seen = {part: rows for part, (stamp, rows) in self._seen.items() if abs(now - stamp) <= limit}
+        seen: dict[str, Any] = {part: rows for part, (stamp, rows) in self._seen.items() if abs(now - stamp) <= limit}
         heard = [message for message in self.heard.values() if message is not None]
         output = self.onboard.act(now, self.pose, heard, works=self._works, **seen)
         taken_at, self._taken_at = self._taken_at, None

@@ -18,7 +18,7 @@ from baselines.ros.frames import Origin, SpeedOfPoses, relative
 from baselines.ros.outputs import CommandPublisher
 from baselines.ros.pilot import LockstepPilot, Pilot, RealTimePilot
 from baselines.ros.settings import RobotSettings
-from baselines.ros.telemetry import RobotMarkers, diagnostics
+from baselines.ros.telemetry import diagnostics, markers
 
 NAME = "policy"
 _WAITS = "waits for the service start"
@@ -59,7 +59,6 @@ class RobotNode(ros.Node):
         self._wrong_frame = ""
         self._output: Output | None = None
         self._times: deque[float] = deque(maxlen=1000)
-        self._markers_of = RobotMarkers(self.onboard, settings.frame, self._origin)
         self._warm_up()
         self._connect()
         if settings.autostart:
@@ -247,4 +246,4 @@ class RobotNode(ros.Node):
         self._send_diagnostics(diagnostics(self.get_namespace()[1:], self.onboard, self.reason, values, now))
         if self._output is not None:
             places = [(message.x, message.y) for message in heard.values() if message is not None]
-            self._send_markers(self._markers_of.of(self._output, places, now))
+            self._send_markers(markers(self.onboard, self._output, places, self.settings.frame, self._origin, now))

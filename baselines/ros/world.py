@@ -12,9 +12,11 @@ from baselines.ros import conversions
 from baselines.ros import library as ros
 from baselines.ros.conversions import cloud_message, odometry_message, pose_message, seconds, stamp_of
 from baselines.ros.settings import WorldSettings
+from baselines.ros.telemetry import marker
 from baselines.ros.vehicle import Vehicle
 from lissajous_env.console.terminal import CommandError
 from lissajous_env.episodes.recording import Recorder, Recording
+from lissajous_env.logs.markers import target_shape
 from lissajous_env.logs.reading import EPISODE
 from lissajous_env.logs.writing import episode_text
 from lissajous_env.parameters.scenario import Scenario
@@ -281,17 +283,6 @@ class WorldNode(ros.Node):
                 before, after = (heard.get(int(j), math.nan) for j in self.scenario.neighbours[k])
                 known = conversions.Simulated(inputs.phase, inputs.works, (before, after))
                 robot["simulated"](conversions.simulated_message(known, time))
-        self._send_markers(self._targets(time))
-
-    def _targets(self, time: float) -> Any:
-        there = self.simulation.targets.in_sight.numpy()[0] == 1
-        places = self.simulation.targets.position.numpy()[0][there].tolist()
-        marker = ros.Marker(ns="targets", id=0, type=ros.Marker.SPHERE_LIST, action=ros.Marker.ADD)
-        marker.header.stamp, marker.header.frame_id = stamp_of(time), self.settings.frame
-        marker.pose.orientation.w = 1.0
-        marker.scale.x = marker.scale.y = marker.scale.z = 0.5 * self.scenario.robot.radius
-        marker.color = ros.ColorRGBA(r=0.9, g=0.5, b=0.1, a=1.0)
-        marker.points = [ros.Point(x=x, y=y, z=0.0) for x, y in places]
-        if not places:
-            marker.action = ros.Marker.DELETE
-        return ros.MarkerArray(markers=[marker])
+        present = self.simulation.targets.in_sight.numpy()[0] == 1
+        targets = target_shape(self.scenario, self.simulation.targets.position.numpy()[0][present])
+        self._send_markers(ros.MarkerArray(markers=[marker(targets, frame, time)]))
