@@ -18,7 +18,7 @@ SCENARIOS = (
 POLICIES = (
     "kuramoto-mpcc", "kuramoto-mpcc-safe", "open-loop-mpcc", "consensus-mpcc", "partition", "partition-repair",
     "line-abreast", "sweep", "laps",
-    "learned-intruders-proved", "learned-careful", "learned-guard", "random", "kuramoto", "consensus", "open-loop",
+    "learned-intruders-proved", "portfolio", "portfolio-guarantee", "random", "kuramoto", "consensus", "open-loop",
 )  # fmt: skip
 """Each is played where it drives the robots, also where it was not made for; the clairvoyant goes with them."""
 

@@ -2,7 +2,6 @@
 
 import contextlib
 import copy
-import dataclasses
 import functools
 import io
 import itertools
@@ -32,7 +31,7 @@ _STEMS = (
 _ENDS = (".tmpl", ".safetensors", ".tmp", ".tmp.json", ".json", ".png", ".jsonl", "", ".123.tmp.csv")
 _RESULTS = (
     "settings.json", "episodes.jsonl", "episodes.csv", "summary.json", "collisions.png", "README.md", "table.csv",
-    "checkpoint.json", "curve.png", "best", "tensorboard", LIST, ".lock", "theorem2.png", "knot.png",
+    "checkpoint.json", "best", "tensorboard", LIST, ".lock", "theorem2.png", "knot.png",
 )  # fmt: skip
 _HOSTILE = (
     None, True, -1, 3, 0.5, 10**400, 1e300, 1e-300, "", "x", "../x", "/etc/passwd", "a\0b", "\ud800", "sweep", ".", [],
@@ -147,30 +146,17 @@ def _trained() -> dict[str, bytes]:
         return {path.name: path.read_bytes() for path in Path(folder).iterdir() if path.is_file()}
 
 
-@functools.cache
-def _chooser() -> bytes:
-    """File of an included choice with a small network, so that most changes are elsewhere."""
-    from training.choosing.chooser import Chooser
-    from training.learned.network import Network
-
-    given = Chooser.read("learned-patrol")
-    shape = len(given.candidates), len(given.features)
-    small = dataclasses.replace(given, network=Network((np.zeros(shape),), (np.zeros(shape[0]),), "tanh"))
-    return json.dumps(small.to_dict()).encode()
-
-
 @_in_a_folder
 def _changed_checkpoint(draw: np.random.Generator, folder: Path) -> str | None:
+
     import training
     from lissajous_env import Simulation
-    from training.choosing import chooser
     from training.learned import checkpoint
-    from training.pictures import draw_curve
 
-    files = _trained() if draw.random() < 0.7 else {chooser.FILE: _chooser()}
+    files = _trained()
     for name, data in files.items():
         (folder / name).write_bytes(data)
-    path = folder / next(name for name in (checkpoint.FILE, chooser.FILE) if name in files)
+    path = folder / checkpoint.FILE
     if draw.random() < 0.8:
         text = json.loads(path.read_text())
         for _ in range(draw.integers(1, 3)):
@@ -179,8 +165,6 @@ def _changed_checkpoint(draw: np.random.Generator, folder: Path) -> str | None:
     else:
         _damage(draw, folder / str(draw.choice(sorted(files))))
     try:
-        if path.name == checkpoint.FILE and draw.random() < 0.2 and checkpoint.read(folder)[2].get("curve"):
-            draw_curve(folder, folder / "drawn.png")
         policy = training.load(folder)
         action = policy.act(Simulation(policy.scenario).observation.numpy())
     except ValueError as error:

@@ -4,9 +4,9 @@ import numpy as np
 
 import baselines
 import lissajous_env
-from lissajous_env.episodes.witness import Witness, witnesses_of
+from lissajous_env.episodes.missed import MissedRogue, missed_rogues
 from tests.adversarial import Attack
-from tests.reference_witness import fault_of
+from tests.reference_missed_rogue import fault_of
 
 SETTINGS: tuple[tuple[str, dict], ...] = (
     ("evaders", {}),
@@ -26,7 +26,7 @@ _PLAYED = 8.0, 25.0
 _ENTRIES = "inside", "boundary", "unseen"
 
 
-def witnesses(draw: np.random.Generator, together: int = _TOGETHER) -> list[Witness]:
+def missed_by_random_policy(draw: np.random.Generator, together: int = _TOGETHER) -> list[MissedRogue]:
     """Return rogues of a random scenario, speed limit and classical policy."""
     name, overrides = SETTINGS[draw.integers(len(SETTINGS))]
     base = lissajous_env.scenario(name, **overrides)
@@ -38,29 +38,27 @@ def witnesses(draw: np.random.Generator, together: int = _TOGETHER) -> list[Witn
     known = [each for each in POLICIES if each in baselines.names(scenario)]
     policy = baselines.make(str(draw.choice(known)), scenario, together)
     seeds = [int(seed) for seed in draw.integers(2**31 - 2, size=together)]
-    found = witnesses_of(policy, scenario, seeds)
-    return [each for each in found if each is not None]
+    return [rogue for rogue in missed_rogues(policy, scenario, seeds) if rogue is not None]
 
 
-def broken(witness: Witness) -> str | None:
-    """Return what a rogue shows to be wrong: its way, its time, or the proved bound."""
-    step, way = witness.played.scenario.task.step, witness.way
-    words = fault_of(witness)
+def broken(rogue: MissedRogue) -> str | None:
+    """Return what a rogue shows to be wrong: its path, its time, or the proved bound."""
+    words = fault_of(rogue)
     if words is not None:
         return words
-    if witness.undetected < (way.unseen_until - way.appears_at) * step - 1e-6:
-        return f"it is detected after {witness.undetected} s, before the end of its way"
-    if witness.undetected > witness.proved + 1e-6:
-        return f"it is undetected for {witness.undetected} s, longer than the proved {witness.proved} s"
+    if rogue.undetected < rogue.path.steps * rogue.played.scenario.task.step - 1e-6:
+        return f"it is detected after {rogue.undetected} s, before the end of its path"
+    if rogue.undetected > rogue.proved + 1e-6:
+        return f"it is undetected for {rogue.undetected} s, longer than the proved {rogue.proved} s"
     return None
 
 
 def rogues(draw: np.random.Generator) -> str | None:
     """Let rogues be undetected for as long as they can in a batch of episodes."""
-    for each in witnesses(draw):
-        words = broken(each)
+    for rogue in missed_by_random_policy(draw):
+        words = broken(rogue)
         if words is not None:
-            return f"{each.policy} on {each.played.scenario.name}, seed {each.played.seed}: {words}"
+            return f"{rogue.policy} on {rogue.played.scenario.name}, seed {rogue.played.seed}: {words}"
     return None
 
 

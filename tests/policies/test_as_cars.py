@@ -209,7 +209,7 @@ def test_a_robot_that_says_no_turning_radius_is_refused_by_name(register):
 
 
 def test_policies_for_cars_alone_are_refused_by_name(evaders):
-    for name in ("partition-proved", "learned-patrol"):
+    for name in ("partition-proved", "portfolio"):
         with pytest.raises(ValueError, match=f"must drive robots of kind .*got {name}, which drives kind car"):
             baselines.make(name, evaders)
 
