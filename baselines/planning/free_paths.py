@@ -23,12 +23,13 @@ import numpy as np
 
 from baselines.planning.plans import SETTLED, Plan, in_turn
 from baselines.planning.rehearse import EPISODES, coarse_grid
-from baselines.policies.partition import FilteredPaths, start_is_known
+from baselines.policies.partition import FilteredPaths
 from baselines.policies.partition_plan import PartitionParameters, required_distance, turning_radius_of
 from baselines.policies.path_tables import FINE, path_tables
 from baselines.policies.periodic_paths import arrival_steps, coefficients_of, derivative_of, places_of
 from baselines.policies.settings import PolicySettings
 from baselines.policies.timed_paths import TimedPaths
+from baselines.policies.transit import start_is_known
 from lissajous_env.extras import missing
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.device.turns import with_own_locks
+from lissajous_env.device.locks import with_own_locks
 from lissajous_env.parameters.extensions import Extension, TargetMotion, as_extensions
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.rogues import BringsRogues, rogue_of

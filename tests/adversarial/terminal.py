@@ -7,7 +7,6 @@ import io
 import math
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -20,8 +19,8 @@ from rich.console import Console
 
 import lissajous_env
 from baselines.benchmark import tables
-from baselines.benchmark.comparison import statistics
 from baselines.benchmark.shown_columns import SHOWN
+from baselines.benchmark.table import estimates_of, grouped
 from baselines.planning import report as plan_tables
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import Figures, Plan, Planned
@@ -240,8 +239,8 @@ def _try_width(draw: np.random.Generator) -> str | None:
 
     def shown(columns: int) -> str:
         console = Console(width=columns, file=io.StringIO(), record=True)
-        cells = statistics(rows)["failure"]
-        tables.print_policies(console, tables.Text("t"), cells, SHOWN)
+        cells = {policy: estimates_of(played) for policy, played in grouped(rows)["failure"].items()}
+        tables.print_lines(console, tables.Text("t"), SHOWN, tables.lines_of(cells, SHOWN))
         tables.print_scores(console, "still", "failure", next(iter(cells.values())))
         return console.export_text()
 
@@ -310,41 +309,6 @@ def _leaves(value: Any) -> Iterator[Any]:
         yield value
 
 
-@functools.cache
-def _kernels() -> Path:
-    """A cache with the kernels of a short episode."""
-    folder = Path(tempfile.mkdtemp(prefix="lissajous-attack-"))
-    _play(folder / "good")
-    return folder
-
-
-def _play(cache: Path) -> subprocess.CompletedProcess[str]:
-    line = [sys.executable, "-m", "lissajous_env", "run", "failure", "still", "--set", "task.duration=1", "--json"]
-    environment = os.environ | {"WARP_CACHE_PATH": str(cache), "SDL_VIDEODRIVER": "dummy"}
-    return subprocess.run(line, capture_output=True, text=True, errors="replace", env=environment, timeout=120)
-
-
-def _try_kernels(draw: np.random.Generator) -> str | None:
-    good = _kernels() / "good"
-    with tempfile.TemporaryDirectory() as name:
-        cache = Path(name, "cache")
-        shutil.copytree(good, cache)
-        for _ in range(int(draw.integers(1, 4))):
-            path = pick(draw, sorted(p for p in cache.rglob("*") if p.suffix in (".o", ".meta", ".json")))
-            data = bytearray(path.read_bytes())
-            if draw.random() < 0.5:
-                data = data[: int(draw.integers(len(data)))]
-            else:
-                for place in draw.integers(len(data), size=20):
-                    data[place] ^= 1 << int(draw.integers(8))
-            path.write_bytes(data)
-        ended = _play(cache)
-    # Oracle: the row that the undamaged kernels gave.
-    if ended.returncode == 0 and ended.stdout == _play(good).stdout:
-        return None
-    return f"{path.name}: ended with {ended.returncode}: {ended.stderr[-300:]!r}"
-
-
 ATTACKS = [
     Attack(
         "command lines",
@@ -366,5 +330,4 @@ ATTACKS = [
         2000,
         _try_literal,
     ),
-    Attack("compiled kernels", "Damaged ones are compiled again, and the results stay the same.", 5, _try_kernels),
 ]
