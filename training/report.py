@@ -7,13 +7,11 @@ from itertools import pairwise
 from typing import Any
 
 import baselines
-from lissajous_env.console.help import groups_of
 from lissajous_env.episodes.recording import record
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.replay.contents import BRIEF, contents
 from lissajous_env.report import report
 from lissajous_env.storage.folder import Folder
-from training.commands import train
 from training.learned.history import LEARNING, RELATIVE, SCORES, History
 from training.settings import TrainingSettings
 
@@ -85,7 +83,7 @@ class TrainingReport:
                 for name, of in history.rivals.items()
             ],
             "best": history.best["counters"]["steps"] if history.best else None,
-            "settings": _grouped(settings),
+            "settings": _by_change(settings),
             "replays": {name: entry for name, (entry, _) in self._replays.items()},
         }
         done = f"{history.steps:,} of {settings.steps:,} robot steps, {history.seconds / 60:.1f} min"
@@ -129,29 +127,24 @@ def _by_scenario(history: History) -> list[dict[str, Any]]:
     ]
 
 
-def _grouped(settings: TrainingSettings) -> list[dict[str, Any]]:
-    """Return the settings by group of the command's options, those that differ from their defaults apart.
+def _by_change(settings: TrainingSettings) -> dict[str, list[tuple[str, str]]]:
+    """Return the settings, those that differ from their defaults apart; the scenario counts as one that differs.
 
-    The scenario counts as one that differs. A default that depends on other settings is shown as what it resolves to,
-    if a checkpoint contains that, or else as `default`.
+    A default that depends on other settings is shown as what it resolves to, if a checkpoint contains that, or else as
+    `default`.
     """
     values = settings.to_dict()
-    fields = {field.name: field.default for field in dataclasses.fields(settings)}
-    changed = [name for name, default in fields.items() if getattr(settings, name) != default]
-    changed.append("scenario")
-    groups = []
-    for title, names in groups_of(train).items():
-        given: dict[str, list[tuple[str, str]]] = {"changed": [], "others": []}
-        for name in ("overrides" if name == "set" else name for name in names):
-            if name == "overrides":
-                given["changed"] += [(field, _in_words(value)) for field, value in settings.overrides.items()]
-            elif name in changed and name in values:
-                given["changed"].append((name, _in_words(values[name])))
-            elif name in values:
-                unset = values[name] is None or values[name] == []
-                given["others"].append((name, "default" if unset else _in_words(values[name])))
-        groups.append({"title": title, **given})
-    return [group for group in groups if group["changed"] or group["others"]]
+    rows: dict[str, list[tuple[str, str]]] = {"changed": [], "others": []}
+    for field in dataclasses.fields(settings):
+        name = field.name
+        if name == "overrides":
+            rows["changed"] += [(changed, _in_words(value)) for changed, value in settings.overrides.items()]
+        elif name in values:
+            changed = name == "scenario" or getattr(settings, name) != field.default
+            unset = not changed and (values[name] is None or values[name] == [])
+            row = name, "default" if unset else _in_words(values[name])
+            rows["changed" if changed else "others"].append(row)
+    return rows
 
 
 def _in_words(value: Any) -> str:

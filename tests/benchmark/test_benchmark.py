@@ -346,7 +346,7 @@ def test_columns_that_do_not_fit_are_in_the_file_that_is_named(tmp_path):
         ({"address": ""}, "address"),
         ({"seed": 2**31 - 2}, "seed must be"),
         ({"scenarios": ("failure", "failure")}, "each entry once"),
-        ({"overrides": {"targets.cont": 3}}, "did you mean count"),
+        ({"overrides": {"targets.cont": 3}}, "did you mean targets.count"),
         ({"device": "gpu"}, "device must be one of"),
     ],
 )

@@ -70,7 +70,7 @@ def test_a_module_without_a_scenario(given, words, capsys):
     with pytest.raises(ValueError, match=words):
         lissajous_env.scenario(given)
     for line in (["scenarios", given], ["run", given, "still"], ["evaluate", given, "kuramoto"],
-                 ["benchmark", "--scenarios", given], ["train", "--scenario", given]):  # fmt: skip
+                 ["benchmark", "--scenarios", given]):  # fmt: skip
         with pytest.raises(SystemExit) as ended:
             cli.main(line)
         said = capsys.readouterr().err
@@ -78,11 +78,11 @@ def test_a_module_without_a_scenario(given, words, capsys):
 
 
 FILES = {
-    "curve = 3": "must contain curve as a table, got int",
-    "name = 3": "must contain name as text, got int",
-    "base = ['failure']": "must contain base as text, got list",
+    "curve = 3": "curve must be a table, got int",
+    "name = 3": "name must be text, got int",
+    "base = ['failure']": "base must be text, got list",
     "[cruve]\na = 3": "'cruve'; did you mean curve",
-    "[curve]\nhalf_widht = 3": "curve.half_widht; did you mean half_width",
+    "[curve]\nhalf_widht = 3": "curve.half_widht; did you mean curve.half_width",
     "[curve]\na = 2": "curve.a must be an odd whole number from 1 to 1023, got 2",
     "[curve]\na = 'three'": "curve.a must be an odd whole number",
     "[curve]\na = {b = 3}": "curve.a must be an odd whole number",
@@ -93,7 +93,7 @@ FILES = {
     "[faults]\nschedule = [[99, 5.0, inf]]": "faults.schedule must name robots 0 to 4",
     "base = 'falure'": "scenario must be one of .* got 'falure'; did you mean failure",
     "base = 'theirs:scenario'": "scenario must be one of .* got 'theirs:scenario'",
-    "extensions = 'theirs:term'": "must contain extensions as a list, got str",
+    "extensions = 'theirs:term'": "extensions must be a list, got str",
     "extensions = ['theirs:number']": "extension theirs:number must be made by reward_term",
     "extensions = ['theirs:gone']": "has no attribute 'gone'",
     "extensions = [3]": "extensions must be objects or module:name, got 3",
@@ -108,8 +108,7 @@ FILES = {
     "'curve.a' = 3": "must contain name, description, base, extensions, curve, .* got 'curve.a'",
     "[curve]\na = 3\na = 5": "Cannot overwrite",
     "curve": "must be a TOML file",
-    "x = " + "[" * 5000: "must have fewer nested levels",
-    "a." * 501 + "a = 1": "line 1 must contain at most 500 dots, got 501",
+    "x = " + "[" * 5000: "must be a TOML file",
     "x = " + "9" * 5000: "must be a TOML file",
     "#" * 65537: "must be at most 65,536 bytes",
 }
@@ -129,7 +128,7 @@ def test_what_is_no_file(here, capsys):
     (here / "nowhere.toml").symlink_to("gone.toml")
     names = ["folder", "pipe", "bytes", "nowhere", "gone", "no/such", "a" * 999, "/proc/self/mem/x", "\0"]
     for name in [f"{each}.toml" for each in names]:
-        with pytest.raises(ValueError, match=r"scenario .*\.toml must be a TOML file that can be read: "):
+        with pytest.raises(ValueError, match=r"\.toml must be a TOML file that can be read: "):
             lissajous_env.scenario(name)
     for line in (["scenarios", "folder.toml"], ["evaluate", "gone.toml", "still"], ["policies", "pipe.toml"]):
         with pytest.raises(SystemExit) as ended:
@@ -184,7 +183,7 @@ def test_a_name_that_is_taken():
     assert lissajous_env.register_scenario(lissajous_env.scenario("knot")).name == "knot", "the same as ours"
     for name in ("mine", "knot"):
         other = lissajous_env.Scenario(name=name, description="another one")
-        with pytest.raises(ValueError, match=f"name of a scenario must be new, got {name}, which another one has"):
+        with pytest.raises(ValueError, match=f"name of a scenario must be new, got '{name}', which another one has"):
             lissajous_env.register_scenario(other)
     assert lissajous_env.scenario("mine") == mine
 

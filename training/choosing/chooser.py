@@ -16,7 +16,7 @@ from baselines.policies.base import Policy, UnsuitableScenarioError
 from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario
 from lissajous_env import scenario as make_scenario
-from lissajous_env.parameters.plain_scenario import scenario_of
+from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.storage.files import read_json
 from lissajous_env.wording import few_of, shown

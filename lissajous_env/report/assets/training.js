@@ -22,10 +22,10 @@ function begin(training) {
   showLearning(training);
   fillEvaluations(training);
   fillScenarios(training);
-  of("changed").append(...groups(training.settings, "changed"));
-  of("defaults").append(...groups(training.settings, "others"));
-  const count = training.settings.reduce((sum, group) => sum + group.others.length, 0);
-  of("defaults-title").textContent = `${count} settings that have their defaults`;
+  const { changed, others } = training.settings;
+  of("changed").append(element("dl", "", ...facts(changed)));
+  of("defaults").append(element("dl", "", ...facts(others)));
+  of("defaults-title").textContent = `${others.length} settings that have their defaults`;
   globalThis.training = { training, viewer };
 }
 
@@ -72,13 +72,6 @@ function closeTogether(lines) {
     else groups.push([line]);
   }
   return groups;
-}
-
-// Groups of settings that have any of a kind: `changed` or `others`.
-function groups(settings, kind) {
-  return settings
-    .filter((group) => group[kind].length > 0)
-    .map((group) => element("section", "", element("h3", "", group.title), element("dl", "", ...facts(group[kind]))));
 }
 
 function showLosses(training) {
