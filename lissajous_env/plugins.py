@@ -67,13 +67,13 @@ class EntryPoints:
         self.group, self.things, self.register = group, things, register
         self.broken: list[str] = []
         """Messages for entry points that could not be loaded."""
-        self._is_loaded = False
+        self._asked = False
 
     def load(self) -> None:
         """Load the entry points, once."""
-        if self._is_loaded:
+        if self._asked:
             return
-        self._is_loaded = True  # at once, since loaded code may look up names
+        self._asked = True  # at once, since loaded code may look up names
         for entry in sorted(entry_points(group=self.group), key=lambda entry: entry.name):
             try:
                 brought = entry.load()

@@ -9,13 +9,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import gymnasium
-import pettingzoo
-
 from lissajous_env import here
 from lissajous_env.parameters.assumptions import AssumptionWarning, violations
 from lissajous_env.parameters.overriding import overridden
-from lissajous_env.parameters.registry import is_notebook, register
+from lissajous_env.parameters.registry import is_notebook, register, register_ids
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import (
     OF_SPACE,
@@ -28,6 +25,7 @@ from lissajous_env.parameters.scenario_file import (
 from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.plugins import EntryPoints, import_attribute
 from lissajous_env.settings.checks import whole_number
+from lissajous_env.settings.task import MOST_STEPS
 from lissajous_env.wording import nearest, shown, where_raised
 
 _INCLUDED = included_scenarios()
@@ -50,8 +48,6 @@ _unused: set[str] = set()
 """Violated assumptions of scenarios in folders of policies, which matter only if a policy uses the formation."""
 _POLICY = "policy.toml"
 """Name of the file with the policy in such a folder."""
-_MOST_STEPS = 2**20
-"""Limit on the steps of an episode."""
 _SCENARIOS, _MOST_SCENARIOS = 32, 10_000
 """Default number of scenarios that represent a split, and its limit."""
 
@@ -165,7 +161,7 @@ def with_cycles(made: Scenario, max_cycles: int | None) -> Scenario:
     """
     if max_cycles is None:
         return made
-    steps = whole_number("max_cycles", max_cycles, 1, _MOST_STEPS)
+    steps = whole_number("max_cycles", max_cycles, 1, MOST_STEPS)
     return build(made, **{"task.duration": steps * made.task.step})
 
 
@@ -175,19 +171,6 @@ def warn_of_violations(made: Scenario, allowed: Iterable[str] = ()) -> None:
     if new := [words for words in violations(made) if words not in known]:
         _reported.update(new)
         warnings.warn(f"scenario {made.name}: {'; '.join(new)}", AssumptionWarning, stacklevel=3)
-
-
-def register_ids(name: str, is_space: bool = False) -> None:
-    """Register `lissajous/NAME-v0` with Gymnasium and PettingZoo; environments look up the scenario when made.
-
-    Batches of a space of scenarios are made by Gymnasium itself.
-    """
-    identifier, settings, making = f"lissajous/{name}-v0", {"scenario": name}, "lissajous_env.envs.making"
-    vector = None if is_space else "lissajous_env.envs.gymnasium_vector:LissajousVectorEnv"
-    if identifier not in gymnasium.registry:
-        gymnasium.register(identifier, f"{making}:gymnasium_env", kwargs=settings, vector_entry_point=vector)
-        pettingzoo.register("parallel", identifier, f"{making}:parallel_env", kwargs=settings)
-        pettingzoo.register("aec", identifier, f"{making}:env", kwargs=settings)
 
 
 # Spaces of scenarios.

@@ -1,9 +1,12 @@
-"""Registries: dictionaries from names to scenarios, spaces, robot models and rogues that users and packages add."""
+"""Registries: dictionaries from names to scenarios, spaces, robot models and rogues; and ids of environments."""
 
 import re
 import sys
 from collections.abc import Container
 from typing import Any
+
+import gymnasium
+import pettingzoo
 
 from lissajous_env.wording import shown
 
@@ -40,3 +43,16 @@ def register(
 def is_notebook() -> bool:
     """Return True in a notebook or at a prompt, where a cell that is run again registers its objects anew."""
     return not hasattr(sys.modules["__main__"], "__file__")
+
+
+def register_ids(name: str, is_space: bool = False) -> None:
+    """Register `lissajous/NAME-v0` with Gymnasium and PettingZoo; environments look up the scenario when made.
+
+    Batches of a space of scenarios are made by Gymnasium itself.
+    """
+    identifier, settings, making = f"lissajous/{name}-v0", {"scenario": name}, "lissajous_env.envs.making"
+    vector = None if is_space else "lissajous_env.envs.gymnasium_vector:LissajousVectorEnv"
+    if identifier not in gymnasium.registry:
+        gymnasium.register(identifier, f"{making}:gymnasium_env", kwargs=settings, vector_entry_point=vector)
+        pettingzoo.register("parallel", identifier, f"{making}:parallel_env", kwargs=settings)
+        pettingzoo.register("aec", identifier, f"{making}:env", kwargs=settings)
