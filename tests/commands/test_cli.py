@@ -219,7 +219,7 @@ def test_run_and_replay_make_files_and_need_no_display(tmp_path, capsys):
     ("arguments", "words"),
     [
         (["benchmark", "--epsiodes", "3"], "--epsiodes"),
-        (["run"], "argument 'scenario'"),
+        (["run"], "--help"),
         (["scenarios", "--episodes"], "--episodes"),
         (["evaluate", "failure", "still", "--episodes", "few"], "'few'"),
         (["train", "--learning-rate", "1000"], "learning_rate must be at most 1, got 1000.0"),
