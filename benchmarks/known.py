@@ -1,8 +1,8 @@
 """The best known plans of included scenarios: `python benchmarks/known.py NAME --seconds 120 --seed 0`.
 
 Searches for plans of each scenario, as a benchmark plays it, whose robots begin where the scenario places them. The
-candidates are the stored plans of all scenarios with the same start, partitions, lines, the patrols that the included
-learned policies choose, and then free-form paths from the best of these. The seconds are processor time, so the result
+candidates are the stored plans of all scenarios with the same start, partitions, lines, the patrols that the portfolios
+choose, and then free-form paths from the best of these. The seconds are processor time, so the result
 depends little on other programs. A plan with a shorter worst-case undetected time than the stored one, of whole
 episodes or of their second halves, replaces it in `baselines/planning/known`, together with this command and its
 figures. Plans with a collision, or without a bound, are not stored. `--again` first plays the stored plans of the
@@ -22,7 +22,7 @@ import figures
 from baselines.benchmark.bounds import bounds_of
 from baselines.benchmark.standard import as_played
 from baselines.benchmark.tables import number
-from baselines.planning import best_known
+from baselines.planning import best_known, portfolio
 from baselines.planning.families.base import Settings
 from baselines.planning.families.known import Known
 from baselines.planning.families.shipped import Shipped
@@ -31,7 +31,6 @@ from baselines.planning.plans import SETTLED, Plan
 from baselines.planning.playing import Episodes, play, quietly
 from baselines.planning.search import Search
 from lissajous_env.parameters.scenario import Scenario
-from training.choosing import chooser
 
 
 class Alike(Known):
@@ -53,20 +52,20 @@ class Alike(Known):
 
 
 class Chosen(Known):
-    """The patrols that the included choices play, with the parameters that they have there."""
+    """The patrols that the portfolios play, with the parameters that they have there."""
 
-    name = "learned choices"
+    name = "portfolios"
 
     def starts(self, task: Scenario) -> Sequence[Settings]:
-        """Return the included choices."""
-        return [{"choice": name} for name in chooser.names()]
+        """Return the portfolios."""
+        return [{"portfolio": name} for name in portfolio.NAMES]
 
     def plan(self, task: Scenario, settings: Settings) -> Plan:
-        """Return the patrol that a choice plays."""
-        return Plan(self.name, task, chooser.chosen(settings["choice"], task), settings["choice"])
+        """Return the patrol that a portfolio plays."""
+        return Plan(self.name, task, portfolio.chosen(settings["portfolio"], task), settings["portfolio"])
 
     def refusal(self, task: Scenario) -> str:
-        """Return nothing: a choice refuses a scenario itself."""
+        """Return nothing: a portfolio refuses a scenario itself."""
         return ""
 
 

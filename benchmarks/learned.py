@@ -27,7 +27,7 @@ from training.learned import checkpoint
 from training.learned.policy import find
 
 TUNED = Path(__file__).parent / "tuned.json"
-LEARNED = {"intruders": "learned-intruders", "rough-lost": "learned-careful"}
+LEARNED = {"intruders": "learned-intruders", "rough-lost": "portfolio"}
 OTHERS = {
     "intruders": (
         "learned-intruders-proved",

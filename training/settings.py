@@ -15,7 +15,6 @@ from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device.devices import as_device
 from training import scenarios
-from training.choosing.candidates import Candidate
 from training.learned import checkpoint
 from training.learned.constants import CONSTANTS
 from training.learned.policy import find
@@ -278,7 +277,7 @@ class TrainingSettings:
     @property
     def base_label(self) -> str:
         """Name of the base among the rivals, with its parameters, such as `sweep(cruise=1.9)`; "" without a base."""
-        return "" if self.chosen_base is None else Candidate(self.chosen_base, self.chosen_base_parameters).name
+        return "" if self.chosen_base is None else PolicySettings(self.chosen_base, self.chosen_base_parameters).label
 
     @property
     def imitated(self) -> str | None:

@@ -39,7 +39,7 @@ def _code_of(settings: TrainingSettings, scenario: Scenario) -> dict[str, str]:
     names = dict.fromkeys(name for name in (settings.chosen_base, settings.imitated) if name)
     found = {f"{part} of {name}": each for name in names for part, each in registry.parts(name).items()}
     kind = scenario.robot.kind
-    model = {} if is_shipped(kind) else parts_of(model_of(kind))
+    model = {} if is_shipped(kind) else parts_of(model_of(kind).move)
     found |= {f"{part} of robots of kind {kind}": each for part, each in model.items()}
     return found if settings.space is None else found | {"space of scenarios": _digest_of(settings.space)}
 

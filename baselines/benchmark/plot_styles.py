@@ -22,8 +22,8 @@ MARKS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", "p", ">", "h", "d")
 _STYLES = len(COLOURS) * len(MARKS)
 
 _FIXED = (
-    "kuramoto-mpcc", "open-loop-mpcc", "consensus-mpcc", "sweep", "laps", "learned-intruders", "learned-careful",
-    "random", "partition", "partition-repair", "line-abreast", "learned-guard", clairvoyant.NAME,
+    "kuramoto-mpcc", "open-loop-mpcc", "consensus-mpcc", "sweep", "laps", "learned-intruders", "portfolio",
+    "random", "partition", "partition-repair", "line-abreast", "portfolio-guarantee", clairvoyant.NAME,
 )  # fmt: skip
 """Policies of the standard comparison for cars, without the filter, in the order of their styles."""
 

@@ -12,7 +12,7 @@ from baselines.benchmark.clairvoyant import Clairvoyant
 from baselines.benchmark.local import may_be_shared
 from baselines.benchmark.types import Cell
 from lissajous_env.device.devices import cores
-from lissajous_env.episodes import witness
+from lissajous_env.episodes import missed
 from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.replay.contents import BRIEF, contents
@@ -162,7 +162,7 @@ def _called(function: Callable[..., _T], *given: Any) -> Future[_T]:
 
 def record_together(
     cell: Cell, seeds: Sequence[int], device: Any = "cpu"
-) -> list[tuple[Recording, witness.Played | None]]:
+) -> list[tuple[Recording, missed.Played | None]]:
     """Play some episodes of a cell side by side and record them, with data for the rogue with foresight if required."""
     policy = cell.factory(cell.scenario, len(seeds), device)
     simulation = Simulation(cell.scenario, policy.num_worlds, device=device)
@@ -170,7 +170,7 @@ def record_together(
         policy.watch(simulation)
     runner, recorded = EpisodeRunner(policy, simulation), []
     task = cell.scenario.task
-    watcher = witness.Watcher(simulation) if task.contamination is not None and not task.conservative else None
+    watcher = missed.Watcher(simulation) if task.contamination is not None and not task.conservative else None
     # A policy that was made already plays as many worlds as it was made for.
     for first in range(0, len(seeds), policy.num_worlds):
         batch = [fold_seed(seed) for seed in seeds[first : first + policy.num_worlds]]
@@ -190,12 +190,12 @@ def record_together(
     return recorded
 
 
-def _missed(cell: Cell, episodes: Sequence[witness.Played | None]) -> list[witness.Witness | None]:
+def _missed(cell: Cell, episodes: Sequence[missed.Played | None]) -> list[missed.MissedRogue | None]:
     """Return the rogues that a policy misses for longer than T_max, the detection-time bound of the paper."""
     bound = cell.scenario.detection_time_bound
     long = [k for k, each in enumerate(episodes) if each is not None and each.score[WORST_CASE.name] > bound]
     chosen = [each for k, each in enumerate(episodes) if k in long and each is not None]
-    found = dict(zip(long, witness.witnesses_in(chosen, cell.policy, prove=False) if chosen else [], strict=True))
+    found = dict(zip(long, missed.missed_in(chosen, cell.policy, prove=False) if chosen else [], strict=True))
     return [found.get(k) for k in range(len(episodes))]
 
 

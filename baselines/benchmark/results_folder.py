@@ -111,7 +111,7 @@ def _begun(folder: Folder) -> set[str]:
 def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
     """Return digests of the code of each policy, of each model of robots that is not ours, and of learned rogues."""
     kinds = {cell.scenario.robot.kind for cell in cells}
-    models = {_ROBOTS + kind: parts_of(model_of(kind)) for kind in sorted(kinds) if not is_shipped(kind)}
+    models = {_ROBOTS + kind: parts_of(model_of(kind).move) for kind in sorted(kinds) if not is_shipped(kind)}
     adversaries = {name for cell in cells for name in members_of(cell.scenario.targets.rogues or "")}
     folders = {name: folder_of(name) for name in sorted(adversaries)}
     learned = {_ROGUES + name: registry.parts(str(folder)) for name, folder in folders.items() if folder is not None}

@@ -2,14 +2,16 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from baselines.policies.as_cars import like_cars
+from baselines.policies.patrol_path import SweepParameters, corner_radius, lookahead
 from baselines.policies.settings import PolicySettings
+from baselines.similarity import motion_scale
 from lissajous_env.episodes.limits import robot_speed_limit
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, OPEN, SEPARATION, WORST_CASE, Column
@@ -100,6 +102,27 @@ def top_speed(task: Scenario) -> float:
     """Return the top speed of the robots of a task [m/s]; NaN for models that do not define it."""
     cars = like_cars(task)
     return robot_speed_limit(task) if cars is None else cars.robot.top_speed
+
+
+UNITS: dict[str, Callable[[Scenario, float], float]] = {
+    **dict.fromkeys(("cruise", "speed", "slowest"), lambda task, cruise: task.robot.top_speed),
+    **dict.fromkeys(("inset", "bow"), lambda task, cruise: task.sensing_radius),
+    "corner": corner_radius,
+    "lookahead": lambda task, cruise: lookahead(task, cruise, SweepParameters()),
+    "gather": lambda task, cruise: motion_scale(task).time,
+}
+"""Units of relative parameters by name, from a scenario of cars and the patrol's speed [m/s]: the top speed, the
+sensing radius, the default of the parameter, or the time of the motion. Other parameters are used as they are."""
+
+
+def absolute(relative: PolicySettings, task: Scenario) -> PolicySettings:
+    """Return a policy for cars whose parameters are in the units `UNITS` with parameters in SI units."""
+    cruise = relative.parameters.get("cruise", 1.0) * task.robot.top_speed
+    given = {
+        name: value * UNITS[name](task, cruise) if name in UNITS else value
+        for name, value in relative.parameters.items()
+    }
+    return PolicySettings(relative.policy, given)
 
 
 def figures_of(rows: Sequence[dict[str, Any]], failed: Sequence[dict[str, Any]], plan: Plan, messages: str) -> Figures:

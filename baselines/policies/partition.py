@@ -24,7 +24,7 @@ from baselines.policies.patrol import Still
 from baselines.policies.registry import register
 from baselines.policies.timed_paths import STEPS, TimedPaths, TrackingParameters
 from baselines.policies.transit import transit
-from baselines.safety.filter import Safe
+from baselines.safety.filter import Safe, SafetyParameters
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Faults
@@ -32,6 +32,8 @@ from lissajous_env.theory import closed_forms
 
 wp.set_module_options(OPTIONS)
 
+ARRIVING = SafetyParameters(clearance=0.07, growth=0.2)
+"""Parameters of the collision filter of cars on the way to their loops, which give way earlier than those on loops."""
 _LONGEST = 6.0
 """Longest planned transit, in the time in which a car drives half of the rectangle's half perimeter."""
 
@@ -74,7 +76,10 @@ class FilteredPaths(TimedPaths):
     ):
         super().__init__(scenario, num_worlds, device, tables=tables, parameters=tracking)
         self._filtered_until = filtered_until
-        self._filter = Safe(Still(self.scenario, num_worlds, self.device)) if filtered_until > 0 else None
+        self._filter = None
+        if filtered_until > 0:
+            still = Still(self.scenario, num_worlds, self.device)
+            self._filter = Safe(still, ARRIVING.of(self.scenario))
         self.communicates = "nothing" if self._filter is None else self._filter.communicates
 
     def decide(self, observation: wp.array) -> None:

@@ -27,6 +27,9 @@ START = 1.0
 """Time of the reset in lock-step [s]; ROS interprets 0 as no time."""
 _AGAIN = 0.25
 """Period in which a state is sent again while robots are waited for [s]."""
+DISCOVERY = 4.0
+"""Time after which a node has discovered everyone that was there before, such as a recorder [s]; participants of DDS
+announce themselves every 3 s."""
 _PATIENCE = 30.0
 """Longest time to wait for an answer of a robot that has been there [s]."""
 _CLOCK_PERIOD = 0.005
@@ -45,12 +48,14 @@ class WorldNode(ros.Node):
         simulation: The simulation.
         loop: Executor that runs this node while it plays; further nodes may be added.
         late_steps: Number of steps that came late, in real time.
+        discovery: Time for which the node waits at least, so that a recorder that was there before misses nothing [s].
 
     Raises:
         ValueError: the robots of the scenario are not cars.
     """
 
     loop: Any = None
+    discovery = DISCOVERY
 
     def __init__(self, scenario: Scenario, settings: WorldSettings, **options: Any):
         if scenario.robot.kind != "car":
@@ -176,7 +181,10 @@ class WorldNode(ros.Node):
         def publish() -> None:
             self._publish(START if self.settings.lockstep else self.now)
 
-        if not self._spin_until(lambda: all(self._is_there), self.settings.wait, publish):
+        def ready() -> bool:
+            return all(self._is_there) and monotonic() - self._begun >= self.discovery
+
+        if not self._spin_until(ready, max(self.settings.wait, self.discovery), publish) and not all(self._is_there):
             missing = ", ".join(f"robot_{k}" for k, there in enumerate(self._is_there) if not there)
             raise CommandError(f"no message of {missing} within {self.settings.wait:g} s")
 

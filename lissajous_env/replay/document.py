@@ -3,8 +3,8 @@
 import html
 from pathlib import Path
 
+from lissajous_env.episodes.missed import MissedRogue
 from lissajous_env.episodes.recording import Recording
-from lissajous_env.episodes.witness import Witness
 from lissajous_env.replay.bundle import ASSETS, bundled
 from lissajous_env.replay.contents import FORMAT, contents
 from lissajous_env.storage.files import replacing
@@ -13,7 +13,7 @@ FRAME_HEIGHT = 860
 """Height of the frame in a notebook [px]."""
 
 
-def page(recording: Recording, against: Recording | None = None, missed: Witness | None = None) -> str:
+def page(recording: Recording, against: Recording | None = None, missed: MissedRogue | None = None) -> str:
     """Return the page of an episode, or of two side by side with a common cursor.
 
     Args:
@@ -45,7 +45,7 @@ class Replay:
         missed: A rogue that the policy of the first episode misses.
     """
 
-    def __init__(self, recording: Recording, against: Recording | None = None, missed: Witness | None = None):
+    def __init__(self, recording: Recording, against: Recording | None = None, missed: MissedRogue | None = None):
         self.recording, self.against, self.missed = recording, against, missed
 
     def html(self) -> str:

@@ -21,9 +21,8 @@ from baselines.benchmark.running import measure, plan, run
 from baselines.benchmark.statistics import interquartile_mean, summarize
 from baselines.benchmark.types import Benchmark
 from baselines.benchmark.written import markdown, table_of
-from baselines.planning import best_known
+from baselines.planning import best_known, portfolio
 from lissajous_env.world.columns import COLUMNS
-from training.choosing import chooser
 
 
 def rows(policy, times, scenario="intruders"):
@@ -69,10 +68,10 @@ def test_the_command_makes_the_table_of_the_readme(tmp_path):
     stored = re.search(r"<!-- figures: policies -->\s+(.*?)\s+<!-- end -->", page, re.DOTALL)[1]
     made, told = ((tmp_path / "table.md").read_text().strip(), stored)
     assert made.splitlines()[0] == told.splitlines()[0]
-    # Scenarios of another duration have no best known plan, and learned choices refuse such short ones.
+    # Scenarios of another duration have no best known plan, and portfolios refuse such short ones.
     known = {each.name for each in best_known.all_known()} & set(standard.SCENARIOS)
     assert {name for name, of in policies_of(told).items() if "*best known*" in of} == known
-    missing = {"*best known*", *(f"`{name}`" for name in standard.POLICIES if name in chooser.names())}
+    missing = {"*best known*", *(f"`{name}`" for name in standard.POLICIES if name in portfolio.NAMES)}
     assert policies_of(made) == {name: of - missing for name, of in policies_of(told).items()}
     readme = (figures.ROOT / "README.md").read_text(encoding="utf-8")
     gist = re.search(r"<!-- figures: gist -->\s+(.*?)\s+<!-- end -->", readme, re.DOTALL)[1].splitlines()[2:]
@@ -182,7 +181,7 @@ def test_the_table_of_trainings_has_each_of_them_all_and_the_reference():
 
 def test_collisions_with_a_filter_stand_beside_those_without():
     numbers = dict.fromkeys(safety.COLUMNS, 1.0)
-    counts = {"sweep": 8.0, "sweep-safe": 2.0, "sweep-close": 4.0, "still": 0.0, "still-safe": 0.0}
+    counts = {"sweep": 8.0, "sweep-safe": 2.0, "sweep-proved": 4.0, "still": 0.0, "still-safe": 0.0}
     made = safety.as_table({("rough", name): numbers | {"collisions": count} for name, count in counts.items()})
     column = "of those without the filter [%]"
     assert cell(made, "rough, `sweep`", "collisions") == "8"

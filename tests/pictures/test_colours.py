@@ -83,7 +83,7 @@ def test_the_standard_policies_share_neither_colour_nor_mark(seen, scenario):
 def test_a_policy_looks_the_same_whatever_else_is_drawn():
     alone, together = styles_of(["sweep"]), styles_of(["mine", *standard.POLICIES])
     assert together["sweep"] == alone["sweep"]
-    assert together["kuramoto-mpcc-close"] == together["kuramoto-mpcc"] != together["sweep"]
+    assert together["kuramoto-mpcc-safe"] == together["kuramoto-mpcc"] != together["sweep"]
     # One's own takes a colour that is left, and of many no two look the same.
     assert together["mine"].colour not in {together[name].colour for name in standard.POLICIES}
     assert styles_of(["b", "a"]) == styles_of(["a", "b"])

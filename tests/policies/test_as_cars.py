@@ -126,7 +126,7 @@ def evaders(request, register):
 
 def test_every_classical_policy_of_cars_drives_robots_that_move_like_cars(evaders):
     listed = set(baselines.names(evaders))
-    assert {"partition", "partition-repair", "line-abreast-safe", "kuramoto-mpcc-close", "sweep", "random"} <= listed
+    assert {"partition", "partition-repair", "line-abreast-safe", "kuramoto-mpcc-safe", "sweep", "random"} <= listed
     assert not [name for name in listed if name.endswith("-proved") or name.startswith("learned")]
     short = lissajous_env.scenario(evaders, **{"task.duration": 1.0})
     for name in listed:
@@ -209,7 +209,7 @@ def test_a_robot_that_says_no_turning_radius_is_refused_by_name(register):
 
 
 def test_policies_for_cars_alone_are_refused_by_name(evaders):
-    for name in ("partition-proved", "learned-patrol"):
+    for name in ("partition-proved", "portfolio"):
         with pytest.raises(ValueError, match=f"must drive robots of kind .*got {name}, which drives kind car"):
             baselines.make(name, evaders)
 

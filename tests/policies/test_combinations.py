@@ -40,7 +40,7 @@ def test_the_names_are_the_cross_product():
     assert baselines.names("failure")[:6] == POINTS
     names = baselines.names("experiment")
     assert names[:12] == CARS
-    assert {name + suffix for name in CARS for suffix in ("-safe", "-close")} <= set(names)
+    assert {name + suffix for name in CARS for suffix in ("-safe", "-proved")} <= set(names)
     assert not set(CARS) & set(baselines.names("failure"))
     assert len({about for *_, about in COMBINATIONS.values()}) == len(COMBINATIONS)
 

@@ -158,7 +158,7 @@ def test_shipped_policies_are_played_like_the_classical_ones():
     ("name", "rival", "scenario", "share", "collisions"),
     [
         ("learned-intruders-proved", "kuramoto-mpcc", "intruders", 0.25, 0.0),
-        ("learned-careful", "kuramoto-mpcc", "rough-lost", 0.9, 0.0),
+        ("portfolio", "kuramoto-mpcc", "rough-lost", 0.9, 0.0),
     ],
 )
 def test_shipped_policies_beat_the_papers_method(name, rival, scenario, share, collisions):

@@ -13,7 +13,7 @@ Settings = Mapping[str, Any]
 """The settings of a plan within its family, by name."""
 Choices = tuple[float, float] | list[Any]
 """A range of positive numbers, or a list of values."""
-FILTERS = "", "-safe", "-close"
+FILTERS = "", "-safe"
 """Suffixes of a policy of cars: without and with the collision filter."""
 
 

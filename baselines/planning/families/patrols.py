@@ -30,7 +30,7 @@ class Patrols:
         return [
             {**file, "lanes": 2, "inset": 0.5},
             {**file, "lanes": 4, "inset": 0.5},
-            {**file, "lanes": 2, "inset": 0.5, "policy": "sweep-close"},
+            {**file, "lanes": 2, "inset": 0.5, "policy": "sweep-safe"},
             {**file, "lanes": 2, "inset": 0.1},
             {**file, "lanes": 6, "inset": 0.5},
             {**file, "lanes": 2, "inset": 0.5, "policy": "laps"},

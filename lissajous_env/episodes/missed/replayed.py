@@ -1,4 +1,4 @@
-"""Ways of rogues, replayed in the same worlds as ordinary targets, which the simulation detects."""
+"""Paths of rogues, replayed in the same worlds as ordinary targets, which the simulation detects."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from lissajous_env.episodes.missed.played import Played
+from lissajous_env.episodes.missed.search import Path
 from lissajous_env.episodes.recording import Recorder, Recording
-from lissajous_env.episodes.witness.played import Played, Way
 from lissajous_env.parameters.extensions import TargetMotion, target_motion
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import WORST_CASE
@@ -28,20 +29,20 @@ class Replayed(NamedTuple):
     """Worst-case undetected time of `task.conservative`, which no rogue exceeds [s]; NaN if it was not computed."""
 
 
-def replay(episodes: Sequence[Played], ways: Sequence[Way], device: Any = "cpu", prove: bool = True) -> list[Replayed]:
+def replay(pairs: Sequence[tuple[Played, Path]], device: Any = "cpu", prove: bool = True) -> list[Replayed]:
     """Repeat episodes of one scenario by their actions, each with its rogue as the only target.
 
     Args:
-        episodes: The episodes, of the same length.
-        ways: The way of the rogue in each of them; after its end the rogue does not move.
+        pairs: Episodes and the path of the rogue in each of them; after its end the rogue does not move.
         device: Warp device of the simulation.
         prove: True to compute the bound of `task.conservative`, too, which takes longer than all the rest.
 
     Raises:
         RuntimeError: the robots do not move as they did.
     """
+    episodes, paths = zip(*pairs, strict=True)
     steps = max(each.steps for each in episodes)
-    table = np.stack([_places(way, steps) for way in ways])
+    table = np.stack([_places(path, steps) for path in paths])
 
     def follow(world: Any) -> np.ndarray:
         """Move the first target of each world along its table."""
@@ -52,19 +53,19 @@ def replay(episodes: Sequence[Played], ways: Sequence[Way], device: Any = "cpu",
     scenario = _with_rogue(episodes[0].scenario, target_motion(follow), prove)
     simulation = Simulation(scenario, len(episodes), device=device)
     simulation.reset(seeds=[each.seed for each in episodes])
-    _introduce(simulation, ways)
+    _introduce(simulation, paths)
     for now in range(1, steps + 1):
         simulation.step(np.stack([each.action[min(now, each.steps)] for each in episodes]))
-        check_same_track(simulation, episodes, now)
+        _check_same_track(simulation, episodes, now)
     rows = simulation.score()
-    found = []
+    replays = []
     for w, row in enumerate(rows):
         times, detected = simulation.detection_times(w)
-        found.append(Replayed(float(times[0]), bool(detected[0]), float(row[WORST_CASE.name])))
-    return found
+        replays.append(Replayed(float(times[0]), bool(detected[0]), float(row[WORST_CASE.name])))
+    return replays
 
 
-def check_same_track(simulation: Simulation, episodes: Sequence[Played], now: int) -> None:
+def _check_same_track(simulation: Simulation, episodes: Sequence[Played], now: int) -> None:
     """Raise a RuntimeError if a robot does not move as in the first run in a step, up to the end of its episode.
 
     A robot that has moved otherwise does not come back to its track, so every tenth step is tested.
@@ -101,18 +102,18 @@ def _with_rogue(scenario: Scenario, motion: TargetMotion, prove: bool) -> Scenar
     return replace(scenario, targets=targets, task=task, extensions=(motion,))
 
 
-def _places(way: Way, steps: int) -> np.ndarray:
-    """Return the place of a rogue (steps + 1, 2) at each moment; it waits before and after its way."""
-    return way.places[np.clip(np.arange(steps + 1) - way.appears_at, 0, len(way.places) - 1)]
+def _places(path: Path, steps: int) -> np.ndarray:
+    """Return the place of a rogue (steps + 1, 2) at each moment; it waits before and after its path."""
+    return path.places[np.clip(np.arange(steps + 1) - path.appears_at, 0, path.steps)]
 
 
-def _introduce(simulation: Simulation, ways: Sequence[Way]) -> None:
+def _introduce(simulation: Simulation, paths: Sequence[Path]) -> None:
     """Let the first target of each world be its rogue, and no other target appear."""
     targets = simulation.targets
     shape = targets.stage.shape
-    first = np.array([way.places[0] for way in ways], dtype=np.float32)
+    first = np.array([path.places[0] for path in paths], dtype=np.float32)
     appears, stage = np.full(shape, int(NEVER), dtype=np.int32), np.full(shape, int(HIDDEN), dtype=np.int32)
-    appears[:, 0] = [way.appears_at for way in ways]
+    appears[:, 0] = [path.appears_at for path in paths]
     stage[appears[:, 0] == 0, 0] = int(PRESENT)
     targets.appears_at.assign(appears)
     targets.stage.assign(stage)
