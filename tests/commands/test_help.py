@@ -1,23 +1,28 @@
 """Help of the commands: a list of all, and of each an example and its options."""
 
 import re
+import tomllib
+from pathlib import Path
 
 import pytest
 from command_line import called, lissajous
 
-from lissajous_env.console.cli import commands
+from lissajous_env.console.cli import GROUP
+
+PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+COMMANDS = sorted(name.replace(".", " ") for name in PROJECT["entry-points"][GROUP])
 
 
 @pytest.mark.parametrize("arguments", [(), ("--help",)])
 def test_help_lists_every_command(arguments):
     ended = lissajous(*arguments, width=80)
     assert ended.returncode == 0
-    for name in commands():
+    for name in COMMANDS:
         assert re.search(rf"^  {name} +[A-Z]", ended.stdout, re.MULTILINE), name
     assert all(len(line) <= 80 for line in ended.stdout.splitlines())
 
 
-@pytest.mark.parametrize("name", sorted(commands()))
+@pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_has_help_with_an_example(name, capsys):
     code, out, error = called(capsys, name, "--help")
     assert (code, error) == (0, "")
