@@ -2,7 +2,7 @@
 
 The learned and the scripted rogues of docs/rogues.md start at random. The same starts are played with foresight: robots
 do not react to rogues before they detect them, so the best action in each state follows from the recorded episode, by
-the dynamic programming that `training.sb3.foresight` imitates. The simulation decides when such a rogue is detected. No
+the dynamic programming that `training.foresight` imitates. The simulation decides when such a rogue is detected. No
 rogue that observes only the present can be expected to do better, from these starts. The table has the mean over all
 starts and, in brackets, that over the best start of each episode; "never detected" is the mean time from a start to the
 end of its episode. `--episodes` makes it shorter, `--store` puts the table into docs/figures.json.
@@ -12,15 +12,15 @@ from collections.abc import Sequence
 
 import figures
 import numpy as np
+from publish import HELD_OUT, SCRIPTS
 
 from baselines.exploitability.survival import Survival, survive
 from baselines.policies.factories import named
 from lissajous_env import Scenario, Simulation
 from lissajous_env.parameters.rogues import folder_of, rogue_of, shipped_rogues
+from training.foresight import Foresight, Visits
 from training.learned import checkpoint
-from training.publish_rogue import HELD_OUT, SCRIPTS
 from training.rogue_settings import RogueTraining
-from training.sb3.foresight import Foresight, Visits
 
 TITLES = ("scenario, policy", "best script [s]", "learned [s]", "with foresight [s]", "learned share of it")
 TITLES = (*TITLES, "never detected [s]")

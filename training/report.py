@@ -3,7 +3,6 @@
 import dataclasses
 import time
 from collections.abc import Mapping
-from itertools import pairwise
 from typing import Any
 
 import baselines
@@ -21,7 +20,7 @@ SHARE = 0.01
 """Fraction of the training time that recording replays may take; if it is exceeded, evaluations skip the replay."""
 _LEARNING = {
     "approx_kl": ("divergence (KL) [1/1000]", "between the policies before and after an update", 1000),
-    "entropy": ("entropy [nat]", "of the exploration noise", 1),
+    "entropy_loss": ("entropy [nat]", "of the exploration noise", -1),
     "explained_variance": ("explained variance", "of the returns by the critic; at most 1", 1),
 }
 assert _LEARNING.keys() == set(LEARNING)
@@ -77,17 +76,16 @@ class TrainingReport:
             ],
             "learning": history.learning,
             "lost": {rival: worse for rival in history.rivals if (worse := history.losses(rival))},
-            "stages": [b["steps"] for a, b in pairwise(history.curve) if a.get("stage") != b.get("stage")],
             "rivals": [
                 {"name": name, **{score["name"]: of[score["name"]] for score in scores}}
                 for name, of in history.rivals.items()
             ],
             "best": history.best["counters"]["steps"] if history.best else None,
-            "settings": _by_change(settings),
+            "settings": _sorted_settings(settings),
             "replays": {name: entry for name, (entry, _) in self._replays.items()},
         }
         done = f"{history.steps:,} of {settings.steps:,} robot steps, {history.seconds / 60:.1f} min"
-        words = {"title": f"{settings.scenario}: {settings.algorithm}, seed {settings.seed}", "state": done}
+        words = {"title": f"{settings.scenario}, seed {settings.seed}", "state": done}
         return report(
             "training.html", "training.js", data, words, {name: of for name, (_, of) in self._replays.items()}
         )
@@ -127,24 +125,24 @@ def _by_scenario(history: History) -> list[dict[str, Any]]:
     ]
 
 
-def _by_change(settings: TrainingSettings) -> dict[str, list[tuple[str, str]]]:
-    """Return the settings, those that differ from their defaults apart; the scenario counts as one that differs.
+def _sorted_settings(settings: TrainingSettings) -> dict[str, list[tuple[str, str]]]:
+    """Return the settings that differ from their defaults, the scenario among them, and the others, in words.
 
-    A default that depends on other settings is shown as what it resolves to, if a checkpoint contains that, or else as
-    `default`.
+    A default that depends on other settings is shown as what it resolves to, or else as `default`.
     """
     values = settings.to_dict()
-    rows: dict[str, list[tuple[str, str]]] = {"changed": [], "others": []}
+    changed, others = [], []
     for field in dataclasses.fields(settings):
-        name = field.name
-        if name == "overrides":
-            rows["changed"] += [(changed, _in_words(value)) for changed, value in settings.overrides.items()]
-        elif name in values:
-            changed = name == "scenario" or getattr(settings, name) != field.default
-            unset = not changed and (values[name] is None or values[name] == [])
-            row = name, "default" if unset else _in_words(values[name])
-            rows["changed" if changed else "others"].append(row)
-    return rows
+        if field.name == "overrides":
+            changed += [(name, _in_words(value)) for name, value in settings.overrides.items()]
+        elif field.name not in values:
+            continue
+        elif field.name == "scenario" or getattr(settings, field.name) != field.default:
+            changed.append((field.name, _in_words(values[field.name])))
+        else:
+            unset = values[field.name] is None or values[field.name] == []
+            others.append((field.name, "default" if unset else _in_words(values[field.name])))
+    return {"changed": changed, "others": others}
 
 
 def _in_words(value: Any) -> str:

@@ -30,7 +30,7 @@ _STEMS = (
 _ENDS = (".tmpl", ".safetensors", ".tmp", ".tmp.json", ".json", ".png", ".jsonl", "", ".123.tmp.csv")
 _RESULTS = (
     "settings.json", "episodes.jsonl", "episodes.csv", "summary.json", "collisions.png", "README.md", "table.csv",
-    "checkpoint.json", "curve.png", "best", "tensorboard", LIST, ".lock", "theorem2.png", "knot.png",
+    "checkpoint.json", "best", "tensorboard", LIST, ".lock", "theorem2.png", "knot.png",
 )  # fmt: skip
 _HOSTILE = (
     None, True, -1, 3, 0.5, 10**400, 1e300, 1e-300, "", "x", "../x", "/etc/passwd", "a\0b", "\ud800", "sweep", ".", [],
@@ -147,6 +147,7 @@ def _trained() -> dict[str, bytes]:
 
 @_in_a_folder
 def _changed_checkpoint(draw: np.random.Generator, folder: Path) -> str | None:
+
     import training
     from lissajous_env import Simulation
     from training.learned import checkpoint

@@ -190,7 +190,6 @@ def result_of_train(folder: Path) -> dict[str, Any]:
         "weights": [array.tolist() for array in network.weights],
         "best": [array.tolist() for array in best.weights],
         "rows": rows,
-        "picture": (folder / "curve.png").read_bytes(),
         "names": sorted(names),
     }
 

@@ -44,7 +44,7 @@ SHORTER = {
     "plan": "--seconds 4",
     "guarantee": "--radii 2 --cells 16 --episodes 1",
     "train": "--steps 2000 --worlds 4 --evaluation-episodes 1 --rivals sweep --imitation-steps 0 --rollout 8",
-    "train --side": "--rogue-rounds 2 --rogue-steps 200 --evaluation-episodes 1",
+    "train --side": "--rogue-rounds 2 --evaluation-episodes 1",
     "exploit": "--episodes 1",
 }
 """Options added to a command to shorten it."""

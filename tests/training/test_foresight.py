@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("stable_baselines3")
 
 import lissajous_env
-from training.sb3.foresight import Foresight, Visits
+from training.foresight import Foresight, Visits
 
 FIELD = {"curve.half_width": 4.0, "curve.half_height": 2.0, "sensing.radius": 1.0, "targets.speed_limit": 0.5,
          "targets.speed": 0.2, "targets.flee_speed": 0.2, "robot.count": 1, "task.contamination": None}  # fmt: skip

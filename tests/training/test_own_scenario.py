@@ -8,6 +8,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
+from publish import publish
 from test_train import QUIET, SMALL
 
 import lissajous_env
@@ -16,7 +17,6 @@ from lissajous_env.console import cli
 from lissajous_env.console.terminal import plain
 from lissajous_env.parameters.scenario_file import scenario_of
 from training.learned import checkpoint
-from training.publish import publish
 from training.sb3.trainer import train
 from training.settings import TrainingSettings
 
@@ -84,10 +84,10 @@ def test_every_command_plays_it(here, capsys):
     assert json.loads(capsys.readouterr().out)["episodes"] == named
     two = ("--policies", "run/best", "kuramoto")
     command("benchmark", "--scenarios", "other.toml", *two, "--episodes", 1, "--replays", "none", "--out", "results")
-    publish(here / "run" / "best", "published", folder=here)
-    text = checkpoint.read_text(here / "published")
+    publish(here / "run" / "best", "published", "how", folder=here)
+    text = checkpoint.read_text(here / "policies" / "published")
     assert text["made_for"] == ["mine"]
-    assert training.load(here / "published").scenario == wanted
+    assert training.load(here / "policies" / "published").scenario == wanted
 
 
 def test_a_benchmark_leaves_out_scenarios_of_other_robots(here, capsys):

@@ -52,7 +52,7 @@ def hold(folder: str | Path) -> Folder:
     Raises:
         ValueError: it is in use, contains files of a user under these names, or is damaged.
     """
-    held = Folder(folder, (FILE, _BEST + "/", "curve.png", "report.html", REHEARSAL, "tensorboard/"))
+    held = Folder(folder, (FILE, _BEST + "/", "report.html", REHEARSAL, "tensorboard/"))
     try:
         settle(held)
     except BaseException:

@@ -22,10 +22,9 @@ function begin(training) {
   showLearning(training);
   fillEvaluations(training);
   fillScenarios(training);
-  const { changed, others } = training.settings;
-  of("changed").append(element("dl", "", ...facts(changed)));
-  of("defaults").append(element("dl", "", ...facts(others)));
-  of("defaults-title").textContent = `${others.length} settings that have their defaults`;
+  of("changed").append(element("dl", "", ...facts(training.settings.changed)));
+  of("defaults").append(element("dl", "", ...facts(training.settings.others)));
+  of("defaults-title").textContent = `${training.settings.others.length} settings that have their defaults`;
   globalThis.training = { training, viewer };
 }
 
@@ -37,7 +36,7 @@ function curve(training, score) {
     x: {
       scale: scaleOf(steps),
       title: "steps of a robot [million]",
-      lines: training.stages.map((at) => [at / 1e6, ""]),
+      lines: [],
     },
     y: { scale: scaleOf([...values, ...rivals.map((rival) => rival[score.name])]), title: "" },
   };
