@@ -7,14 +7,12 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from lissajous_env.device.turns import with_own_locks
+from lissajous_env.device.locks import with_own_locks
 from lissajous_env.parameters.extensions import Extension, TargetMotion, as_extensions
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.rogues import BringsRogues, rogue_of
@@ -371,10 +369,6 @@ class Scenario(BringsRogues):
 
     def digest(self) -> str:
         """Return a hash of the scenario without its name and description."""
-        return digest_of(self.to_dict())
-
-
-def digest_of(plain: Mapping[str, Any]) -> str:
-    """Return `Scenario.digest` from the values of `Scenario.to_dict`."""
-    hashed = {name: plain[name] for name in (*PARTS, "extensions")}
-    return hashlib.sha256(json.dumps(hashed, sort_keys=True).encode()).hexdigest()[:16]
+        plain = self.to_dict()
+        hashed = {name: plain[name] for name in (*PARTS, "extensions")}
+        return hashlib.sha256(json.dumps(hashed, sort_keys=True).encode()).hexdigest()[:16]

@@ -8,8 +8,8 @@ import baselines
 import lissajous_env
 from baselines.benchmark import tables
 from baselines.benchmark.bounds import Bounds, bounds_of
-from baselines.benchmark.comparison import compare
 from baselines.benchmark.standard import as_played
+from baselines.benchmark.table import Table
 from baselines.benchmark.written import latex, table_of
 from baselines.planning import best_known
 from baselines.planning.families.known import Known
@@ -55,13 +55,13 @@ def test_the_row_stands_below_the_policies():
     """Story: a table in Markdown and one in LaTeX end with the best known worst case, and nothing else in its row."""
     task = lissajous_env.scenario("evaders")
     rows = lissajous_env.evaluate(baselines.make("still", task), task, [0])
-    compared = compare([{"policy": "still"} | row for row in rows], {"evaders": task})
-    table = table_of(compared)
+    results = Table.of([{"policy": "still"} | row for row in rows], {"evaders": task})
+    table = table_of(results)
     last, at = table["rows"][-1], table["columns"].index("guaranteed [s]")
     assert (last[0], last[1]) == ("", "*best known*")
-    assert last[at] == tables.number(compared.bounds["evaders"].best_known)
+    assert last[at] == tables.number(results.bounds["evaders"].best_known)
     assert {cell for k, cell in enumerate(last) if k not in (1, at)} == {""}
-    assert "best known &" in latex(compared)
+    assert "best known &" in latex(results)
     assert "best known 2 s (second halves 1 s)" in tables.bounds_in_words(Bounds(1.0, 1.0, 3.0, 2.0, 1.0))
 
 

@@ -1,4 +1,4 @@
-"""Comparison of a benchmark's rows: bounds, open worst cases, paired differences, and references."""
+"""The results table: bounds, open worst cases, paired differences, worst episodes and references."""
 
 import json
 import math
@@ -11,11 +11,11 @@ from rich.text import Text
 
 import lissajous_env
 from baselines.benchmark import clairvoyant, tables
-from baselines.benchmark.bounds import mean_time_bound
-from baselines.benchmark.comparison import compare, complete, with_derived
+from baselines.benchmark.bounds import bounds_of
 from baselines.benchmark.running import run
 from baselines.benchmark.shown_columns import OVER_LOWER_BOUND, SHOWN
 from baselines.benchmark.statistics import summarize
+from baselines.benchmark.table import Table, groups
 from baselines.benchmark.types import Benchmark
 from lissajous_env.episodes.limits import mean_time_limit
 from lissajous_env.world.columns import COLUMNS, OPEN
@@ -29,16 +29,18 @@ def rows(policy, scenario="intruders", first=0, **columns):
         yield {"scenario": scenario, "policy": policy, "episode": first + k, "seed": first + k} | numbers
 
 
-def printed(call, *given, width=200):
+def shown(table, width=200):
+    """Return the text of a table of the scenario, and the columns that do not fit."""
     console = Console(width=width, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
-    left_out = call(console, *given)
+    columns = tables.with_numbers(table.estimates["intruders"], SHOWN)
+    left_out = tables.print_lines(console, Text("t"), columns, tables.lines_of(table.estimates["intruders"], columns))
     return console.export_text(), left_out
 
 
 def test_over_the_limit_is_the_mean_over_the_bound():
     # Oracle: by hand; the interquartile mean of these would be 2.
     limit = mean_time_limit(INTRUDERS["intruders"])
-    cells = compare(list(rows("a", detection_time_mean=[2.0, 2.0, 2.0, 2.0, 12.0])), INTRUDERS).cells
+    cells = Table.of(rows("a", detection_time_mean=[2.0, 2.0, 2.0, 2.0, 12.0]), INTRUDERS).estimates
     of = cells["intruders"]["a"][OVER_LOWER_BOUND.name]
     assert of.mean == pytest.approx(4 / limit)
     assert of.mean_low < of.mean < of.mean_high
@@ -48,8 +50,8 @@ def test_over_the_limit_is_the_mean_over_the_bound():
 def test_no_ratio_to_a_limit_that_says_nothing():
     scenario = lissajous_env.scenario("experiment")
     assert mean_time_limit(scenario) == 0
-    assert math.isnan(mean_time_bound(scenario))
-    (row,) = with_derived(rows("a", "experiment", detection_time_mean=[1.0]), {"experiment": scenario})
+    assert math.isnan(bounds_of(scenario).mean_time)
+    (row,) = Table.of(rows("a", "experiment", detection_time_mean=[1.0]), {"experiment": scenario}).rows
     assert math.isnan(row[OVER_LOWER_BOUND.name])
 
 
@@ -60,18 +62,16 @@ def test_a_guarantee_that_is_open_is_a_lower_bound_and_never_best():
         OPEN.name: [0, 1, 0, 1],
     }
     closed = {"guaranteed_detection_time": [9.0] * 4, "unseen_at_end": [1.0] * 4, OPEN.name: [0] * 4}
-    cells = compare([*rows("a", **more), *rows("b", **closed)], INTRUDERS).cells["intruders"]
-    text, _ = printed(tables.print_policies, Text("t"), cells, SHOWN)
+    text, _ = shown(Table.of([*rows("a", **more), *rows("b", **closed)], INTRUDERS))
     words = text.split()
     assert words[words.index(">") + 1] == "59.7"
-    assert "2 open" in text
+    assert "2 of 4 open" in text
     assert "9*" in words
 
 
 def test_a_guarantee_that_nobody_follows_has_no_column():
     nothing: dict[str, Any] = dict.fromkeys(("guaranteed_detection_time", "unseen_at_end", OPEN.name), [math.nan] * 2)
-    cells = compare(list(rows("a", **nothing)), INTRUDERS).cells["intruders"]
-    assert "guaranteed" not in printed(tables.print_policies, Text("t"), cells, SHOWN)[0]
+    assert "guaranteed" not in shown(Table.of(rows("a", **nothing), INTRUDERS))[0]
 
 
 def test_an_open_guarantee_loses_seed_by_seed():
@@ -79,27 +79,27 @@ def test_an_open_guarantee_loses_seed_by_seed():
     ours = rows("open", guaranteed_detection_time=[4.0] * 4, unseen_at_end=[4.0] * 4, guarantee_open=[1] * 4)
     closed = {"unseen_at_end": [1.0] * 4, "guarantee_open": [0] * 4}
     theirs = rows("kuramoto-mpcc", guaranteed_detection_time=[5.0] * 4, **closed)
-    reference, policies = compare([*ours, *theirs], INTRUDERS).against["intruders"]
-    assert reference == "kuramoto-mpcc"
-    assert list(policies) == ["open"]
-    assert policies["open"]["guaranteed_detection_time"].better == 0
+    against = Table.of([*ours, *theirs], INTRUDERS).against["intruders"]
+    assert against.reference == "kuramoto-mpcc"
+    assert list(against.policies) == ["open"]
+    assert against.policies["open"]["guaranteed_detection_time"].better == 0
 
 
 def test_only_seeds_that_both_have_are_compared():
     played = [*rows("a", detection_time_mean=[1.0, 5.0, 1.0]), *rows("b", first=1, detection_time_mean=[2.0, 2.0, 2.0])]
-    reference, policies = compare(played, INTRUDERS).against["intruders"]
-    assert reference == "a"  # the first, as the paper's method is not played
-    pair = policies["b"]["detection_time_mean"]
+    against = Table.of(played, INTRUDERS).against["intruders"]
+    assert against.reference == "a"  # the first, as the paper's method is not played
+    pair = against.policies["b"]["detection_time_mean"]
     assert (pair.n, pair.better, pair.difference) == (2, 0.5, -1.0)
-    assert compare(played, INTRUDERS, "b").against["intruders"][0] == "b"
+    assert Table.of(played, INTRUDERS, "b").against["intruders"].reference == "b"
 
 
 def test_what_is_no_policy_stands_last_in_brackets_and_is_never_best_nor_the_reference():
     seer = rows(clairvoyant.NAME, detection_time_mean=[0.1, 0.1])
     played = [*seer, *rows("slow", detection_time_mean=[3.0, 3.0]), *rows("fast", detection_time_mean=[2.0, 2.0])]
-    comparisons = compare(played, INTRUDERS, clairvoyant.NAME)
-    assert comparisons.against["intruders"][0] == "slow"
-    text, _ = printed(tables.print_policies, Text("t"), comparisons.cells["intruders"], SHOWN)
+    table = Table.of(played, INTRUDERS, clairvoyant.NAME)
+    assert table.against["intruders"].reference == "slow"
+    text, _ = shown(table)
     words = [line.split()[0] for line in text.splitlines()[4:] if line.strip()]
     names = [word for word in words if word in ("slow", "fast", "(clairvoyant)")]
     assert names == ["slow", "fast", "(clairvoyant)"]
@@ -109,11 +109,10 @@ def test_what_is_no_policy_stands_last_in_brackets_and_is_never_best_nor_the_ref
 
 def test_a_narrow_terminal_keeps_the_most_important_columns():
     numbers = {"guaranteed_detection_time": [3.0, 4.0], "unseen_at_end": [1.0, 1.0], "detection_time_mean": [1.0, 2.0]}
-    cells = compare(list(rows("a", **numbers)), INTRUDERS).cells["intruders"]
     order = [each.name for each in SHOWN]
     assert order[:6] == ["detection_time_mean", OVER_LOWER_BOUND.name, "guaranteed_detection_time", "collisions",
                          "sensed_fraction", "distance_mean"]  # fmt: skip
-    _, left_out = printed(tables.print_policies, Text("t"), cells, SHOWN, width=70)
+    _, left_out = shown(Table.of(rows("a", **numbers), INTRUDERS), width=70)
     assert 0 < len(left_out) < len(order)
     assert left_out == [name for name in order if name in left_out]
     assert set(left_out) == set(order[-len(left_out) :])
@@ -146,5 +145,17 @@ def test_a_scenario_without_episodes_does_not_count_over_all():
     scenarios = {name: lissajous_env.scenario(name) for name in ("rough", "evaders", "team")}
     played = [row for of in ("rough", "evaders") for row in rows("a", of, detection_time_mean=[1.0, 2.0])]
     played += rows("b", "evaders", detection_time_mean=[3.0])
-    assert {names: [*of] for names, of in complete(played, scenarios).items()} == {"rough, evaders": ["a"]}
-    assert complete(played[:2], scenarios) == {}
+    (group,) = groups(played, scenarios)
+    assert (group.name, list(group.rows)) == ("rough, evaders", ["a"])
+    assert list(Table.of(played, scenarios).overall) == ["rough, evaders"]
+    assert Table.of(played[:2], scenarios).overall == {}
+
+
+def test_an_estimate_names_the_seed_of_its_worst_episode():
+    # Story: the largest time, the smallest share, an open episode before a closed one; no order, no worst.
+    more = {"guaranteed_detection_time": [3.0, 9.0, 4.0], "unseen_at_end": [1.0] * 3, OPEN.name: [0, 0, 1]}
+    times, shares = [2.0, 5.0, math.nan], [0.9, 0.2, 0.5]
+    played = rows("a", first=7, detection_time_mean=times, sensed_fraction=shares, speed_max=times, **more)
+    of = Table.of(played, INTRUDERS).estimates["intruders"]["a"]
+    names = "detection_time_mean", "sensed_fraction", "guaranteed_detection_time", "speed_max"
+    assert [of[name].worst for name in names] == [8, 8, 9, None]
