@@ -24,7 +24,7 @@ from baselines.benchmark.bounds import bounds_of
 from baselines.benchmark.standard import GRIDS, as_played
 from baselines.benchmark.tables import number
 from baselines.planning import best_known, portfolio
-from baselines.planning.families.defaults import defaults
+from baselines.planning.families.defaults import included
 from baselines.planning.families.timed import lines, partitions, timed
 from baselines.planning.family import Family, Settings
 from baselines.planning.plans import SETTLED, WHOLE, Figures, Plan, Planned
@@ -145,7 +145,7 @@ def measure_again(name: str) -> None:
 def row_of(name: str) -> list[str]:
     """Return the row of a scenario: its lower bound, and the stored plans beside the best default policies [s]."""
     task = as_played(name, {})
-    family = defaults(task)
+    family = included(task)
     with quietly():
         played = [play(family.plan(each), Episodes()) for each in family.starts]
     without = [each.figures for each in played if not each.figures.collisions]

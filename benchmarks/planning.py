@@ -15,7 +15,7 @@ from typing import Any
 import figures
 import numpy as np
 
-from baselines.planning.families.defaults import defaults
+from baselines.planning.families.defaults import included
 from baselines.planning.planner import Outcome
 from baselines.planning.rehearse import play, quietly
 from baselines.planning.request import Request
@@ -59,7 +59,7 @@ def row_of(seed: int, seconds: float) -> tuple[list[str], bool]:
     outcome.search(seconds)
     wall, processors = time.monotonic() - wall, time.process_time() - processors
     (task,) = outcome.tasks.values()
-    family, worst_cases = defaults(task), {}
+    family, worst_cases = included(task), {}
     with quietly():
         for settings in family.starts:
             try:

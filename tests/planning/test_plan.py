@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import baselines
 import lissajous_env
 from baselines.planning import report
-from baselines.planning.families.defaults import default_policies, defaults
+from baselines.planning.families.defaults import default_policies, included
 from baselines.planning.families.lissajous import curves_of, formations
 from baselines.planning.family import Family
 from baselines.planning.planner import Outcome
@@ -61,7 +61,7 @@ def planned(
 def test_the_best_plan_is_no_worse_than_any_default(small):
     """Oracle: every included classical policy on the same scenario and seeds, evaluated apart."""
     task = lissajous_env.scenario(small)
-    search = Search(task, Episodes(), [defaults])
+    search = Search(task, Episodes(), [included])
     search.run(600)  # it ends when the defaults have been played
     best = pareto_optimal(search.finals)[0].figures
     assert (search.unplayed, best.collisions) == (0, 0)

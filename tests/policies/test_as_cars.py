@@ -6,7 +6,7 @@ import warp as wp
 
 import baselines
 import lissajous_env
-from baselines.planning.families import formations, lines, loops, partitions
+from baselines.planning.families import formations, lines, partitions, patrols
 from baselines.policies.as_cars import AsCars, scenario_of_cars
 from baselines.policies.settings import PolicySettings
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
@@ -177,7 +177,7 @@ def test_a_plan_for_other_wheels_is_found_among_the_policies_for_cars(evaders):
 def test_the_search_tries_for_other_wheels_what_it_tries_for_cars(evaders):
     # Law: the same settings of every family, and a plan of each on the robots' own scenario.
     cars = scenario_of_cars(evaders.resolve())
-    for family_of in (partitions, lines, formations, loops):
+    for family_of in (partitions, lines, formations, patrols):
         family, of_cars = family_of(evaders), family_of(cars)
         assert not family.refusal
         assert (family.starts, family.space) == (of_cars.starts, of_cars.space)

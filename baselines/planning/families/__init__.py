@@ -3,12 +3,12 @@
 from collections.abc import Callable
 
 from baselines.planning.best_known import best_known
-from baselines.planning.families.defaults import defaults
+from baselines.planning.families.defaults import included
 from baselines.planning.families.lissajous import formations
-from baselines.planning.families.loops import loops
+from baselines.planning.families.loops import patrols
 from baselines.planning.families.timed import lines, partitions
 from baselines.planning.family import Family
 from lissajous_env.parameters.scenario import Scenario
 
-FAMILIES: tuple[Callable[[Scenario], Family], ...] = (defaults, best_known, partitions, lines, formations, loops)
+FAMILIES: tuple[Callable[[Scenario], Family], ...] = (included, best_known, partitions, lines, formations, patrols)
 """Functions that return each family for a task."""

@@ -13,7 +13,7 @@ _FILTERED = "kuramoto-mpcc"
 """The policy that is also played with the collision filters."""
 
 
-def defaults(task: Scenario) -> Family:
+def included(task: Scenario) -> Family:
     """Return the policies that drive the robots, first those that are usually the best."""
     names = sorted(default_policies(task), key=lambda name: not name.startswith(_FIRST))
     starts = [{"policy": name} for name in names]

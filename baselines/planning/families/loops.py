@@ -15,7 +15,7 @@ _FASTEST = 0.9
 _FILE = {"policy": "sweep", "start": _ELLIPSE, "cruise": 0.8}
 
 
-def loops(task: Scenario) -> Family:
+def patrols(task: Scenario) -> Family:
     """Return loops with their speed, number of lanes and inset: shares of the top speed and of the sensing radius."""
     cars = like_cars(task)
     if cars is None:
