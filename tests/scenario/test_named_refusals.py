@@ -178,17 +178,6 @@ def test_a_folder_that_cannot_be_written_is_refused_at_once(tmp_path, monkeypatc
     assert os.listdir() in (["file"], sorted([DEEP.split("/")[0], "file"]), sorted(["file", DEEP.split("/")[0]])[::-1])
 
 
-def test_a_folder_in_which_a_longer_name_has_no_room_is_refused_at_once(tmp_path, monkeypatch):
-    # Oracle: the limit of a path; the list of what was written fits into it, what is written later does not.
-    monkeypatch.chdir(tmp_path)
-    longest = os.pathconf("/", "PC_PATH_MAX") - 1
-    left = longest - len(str(tmp_path)) - len("/.lissajous.jsonl") - 2
-    parts = ["y" * 200] * (left // 201)
-    place = tmp_path.joinpath(*parts, "z" * max(left - 201 * len(parts) - 2, 1))
-    with pytest.raises(ValueError, match="File name too long"):
-        Folder(place)
-
-
 @pytest.mark.parametrize(
     "arguments",
     [
