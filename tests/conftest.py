@@ -35,7 +35,7 @@ def _own_registries(monkeypatch):
     lissajous_env.rogues()
     for module, name in (
         (registry, "_REGISTRY"),
-        (registry, "_WRAPPERS"),
+        (registry, "_FILTERS"),
         (robot_models, "_MODELS"),
         (named, "_REGISTERED"),
         (rogues, "_ROGUES"),

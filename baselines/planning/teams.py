@@ -7,10 +7,11 @@ import numpy as np
 
 from baselines.planning.plans import SETTLED
 from baselines.planning.playing import coarse_grid
-from baselines.policies.partition import FilteredPaths, start_is_known
+from baselines.policies.partition import FilteredPaths
 from baselines.policies.partition_plan import PartitionParameters, required_distance, turning_radius_of
 from baselines.policies.path_tables import path_tables
 from baselines.policies.periodic_paths import arrival_steps, derivative_of, places_of
+from baselines.policies.transit import start_is_known
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.simulation import Simulation
