@@ -121,5 +121,5 @@ ATTACKS = [
     Attack(
         "rows of episodes.jsonl", "A value that no score can have is rejected with its file and line.", 300, _try_row
     ),
-    Attack("settings.json", "Damaged or different settings are rejected by name.", 200, _try_settings),
+    Attack("settings.json", "Settings that were changed are rejected.", 200, _try_settings),
 ]
