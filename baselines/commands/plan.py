@@ -50,13 +50,6 @@ def plan(
     Example:
         lissajous plan evaders --failures 1 --out plans
 
-    Options:
-        area and targets: width, height, rogue_speed, entry
-        robots: robots, robot_radius, sensor_radius, speed, turning_radius
-        requirements: failures, guarantee
-        search: seconds, optimise, fixed_start, seed
-        results: rows, out
-
     Args:
         scenario: name of a scenario, .toml file, or module:attribute from which missing options are taken; without it,
             the rectangle and the robots must be given.

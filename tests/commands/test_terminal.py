@@ -121,20 +121,9 @@ def test_without_a_home_nothing_is_written_to_the_current_folder(caches, tmp_pat
 
 
 @pytest.mark.long
-def test_the_first_run_says_that_it_compiles_and_damaged_kernels_are_made_again(tmp_path):
+def test_the_first_run_says_that_it_compiles(tmp_path):
     place = {"WARP_CACHE_PATH": str(tmp_path)}
-    compiling = ["compiling kernels, once: about 10 s"]
-    assert loaded(**place) == compiling
-    (compiled,) = tmp_path.rglob("*.o")
-    whole = compiled.read_bytes()
-    compiled.write_bytes(whole[: len(whole) // 2])
-    assert loaded(**place) == compiling
-    assert compiled.read_bytes() == whole
-    # Without a checksum, as Warp alone leaves it, the damage shows when it is loaded.
-    (compiled.parent / "checksums.json").unlink()
-    compiled.write_bytes(whole[:100])
-    assert loaded(**place) == []
-    assert compiled.read_bytes() == whole
+    assert loaded(**place) == ["compiling kernels, once: about 10 s"]
     assert loaded(**place) == []
 
 

@@ -21,7 +21,7 @@ from lissajous_env.device.part_structs import FormationStruct, RobotStruct, Task
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.task import Task
-from lissajous_env.world.robots.distance import DistanceTable, curve_distances
+from lissajous_env.world.robots.distance import CurvePoints, curve_distances
 from lissajous_env.world.robots.placing import places_of
 from lissajous_env.world.state import NOWHERE, REMOVED, Clock, Robots, StepEvents
 
@@ -78,7 +78,7 @@ def find_deviations(
     end: int,
     curve: CurveStruct,
     formation: FormationStruct,
-    distances: DistanceTable,
+    curve_points: CurvePoints,
     equilibrium: wp.array(dtype=wp.float64),
     clock: Clock,
     robots: Robots,
@@ -110,7 +110,7 @@ def find_deviations(
             turn = cos_sin(phase_offset[k])
             cos_offset[k] = turn[0]
             sin_offset[k] = turn[1]
-    lateral = curve_distances(distances, curve, x, y, block.count)
+    lateral = curve_distances(curve_points, curve, x, y, block.count)
     put_floats(block, block.active_mask, tracking, latest.tracking)
     put_floats(block, block.active_mask, lateral, latest.lateral)
     put_vectors(block, block.active_mask, phase_offset, cos_offset, sin_offset, latest.phase_offset)

@@ -1,7 +1,7 @@
-"""Actions of a rogue with foresight, as labels for a rogue that observes the present alone.
+"""Actions of a rogue with foresight from all positions, as labels for a rogue that observes the present alone.
 
-A rogue changes nothing that robots observe before they detect it. So after an episode, the time for which a target at
-a position can still stay undetected follows from the recorded positions of the sensors, by dynamic programming:
+`search` computes one path, exactly. For a training, the time for which a target at any position can still stay
+undetected follows from the recorded positions of the sensors, by dynamic programming:
 
     V(t, x) = 0 where a disc senses x at t, else step + max over |y - x| <= speed * step of V(t + 1, y)
 
@@ -12,13 +12,14 @@ cells in each step, so that labels lead away from positions at which a small err
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import ndimage
 
-from lissajous_env import Scenario, Simulation
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import NOWHERE
 
 MARGIN = 1 / 30
@@ -38,21 +39,16 @@ _DIRECTIONS = 16
 class Visits:
     """Recorded episodes: positions of the sensors, and rows and positions of the rogues. W worlds, V visits."""
 
-    sensors: list[np.ndarray]
+    sensors: list[np.ndarray] = field(default_factory=list)
     """For each moment (W, N, 2) positions of the robots [m]."""
-    works: list[np.ndarray]
+    works: list[np.ndarray] = field(default_factory=list)
     """For each moment (W, N) bool: robots that sense."""
-    rows: list[np.ndarray]
+    rows: list[np.ndarray] = field(default_factory=list)
     """For each moment but the last the rows of the live rogues (V, D)."""
-    worlds: list[np.ndarray]
+    worlds: list[np.ndarray] = field(default_factory=list)
     """Their worlds (V,)."""
-    places: list[np.ndarray]
+    places: list[np.ndarray] = field(default_factory=list)
     """Their positions (V, 2) [m]."""
-
-    @classmethod
-    def none(cls) -> "Visits":
-        """Return no visits."""
-        return cls([], [], [], [], [])
 
     def look(self, simulation: Simulation) -> None:
         """Record a moment."""
@@ -106,11 +102,11 @@ class Foresight:
     def sensed(self, sensors: np.ndarray, works: np.ndarray) -> np.ndarray:
         """Return (W, rows, columns) True for the cells that a disc senses at a moment."""
         x, y = self._centres
-        found = np.zeros((len(sensors), len(y), len(x)), dtype=bool)
+        sensed = np.zeros((len(sensors), len(y), len(x)), dtype=bool)
         for w, i in zip(*np.nonzero(works), strict=True):
             away = (y[:, None] - sensors[w, i, 1]) ** 2 + (x[None] - sensors[w, i, 0]) ** 2
-            found[w] |= away <= self._radius**2
-        return found
+            sensed[w] |= away <= self._radius**2
+        return sensed
 
     def label(self, visits: Visits) -> Labels:
         """Return the labels of all visits of episodes of one length, in order of time.
@@ -122,13 +118,13 @@ class Foresight:
         if last < self.stage:
             least, got = self.stage * self._step, last * self._step
             raise ValueError(f"task.duration must be at least {least:g} s for rogues to learn, got {got:g} s")
-        found = []
+        labels = []
         for end, value in self.values(visits, HORIZON):
             # Rogues of the moments of a stage head for the best place at its end.
             for moment in range(end - self.stage, end) if end >= self.stage else ():
                 places, worlds = visits.places[moment], visits.worlds[moment]
-                found.append((visits.rows[moment], *self.best_actions(places, worlds, end - moment, value)))
-        rows, actions, gains = zip(*reversed(found), strict=True)
+                labels.append((visits.rows[moment], *self.best_actions(places, worlds, end - moment, value)))
+        rows, actions, gains = zip(*reversed(labels), strict=True)
         return Labels(np.concatenate(rows), np.concatenate(actions), np.concatenate(gains))
 
     def values(self, visits: Visits, horizon: float = 0.0) -> Iterator[tuple[int, np.ndarray]]:

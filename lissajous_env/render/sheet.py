@@ -1,6 +1,8 @@
-"""Contact sheets as vector drawings (SVG or PDF) for papers and slides."""
+"""Contact sheets for papers and slides: pictures of an episode side by side, drawn by matplotlib."""
 
-from typing import Any, BinaryIO
+import math
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,10 +20,16 @@ from lissajous_env.render.canvas import View
 from lissajous_env.render.plotting import own_settings
 from lissajous_env.render.team import Team
 from lissajous_env.render.times import flash_time
+from lissajous_env.storage.files import replacing
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
 from lissajous_env.world.targets.motion import FLEEING
 
+STILLS = {".png": "Software", ".svg": "Date", ".pdf": "CreationDate"}
+"""Suffixes of a contact sheet, and the entry of such a file that would differ from one drawing to the next."""
+_PICTURES = 6
+_DENSITY = 200
+"""Resolution of a PNG [px/inch]."""
 _STYLE: dict[Any, Any] = {
     "font.family": "sans-serif",
     "font.size": 8,
@@ -37,18 +45,24 @@ _MOST_CELLS = 200, 200
 """Limit on the drawn rows and columns of the grid."""
 
 
-def save_sheet(recording: Recording, file: BinaryIO, suffix: str, moments: list[int], columns: int) -> None:
-    """Write moments of a recording side by side, row by row.
+def save_sheet(recording: Recording, path: str | Path) -> None:
+    """Write six pictures of a recording, from the first moment to the last, side by side, row by row.
 
     Args:
         recording: Recording to draw.
-        file: File to write.
-        suffix: Format: svg or pdf.
-        moments: Steps of the episode that are drawn.
-        columns: Pictures in a row.
+        path: File to write, in the format of its suffix; written under a temporary name, then renamed.
+
+    Raises:
+        ValueError: a suffix other than .png, .svg and .pdf.
     """
-    scenario, rows = recording.scenario, -(-len(moments) // columns)
+    suffix = Path(path).suffix.lower()
+    if suffix not in STILLS:
+        raise ValueError(f"path must end in {', '.join(STILLS)}, got {path}")
+    scenario = recording.scenario
+    moments = sorted(set(np.linspace(0, len(recording) - 1, _PICTURES).round().astype(int).tolist()))
     extent = scenario.curve.half_width, scenario.curve.half_height
+    columns = min(max(round(math.sqrt(len(moments) * extent[1] / extent[0])), 1), len(moments))
+    rows = -(-len(moments) // columns)
     # Cars overshoot the rectangle; robots farther away than twice its size are omitted.
     furthest = np.abs(recording.position[moments][..., :2]).max(axis=(0, 1))
     margin = 1.25 * scenario.robot.radius + 0.1 * min(extent)
@@ -63,8 +77,9 @@ def save_sheet(recording: Recording, file: BinaryIO, suffix: str, moments: list[
             axes.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), aspect="equal")
             _draw(axes, scenario, recording.snapshot(moment))
         figure.legend(handles=_signs(scenario), loc="outside lower left", ncols=6, frameon=False)
-        # Without a date, identical drawings have identical files.
-        figure.savefig(file, format=suffix, metadata={"Date": None} if suffix == "svg" else {"CreationDate": None})
+        with replacing(path) as temporary:
+            # Without a date, identical drawings have identical files.
+            figure.savefig(temporary, format=suffix[1:], dpi=_DENSITY, metadata={STILLS[suffix]: None})
 
 
 def _draw(axes: Axes, scenario: Scenario, seen: Snapshot) -> None:

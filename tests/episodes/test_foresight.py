@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("stable_baselines3")
-
 import lissajous_env
-from training.foresight import Foresight, Visits
+from lissajous_env.episodes.missed.foresight import Foresight, Visits
 
 FIELD = {"curve.half_width": 4.0, "curve.half_height": 2.0, "sensing.radius": 1.0, "targets.speed_limit": 0.5,
          "targets.speed": 0.2, "targets.flee_speed": 0.2, "robot.count": 1, "task.contamination": None}  # fmt: skip
@@ -19,7 +17,7 @@ def field():
 def visits_of(ways, places):
     """Visits of a robot that goes along `ways` (T + 1, 2), at each moment at the same places (V, 2)."""
     places = np.asarray(places, dtype=np.float32)
-    visits = Visits.none()
+    visits = Visits()
     for at in ways:
         visits.sensors.append(np.asarray(at, dtype=np.float32)[None, None])
         visits.works.append(np.ones((1, 1), dtype=bool))
