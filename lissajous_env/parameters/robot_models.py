@@ -1,6 +1,5 @@
 """Robot models: how robots of a kind move, what an action is and how they are drawn; `robot.kind` names one."""
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +9,7 @@ import warp as wp
 
 from lissajous_env.by_value import replaces
 from lissajous_env.device.warp_abi import names_of_arguments
+from lissajous_env.parameters.registry import register
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.wording import few_of, shown
@@ -79,6 +79,7 @@ class RobotModel:
 
 
 _SHIPPED = ("car", "curve")
+_NAMES = r"\w[\w-]{0,62}", "of letters, digits, _ and -"
 _TO_ACT = ("robot", "heading", "speed", "yaw_rate", "action_out")
 _MODELS: dict[str, RobotModel] = {}
 """Registered models by name; the included ones register themselves in `lissajous_env.world.robots`."""
@@ -92,11 +93,6 @@ def register_robot_model(model: RobotModel) -> RobotModel:
     """
     if not isinstance(model, RobotModel):
         raise ValueError(f"robot model must be a RobotModel, got {shown(model)}")
-    if not (isinstance(model.name, str) and re.fullmatch(r"\w[\w-]{0,62}", model.name)):
-        raise ValueError(f"name of a robot model must be of letters, digits, _ and -, got {shown(model.name)}")
-    before = _MODELS.get(model.name, model)
-    if before != model and not replaces(getattr(model.move, "func", None), before.move.func):
-        raise ValueError(f"name of a robot model must be new, got {shown(model.name)}")
     words = all(isinstance(each, str) and each.strip() == each != "" for each in model.actions)
     if not model.actions or not words or len(set(model.actions)) < len(model.actions):
         rule = "must have an action of at least one component, with different names"
@@ -113,7 +109,8 @@ def register_robot_model(model: RobotModel) -> RobotModel:
                 raise ValueError(f"{what} of robot model {model.name} {rule}, got {shown(row)}")
     if model.as_car is not None:
         _check_as_car(model.name, model.as_car)
-    _MODELS[model.name] = model
+    before = _MODELS.get(str(model.name), model)
+    register(_MODELS, "robot model", model, _NAMES, replaces=replaces(model.move.func, before.move.func))
     return model
 
 

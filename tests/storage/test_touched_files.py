@@ -120,7 +120,7 @@ assert "halving" in str(simulation.stages)
         ),
         (
             {},
-            {"lissajous_env/parameters/shipped.py": [('name="ideal"', 'name="mine"')]},
+            {"lissajous_env/parameters/shipped.toml": [("[ideal]", "[mine]")]},
             'assert lissajous_env.parallel_env("mine").reset(seed=1)',
         ),
         (
