@@ -1,6 +1,6 @@
-"""The worst case of a learned choice, of classical policies and of the best plan of a search, on scenarios of a space.
+"""The worst case of the portfolio, of classical policies and of the best plan of a search, on scenarios of a space.
 
-    python benchmarks/guard.py --policies learned-guard --scenarios 24 --seconds 30
+    python benchmarks/guard.py --scenarios 24 --seconds 30
 
 Each scenario of `monitoring-v1:test` is planned for (`lissajous plan --fixed-start`), on seeds from 0. The policies and
 the plan are then played on the same other seeds. A worst case is the longest worst-case undetected time of the
@@ -15,7 +15,6 @@ mean over scenarios of the ratio to the worst case without, on other seeds than 
 """
 
 import argparse
-import dataclasses
 import json
 import math
 import warnings
@@ -25,16 +24,20 @@ from typing import Any
 import figures
 import numpy as np
 from patrol import geometric_mean, in_words
+from prior import FIRST_SEED, scenarios_of
 
-from baselines.planning import planner
+from baselines.planning.planner import Outcome
+from baselines.planning.portfolio import NAMES, chosen, ordered
+from baselines.planning.prior import Prior
+from baselines.planning.rehearse import GUARANTEE, result_of
+from baselines.planning.request import Request
 from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario, scenario_space
 from lissajous_env.parameters.assumptions import AssumptionWarning
-from training.choosing.chooser import Chooser, chosen, names
-from training.choosing.playing import GUARANTEE, play, scenarios_of
 
 CLASSICAL = ("line-abreast", "partition", "partition-repair", "sweep", "laps", "kuramoto-mpcc")
 PLAN = "best plan"
+GUARD = "portfolio-guarantee"
 REHEARSED = 0, 5, 10, 18
 """Numbers of rehearsed patrols that are compared, the first without any."""
 
@@ -43,8 +46,8 @@ Results = dict[tuple[str, str], dict[str, Any]]
 
 def best_plan(made: Scenario, seconds: float) -> PolicySettings | None:
     """Return the plan with the shortest worst case of a search; None if each has a collision or no bound."""
-    outcome = planner.prepare(made)
-    planner.search(outcome, seconds, fixed_start=True)
+    outcome = Outcome.of(Request(made))
+    outcome.search(seconds, fixed_start=True)
     plans = [each for each in outcome.plans if math.isfinite(each.figures.worst_case)]
     return plans[0].plan.settings if plans else None
 
@@ -53,7 +56,13 @@ def settings_of(name: str, made: Scenario, seconds: float) -> PolicySettings | N
     """Return the settings of a policy or of the best plan."""
     if name == PLAN:
         return best_plan(made, seconds)
-    return chosen(name, made) if name in names() or Path(name).is_dir() else PolicySettings(name)
+    return chosen(name, made) if name in NAMES else PolicySettings(name)
+
+
+def played(settings: PolicySettings | None, made: Scenario, episodes: int) -> dict[str, Any]:
+    """Return the worst case [s] and the collisions of a policy; a time of None for none, and one that does not suit."""
+    result = None if settings is None else result_of(settings, made, episodes, GUARANTEE, FIRST_SEED)
+    return {"time": None} if result is None else result._asdict()
 
 
 def results(path: Path, scenarios: list[Scenario], policies: list[str], options: argparse.Namespace) -> Results:
@@ -66,9 +75,9 @@ def results(path: Path, scenarios: list[Scenario], policies: list[str], options:
                 if (made.name, name) in found:
                     continue
                 settings = settings_of(name, made, options.seconds)
-                played = {"time": None} if settings is None else play(settings, made, options.episodes, GUARANTEE)
+                played_now = played(settings, made, options.episodes)
                 fails = made.faults.rate > 0 or made.faults.lost > 0
-                row = {"scenario": made.name, "policy": name, "fails": fails} | played
+                row = {"scenario": made.name, "policy": name, "fails": fails} | played_now
                 found[made.name, name] = row
                 file.write(json.dumps(row) + "\n")
                 file.flush()
@@ -101,11 +110,11 @@ def as_table(found: Results, policies: list[str]) -> figures.Table:
 
 
 def rehearsals(scenarios: list[Scenario], options: argparse.Namespace) -> figures.Table:
-    """Return a row for each number of rehearsed patrols, for the first of the learned choices."""
-    learned, times, collisions = Chooser.read(options.policies[0]), [], []
+    """Return a row for each number of rehearsed patrols."""
+    prior, times, collisions = Prior.read(GUARD), [], []
     for made in scenarios:
-        best = [dataclasses.replace(learned, rehearsed=count).chosen(made)[0] for count in REHEARSED]
-        found = [play(settings, made, options.episodes, GUARANTEE) for settings in best]
+        best = [ordered(prior, made, count)[0] for count in REHEARSED]
+        found = [played(settings, made, options.episodes) for settings in best]
         if all(row["time"] is not None for row in found):
             times.append([row["time"] for row in found])
             collisions.append([row["collisions"] for row in found])
@@ -123,7 +132,7 @@ def rehearsals(scenarios: list[Scenario], options: argparse.Namespace) -> figure
 
 def main() -> None:
     parser = figures.parser(__doc__)
-    parser.add_argument("--policies", nargs="*", default=["learned-guard"], help="learned choices, names or folders")
+    parser.add_argument("--policies", nargs="*", default=[GUARD], help="names")
     parser.add_argument("--space", default="monitoring-v1")
     parser.add_argument("--scenarios", type=int, default=24)
     parser.add_argument("--seconds", type=float, default=30.0, help="duration of each search [s]")
@@ -134,7 +143,7 @@ def main() -> None:
     warnings.simplefilter("ignore", AssumptionWarning)
     options.out.mkdir(parents=True, exist_ok=True)
     policies, split = [PLAN, *options.policies, *CLASSICAL], "validation" if options.rehearsals else "test"
-    scenarios = scenarios_of(scenario_space(options.space), split, options.scenarios, GUARANTEE)
+    scenarios = list(scenarios_of(scenario_space(options.space), split, options.scenarios, GUARANTEE))
     if options.rehearsals:
         name, table = "guard rehearsed", rehearsals(scenarios, options)
     else:

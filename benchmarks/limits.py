@@ -63,7 +63,7 @@ CASES = {
     "team where one stops": Case("team", "partition-repair-proved", 240, NEWS, stops=True),
     "intruders in line": Case("intruders", "line-abreast", 256, INTRUDERS),
     "team in lines": Case("team", "line-abreast-proved", 128),
-    "team by a choice": Case("team", "learned-guard", 128),
+    "team by a choice": Case("team", "portfolio-guarantee", 128),
 }
 
 

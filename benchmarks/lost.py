@@ -14,7 +14,7 @@ import lissajous_env
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.world.columns import COLLISIONS, OPEN, WORST_CASE
 
-POLICIES = ("kuramoto-mpcc", "kuramoto-mpcc-close", "consensus-mpcc", "partition", "partition-repair", "line-abreast")
+POLICIES = ("kuramoto-mpcc", "kuramoto-mpcc-safe", "consensus-mpcc", "partition", "partition-repair", "line-abreast")
 REMOVED_AT = 20.0
 """Time at which the robot is removed [s]."""
 

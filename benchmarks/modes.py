@@ -1,9 +1,10 @@
-"""Reasons for long worst cases of learned choices: `python benchmarks/modes.py`.
+"""Reasons for long worst cases of patrols: `python benchmarks/modes.py`.
 
-Plays the patrol of `learned-guard` on `team`, and lines at 0.85 of the top speed on `intruders`, from the starts of the
-scenario, from exact starts (`formation.start_noise=0`) and without failures. The table has the worst-case undetected
-time of the episodes, that of their first and last parts, and the widest gap between the places in the file that the
-robots compute when they start, over an even spacing (median and largest). `--store` puts it into docs/figures.json.
+Plays the patrol of `portfolio-guarantee` on `team`, and lines at 0.85 of the top speed on `intruders`, from the starts
+of the scenario, from exact starts (`formation.start_noise=0`) and without failures. The table has the worst-case
+undetected time of the episodes, that of their first and last parts, and the widest gap between the places in the file
+that the robots compute when they start, over an even spacing (median and largest). `--store` puts it into
+docs/figures.json.
 """
 
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import figures
 import numpy as np
 
-import training
+import baselines
 from baselines.benchmark.standard import as_played
 from baselines.benchmark.statistics import summarize_largest
 from baselines.benchmark.tables import in_words, number
@@ -53,7 +54,7 @@ def row_of(name: str, episodes: int) -> list[str]:
     """Return the cells of a case."""
     base, changes = CASES[name]
     whole, seeds = as_played(base, {}), range(FIRST_SEED, FIRST_SEED + episodes)
-    settings = LINES if base == "intruders" else training.chosen("learned-guard", whole)
+    settings = LINES if base == "intruders" else baselines.chosen("portfolio-guarantee", whole)
     scenario = make_scenario(whole, **changes)
     times = worst_undetected_times(settings.make(scenario, episodes), scenario, seeds)
     gaps, early = widest_gaps(settings, scenario, seeds), round(EARLY / scenario.task.step)

@@ -1,4 +1,4 @@
-"""Policies on many scenarios of a space: `python benchmarks/patrol.py --policies learned-patrol runs/many/best-safe`.
+"""Policies on many scenarios of a space: `python benchmarks/patrol.py --policies portfolio runs/many/best-safe`.
 
 Plays the first scenarios of a split or shift, by default those of `monitoring-v1:test`, which no training uses. Each
 policy plays the same seeds as the classical ones. Its detection time in a scenario is divided by that of the best
@@ -31,7 +31,7 @@ CLASSICAL = (
     PAPERS, "kuramoto-gvf", "consensus-mpcc", "open-loop-mpcc", "sweep", "laps", "partition", "partition-repair",
     "line-abreast",
 )  # fmt: skip
-LEARNED = "learned-patrol", "learned-careful", "learned-patrol-proved"
+PLAYED = ("portfolio",)
 SPLITS = ("test", "larger", "longer", "faster")
 FIRST_SEED = 10_000
 KEPT = ("detection_time_mean", "detected_fraction", "collisions", "distance_mean", "speed_max", "sensed_fraction")
@@ -126,7 +126,7 @@ def as_table(scores: Scores, policies: list[str]) -> figures.Table:
 
 def main() -> None:
     parser = figures.parser(__doc__)
-    parser.add_argument("--policies", nargs="*", default=LEARNED, help="names or folders besides the classical ones")
+    parser.add_argument("--policies", nargs="*", default=PLAYED, help="names or folders besides the classical ones")
     parser.add_argument("--space", default="monitoring-v1")
     parser.add_argument("--splits", nargs="+", default=SPLITS)
     parser.add_argument("--scenarios", type=int, default=32, help="scenarios of each split")

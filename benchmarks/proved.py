@@ -20,7 +20,7 @@ from baselines.benchmark.tables import in_words, number
 from baselines.policies.base import Policy
 from baselines.safety.proved import Proved, ProvedParameters
 
-FILTERS = ("", "-safe", "-close", "-proved")
+FILTERS = ("", "-safe", "-proved")
 TIMED = (
     ("kuramoto-mpcc", "evaders"), ("kuramoto-mpcc", "team"), ("kuramoto-mpcc", "evaders-failure"),
     ("sweep", "experiment"), ("random", "evaders"), ("random", "experiment"),

@@ -1,7 +1,7 @@
 """Undetected times of the included learned rogues and of the scripts: `python benchmarks/rogues.py`.
 
 Prints the table of docs/rogues.md from the times that are stored beside the weights, which were measured by
-`python -m training.publish_rogue` on held-out seeds.
+`python benchmarks/publish.py` on held-out seeds.
 """
 
 from lissajous_env.parameters.rogues import folder_of, rogue_of, shipped_rogues

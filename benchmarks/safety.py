@@ -18,7 +18,7 @@ from baselines.safety.filter import Safe
 from baselines.safety.proved import Proved
 
 POLICIES = ("kuramoto-mpcc", "open-loop-mpcc", "tracked-reference-mpcc", "consensus-gvf", "sweep", "random")
-FILTERS = ("-safe", "-close", "-proved")
+FILTERS = ("-safe", "-proved")
 COLUMNS = {
     "collisions": "collisions",
     "min_separation": "smallest distance [m]",

@@ -14,8 +14,8 @@ import numpy as np
 import baselines
 import lissajous_env
 from baselines.benchmark.tables import number
+from baselines.planning import portfolio
 from baselines.policies.registry import unwrapped
-from training.choosing import chooser
 
 SCENARIOS = ("experiment", "evaders", "intruders")
 SCALES = ((10.0, 1.0), (10.0, 10.0), (3.0, 0.5), (0.1, 1.0), (100.0, 10.0))
@@ -73,8 +73,8 @@ def largest_differences(policy: str, scenario: lissajous_env.Scenario, seeds: in
 
 
 def _policies(scenario: lissajous_env.Scenario) -> list[str]:
-    """Return the policies without a filter, learned choices aside, and the paper's method with each filter."""
-    names = [name for name in baselines.names(scenario) if unwrapped(name)[0] not in chooser.names()]
+    """Return the policies without a filter, portfolios aside, and the paper's method with each filter."""
+    names = [name for name in baselines.names(scenario) if unwrapped(name)[0] not in portfolio.NAMES]
     return [name for name in names if unwrapped(name)[0] in (name, FILTERED)]
 
 

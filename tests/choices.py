@@ -2,16 +2,16 @@
 
 from collections.abc import Iterable
 
+from baselines.planning import portfolio
 from baselines.policies import registry
-from training.choosing import chooser
 
 FILTERED = ("sweep", "kuramoto-mpcc", "partition-repair", "learned-intruders")
 """Policies that are tested under each collision filter too, one of each kind of memory."""
 
 
 def playing_all(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the names without learned choices: these play one of the others, and not in every scenario."""
-    return tuple(name for name in names if registry.unwrapped(name)[0] not in chooser.names())
+    """Return the names without portfolios: these play one of the others, and not in every scenario."""
+    return tuple(name for name in names if registry.unwrapped(name)[0] not in portfolio.NAMES)
 
 
 def differing(names: Iterable[str]) -> tuple[str, ...]:

@@ -80,8 +80,11 @@ def plain(kind, value):
     return KINDS[f"std_msgs/msg/{kind}"](value)
 
 
-def write(path, messages):
-    """Write (topic, message, time of the recorder [s]) in the order of these times; a further entry names a channel."""
+def write(path, messages, stored=lambda topic, time, data: data):
+    """Write (topic, message, time of the recorder [s]) in the order of these times; a further entry names a channel.
+
+    `stored` returns the bytes that are written of a message.
+    """
     library = rosbags()
     with library.Writer(path, version=9, storage_plugin=library.StoragePlugin.MCAP) as writer:
         channels = {}
@@ -93,8 +96,8 @@ def write(path, messages):
                 channels[key] = writer.add_connection(
                     topic, message.__msgtype__, typestore=STORE, offered_qos_profiles=qos
                 )
-            stored = STORE.serialize_cdr(message, message.__msgtype__)
-            writer.write(channels[key], round(time * 1e9), stored)
+            data = STORE.serialize_cdr(message, message.__msgtype__)
+            writer.write(channels[key], round(time * 1e9), stored(topic, time, data))
     return path
 
 

@@ -69,6 +69,7 @@ class Team:
         with open(self.file, "w", encoding="utf-8") as file:
             file.write(as_toml(scenario))
         self.world = WorldNode(scenario, settings)
+        self.world.discovery = 0.0  # within one process, everyone is known at once
         chosen = range(scenario.num_robots) if robots is None else robots
         # A busy machine must not be taken for a jump of the clock.
         if settings.pace != 1:

@@ -1,7 +1,6 @@
 """Learned policies: the included ones, and their training."""
 
-from training.choosing.chooser import chosen, load
 from training.learned.onnx_graph import export_onnx
-from training.learned.policy import Learned, names
+from training.learned.policy import Learned, load, names
 
-__all__ = ["Learned", "chosen", "export_onnx", "load", "names"]
+__all__ = ["Learned", "export_onnx", "load", "names"]

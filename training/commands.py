@@ -19,7 +19,6 @@ def train(
     side: Literal["robots", "rogues"] = "robots",
     against: Annotated[str | None, tyro.conf.arg(metavar="POLICY")] = None,
     rogue_rounds: int | None = None,
-    rogue_steps: int | None = None,
     rogue_starts: int | None = None,
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
@@ -33,34 +32,19 @@ def train(
         lissajous train --scenario intruders --out runs/intruders
         lissajous train --side rogues --against sweep --scenario evaders --out runs/hiding
 
-    Options:
-        training: scenario, set, algorithm, steps, seed, start, out
-        start and base: base, base_parameters, residual, initial_output, residual_penalty, teacher, imitation,
-            imitation_steps, imitation_batch, imitation_epochs
-        worlds: worlds, groups, short, short_time, rollout, caution
-        network: inputs, layers, activation, critic, critic_steps
-        optimizer: learning_rate, batch_size, epochs, gamma, gae_lambda, clip_range, entropy, value_weight,
-            gradient_max, averaging
-        exploration: log_std, log_std_end, noise_steps
-        evaluation: evaluate_every, evaluation_episodes, evaluation_scenarios, rivals
-        where it runs: device, threads
-        rogues: side, against, rogue_rounds, rogue_steps, rogue_starts
-
     Args:
-        settings: Scenario, algorithm and folder of the results.
+        settings: Scenario, settings and folder of the results.
         side: `robots`, or `rogues` for targets that learn to hide from robots that do not learn. Rogues accept only the
-            options scenario, set, seed, out, layers, activation, gamma, evaluation_episodes, device, threads, and
-            those of this group.
+            options scenario, set, seed, out, layers, evaluation_episodes, device, threads, against and rogue_*.
         against: policy of the robots from which rogues learn to hide: a name, or the folder of a checkpoint.
         rogue_rounds: rounds in which rogues imitate a rogue that knows the robots' future; more rounds make better
             rogues, 48 take some minutes and are the default.
-        rogue_steps: rogue steps of PPO after the imitation; none by default, because they gain less than more rounds.
         rogue_starts: rogues per episode, each with a start of its own, 96 by default.
         output: Console output.
         overrides: fields changed in the scenario, as in --set task.reward_collision=-5 targets.count=5
     """
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
-    options = {"against": against, "rounds": rogue_rounds, "steps": rogue_steps, "starts": rogue_starts}
+    options = {"against": against, "rounds": rogue_rounds, "starts": rogue_starts}
     of_rogues: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     # Progress is printed to stderr if stdout is for the result alone.
     console = make_console(stderr=output.json, quiet=output.quiet)
@@ -86,4 +70,4 @@ def _train_rogues(settings: TrainingSettings, given: dict[str, Any], console: Co
     if "against" not in given:
         raise ValueError("against must be the policy from which the rogues learn to hide, got none")
     made = RogueTraining.from_common(settings, **given)
-    return _import("training.sb3.rogue_trainer").train_rogues(made, console)
+    return _import("training.rogue_trainer").train_rogues(made, console)

@@ -33,7 +33,7 @@ class Display:
 
     def __enter__(self) -> "Display":
         settings, history = self._settings, self._history
-        title = f"[b]{escape(settings.scenario)}[/b], {settings.algorithm}, {settings.num_worlds} worlds"
+        title = f"[b]{escape(settings.scenario)}[/b], {settings.num_worlds} worlds"
         resumed = f", resumed at {_million(history.steps)}" if history.steps else ""
         self.say(f"{title}, {_million(settings.steps)} over all robots{resumed}, to {escape(str(settings.out))}")
         without = "; --base none trains without" if settings.chosen_base is not None and settings.base is None else ""

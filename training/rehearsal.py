@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import baselines
+from baselines.planning.rehearse import Result
 from baselines.policies import registry
 from baselines.policies.base import Policy
 from lissajous_env import Scenario, evaluate
@@ -19,7 +20,6 @@ from lissajous_env.storage.journal import Journal
 from lissajous_env.wording import where_raised
 from lissajous_env.world.columns import COLLISIONS
 from training import scenarios
-from training.choosing.playing import SHORTEST, cost_of
 from training.learned.history import summarize_scores
 
 EPISODES, FIRST_SEED = 4, 700_000
@@ -115,9 +115,7 @@ class Rehearsal:
 
 def _cost(scores: dict[str, float | None], made: Scenario) -> float:
     """Return the logarithm of the detection time, and a tenth for each collision; collisions alone without targets."""
-    time, collisions = scores["detection_time"], scores[COLLISIONS.name] or 0.0
-    shortest = SHORTEST * made.task.step
-    return float(cost_of(shortest if time is None else max(time, shortest), collisions))
+    return Result(scores["detection_time"] or 0.0, scores[COLLISIONS.name] or 0.0).cost(made.task.step)
 
 
 def _best(found: dict[str, dict[str, Any]], count: int) -> tuple[str, ...]:

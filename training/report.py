@@ -3,17 +3,14 @@
 import dataclasses
 import time
 from collections.abc import Mapping
-from itertools import pairwise
 from typing import Any
 
 import baselines
-from lissajous_env.console.help import groups_of
 from lissajous_env.episodes.recording import record
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.replay.contents import BRIEF, contents
 from lissajous_env.report import report
 from lissajous_env.storage.folder import Folder
-from training.commands import train
 from training.learned.history import LEARNING, RELATIVE, SCORES, History
 from training.settings import TrainingSettings
 
@@ -23,7 +20,7 @@ SHARE = 0.01
 """Fraction of the training time that recording replays may take; if it is exceeded, evaluations skip the replay."""
 _LEARNING = {
     "approx_kl": ("divergence (KL) [1/1000]", "between the policies before and after an update", 1000),
-    "entropy": ("entropy [nat]", "of the exploration noise", 1),
+    "entropy_loss": ("entropy [nat]", "of the exploration noise", -1),
     "explained_variance": ("explained variance", "of the returns by the critic; at most 1", 1),
 }
 assert _LEARNING.keys() == set(LEARNING)
@@ -79,17 +76,16 @@ class TrainingReport:
             ],
             "learning": history.learning,
             "lost": {rival: worse for rival in history.rivals if (worse := history.losses(rival))},
-            "stages": [b["steps"] for a, b in pairwise(history.curve) if a.get("stage") != b.get("stage")],
             "rivals": [
                 {"name": name, **{score["name"]: of[score["name"]] for score in scores}}
                 for name, of in history.rivals.items()
             ],
             "best": history.best["counters"]["steps"] if history.best else None,
-            "settings": _grouped(settings),
+            "settings": _sorted_settings(settings),
             "replays": {name: entry for name, (entry, _) in self._replays.items()},
         }
         done = f"{history.steps:,} of {settings.steps:,} robot steps, {history.seconds / 60:.1f} min"
-        words = {"title": f"{settings.scenario}: {settings.algorithm}, seed {settings.seed}", "state": done}
+        words = {"title": f"{settings.scenario}, seed {settings.seed}", "state": done}
         return report(
             "training.html", "training.js", data, words, {name: of for name, (_, of) in self._replays.items()}
         )
@@ -129,29 +125,24 @@ def _by_scenario(history: History) -> list[dict[str, Any]]:
     ]
 
 
-def _grouped(settings: TrainingSettings) -> list[dict[str, Any]]:
-    """Return the settings by group of the command's options, those that differ from their defaults apart.
+def _sorted_settings(settings: TrainingSettings) -> dict[str, list[tuple[str, str]]]:
+    """Return the settings that differ from their defaults, the scenario among them, and the others, in words.
 
-    The scenario counts as one that differs. A default that depends on other settings is shown as what it resolves to,
-    if a checkpoint contains that, or else as `default`.
+    A default that depends on other settings is shown as what it resolves to, or else as `default`.
     """
     values = settings.to_dict()
-    fields = {field.name: field.default for field in dataclasses.fields(settings)}
-    changed = [name for name, default in fields.items() if getattr(settings, name) != default]
-    changed.append("scenario")
-    groups = []
-    for title, names in groups_of(train).items():
-        given: dict[str, list[tuple[str, str]]] = {"changed": [], "others": []}
-        for name in ("overrides" if name == "set" else name for name in names):
-            if name == "overrides":
-                given["changed"] += [(field, _in_words(value)) for field, value in settings.overrides.items()]
-            elif name in changed and name in values:
-                given["changed"].append((name, _in_words(values[name])))
-            elif name in values:
-                unset = values[name] is None or values[name] == []
-                given["others"].append((name, "default" if unset else _in_words(values[name])))
-        groups.append({"title": title, **given})
-    return [group for group in groups if group["changed"] or group["others"]]
+    changed, others = [], []
+    for field in dataclasses.fields(settings):
+        if field.name == "overrides":
+            changed += [(name, _in_words(value)) for name, value in settings.overrides.items()]
+        elif field.name not in values:
+            continue
+        elif field.name == "scenario" or getattr(settings, field.name) != field.default:
+            changed.append((field.name, _in_words(values[field.name])))
+        else:
+            unset = values[field.name] is None or values[field.name] == []
+            others.append((field.name, "default" if unset else _in_words(values[field.name])))
+    return {"changed": changed, "others": others}
 
 
 def _in_words(value: Any) -> str:

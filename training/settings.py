@@ -1,11 +1,12 @@
 """The settings of a training: one dataclass, which is the command line of `lissajous train`."""
 
 import dataclasses
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import tyro
 
@@ -14,12 +15,11 @@ from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device.devices import as_device
+from lissajous_env.wording import shown
 from training import scenarios
-from training.choosing.candidates import Candidate
 from training.learned import checkpoint
 from training.learned.constants import CONSTANTS
 from training.learned.policy import find
-from training.setting_ranges import check_numbers, parse_numbers, require
 
 CHANGES_NOTHING = (
     "steps",
@@ -30,7 +30,35 @@ CHANGES_NOTHING = (
     "rivals",
 )
 """Settings that may change when a training is resumed: they do not affect what is learned from a step."""
-
+_RANGES: dict[str, tuple[float, float]] = {
+    "steps": (1, 10**15),
+    "worlds": (1, 1_000_000),
+    "groups": (1, 10_000),
+    "short": (0, 1),
+    "short_time": (1e-6, 1e6),
+    "seed": (0, 2047),
+    "residual": (1e-6, 2),
+    "imitation_steps": (0, 10**15),
+    "critic_steps": (0, 10**15),
+    "layers": (1, 65_536),
+    "learning_rate": (1e-12, 1),
+    "rollout": (1, 1_000_000),
+    "batch_size": (2, 10**9),
+    "epochs": (1, 10_000),
+    "gamma": (0, 1),
+    "gae_lambda": (0, 1),
+    "averaging": (0, 0.999999),
+    "log_std": (-20, 2),
+    "log_std_end": (-20, 2),
+    "noise_steps": (1, 10**9),
+    "caution": (0, 1e6),
+    "evaluate_every": (1, 10**15),
+    "evaluation_episodes": (1, 65_536),
+    "evaluation_scenarios": (1, 10_000),
+    "threads": (1, 1024),
+    "initial_output": (-1, 1),
+}
+"""Smallest and largest value of each number, and of each number of a tuple; others can only be typing errors."""
 _LEFT_OUT = ("base_parameters", "initial_output")
 """Settings that a checkpoint names only if they are given."""
 _PAPERS_METHODS = {"car": ("kuramoto-mpcc", "kuramoto-gvf"), "curve": ("kuramoto",)}
@@ -42,6 +70,33 @@ _TEACHERS = {"car": ("arc-mpcc", "arc-gvf"), "curve": ("kuramoto",)}
 """By kind of robot, in order of preference: contouring control follows only Lissajous curves, the vector field any."""
 
 
+def check_ranges(settings: Any, ranges: Mapping[str, tuple[float, float]]) -> None:
+    """Raise ValueError if a number of some settings, or one of a tuple of numbers, is outside of its range."""
+    for name, (least, most) in ranges.items():
+        value = getattr(settings, name)
+        numbers = value if isinstance(value, tuple) else () if value is None else (value,)
+        if not all(least <= number <= most for number in numbers):
+            raise ValueError(f"{name} must be from {least:,} to {most:,}, got {value!r}")
+
+
+def parse_numbers(name: str, entries: Iterable[str]) -> dict[str, float]:
+    """Parse numbers by name, as in ("cruise=1.9", "inset=0.1").
+
+    Raises:
+        ValueError: an entry is not of this form, or a name is given twice.
+    """
+    numbers: dict[str, float] = {}
+    for entry in entries:
+        word, equals, text = entry.partition("=")
+        try:
+            numbers[word] = float(text) if equals and word not in numbers else math.nan
+        except ValueError:
+            numbers[word] = math.nan
+        if not math.isfinite(numbers[word]):
+            raise ValueError(f"{name} must be given as name=number, each name once, got {shown(entry)}")
+    return numbers
+
+
 @dataclass(frozen=True)
 class TrainingSettings:
     """Settings of a training. The defaults suit two cores of a laptop."""
@@ -49,9 +104,6 @@ class TrainingSettings:
     scenario: str = "intruders"
     """Scenario to train on, or a space of scenarios: training draws from its split train, and evaluations play the
     first scenarios of its split validation."""
-    algorithm: Literal["ppo", "dagger", "clone"] = "ppo"
-    """`ppo`: proximal policy optimization, after imitation if there is a teacher. `dagger`: imitation only, in the
-    states that the learned policy reaches; `clone`: imitation only, in the states that the teacher reaches."""
     steps: int = 100_000_000
     """Robot steps to train for, summed over all robots and worlds. The default takes about 40 minutes on two cores; a
     few million show whether a scenario can be learned."""
@@ -87,32 +139,19 @@ class TrainingSettings:
     """Mean of the network's output at the start, a number for each component of an action; about 0 by default. A base
     that controls a speed compensates small outputs, so from 0 a policy does not learn to drive faster than the base.
     """
-    residual_penalty: float = 0.0
-    """Penalty per step and mean square of the network's output if there is a base; a large one makes the policy act
-    almost like the base."""
     teacher: str | None = None
     """Policy to imitate; `none` disables imitation. By default none with `start` or a base, otherwise kuramoto for
     points and arc-mpcc (arc-gvf on a curve of harmonics) for cars."""
-    imitation: Literal["dagger", "clone"] = "dagger"
-    """Kind of imitation before ppo."""
     imitation_steps: int = 1_000_000
-    """Robot steps of imitation before ppo, counted in `steps`."""
-    imitation_batch: int = 1024
-    """Rows per minibatch of imitation."""
-    imitation_epochs: int = 4
-    """Passes over each rollout of imitation."""
+    """Robot steps of imitation before ppo, counted in `steps`; as many as these for imitation alone. The teacher is
+    imitated in the states that the learned policy reaches."""
     inputs: tuple[str, ...] = ()
     """Names of the observation's entries that the network reads; all by default."""
-    critic: Literal["robot", "world"] | None = None
-    """Input of the critic. robot: the policy's inputs; world: also the state of the whole world (MAPPO). By default
-    world; ray supports only robot."""
     critic_steps: int = 0
     """Robot steps of ppo in which only the critic learns, so that its initial errors do not spoil a policy given by
     `start`."""
     layers: tuple[int, ...] = (64, 64)
     """Sizes of the hidden layers."""
-    activation: Literal["relu", "tanh"] = "relu"
-    """Activation between layers."""
     learning_rate: float = 7e-4
     """Initial learning rate; it decreases linearly to 1/50 of this."""
     rollout: int = 64
@@ -125,14 +164,6 @@ class TrainingSettings:
     """Discount factor per step."""
     gae_lambda: float = 0.95
     """Lambda of generalized advantage estimation."""
-    clip_range: float = 0.2
-    """Clipping range of the ratio of probabilities."""
-    entropy: float = 0.0
-    """Weight of the entropy bonus."""
-    value_weight: float = 0.5
-    """Weight of the value loss."""
-    gradient_max: float = 0.5
-    """Norm to which gradients are clipped."""
     averaging: float = 0.0
     """Decay of the exponential moving average of the weights; if above 0, the averaged policy is saved."""
     log_std: float = -0.7
@@ -142,7 +173,7 @@ class TrainingSettings:
     deviation is learned. Less noise at the end matters because a saved policy acts without noise."""
     noise_steps: int | None = None
     """Steps for which a robot uses the same random function of its inputs as noise (gSDE); 1: independent noise in
-    each step. By default 30 with a base, otherwise 1; always 1 with ray."""
+    each step. By default 30 with a base, otherwise 1."""
     caution: float = 3.0
     """Factor of `task.reward_collision` while ppo learns: 3 makes collisions cost three times as much."""
     evaluate_every: int = 1_000_000
@@ -163,18 +194,14 @@ class TrainingSettings:
     """Overrides of scenario fields, such as {"task.reward_collision": -5.0}."""
 
     def __post_init__(self) -> None:
-        check_numbers(self)
+        check_ranges(self, _RANGES)
         self._require("start", self.start != "", "must not be empty")
         if self.initial_output:
             size = self.make_scenario().action_size
-            fits = len(self.initial_output) == size and all(-1 <= value <= 1 for value in self.initial_output)
-            self._require("initial_output", fits, f"must be {size} numbers from -1 to 1")
+            self._require("initial_output", len(self.initial_output) == size, f"must be {size} numbers")
             self._require("initial_output", self.start is None, "must be omitted with start")
         self._require(
             "teacher", self.imitated is None or self.base in (None, "none"), "must be none if there is a base"
-        )
-        self._require(
-            "teacher", self.imitated is not None or self.algorithm == "ppo", "must be given for dagger and clone"
         )
         as_device(self.device)
         if self.space is not None:
@@ -184,7 +211,6 @@ class TrainingSettings:
             for name in (self.chosen_base, self.imitated, *self.chosen_rivals):
                 for made in played if name is not None else ():
                     registry.check(str(name), made)
-
         if self.chosen_base_parameters:
             self._require("base_parameters", self.chosen_base is not None, "must be left out without a base")
             PolicySettings(str(self.chosen_base), self.chosen_base_parameters).make(self.make_scenario())
@@ -192,7 +218,6 @@ class TrainingSettings:
     def _check_for_space(self) -> None:
         """Raise ValueError for settings that suit only one scenario."""
         space = f"for a space of scenarios ({self.scenario})"
-        self._require("algorithm", self.algorithm == "ppo", f"must be ppo {space}")
         self._require("teacher", self.imitated is None, f"must be none {space}: a teacher plays one scenario")
         self._require("short", self.short == 0, f"must be 0 {space}: worlds of a group end together")
         rule = f"must be a multiple of groups ({self.num_groups}) {space}"
@@ -246,7 +271,7 @@ class TrainingSettings:
             return (None if self.base == "none" else self.base), "given by --base"
         if self.start is not None:
             return checkpoint.read(find(self.start))[1].base, f"the base of {self.start}, given by --start"
-        if self.algorithm != "ppo" or self.teacher not in (None, "none"):
+        if self.teacher not in (None, "none"):
             return None, "a policy is imitated instead"
         if self.space is not None:
             return self._first_made(_PATROLS, "the best one for spaces")
@@ -278,7 +303,7 @@ class TrainingSettings:
     @property
     def base_label(self) -> str:
         """Name of the base among the rivals, with its parameters, such as `sweep(cruise=1.9)`; "" without a base."""
-        return "" if self.chosen_base is None else Candidate(self.chosen_base, self.chosen_base_parameters).name
+        return "" if self.chosen_base is None else PolicySettings(self.chosen_base, self.chosen_base_parameters).label
 
     @property
     def imitated(self) -> str | None:
@@ -294,21 +319,9 @@ class TrainingSettings:
         return self._first_made(_TEACHERS, "the teacher")
 
     @property
-    def has_central_critic(self) -> bool:
-        """True if the critic's input contains the state of the whole world."""
-        return self.critic != "robot"
-
-    @property
     def imitated_until(self) -> int:
         """Robot steps after which imitation ends."""
-        if self.imitated is None:
-            return 0
-        return min(self.imitation_steps, self.steps) if self.algorithm == "ppo" else self.steps
-
-    @property
-    def student_drives(self) -> bool:
-        """True if the teacher is imitated in the states that the learned policy reaches."""
-        return (self.imitation if self.algorithm == "ppo" else self.algorithm) == "dagger"
+        return 0 if self.imitated is None else min(self.imitation_steps, self.steps)
 
     @property
     def constants(self) -> tuple[str, ...]:
@@ -358,18 +371,17 @@ class TrainingSettings:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint, with defaults replaced by what they resolve to."""
-        kept = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        kept |= {"base": self.chosen_base or "none", "worlds": self.num_worlds}
-        kept |= {"noise_steps": self.chosen_noise_steps}
-        kept["base_parameters"] = self.chosen_base_parameters
+        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        values |= {"base": self.chosen_base or "none", "worlds": self.num_worlds}
+        values |= {"noise_steps": self.chosen_noise_steps, "base_parameters": self.chosen_base_parameters}
         for name in _LEFT_OUT:
-            if not kept[name]:
-                del kept[name]
+            if not values[name]:
+                del values[name]
         if self.space is None:
-            del kept["groups"], kept["evaluation_scenarios"]
+            del values["groups"], values["evaluation_scenarios"]
         else:
-            kept["groups"] = self.num_groups
-        plain = {name: list(value) if isinstance(value, tuple) else value for name, value in kept.items()}
+            values["groups"] = self.num_groups
+        plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
         return plain | {"out": str(self.out), "overrides": dict(self.overrides)}
 
     def differences(self, stored: Mapping[str, Any]) -> list[str]:
@@ -381,4 +393,5 @@ class TrainingSettings:
         ]
 
     def _require(self, name: str, holds: bool, rule: str) -> None:
-        require(self, name, holds, rule)
+        if not holds:
+            raise ValueError(f"{name} {rule}, got {getattr(self, name)!r}")

@@ -16,9 +16,9 @@ SCENARIOS = (
 """Scenarios on which policies differ."""
 
 POLICIES = (
-    "kuramoto-mpcc", "kuramoto-mpcc-close", "open-loop-mpcc", "consensus-mpcc", "partition", "partition-repair",
+    "kuramoto-mpcc", "kuramoto-mpcc-safe", "open-loop-mpcc", "consensus-mpcc", "partition", "partition-repair",
     "line-abreast", "sweep", "laps",
-    "learned-intruders-proved", "learned-careful", "learned-guard", "random", "kuramoto", "consensus", "open-loop",
+    "learned-intruders-proved", "portfolio", "portfolio-guarantee", "random", "kuramoto", "consensus", "open-loop",
 )  # fmt: skip
 """Each is played where it drives the robots, also where it was not made for; the clairvoyant goes with them."""
 

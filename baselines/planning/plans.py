@@ -1,15 +1,18 @@
 """Plans: a policy with its parameters on a scenario, and the figures that its episodes have."""
 
 import dataclasses
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from baselines.policies.as_cars import like_cars
+from baselines.policies.patrol_path import SweepParameters, corner_radius, lookahead
 from baselines.policies.settings import PolicySettings
+from baselines.similarity import motion_scale
 from lissajous_env.episodes.limits import robot_speed_limit
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, OPEN, SEPARATION, WORST_CASE, Column
@@ -102,6 +105,33 @@ def top_speed(task: Scenario) -> float:
     return robot_speed_limit(task) if cars is None else cars.robot.top_speed
 
 
+UNITS: dict[str, Callable[[Scenario, float], float]] = {
+    **dict.fromkeys(("cruise", "speed", "slowest"), lambda task, cruise: top_speed(task)),
+    **dict.fromkeys(("inset", "bow", "settle"), lambda task, cruise: task.sensing_radius),
+    "corner": corner_radius,
+    "lookahead": lambda task, cruise: lookahead(task, cruise, SweepParameters()),
+    "gather": lambda task, cruise: motion_scale(task).time,
+}
+"""Units of relative parameters by name, from a scenario of cars and the patrol's speed [m/s]: the top speed, the
+sensing radius, the default of the parameter, or the time of the motion. Other parameters are used as they are."""
+
+
+def absolute(relative: PolicySettings, task: Scenario, digits: int | None = None) -> PolicySettings:
+    """Return a policy for cars whose parameters are in the units `UNITS` with parameters in SI units.
+
+    Args:
+        relative: The policy with relative parameters.
+        task: The scenario.
+        digits: Significant digits of the parameters; all by default.
+    """
+    cruise = relative.parameters.get("cruise", 1.0) * top_speed(task)
+    given = dict(relative.parameters)
+    for name in given.keys() & UNITS.keys():
+        value = given[name] * UNITS[name](task, cruise)
+        given[name] = value if digits is None else float(f"{value:.{digits}g}")
+    return PolicySettings(relative.policy, given)
+
+
 def figures_of(rows: Sequence[dict[str, Any]], failed: Sequence[dict[str, Any]], plan: Plan, messages: str) -> Figures:
     """Return the figures of a plan from its score rows, and `messages`, which is not among these."""
     duration, body = plan.scenario.task.duration, 2 * plan.scenario.robot.radius
@@ -157,3 +187,29 @@ def _mean(values: Sequence[float]) -> float:
     """Return the mean of the values that are not NaN."""
     known = [value for value in values if not math.isnan(value)]
     return sum(known) / len(known) if known else math.nan
+
+
+def dominates(one: Sequence[float], other: Sequence[float]) -> bool:
+    """Return whether the objectives of one are nowhere worse than those of another, and somewhere better."""
+    return all(a <= b for a, b in zip(one, other, strict=True)) and tuple(one) != tuple(other)
+
+
+def pareto_optimal(planned: Sequence[Planned]) -> list[Planned]:
+    """Return the plans without collisions that none of these dominates, by their worst-case undetected time.
+
+    Of plans with equal objectives the first is returned; where plans differ in their number of robots, fewer are
+    better.
+    """
+    by_objectives: dict[tuple[float, ...], Planned] = {}
+    for each in planned:
+        if each.figures.collisions == 0:
+            by_objectives.setdefault((*each.figures.objectives, float(each.plan.scenario.num_robots)), each)
+    best = [one for one in by_objectives if not any(dominates(other, one) for other in by_objectives)]
+    return [by_objectives[each] for each in sorted(best)]
+
+
+def in_turn(lists: Sequence[Sequence[Any]]) -> Iterator[Any]:
+    """Yield the first of each list, then the second of each."""
+    nothing = object()
+    for row in itertools.zip_longest(*lists, fillvalue=nothing):
+        yield from (each for each in row if each is not nothing)

@@ -65,13 +65,13 @@ def as_factory(policy: Any, name: str) -> Factory:
         made_already = cast(ActingPolicy, policy)
         with contextlib.suppress(Exception):  # which is told when it is played
             made_already.reset()  # its memory of earlier episodes does not make it another policy
-        return lambda *_: made_already
+        return _of(policy, lambda *_: made_already)
     if not callable(policy):
         raise ValueError(
             f"policy {name} must be a policy or factory(scenario, num_worlds, device), got {shown(policy)}"
         )
     if inspect.isfunction(policy) and _takes_one(policy):
-        return lambda scenario, num_worlds, device: FunctionPolicy(policy, num_worlds)
+        return _of(policy, lambda scenario, num_worlds, device: FunctionPolicy(policy, num_worlds))
 
     def make(scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
         made: Any = policy(scenario, num_worlds, device)
@@ -79,7 +79,13 @@ def as_factory(policy: Any, name: str) -> Factory:
             raise ValueError(f"policy {name} must be made with reset, act and num_worlds, got {shown(made)}")
         return made
 
-    return make
+    return _of(policy, make)
+
+
+def _of(policy: Any, factory: Factory) -> Factory:
+    """Note in a factory the object by which `parts` identifies it."""
+    factory.__wrapped__ = policy  # type: ignore[attr-defined]
+    return factory
 
 
 def named(name: str) -> Factory:
@@ -90,14 +96,14 @@ def named(name: str) -> Factory:
     """
     if is_imported(name):
         return as_factory(import_attribute(name, "policy must be module:factory"), name)
-    return functools.partial(_registered, name, registry.sent(name))
+    return functools.partial(_registered, name, registry.entry_of(name))
 
 
 def parts(factory: Factory) -> dict[str, str]:
     """Name the parts that identify a policy's factory: `lissajous_env.identity.parts_of`."""
     if isinstance(factory, functools.partial) and factory.func is _registered:
         return registry.parts(factory.args[0])
-    return parts_of(factory)
+    return parts_of(getattr(factory, "__wrapped__", factory))
 
 
 def is_policy_alone(name: str) -> bool:

@@ -18,7 +18,13 @@ from baselines.policies.cells import tour
 from baselines.policies.line_shares import Lines, line_shares, lines_of
 from baselines.policies.neighbour_watch import PLACES, WATCH, Watch, watch_neighbours
 from baselines.policies.news import exchange_news, share_line
-from baselines.policies.partition import arrival_of_all, plain_of, planned_transit, start_is_known, take_filtered
+from baselines.policies.partition import (
+    ARRIVING,
+    arrival_of_all,
+    plain_of,
+    planned_transit,
+    take_filtered,
+)
 from baselines.policies.partition_plan import PartitionParameters, Plan, partition_plan, required_distance, room_of
 from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.patrol import Still
@@ -34,7 +40,8 @@ from baselines.policies.taking_over import (
     take_over,
 )
 from baselines.policies.timed_paths import TimedPaths, TrackingParameters
-from baselines.safety.filter import Safe, SafetyParameters
+from baselines.policies.transit import start_is_known
+from baselines.safety.filter import Safe
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
@@ -145,7 +152,8 @@ class PartitionRepair(TimedPaths):
         if apart and not self._lines:
             _warn_of_silence(self.scenario)
         still = Still(self.scenario, num_worlds, self.device)
-        self._filter = Safe(still) if until > 0 or apart else None
+        arriving = ARRIVING.of(self.scenario)
+        self._filter = Safe(still, arriving) if until > 0 or apart else None
         self._drift, self._avoidance = self.repair.drift * self.partition.speed * self.scenario.task.step, None
         self._back, self._rest = math.inf, 0.0
         self._resting = wp.zeros(self.shape, dtype=wp.float32, device=self.device)
@@ -153,7 +161,7 @@ class PartitionRepair(TimedPaths):
             self._back = self._drift
             shifted = math.sqrt(2) * int(SIDE) * self._required / FINER
             self._rest = (float(np.linalg.norm(middle - middle[:1], axis=-1).max()) + shifted) / self._drift
-            free = replace(SafetyParameters().of(self.scenario), speed_max=2 * self.scenario.robot.top_speed)
+            free = replace(arriving, speed_max=2 * self.scenario.robot.top_speed)
             self._avoidance = Safe(still, free, fastest=self._watch.still / self.scenario.task.step)
 
     def decide(self, observation: wp.array) -> None:

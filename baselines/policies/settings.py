@@ -35,6 +35,12 @@ class PolicySettings:
     coordinator: Mapping[str, Any] = field(default_factory=dict)
     """Parameters of its coordinator."""
 
+    @property
+    def label(self) -> str:
+        """Name for tables, such as `sweep-safe(cruise=0.9)`."""
+        given = ", ".join(f"{name}={value}" for name, value in self.parameters.items())
+        return f"{self.policy}({given})" if given else self.policy
+
     def make(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
         """Make the policy.
 

@@ -24,9 +24,8 @@ is solved exactly, by active sets, for v = w and up to `passes` times, v being t
 each other, all are relaxed by the same smallest amount. `top` is the throttle that leads to `speed_limit`.
 
 The limit is above the formation's speed (`HEADROOM`): otherwise a car that gave way could not catch up, and the
-worst-case undetected time would be several times as long. With the parameters `CLOSE` (policies with `-close` in their
-name) a car gives way late and little, which preserves that time best. Cars whose motor hardly lets them catch up lose
-it with both.
+worst-case undetected time would be several times as long. A car gives way late and little, which preserves that time
+best; cars whose motor hardly lets them catch up lose it all the same.
 
 Two cars that avoid each other must not choose the same side, so both compute the same best pair of ways out
 (`agreed_way_out`). A symmetric pair passes on the right.
@@ -52,15 +51,11 @@ from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import top_speed, turning_radius
 
-__all__ = ["CLOSE", "Safe", "SafetyParameters", "close", "speed_limit"]
+__all__ = ["Safe", "SafetyParameters", "speed_limit"]
 
 HEADROOM = 1.5
 """Lower bound of `speed_limit` as a multiple of the formation's speed: a car that fell behind has to catch up, or the
 formation, and with it the bound on the detection time, is lost."""
-
-CLOSE = SafetyParameters(clearance=0.02, growth=0.05)
-"""Parameters of `-close`, which gives way late and little: it preserves the formation best, but avoids fewer collisions
-in chance meetings."""
 
 
 class Safe(Policy):
@@ -114,11 +109,6 @@ class Safe(Policy):
     def decide(self, observation: wp.array) -> None:
         """Let the policy act, and filter its actions."""
         self.filter(observation, self.policy.act(observation))
-
-
-def close(policy: Policy) -> Safe:
-    """Return a policy under the filter with the parameters `CLOSE`, scaled to its scenario."""
-    return Safe(policy, CLOSE.of(policy.scenario))
 
 
 def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:

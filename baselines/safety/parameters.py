@@ -20,9 +20,9 @@ class SafetyParameters(Checked):
     The defaults are those of the paper's experiment; `SafetyParameters.of` scales them to another scenario.
     """
 
-    clearance: float = number(0.07, 0, 1e3, "m")
+    clearance: float = number(0.02, 0, 1e3, "m")
     """Least distance of two cars besides the two radii [m]."""
-    growth: float = number(0.2, 0, 1e3, "m/s")
+    growth: float = number(0.05, 0, 1e3, "m/s")
     """Growth of the required distance with the prediction time, because predictions get less accurate [m/s]."""
     horizon: int = whole(8, 1, 100)
     """Horizon of the prediction [control steps]."""

@@ -1,4 +1,4 @@
-"""Speed of training, compared with another checkout and with the PPO of Stable-Baselines3.
+"""Speed of training, compared with another checkout.
 
 Each side runs in a process of its own, in turns, with the same settings. Its rate is the number of robot steps of
 reinforcement learning after the first evaluation over the time that they took, without evaluations and imports. A
@@ -25,8 +25,8 @@ from baselines.benchmark.tables import between, number
 from speeds import Options, Part
 
 SCENARIO = "intruders"
-_SAME = ["--teacher", "none", "--steps", "1500000", "--evaluate-every", "300000", "--critic", "robot", "--epochs", "4"]
-"""Options of all sides: the task, the interval of the time measurements, and what differs from the library's loop."""
+_SAME = ["--teacher", "none", "--steps", "1500000", "--evaluate-every", "300000", "--epochs", "4"]
+"""Options of all sides: the task, and the interval of the time measurements."""
 QUICK_STEPS = 4000
 QUICK = [
     "--steps",
@@ -41,14 +41,11 @@ QUICK = [
     "0",
 ]
 """Options that replace these in a trial of the commands."""
-_SMALL = {"steps": QUICK_STEPS, "worlds": 4, "rollout": 8}
-OURS, LIBRARY = "here", "the library's loop"
+OURS = "here"
 
 
-def rate(side: str, checkout: Path, seed: int, quick: bool) -> float:
+def rate(checkout: Path, seed: int, quick: bool) -> float:
     """Train once, and return the robot steps per second."""
-    if side == LIBRARY:
-        return float(_run(["-c", _LIBRARY, json.dumps(_SMALL if quick else {"steps": 1_500_000})], checkout))
     options = ["--scenario", SCENARIO, "--seed", str(seed), *_SAME, *(QUICK if quick else [])]
     return rate_of([*options, *(["--base", "none"] if checkout == ROOT else [])], checkout)  # others may have no base
 
@@ -90,32 +87,6 @@ def declared(checkout: Path, folder: Path) -> Path:
     return made.parent
 
 
-_LIBRARY = """
-import json
-import sys
-import time
-
-import torch
-from stable_baselines3 import PPO
-from training.sb3 import RobotVecEnv
-from training.settings import TrainingSettings
-
-settings = TrainingSettings("intruders", base="none", teacher="none", rivals=(), **json.loads(sys.argv[1]))
-env = RobotVecEnv(settings.make_cautious_scenario(), settings.num_worlds, seed=0, staggered=True)
-layers = {"net_arch": list(settings.layers), "activation_fn": torch.nn.ReLU, "log_std_init": settings.log_std}
-batch_size = min(settings.batch_size, settings.rollout * env.num_envs)
-model = PPO(
-    "MlpPolicy", env, settings.learning_rate, settings.rollout, batch_size, n_epochs=4, device="cpu",
-    policy_kwargs=layers | {"optimizer_kwargs": {"eps": 1e-5, "fused": True}},
-)
-model.learn(settings.steps // 5)
-first, began = model.num_timesteps, time.monotonic()
-model.learn(settings.steps - first, reset_num_timesteps=False)
-print((model.num_timesteps - first) / (time.monotonic() - began))
-"""
-"""The same training with Stable-Baselines3's PPO and torch's own threads."""
-
-
 def rows_of(rates: dict[str, list[float]]) -> list[list[str]]:
     """Return a row for each side: its rate, and the ratio of this checkout's rate to it."""
     rows = []
@@ -138,13 +109,13 @@ def environment(steps: int) -> tuple[float, float]:
     def timed(step: Any) -> Any:
         def call(self: Any) -> Any:
             begin = time.perf_counter()
-            found = step(self)
+            result = step(self)
             in_env[0] += time.perf_counter() - begin
-            return found
+            return result
 
         return call
 
-    RobotVecEnv._step = timed(RobotVecEnv._step)
+    RobotVecEnv.step_wait = timed(RobotVecEnv.step_wait)
     with tempfile.TemporaryDirectory() as folder:
         settings = TrainingSettings(SCENARIO, steps=steps, base="none", teacher="none", rivals=(), out=Path(folder),
                                     evaluate_every=10 * steps, evaluation_episodes=1)  # fmt: skip
@@ -155,12 +126,12 @@ def environment(steps: int) -> tuple[float, float]:
 def tables(options: Options) -> dict[str, Table]:
     """Measure, and return the tables `training-speed` and `learned-training`."""
     sides = {OURS: ROOT}
-    if options.rivals:
-        sides |= {LIBRARY: ROOT} | ({options.against.name: options.against} if options.against is not None else {})
+    if options.rivals and options.against is not None:
+        sides[options.against.name] = options.against
     rates: dict[str, list[float]] = {side: [] for side in sides}
     for turn in range(options.rounds):
         for side, checkout in sides.items():
-            rates[side].append(rate(side, checkout, turn, options.quick))
+            rates[side].append(rate(checkout, turn, options.quick))
             print(f"round {turn}, {side}: {rates[side][-1]:,.0f} steps/s", flush=True)
     columns = ["training", "robot steps per second", "best", "times as fast here"]
     own, share = environment(1000 if options.quick else 5_000_000)
@@ -175,7 +146,7 @@ def tables(options: Options) -> dict[str, Table]:
 
 PART = Part(
     "training",
-    "`lissajous train` beside the library's own loop, and beside another checkout where one is given",
+    "`lissajous train`, beside another checkout where one is given",
     tables,
     rounds=5,
     needs={"stable_baselines3": "train", "torch": "train"},

@@ -118,7 +118,8 @@ class Clock:
     def _choose_part(self, bag: int, stamped: Sequence[int]) -> None:
         """Choose the longest part of a file between two times at which the clock goes back."""
         own = {k: self.poses[k].rows(self.poses[k].bag == bag) for k in range(len(self.poses))}
-        begins = {k: each.logged[breaks(each)] for k, each in own.items() if k in stamped}
+        broken = {k: np.array(breaks(own[k]), dtype=int) for k in stamped}
+        begins = {k: own[k].logged[rows] for k, rows in broken.items()}
         every = np.sort(np.concatenate(list(begins.values())))
         if not len(every):
             return
@@ -138,10 +139,12 @@ class Clock:
             chosen = poses.rows(part[k] == best)
             self.poses[k] = Recorded(*(np.concatenate(pair) for pair in zip(rest, chosen, strict=True)))
         those = [k for k, times in begins.items() if len(times)]
+        jumps = np.concatenate([own[k].stamp[rows] - own[k].stamp[rows - 1] for k, rows in broken.items()])
+        ways = [way for way, sign in (("back", -1), ("ahead", 1)) if (sign * jumps > 0).any()]
         self.notes.append(
-            f"the stamps of {self._called(those)} jump in the course of the recording, as when a clock is set: "
-            f"the longest of {len(cuts) + 1} parts counts, and {int(sizes.sum() - sizes[best])} poses of the others "
-            "are left out"
+            f"the stamps of {self._called(those)} jump {' and '.join(ways)} in the course of the recording, by up to "
+            f"{np.abs(jumps).max():.3g} s, as when a clock is set: the longest of {len(cuts) + 1} parts counts, and "
+            f"{int(sizes.sum() - sizes[best])} poses of the others are left out"
         )
 
     def _agreeing(self, stamped: Sequence[int]) -> list[int]:

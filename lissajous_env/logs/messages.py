@@ -1,15 +1,12 @@
 """Messages of rosbag2 files (MCAP) or folders, by topic."""
 
 import contextlib
-import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from lissajous_env.logs.ros_types import rosbags, type_store
-
-_ENCODING = re.compile(r"[A-Za-z][\w-]*")
+from lissajous_env.logs.ros_types import any_encoding, rosbags, type_store
 
 
 class Message(NamedTuple):
@@ -32,8 +29,9 @@ class Bags:
         paths: Files (.mcap) or folders of rosbag2.
 
     Attributes:
-        kinds: Types of each topic's messages; a topic may have several.
-        ignored: Number of messages that were passed over, by topic and type.
+        kinds: Types of each topic's messages; a topic may have several. A type of another encoding than that of ROS 2
+            has it in its name.
+        ignored: Number of messages that were passed over, by topic and reason.
 
     Raises:
         MissingExtraError: rosbags, of the extra `logs`, is not installed.
@@ -44,7 +42,7 @@ class Bags:
     def __init__(self, paths: Sequence[Path]):
         self._library, self.paths = rosbags(), tuple(paths)
         self._store = type_store()  # of ROS alone: the types that a file defines are not compiled
-        self._readers: list[Any] = []
+        self._readers: list[list[Any]] = []
         self.kinds: dict[str, set[str]] = {}
         self.ignored: Counter[tuple[str, str]] = Counter()
         self._open = contextlib.ExitStack()
@@ -53,36 +51,62 @@ class Bags:
         for path in self.paths:
             if not path.exists():
                 raise FileNotFoundError(2, "there is no such log", str(path))
-            with _undamaged(path):
-                reader = self._open.enter_context(self._library.Reader(path))
-            self._readers.append(reader)
-            for connection in reader.connections:
-                self.kinds.setdefault(connection.topic, set()).add(connection.msgtype)
+            with _undamaged(path), any_encoding():
+                self._readers.append(self._opened(path))
+            for connection in self._connections(-1):
+                kind = _kind_of(connection)
+                self.kinds.setdefault(connection.topic, set()).add(kind)
+                if kind != connection.msgtype and connection.msgcount:
+                    self.ignored[connection.topic, f"type {kind} is not understood"] += connection.msgcount
         return self
 
     def __exit__(self, *_: Any) -> None:
         self._open.close()
 
+    def _opened(self, path: Path) -> list[Any]:
+        """Return the readers of a bag: one, or one for each file of a folder whose list of topics is refused."""
+        try:
+            return [self._open.enter_context(self._library.Reader(path))]
+        except self._library.ReaderError:
+            files = sorted(path.glob("*.mcap"))
+            if not files:
+                raise
+            return [self._open.enter_context(self._library.Reader(file)) for file in files]
+
+    def _connections(self, bag: int) -> list[Any]:
+        return [connection for reader in self._readers[bag] for connection in reader.connections]
+
     def of(self, topic: str, kinds: Sequence[str]) -> Iterator[Message]:
         """Read the messages of a topic that are of some types, file by file in the order of their recording.
 
-        Messages of other types are counted in `ignored`.
+        Messages of other types, and those that are cut off or damaged, are counted in `ignored`.
         """
-        for bag, reader in enumerate(self._readers):
-            known = []
-            for connection in reader.connections:
-                if connection.topic == topic and connection.msgtype in kinds:
-                    known.append(connection)
-                elif connection.topic == topic and connection.msgcount:
-                    self.ignored[topic, connection.msgtype] += connection.msgcount
-            with _undamaged(self.paths[bag]):
-                for connection, logged, raw in reader.messages(known) if known else ():
-                    content = self._store.deserialize_cdr(raw, connection.msgtype)
-                    yield Message(bag, logged / 1e9, connection.msgtype, content)
+        for bag, readers in enumerate(self._readers):
+            for connection in self._connections(bag):
+                unknown = connection.msgtype not in kinds and _kind_of(connection) == connection.msgtype
+                if connection.topic == topic and connection.msgcount and unknown:
+                    self.ignored[topic, f"type {connection.msgtype} is not understood there"] += connection.msgcount
+            for reader in readers:
+                known = [c for c in reader.connections if c.topic == topic and _kind_of(c) in kinds]
+                with _undamaged(self.paths[bag]):
+                    for connection, logged, raw in reader.messages(known) if known else ():
+                        kind = connection.msgtype
+                        try:
+                            content = self._store.deserialize_cdr(raw, kind)
+                        except Exception:  # damaged bytes make the library raise almost any
+                            self.ignored[topic, f"they are cut off or damaged messages of type {kind}"] += 1
+                        else:
+                            yield Message(bag, logged / 1e9, kind, content)
 
     def holders(self, topic: str) -> list[int]:
         """Return the numbers of the files that contain a topic."""
-        return [bag for bag, reader in enumerate(self._readers) if any(c.topic == topic for c in reader.connections)]
+        return [bag for bag in range(len(self.paths)) if any(c.topic == topic for c in self._connections(bag))]
+
+
+def _kind_of(connection: Any) -> str:
+    """Return the type of a channel's messages, with their encoding if it is not that of ROS 2."""
+    encoding = connection.ext.serialization_format
+    return connection.msgtype if encoding == "cdr" else f"{connection.msgtype} in the encoding {encoding}"
 
 
 @contextlib.contextmanager
@@ -93,10 +117,5 @@ def _undamaged(path: Path) -> Iterator[None]:
     except (OSError, GeneratorExit):
         raise
     except Exception as error:
-        # The library looks up the encoding of each channel's schema.
-        encoding = error.args[0] if isinstance(error, KeyError) and error.args else None
-        if isinstance(encoding, str) and _ENCODING.fullmatch(encoding):
-            rule = "must contain only channels whose schemas have the encoding ros2msg or ros2idl, as ROS 2 writes them"
-            raise ValueError(f"{path} {rule}, got one of {encoding}: leave it out of the recording") from error
         reason = str(error).partition("\n")[0] or type(error).__name__
         raise ValueError(f"{path} must be an undamaged rosbag2 file (.mcap) or folder, but {reason}") from error

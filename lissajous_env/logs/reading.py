@@ -98,8 +98,8 @@ class _Reading:
         given = self._others(commands, (_JOINTS, _NUMBERS), _command_of)
         phases = self._others(PHASE, ("std_msgs/msg/Float64",), _number_of)
         statuses = self._others(STATUS, ("std_msgs/msg/UInt8",), _status_of)
-        for (topic, kind), count in sorted(self._bags.ignored.items()):
-            self._ignored.setdefault(f"type {kind} is not understood there", Counter())[topic] += count
+        for (topic, reason), count in sorted(self._bags.ignored.items()):
+            self._ignored.setdefault(reason, Counter())[topic] += count
         for reason, topics in self._ignored.items():
             self._notes.append(f"{topics.total()} messages of {few_of(topics)} are ignored: {reason}")
         phases, statuses = ({k: Series(s.time, s.value[:, 0]) for k, s in each.items()} for each in (phases, statuses))

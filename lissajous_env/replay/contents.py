@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from lissajous_env.episodes.missed import MissedRogue
 from lissajous_env.episodes.recording import Recording
 from lissajous_env.episodes.snapshot import thinned
-from lissajous_env.episodes.witness import Witness
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.render.times import flash_time, trail_time
 from lissajous_env.replay.packing import FARTHEST, angles, counts, quantised
@@ -47,7 +47,7 @@ _MOST_PLACES = 6_000_000
 _MOST_CONTACTS = 2_000
 
 
-def contents(recording: Recording, detail: Detail = WHOLE, missed: Witness | None = None) -> dict[str, Any]:
+def contents(recording: Recording, detail: Detail = WHOLE, missed: MissedRogue | None = None) -> dict[str, Any]:
     """Convert a recording, and a rogue that its policy misses, to JSON values."""
     scenario, every = recording.scenario, max(math.ceil(len(recording) / detail.moments), 1)
     kept = slice(None, None, every)
@@ -161,14 +161,14 @@ def _targets(recording: Recording, kept: slice) -> dict[str, Any]:
     }
 
 
-def _rogue(missed: Witness) -> dict[str, Any]:
+def _rogue(missed: MissedRogue) -> dict[str, Any]:
     """Return the steps at whose ends a rogue is somewhere, and its places then [m]."""
-    way, step = missed.way, missed.played.scenario.task.step
-    kept = slice(None, None, max(math.ceil(len(way.places) / WHOLE.moments), 1))
+    path, step = missed.path, missed.played.scenario.task.step
+    kept = slice(None, None, max(math.ceil(len(path.places) / WHOLE.moments), 1))
     return {
-        "steps": list(range(way.appears_at, way.unseen_until + 1))[kept],
-        "places": np.round(way.places, 3)[kept].tolist(),
-        "until": round(way.appears_at + missed.undetected / step, 3),
+        "steps": list(range(path.appears_at, path.appears_at + path.steps + 1))[kept],
+        "places": np.round(path.places, 3)[kept].tolist(),
+        "until": round(path.appears_at + missed.undetected / step, 3),
         "detected": missed.replayed.detected,
     }
 

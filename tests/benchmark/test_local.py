@@ -71,7 +71,7 @@ def test_an_error_of_the_disk_on_another_thread_reaches_the_caller(tmp_path, mon
     def full(self, batch):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(results_folder.Episodes, "add", full)
+    monkeypatch.setattr(results_folder.Results, "add", full)
     with pytest.raises(OSError, match="No space left"):
         run(settings(tmp_path), console=QUIET)
 
@@ -85,19 +85,18 @@ def test_each_cell_has_its_line_when_it_ends():
         progress.begin(second)
         progress.step(first, 2)
         progress.finished(second, 1)
-        progress.end(second)
         progress.finished(first, 1)
-        progress.end(first, "failed")
+        progress.failed(first, "failed")
     told = [line.rpartition(",")[0] for line in lines.getvalue().splitlines()]
     assert told == ["failure second: 1 episode", "failure first: failed"]
 
 
 def test_a_policy_that_refuses_a_scenario_is_left_out_unless_it_was_asked_for(tmp_path):
-    # Story: five discs of 0.4 m cannot span 6 m, and learned choices refuse a second, which a comparison must survive.
+    # Story: five discs of 0.4 m cannot span 6 m, and portfolios refuse a second, which a comparison must survive.
     wide = {"curve.half_height": 3.0, "curve.half_width": 3.0, "sensing.radius": 0.4, "task.duration": 1.0}
     common = {"scenarios": ("experiment",), "episodes": 1, "overrides": wide, "replays": ("none",)}
     usual = measure(Benchmark(**common, out=tmp_path / "usual"), console=QUIET)
-    assert [each.policy for each in usual.left_out] == ["line-abreast", "learned-careful", "learned-guard"]
+    assert [each.policy for each in usual.left_out] == ["line-abreast", "portfolio", "portfolio-guarantee"]
     assert "5 * 2 * 0.4 < 6" in usual.left_out[0].error
     assert not usual.failures
     asked = measure(Benchmark(**common, policies=("sweep", "line-abreast"), out=tmp_path / "asked"), console=QUIET)

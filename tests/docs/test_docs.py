@@ -44,16 +44,15 @@ SHORTER = {
     "plan": "--seconds 4",
     "guarantee": "--radii 2 --cells 16 --episodes 1",
     "train": "--steps 2000 --worlds 4 --evaluation-episodes 1 --rivals sweep --imitation-steps 0 --rollout 8",
-    "train --side": "--rogue-rounds 2 --rogue-steps 200 --evaluation-episodes 1",
+    "train --side": "--rogue-rounds 2 --evaluation-episodes 1",
     "exploit": "--episodes 1",
-    "choose": "--scenarios 2 --evaluation-scenarios 2 --episodes 1",
 }
 """Options added to a command to shorten it."""
 LASTING = ("benchmark", "evaluate", "exploit", "guarantee", "replay", "run", "train")
 """Commands that run episodes, here of half a second."""
 IMAGES = {
     "intruders.gif": "lissajous run intruders kuramoto-mpcc --seed 1 --set task.duration=14",
-    "unseen.png": "lissajous guarantee evaders-failure --policies kuramoto-mpcc kuramoto-mpcc-close open-loop-mpcc",
+    "unseen.png": "lissajous guarantee evaders-failure --policies kuramoto-mpcc kuramoto-mpcc-safe open-loop-mpcc",
     "critical_speed.png": "lissajous guarantee`",
     "trainings.png": "python benchmarks/trainings.py --store",
     "growth.png": "python benchmarks/speed.py --parts growth --against FOLDER --store",

@@ -10,8 +10,8 @@ from browser import HOSTILE, ROWS, click, complaints, numbers, opened, press, wa
 
 import baselines
 import lissajous_env
-from lissajous_env.episodes.witness import witness_of
-from lissajous_env.episodes.witness.replayed import record_again
+from lissajous_env.episodes.missed import missed_rogue
+from lissajous_env.episodes.missed.replayed import record_again
 from lissajous_env.replay import page
 
 
@@ -47,14 +47,14 @@ def test_the_page_unpacks_what_was_recorded(browser, folder, recording):
 def test_the_rogue_that_a_policy_misses_is_drawn_where_it_is(browser, folder):
     # Oracle: the witness, and the colour of the page's own legend at the rogue's place.
     made = lissajous_env.scenario("evaders", **{"task.duration": 8.0})
-    found = witness_of(baselines.make("kuramoto-mpcc", made), made, 1)
+    found = missed_rogue(baselines.make("kuramoto-mpcc", made), made, 1)
     run = opened(browser, folder, page(record_again(found.played, found.policy), missed=found))
     (event,) = run("return replay.views[0].episode.events.filter((each) => each.kind === 'rogue')")
     assert event["time"] == pytest.approx(found.appears)
     assert event["until"] - event["time"] == pytest.approx(found.undetected, abs=1e-3)
     assert "the rogue that this policy misses" in run("return document.querySelector('.legend').textContent")
-    middle = len(found.way.places) // 2
-    x, y = found.way.places[middle].tolist()
+    middle = len(found.path.places) // 2
+    x, y = found.path.places[middle].tolist()
     run(f"replay.player.seek({found.appears + middle * made.task.step})")
     pixel = run(
         f"const {{ stage }} = replay.views[0], at = [stage.px({x}), stage.py({y})].map((each) => each * stage.ratio);"

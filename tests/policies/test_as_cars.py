@@ -6,7 +6,7 @@ import warp as wp
 
 import baselines
 import lissajous_env
-from baselines.planning.families import LINES, PARTITIONS, Lissajous, Patrols
+from baselines.planning.families import formations, lines, partitions, patrols
 from baselines.policies.as_cars import AsCars, scenario_of_cars
 from baselines.policies.settings import PolicySettings
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
@@ -126,7 +126,7 @@ def evaders(request, register):
 
 def test_every_classical_policy_of_cars_drives_robots_that_move_like_cars(evaders):
     listed = set(baselines.names(evaders))
-    assert {"partition", "partition-repair", "line-abreast-safe", "kuramoto-mpcc-close", "sweep", "random"} <= listed
+    assert {"partition", "partition-repair", "line-abreast-safe", "kuramoto-mpcc-safe", "sweep", "random"} <= listed
     assert not [name for name in listed if name.endswith("-proved") or name.startswith("learned")]
     short = lissajous_env.scenario(evaders, **{"task.duration": 1.0})
     for name in listed:
@@ -177,13 +177,13 @@ def test_a_plan_for_other_wheels_is_found_among_the_policies_for_cars(evaders):
 def test_the_search_tries_for_other_wheels_what_it_tries_for_cars(evaders):
     # Law: the same settings of every family, and a plan of each on the robots' own scenario.
     cars = scenario_of_cars(evaders.resolve())
-    for family in (PARTITIONS, LINES, Lissajous(), Patrols()):
-        assert not family.refusal(evaders)
-        assert family.starts(evaders) == family.starts(cars)
-        assert family.space(evaders) == family.space(cars)
-        for settings in family.starts(evaders)[:2]:
-            plan = family.plan(evaders, settings)
-            assert plan.settings == family.plan(cars, settings).settings
+    for family_of in (partitions, lines, formations, patrols):
+        family, of_cars = family_of(evaders), family_of(cars)
+        assert not family.refusal
+        assert (family.starts, family.space) == (of_cars.starts, of_cars.space)
+        for settings in family.starts[:2]:
+            plan = family.plan(settings)
+            assert plan.settings == of_cars.plan(settings).settings
             assert plan.scenario.robot.kind == evaders.robot.kind
 
 
@@ -209,7 +209,7 @@ def test_a_robot_that_says_no_turning_radius_is_refused_by_name(register):
 
 
 def test_policies_for_cars_alone_are_refused_by_name(evaders):
-    for name in ("partition-proved", "learned-patrol"):
+    for name in ("partition-proved", "portfolio"):
         with pytest.raises(ValueError, match=f"must drive robots of kind .*got {name}, which drives kind car"):
             baselines.make(name, evaders)
 

@@ -7,10 +7,10 @@ import pytest
 
 import baselines
 import training
+from baselines.planning import portfolio
 from baselines.policies import registry
 from baselines.policies.patrol import Laps, Still
 from lissajous_env import plugins
-from training.choosing import chooser
 from training.learned.policy import register_shipped
 
 
@@ -25,8 +25,8 @@ def test_a_name_that_is_taken_is_refused():
     assert type(baselines.make("still", "failure")) is Still
     with pytest.raises(ValueError, match="must be new, got laps-safe; -safe marks a wrapped laps"):
         baselines.register("laps-safe", "car", Laps)
-    with pytest.raises(ValueError, match="suffix of a wrapper must be new, got '-safe'"):
-        registry.register_wrapper("-safe", "car", Laps, "with laps")
+    with pytest.raises(ValueError, match="suffix of a filter must be new, got '-safe'"):
+        registry.register_filter("-safe", "car", Laps, "with laps")
 
 
 def test_a_name_that_a_wrapped_policy_has_is_refused():
@@ -41,7 +41,7 @@ def test_the_same_policy_may_be_registered_again():
     for _ in range(2):
         baselines.register("mine", "car", partial(Laps, parameters=None))
     register_shipped()
-    assert set(baselines.names()) == {*before, "mine", "mine-safe", "mine-close", "mine-proved"}
+    assert set(baselines.names()) == {*before, "mine", "mine-safe", "mine-proved"}
     with pytest.raises(ValueError, match="must be new, got mine"):
         baselines.register("mine", "car", partial(Laps))
 
@@ -94,7 +94,7 @@ def test_entry_points_that_cannot_be_loaded_are_named_and_do_no_harm(monkeypatch
 
 
 def test_learned_policies_are_told_from_classical_ones():
-    everything = {*training.names(), *chooser.names()}
+    everything = {*training.names(), *portfolio.NAMES}
     learned = {name for name in baselines.names() if not registry.is_classical(name)}
     assert {name for name in learned if not registry.unwrapped(name)[1]} == everything
     assert {registry.unwrapped(name)[0] for name in learned} == everything
@@ -102,5 +102,5 @@ def test_learned_policies_are_told_from_classical_ones():
 
 
 def test_a_wrapped_policy_has_its_own_name():
-    for name in ("kuramoto-mpcc-safe", "kuramoto-mpcc-close"):
+    for name in ("kuramoto-mpcc-safe", "kuramoto-mpcc-proved"):
         assert baselines.make(name, "experiment").name == name

@@ -23,7 +23,7 @@ def test_the_formation_holds_the_guarantee():
     assert played("kuramoto-mpcc")[1] == pytest.approx(np.full(32, 3.95), abs=0.3)
 
 
-@pytest.mark.parametrize("name", ["kuramoto-mpcc-safe", "kuramoto-mpcc-close", "kuramoto-mpcc-proved"])
+@pytest.mark.parametrize("name", ["kuramoto-mpcc-safe", "kuramoto-mpcc-proved"])
 def test_the_filter_keeps_the_guarantee(name):
     """Oracle: the same without the filter: at most 1.3 times as long on the mean; up to twice as long on some seeds."""
     ratio = played(name)[1] / played("kuramoto-mpcc")[1]
@@ -32,11 +32,10 @@ def test_the_filter_keeps_the_guarantee(name):
     assert np.max(ratio) < 2.2
 
 
-def test_the_close_filter_cuts_collisions_to_a_tenth_all_the_same():
-    """Oracle: the same without the filter; the usual one, which gives way farther, loses more time than it."""
+def test_the_filter_cuts_collisions_to_a_tenth_all_the_same():
+    """Oracle: the same without the filter."""
     assert played("kuramoto-mpcc")[0] > 0.5
-    assert played("kuramoto-mpcc-close")[0] < 0.1 * played("kuramoto-mpcc")[0]
-    assert np.mean(played("kuramoto-mpcc-close")[1]) < np.mean(played("kuramoto-mpcc-safe")[1])
+    assert played("kuramoto-mpcc-safe")[0] < 0.1 * played("kuramoto-mpcc")[0]
 
 
 def test_the_proved_filter_keeps_the_guarantee_without_a_collision():

@@ -73,7 +73,7 @@ def test_a_registered_coordinator_has_the_names_that_ours_have():
     wanted = [each.replace("kuramoto", "my-method") for each in baselines.names() if each.startswith("kuramoto")]
     assert baselines.register_coordinator("my-method")(Again) is Again
     assert {each for each in baselines.names() if each.startswith("my-method")} == set(wanted)
-    assert {"my-method", "my-method-mpcc", "my-method-gvf", "my-method-mpcc-safe", "my-method-gvf-close"} <= set(wanted)
+    assert {"my-method", "my-method-mpcc", "my-method-gvf", "my-method-mpcc-safe", "my-method-gvf-safe"} <= set(wanted)
     for name in wanted:
         ours = registry.describe(name.replace("my-method", "kuramoto"))
         described = registry.describe(name)

@@ -144,13 +144,14 @@ def test_the_second_run_after_a_reset_is_left_out(tmp_path):
         (f"/robot_{k}/odom", odometry(1 + t + 0.037 * run, *circle(k, t + 3 * run)), EPOCH + t + 6 * run)
         for run in range(2) for t in TIMES for k in range(5)
     ]  # fmt: skip
-    right(scored(tmp_path, runs), notes=("jump in the course of the recording", "205 poses"))
+    right(scored(tmp_path, runs), notes=("jump back in the course of the recording, by up to", "205 poses"))
 
 
 def test_clocks_that_are_set_while_recording_are_named(tmp_path):
-    for k, jump in enumerate((3600.0, -0.4, -2.0)):
+    for jump, words in ((3600.0, "ahead"), (-0.4, "back"), (-2.0, "back")):
         set_late = of_robots(lambda k, t, jump=jump: odometry(EPOCH + t + jump * (t > 2.45), *circle(k, t)))
-        right(scored(tmp_path / str(k), set_late), 2.4, ("jump in the course of the recording",))
+        note = f"jump {words} in the course of the recording, by up to {abs(jump + 0.1):.3g} s"
+        right(scored(tmp_path / str(jump), set_late), 2.4, (note,))
 
 
 def test_messages_before_the_first_clock_leave_a_gap(tmp_path):
@@ -180,13 +181,46 @@ def test_a_robot_whose_messages_end_does_not_shorten_the_log(tmp_path):
     assert any("robot 2 has no pose after" in note for note in result.notes)
 
 
-def test_a_channel_of_another_encoding_is_named_and_the_file_is_not_called_damaged(tmp_path):
-    write(tmp_path / "log", of_robots(lambda k, t: odometry(EPOCH + t, *circle(k, t))))
+def in_json(topic, kind):
+    """Bytes of an MCAP file with a channel of ROS 2, and those of the same channel in JSON with a binary schema."""
+    size = len(topic).to_bytes(4, "little") + topic.encode()
+    yield size + b"\x03\0\0\0cdr", size + b"\x03\0\0\0jsn"
+    name = len(kind).to_bytes(4, "little") + kind.encode()
+    yield name + b"\x07\0\0\0ros2msg", name + b"\x07\0\0\0jschema"
+    yield b"uint8 data", b"\xff\xfent8 data"
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_a_channel_of_another_encoding_is_ignored_with_a_note(tmp_path, folder):
+    statuses = [("/robot_1/status", plain("UInt8", 1), EPOCH + t) for t in TIMES]
+    write(tmp_path / "log", [*shrunk(), *statuses])
     (path,) = (tmp_path / "log").glob("*.mcap")
-    path.write_bytes(path.read_bytes().replace(b"ros2msg", b"schemas"))
-    with pytest.raises(ValueError, match=r"encoding ros2msg or ros2idl.*got one of schemas: leave it out") as raised:
-        read(path)
-    assert "damaged" not in str(raised.value)
+    data = path.read_bytes()
+    for before, after in in_json("/robot_1/status", "std_msgs/msg/UInt8"):
+        assert before in data
+        data = data.replace(before, after)
+    path.write_bytes(data)
+    about = tmp_path / "log" / "metadata.yaml"
+    about.write_text(about.read_text().replace("serialization_format: cdr", "serialization_format: json", 1))
+    result = score(read(tmp_path / "log" if folder else path), "evaders")
+    words = "41 messages of /robot_1/status are ignored: type std_msgs/msg/UInt8 in the encoding jsn is not understood"
+    right(result, notes=(words,))
+    assert (result.recording.status == 0).all()
+
+
+def test_messages_that_are_cut_off_are_left_out_with_a_note(tmp_path):
+    def cut(topic, time, data):
+        return data[:60] if topic == "/robot_2/odom" and EPOCH + 1.95 < time < EPOCH + 2.25 else data
+
+    write(tmp_path / "log", [*shrunk(), *extra("/robot_{}/status", lambda t: plain("UInt8", 0))], cut)
+    words = (
+        "3 messages of /robot_2/odom are ignored: they are cut off or damaged messages of type nav_msgs/msg/Odometry"
+    )
+    right(score(read(tmp_path / "log"), "evaders"), notes=(words,))
+    write(tmp_path / "all", shrunk(), lambda topic, _, data: data[:60] if topic == "/robot_2/odom" else data)
+    with pytest.raises(ValueError, match="topic /robot_2/odom of all must have at least 2 poses, got 0") as raised:
+        read(tmp_path / "all")
+    assert "undamaged" not in str(raised.value)
 
 
 def test_a_jump_is_named(tmp_path):

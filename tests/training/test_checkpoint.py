@@ -14,7 +14,7 @@ import training
 from lissajous_env import Simulation
 from training.learned import checkpoint
 from training.learned.card import Card
-from training.pictures import draw_curve
+from training.learned.history import History
 
 SCORES = {"detection_time": 1.0, "collisions": 0.0, "return": -1.0, "detected_fraction": None}
 POINT = {"steps": 10, "seconds": 0.5} | SCORES
@@ -50,8 +50,7 @@ def play(folder):
     _, _, text = checkpoint.read(folder)
     if "state" in text["files"]:
         checkpoint.read_state(folder, text)
-    if text.get("curve"):
-        draw_curve(folder, folder.parent / "curve.png")
+    History.read(text)
     policy = training.load(folder)
     action = policy.act(Simulation(policy.scenario).observation.numpy())
     assert np.isfinite(action).all()

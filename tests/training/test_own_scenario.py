@@ -8,15 +8,15 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
+from publish import publish
 from test_train import QUIET, SMALL
 
 import lissajous_env
 import training
 from lissajous_env.console import cli
 from lissajous_env.console.terminal import plain
-from lissajous_env.parameters.plain_scenario import scenario_of
+from lissajous_env.parameters.scenario_file import scenario_of
 from training.learned import checkpoint
-from training.publish import publish
 from training.sb3.trainer import train
 from training.settings import TrainingSettings
 
@@ -84,10 +84,10 @@ def test_every_command_plays_it(here, capsys):
     assert json.loads(capsys.readouterr().out)["episodes"] == named
     two = ("--policies", "run/best", "kuramoto")
     command("benchmark", "--scenarios", "other.toml", *two, "--episodes", 1, "--replays", "none", "--out", "results")
-    publish(here / "run" / "best", "published", folder=here)
-    text = checkpoint.read_text(here / "published")
+    publish(here / "run" / "best", "published", "how", folder=here)
+    text = checkpoint.read_text(here / "policies" / "published")
     assert text["made_for"] == ["mine"]
-    assert training.load(here / "published").scenario == wanted
+    assert training.load(here / "policies" / "published").scenario == wanted
 
 
 def test_a_benchmark_leaves_out_scenarios_of_other_robots(here, capsys):
@@ -123,7 +123,7 @@ def test_what_it_brings_is_taken_from_modules_that_are_imported_already(here, mo
     [
         ("curve", {"half_widht": 1.0}, "half_widht"),
         ("curve", {"half_width": -1.0}, "half_width must be"),
-        ("curve", 3, "scenario must contain the parts and fields"),
+        ("curve", 3, "override curve must be a mapping"),
         ("robot", {"kind": "theirs"}, "robot.kind must be one of"),
         ("extensions", 0.5, "extensions of a scenario must be a list, got 0.5"),
         ("extensions", [{"place": 3}], "place of an extension must be module:name, got 3"),
@@ -145,8 +145,6 @@ def test_plain_values_make_the_scenario(name):
     made = lissajous_env.scenario(name).resolve()
     text = json.dumps(plain(made.to_dict()), allow_nan=False)
     assert scenario_of(json.loads(text)) == made
-    with pytest.raises(ValueError, match="scenario must contain curve, got name"):
-        scenario_of({"name": name})
 
 
 def test_a_file_may_begin_with_a_byte_order_mark_and_have_any_name(tmp_path):

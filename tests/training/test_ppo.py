@@ -1,4 +1,4 @@
-"""The loop of PPO against Stable-Baselines3's own, and the environments that it learns in."""
+"""The library's PPO as the trainer uses it, and the environments that it learns in."""
 
 import io
 
@@ -9,119 +9,35 @@ pytest.importorskip("stable_baselines3")
 
 import torch
 from rich.console import Console
-from stable_baselines3 import PPO
+from stable_baselines3.common.logger import Logger
 
 import lissajous_env
 from lissajous_env.storage.folder import Folder
 from training.learned.card import Card
 from training.learned.policy import Learned
 from training.sb3 import RobotVecEnv
-from training.sb3.critic import CentralCriticPolicy
 from training.sb3.ppo import RobotPPO
-from training.sb3.trainer import Sb3Trainer, train
+from training.sb3.trainer import Trainer, train
 from training.settings import TrainingSettings
-from training.trainer import Trainer
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 SHORT = {"task.duration": 2.0, "task.grid": None}
 SMALL = {"base": "none", "teacher": "none", "rivals": (), "threads": 1}
 
 
-def make_env(central=False, **more):
+def make_model(**settings):
     # Episodes of 7 and of 20 steps: time limits fall into every rollout of 16.
-    scenario = lissajous_env.scenario("intruders", **SHORT)
-    return RobotVecEnv(scenario, 8, short=0.5, short_time=0.7, central=central, **more)
-
-
-def make_model(central=False, **settings):
-    env = make_env(central)
+    env = RobotVecEnv(lissajous_env.scenario("intruders", **SHORT), 8, short=0.5, short_time=0.7, central=True)
     made = TrainingSettings(**SMALL | {"layers": (16, 8), "rollout": 16, "batch_size": 160, "seed": 3} | settings)
     model = RobotPPO(made, env, Card.of(env.scenario))
-    model.reset()
+    model.set_logger(Logger(None, []))
     return model
-
-
-def weights(policy):
-    return np.concatenate([parameter.detach().numpy().ravel() for parameter in policy.parameters()])
-
-
-def learned(**settings):
-    model = make_model(**settings)
-    for k in range(3):
-        model.learn(remaining=1 - k / 3)
-    return weights(model.policy)
-
-
-def learned_by_the_library(central=False, **changes):
-    """Train as `learned` does, with the loop of Stable-Baselines3."""
-    env = make_env(central)
-    settings = make_model(central, **changes).settings
-    model = PPO(
-        CentralCriticPolicy,
-        env,
-        learning_rate=lambda remaining: settings.learning_rate * (0.02 + 0.98 * remaining),
-        n_steps=16,
-        batch_size=160,
-        n_epochs=settings.epochs,
-        ent_coef=settings.entropy,
-        vf_coef=settings.value_weight,
-        use_sde=settings.chosen_noise_steps > 1,
-        seed=3,
-        device="cpu",
-        policy_kwargs={
-            "actor_inputs": Card.of(env.scenario).network_inputs,
-            "net_arch": list(settings.layers),
-            "activation_fn": {"relu": torch.nn.ReLU, "tanh": torch.nn.Tanh}[settings.activation],
-            "log_std_init": settings.log_std,
-            "optimizer_kwargs": {"eps": 1e-5, "fused": True},
-        },
-    )
-    env.seed(1_000_000 * (1 + settings.seed))
-    # The learning rate of `learned` is that of the rollout's beginning, here that of its end.
-    model._update_current_progress_remaining = lambda steps, total: setattr(
-        model, "_current_progress_remaining", 1 - (steps - 16 * env.num_envs) / total
-    )
-    model.learn(3 * 16 * env.num_envs)
-    return weights(model.policy)
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {},
-        {"activation": "tanh", "entropy": 0.01, "value_weight": 0.3},
-        {"noise_steps": 16},
-        {"activation": "tanh", "central": True},
-        {"central": True, "layers": (), "noise_steps": 16},
-    ],
-    ids=["relu", "tanh, entropy", "gSDE", "central critic", "no hidden layer"],
-)
-def test_the_loop_learns_what_the_library_does(settings, monkeypatch):
-    # Oracle: PPO itself on the same rows with the same draws. Sums are taken in another order, hence the tolerance.
-    monkeypatch.setattr("training.sb3.ppo.BLOCK", 64)
-    ours = learned(**settings)
-
-    def permutation(count):
-        # The library lists the steps of a row one after the other, here the rows of a step are.
-        drawn = torch.randperm(count).numpy()
-        return drawn % 40 * 16 + drawn // 40
-
-    monkeypatch.setattr(np.random, "permutation", permutation)
-    theirs = learned_by_the_library(**settings)
-    assert np.abs(ours - theirs).max() < 1e-6
-    assert np.abs(theirs).max() > 0.1
-
-
-def test_what_is_learned_does_not_depend_on_the_threads(monkeypatch):
-    # Oracle: one thread, bit for bit; blocks of 40 rows make four tasks of a minibatch.
-    monkeypatch.setattr("training.sb3.ppo.BLOCK", 40)
-    assert (learned(threads=3) == learned(threads=1)).all()
 
 
 def test_a_critic_alone_learns_where_the_actor_is_held():
     model = make_model()
     before = {name: parameter.detach().clone() for name, parameter in model.policy.named_parameters()}
-    model.learn(1.0, critic_only=True)
+    model.learn_once(0.0, critic_only=True)
     for name, parameter in model.policy.named_parameters():
         assert torch.equal(parameter, before[name]) == ("value" not in name)
 
@@ -133,7 +49,7 @@ def test_collisions_cost_more_while_learning_and_nowhere_else(tmp_path):
     assert settings.make_scenario().task.reward_collision == -4.0
     settings = TrainingSettings("failure", worlds=2, caution=2.5, threads=1, rivals=(), out=tmp_path / "run")
     with Folder(tmp_path / "run") as folder:
-        trainer = Sb3Trainer(settings, Console(quiet=True), folder)
+        trainer = Trainer(settings, Console(quiet=True), folder)
     learned_in, evaluated_in = trainer.env.scenario, trainer.scenario
     assert learned_in.task.reward_collision == 2.5 * evaluated_in.task.reward_collision
 
@@ -141,13 +57,13 @@ def test_collisions_cost_more_while_learning_and_nowhere_else(tmp_path):
 def test_noise_falls_as_the_settings_say(tmp_path, monkeypatch):
     # Oracle: the line from the first to the last, from the end of imitation on; where it would rise it stays.
     seen = []
-    learn = RobotPPO.learn
+    learn = RobotPPO.learn_once
 
     def recorded(model, *args):
         seen.append(model.policy.log_std.detach().mean().item())
         return learn(model, *args)
 
-    monkeypatch.setattr(RobotPPO, "learn", recorded)
+    monkeypatch.setattr(RobotPPO, "learn_once", recorded)
     small = {"worlds": 4, "rollout": 8, "batch_size": 160, "layers": (4,), "threads": 1, "rivals": (), "epochs": 1,
              "evaluation_episodes": 1, "steps": 800, "imitation_steps": 160, "log_std": -1.0,
              "base": "none"}  # fmt: skip
@@ -214,20 +130,6 @@ def test_a_policy_that_was_better_untrained_is_not_said_to_have_become_so(tmp_pa
         assert f"better than {rival} after" not in words
     assert "better than sweep(cruise=1.9) after" in words
     assert "(10.0% faster than the base sweep(cruise=1.9))" in words.splitlines()[-1]
-
-
-def test_steps_without_dictionaries_are_the_same_steps():
-    # Oracle: the step of the library's interface, told in its infos.
-    first, second = make_env(seed=4), make_env(seed=4)
-    assert (first.reset() == second.reset()).all()
-    for _ in range(25):
-        actions = np.full((40, 2), 0.2)
-        (rows, rewards, dones, infos), step = first.step(actions), second.step_rows(actions)
-        for ours, theirs in ((step.rows, rows), (step.rewards, rewards), (step.dones, dones)):
-            assert (ours == theirs).all()
-        for k, last in zip(np.flatnonzero(dones), step.last, strict=True):
-            assert (infos[k]["terminal_observation"] == last).all()
-            assert infos[k]["TimeLimit.truncated"] == step.truncated[k]
 
 
 def test_staggered_worlds_are_at_all_moments_of_an_episode():

@@ -10,7 +10,6 @@ import lissajous_env
 
 pytest.importorskip("stable_baselines3")
 
-import gymnasium
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
@@ -208,7 +207,7 @@ def test_a_central_critic_sees_the_world():
 
 
 def test_a_policy_with_a_central_critic_acts_on_its_own_inputs(tmp_path):
-    settings = TrainingSettings(base="none", critic="world", layers=(8, 8), worlds=3, rollout=4, out=tmp_path)
+    settings = TrainingSettings(base="none", layers=(8, 8), worlds=3, rollout=4, out=tmp_path)
     scenario = settings.make_scenario()
     card = Card.of(scenario)
     env = RobotVecEnv(scenario, 3, card, central=True)
@@ -226,48 +225,8 @@ def test_a_policy_with_a_central_critic_acts_on_its_own_inputs(tmp_path):
     assert own == pytest.approx(acted, abs=1e-6)
 
 
-class Countdown(VecEnv):
-    """Two rows that earn 1 a step; row 0 runs out of time after two steps, row 1 dies then."""
-
-    def __init__(self):
-        self.render_mode = None
-        super().__init__(2, gymnasium.spaces.Box(-9, 9, (1,)), gymnasium.spaces.Box(-1, 1, (1,)))
-
-    def reset(self):
-        self.count = 0
-        return np.zeros((2, 1), np.float32)
-
-    def step_async(self, actions):
-        self.count += 1
-
-    def step_wait(self):
-        rows, dones = np.full((2, 1), self.count, np.float32), np.full(2, self.count == 2)
-        infos = [{}, {}]
-        if self.count == 2:
-            infos = [{"terminal_observation": rows[k], "TimeLimit.truncated": k == 0} for k in range(2)]
-            self.count, rows = 0, np.zeros((2, 1), np.float32)
-        return rows, np.ones(2, np.float32), dones, infos
-
-    close = get_attr = set_attr = env_method = lambda self, *_: [None, None]
-
-    def env_is_wrapped(self, *_):
-        return [False, False]
-
-
-def test_a_time_limit_is_bootstrapped_and_a_death_is_not():
-    # Oracle: by hand. With V(s) = 10 everywhere, gamma 0.5, lambda 1: a row that runs out of time earns
-    # 1 + 0.5 (1 + 0.5 * 10) = 4 from the start and 6 from the second step; one that dies 1.5 and 1.
-    model = PPO("MlpPolicy", Countdown(), n_steps=2, batch_size=4, gamma=0.5, gae_lambda=1.0, device="cpu")
-    with torch.no_grad():
-        model.policy.value_net.weight.zero_()
-        model.policy.value_net.bias.fill_(10.0)
-    _, callback = model._setup_learn(4)
-    model.collect_rollouts(model.env, callback, model.rollout_buffer, 2)
-    assert pytest.approx(np.array([[4.0, 6.0], [1.5, 1.0]])) == model.rollout_buffer.returns.T
-
-
 def test_our_rows_are_bootstrapped_at_the_end_of_an_episode():
-    # Oracle: by hand, as above: no target ever comes, so every reward is 0, and with V = 10 and gamma 0.5 the returns
+    # Oracle: by hand, no target ever comes, so every reward is 0, and with V = 10 and gamma 0.5 the returns
     # of the last three steps before the time limit are 5, 2.5, 1.25.
     quiet = {"targets.arrival_rate": 0.0, "targets.count": 0, "task.duration": 0.3, "task.reward_collision": 0.0}
     env = make_env(**quiet)

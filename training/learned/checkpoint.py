@@ -24,7 +24,7 @@ from safetensors.numpy import save as to_safetensors
 from lissajous_env import Scenario
 from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import Extension, load_extension
-from lissajous_env.parameters.plain_scenario import scenario_of
+from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.storage.files import read_bytes, read_json
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import shown
@@ -52,7 +52,7 @@ def hold(folder: str | Path) -> Folder:
     Raises:
         ValueError: it is in use, contains files of a user under these names, or is damaged.
     """
-    held = Folder(folder, (FILE, _BEST + "/", "curve.png", "report.html", REHEARSAL, "tensorboard/"))
+    held = Folder(folder, (FILE, _BEST + "/", "report.html", REHEARSAL, "tensorboard/"))
     try:
         settle(held)
     except BaseException:

@@ -21,9 +21,9 @@ RELATIVE = "relative_time"
 """Score of an evaluation on several scenarios: detection time relative to that of the first rival on the same scenario,
 geometric mean over scenarios."""
 
-LEARNING = ("approx_kl", "entropy", "explained_variance")
-"""Stored diagnostics of updates: divergence between the policies before and after, entropy [nat], and the fraction of
-the variance of the returns that the critic explains."""
+LEARNING = ("approx_kl", "entropy_loss", "explained_variance")
+"""Stored diagnostics of updates: divergence between the policies before and after, the negative entropy [nat], and the
+fraction of the variance of the returns that the critic explains."""
 MOST_UPDATES = 400
 """Largest number of stored updates, spread over the training."""
 
@@ -84,8 +84,6 @@ class History:
 
     steps: int = 0
     """Robot steps so far."""
-    updates: int = 0
-    """Passes over rollouts so far."""
     seconds: float = 0.0
     """Duration without evaluations [s]."""
     curve: list[dict[str, Any]] = field(default_factory=list)
@@ -102,7 +100,7 @@ class History:
         """Return the history in a checkpoint; `text` is the result of `checkpoint.read_text`."""
         counters = text.get("counters") or {}
         return cls(
-            **{name: counters.get(name, 0) for name in ("steps", "updates", "seconds")},
+            **{name: counters.get(name, 0) for name in ("steps", "seconds")},
             curve=text.get("curve") or [],
             learning=text.get("learning") or [],
             rivals=text.get("rivals") or {},
@@ -111,8 +109,8 @@ class History:
 
     @property
     def counters(self) -> dict[str, Any]:
-        """Steps, updates and seconds so far."""
-        return {"steps": self.steps, "updates": self.updates, "seconds": round(self.seconds, 1)}
+        """Steps and seconds so far."""
+        return {"steps": self.steps, "seconds": round(self.seconds, 1)}
 
     @property
     def notes(self) -> dict[str, Any]:
@@ -123,9 +121,9 @@ class History:
 
     def learned(self, values: Mapping[str, float]) -> None:
         """Store diagnostics of the latest update; when there are too many, every second update is dropped."""
-        kept = {name: float(values[name]) for name in LEARNING if name in values and math.isfinite(values[name])}
-        if kept:
-            self.learning.append({"steps": self.steps} | kept)
+        finite = {name: values[name] for name in LEARNING if name in values and math.isfinite(values[name])}
+        if finite:
+            self.learning.append({"steps": self.steps} | finite)
         if len(self.learning) > MOST_UPDATES:
             del self.learning[1::2]
 
@@ -210,7 +208,6 @@ def _check_point(name: str, point: Any) -> None:
     for key in ("steps", "seconds"):
         kinds = (int, float) if key == "seconds" else (int,)
         require(f"{key} of {name}", type(point.get(key)) in kinds, "must be a number", point.get(key))
-    require(f"stage of {name}", type(point.get("stage", 1)) is int, "must be whole", point.get("stage"))
 
 
 def _check_scores(name: str, scores: Any) -> None:

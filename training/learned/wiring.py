@@ -23,23 +23,19 @@ class Wiring:
         scenario: Scenario of the worlds.
         num_worlds: W.
         device: Warp device of the base.
-        residual_penalty: Penalty per step and mean square of an output that is added to a base.
 
     Raises:
         ValueError: the scenario's robots or observation do not fit the card.
     """
 
-    def __init__(
-        self, card: Card, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", residual_penalty: float = 0.0
-    ):
+    def __init__(self, card: Card, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
         ranges, columns = layout(scenario), card.columns(scenario)
         self._columns = None if np.array_equal(columns, np.arange(ranges.size)) else columns
-        self._penalty, ends = 0.0, np.zeros(0, dtype=np.float32)
+        ends = np.zeros(0, dtype=np.float32)
         self.base = card.make_base(scenario, num_worlds, device)
         constants = constants_of(scenario, card.constants)
         self._constants = np.broadcast_to(constants, (num_worlds, scenario.num_robots, len(constants)))
         if self.base is not None:
-            self._penalty = residual_penalty
             self._base_action = np.zeros((num_worlds, scenario.num_robots, card.action_size), dtype=np.float32)
             self._adder = Adder(self._base_action.shape, card.residual)
             ends = np.ones(card.action_size, dtype=np.float32)
@@ -68,12 +64,6 @@ class Wiring:
     def actions(self, outputs: np.ndarray) -> np.ndarray:
         """Return the actions (W, N, action_size) for a learner's outputs of the same shape."""
         return outputs if self.base is None else self._adder(self._base_action, outputs)
-
-    def penalty(self, outputs: np.ndarray) -> np.ndarray:
-        """Return the penalty (W, N) of outputs in [-1, 1], which is 0 without a base."""
-        if self._penalty == 0:
-            return np.zeros(outputs.shape[:2], dtype=np.float32)
-        return self._penalty * np.square(outputs).mean(axis=2)
 
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy everything that changes during steps, by name."""

@@ -31,7 +31,6 @@ class RobotVecEnv(WorldsVecEnv):
         num_worlds: W; there are W N rows.
         card: Entries of the observation that a row contains, and the base to which its action is added; by default
             the whole observation and no base.
-        residual_penalty: Penalty per step and mean square of an action that is added to a base's.
         device: Warp device.
         seed: Seed of world 0; world k has seed + k, and draws its next seeds from it. Without a seed here or by
             `seed`, the first reset draws seeds from the operating system.
@@ -54,7 +53,6 @@ class RobotVecEnv(WorldsVecEnv):
         scenario: str | Scenario,
         num_worlds: int = 1,
         card: Card | None = None,
-        residual_penalty: float = 0.0,
         device: Any = "cpu",
         seed: int | None = None,
         threads: int | None = None,
@@ -70,7 +68,7 @@ class RobotVecEnv(WorldsVecEnv):
         simulation = Simulation(scenario, num_worlds, device=device, seed=seed or 0, threads=threads, **overrides)
         made = simulation.scenario
         self.card = card or Card.of(made)
-        self._wiring = Wiring(self.card, made, num_worlds, device, residual_penalty)
+        self._wiring = Wiring(self.card, made, num_worlds, device)
         self._view = CriticView(simulation, critic_places) if central else None
         steps = made.task.steps
         self._last_step = np.full(num_worlds, steps)
@@ -137,7 +135,7 @@ class RobotVecEnv(WorldsVecEnv):
     def finish_step(self) -> Step:
         """Return the rows of the step that the simulation made, and begin new episodes where they are over."""
         simulation, wiring = self.simulation, self._wiring
-        rewards = (simulation.reward.numpy() - wiring.penalty(self._actions)).reshape(-1)
+        rewards = simulation.reward.numpy().reshape(-1).copy()
         terminated = simulation.terminated.numpy().astype(bool).reshape(-1)
         over = simulation.over | (simulation.clock.step.numpy() >= self._end)
         self.all_over = bool(over.all())

@@ -22,10 +22,9 @@ function begin(training) {
   showLearning(training);
   fillEvaluations(training);
   fillScenarios(training);
-  of("changed").append(...groups(training.settings, "changed"));
-  of("defaults").append(...groups(training.settings, "others"));
-  const count = training.settings.reduce((sum, group) => sum + group.others.length, 0);
-  of("defaults-title").textContent = `${count} settings that have their defaults`;
+  of("changed").append(element("dl", "", ...facts(training.settings.changed)));
+  of("defaults").append(element("dl", "", ...facts(training.settings.others)));
+  of("defaults-title").textContent = `${training.settings.others.length} settings that have their defaults`;
   globalThis.training = { training, viewer };
 }
 
@@ -37,7 +36,7 @@ function curve(training, score) {
     x: {
       scale: scaleOf(steps),
       title: "steps of a robot [million]",
-      lines: training.stages.map((at) => [at / 1e6, ""]),
+      lines: [],
     },
     y: { scale: scaleOf([...values, ...rivals.map((rival) => rival[score.name])]), title: "" },
   };
@@ -72,13 +71,6 @@ function closeTogether(lines) {
     else groups.push([line]);
   }
   return groups;
-}
-
-// Groups of settings that have any of a kind: `changed` or `others`.
-function groups(settings, kind) {
-  return settings
-    .filter((group) => group[kind].length > 0)
-    .map((group) => element("section", "", element("h3", "", group.title), element("dl", "", ...facts(group[kind]))));
 }
 
 function showLosses(training) {
@@ -117,10 +109,10 @@ function fillEvaluations(training) {
       "tr",
       "",
       element("td", "name", badge(look), isBest ? element("span", "kind best-one", "best") : ""),
-      cell("number", "steps", steps, steps === undefined ? "" : steps.toLocaleString("en")),
-      cell("number", "time [min]", seconds, seconds === undefined ? "" : number(seconds / 60)),
-      ...training.scores.map(({ name, title }) =>
-        cell("number", title, point[name], point[name] === null ? "–" : number(point[name])),
+      cell("number", steps, steps === undefined ? "" : steps.toLocaleString("en")),
+      cell("number", seconds, seconds === undefined ? "" : number(seconds / 60)),
+      ...training.scores.map(({ name }) =>
+        cell("number", point[name], point[name] === null ? "–" : number(point[name])),
       ),
     );
   });
@@ -142,7 +134,7 @@ function fillScenarios(training) {
       "tr",
       "",
       element("td", "name", name),
-      ...columns.map(([title, value]) => cell("number", title, value(policies), number(value(policies) ?? null))),
+      ...columns.map(([, value]) => cell("number", value(policies), number(value(policies) ?? null))),
     ),
   );
   fill(of("scenarios"), [...heads("scenario"), ...columns.map(([title]) => heading(title, "number"))], rows);

@@ -1,0 +1,91 @@
+"""Add a trained policy or rogue to the included ones: `python benchmarks/publish.py runs/x learned-x "COMMAND"`.
+
+The copy has no state of the training. Its `checkpoint.json` contains the command and the scores on held-out seeds: of
+a policy on the scenarios for which a benchmark plays it by default, of a rogue beside those of scripted ones.
+"""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from baselines.benchmark.statistics import summarize
+from baselines.exploitability.survival import survive
+from lissajous_env import evaluate
+from lissajous_env.parameters import named
+from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, RECOVERY, RETURN
+from training.learned import checkpoint
+from training.learned.card import Card
+from training.learned.network import Network
+from training.learned.policy import Learned
+from training.learned.rogue import KIND
+from training.rogue_settings import RogueTraining
+
+HELD_OUT = range(10_000, 10_064)
+SCRIPTS = "wander", "flee", "shadow", "follow-gap"
+"""Scripts whose undetected times are stored beside those of a rogue."""
+_PACKAGE = Path(checkpoint.__file__).parents[1]
+
+
+def publish(
+    source: Annotated[Path, tyro.conf.Positional],
+    name: Annotated[str, tyro.conf.Positional],
+    command: Annotated[str, tyro.conf.Positional],
+    made_for: tuple[str, ...] = (),
+    folder: Path = _PACKAGE,
+) -> None:
+    """Copy a checkpoint into the package.
+
+    Args:
+        source: folder of the checkpoint.
+        name: name of the included policy or rogue.
+        command: command that trained it.
+        made_for: scenarios of a policy; by default that of its training.
+        folder: folder of the package, in which policies are in `policies` and rogues in `rogues`.
+    """
+    network, card, text = checkpoint.read(source)
+    if card.kind == KIND:
+        notes, kind = {"held_out_times": _times_of(source, card), "rogues": text["rogues"]}, "rogues"
+    else:
+        notes, kind = _scores_of(network, card, made_for or (card.scenario,)), "policies"
+        notes |= {"rivals": text.get("rivals") or {}, "curve": text["curve"]}
+        notes["counters"] = {"steps": text["curve"][-1]["steps"]}
+    with checkpoint.hold(folder / kind / name) as held:
+        checkpoint.save(held, network, card, notes={"command": command, **notes})
+    print(f"wrote {folder / kind / name}", file=sys.stderr)
+
+
+def _scores_of(network: Network, card: Card, made_for: tuple[str, ...]) -> dict[str, Any]:
+    """Return the scores of a policy on some scenarios."""
+    scores = {}
+    for played in made_for:
+        # The scenario of the training is in its folder and need not be registered.
+        scenario = checkpoint.home_scenario(card) if played == card.scenario else named.scenario(played)
+        rows = evaluate(Learned(network, card, scenario, len(HELD_OUT)), scenario, HELD_OUT)
+        columns = [column.name for column in (DETECTION_TIME, COLLISIONS, RECOVERY, RETURN)]
+        scores[played] = {column: _rounded(summarize([row[column] for row in rows])) for column in columns}
+        print(played, scores[played])
+    return {"made_for": made_for, "held_out_scores": scores}
+
+
+def _times_of(source: Path, card: Card) -> dict[str, Any]:
+    """Return the undetected times of a rogue and of scripts against the policy of its training."""
+    stored = card.settings
+    settings = RogueTraining(stored["scenario"], starts=stored["starts"], overrides=stored["overrides"])
+    times = {}
+    for rogue in (*SCRIPTS, "learned"):
+        moved_by = str(source) if rogue == "learned" else rogue
+        summary = survive(stored["against"], settings.make_scenario(moved_by), HELD_OUT).summary()
+        times[rogue] = {key: round(value, 4) for key, value in summary.items()}
+        print(stored["against"], rogue, times[rogue])
+    return {stored["against"]: times}
+
+
+def _rounded(summary: Any) -> dict[str, float | None]:
+    numbers = {"iqm": summary.iqm, "low": summary.low, "high": summary.high, "mean": summary.mean}
+    return {name: round(value, 4) if value == value else None for name, value in numbers.items()}
+
+
+if __name__ == "__main__":
+    tyro.cli(publish)

@@ -1,0 +1,287 @@
+"""Search for the rogue that a policy misses, over all paths on a fine lattice of the rectangle.
+
+From the nodes at which a rogue can appear undetected, the set of nodes that it can have reached undetected is followed
+move by move, until it is empty or the episode ends. In a move, which lasts one or several control steps, a rogue goes
+straight at one speed to another node, and each robot goes along its recorded track, as when the simulation detects
+targets; the distance between the two is computed without rounding to moments. A path is then traced back from the last
+set. So every path that is returned is undetected, and no path on the lattice is undetected for longer.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.devices import compile_quietly
+from lissajous_env.episodes.missed.played import Played, resolution
+
+wp.set_module_options(OPTIONS)
+
+LATTICES = (4, 8), (8, 6), (16, 4)
+"""Nodes of the lattices along a cell of the contamination grid, and the least number of them in the distance of a move.
+Finer lattices are searched where coarser ones have no path that is undetected for as long as the stage reports."""
+_ROGUES = 3
+"""Number of rogues of the contamination stage that are searched, the oldest first."""
+_MOST = 2**29
+"""Limit on the nodes of all moves of a search, each of which takes a bit; only the coarsest lattice may have more."""
+_MARGIN = 4e-6
+"""Share of all lengths by which discs are made larger, for numbers of 32 bits."""
+_ROUNDING = 1e-6
+"""Relative increase of the speed limit, for numbers of 32 bits: a whole number of nodes stays one."""
+
+
+class Path(NamedTuple):
+    """A rogue's path: it appears at the end of a step and is undetected at the end of all steps until the last."""
+
+    appears_at: int
+    """Step at whose end it appears."""
+    places: np.ndarray
+    """(K + 1, 2) its positions at the ends of the steps from then on [m]."""
+
+    @property
+    def steps(self) -> int:
+        """K, the number of control steps for which it is undetected."""
+        return len(self.places) - 1
+
+
+@wp.struct
+class Lattice:
+    """A lattice over the rectangle of an episode with T steps, N robots and S sub-steps."""
+
+    track: wp.array3d(dtype=wp.vec2)
+    """(T + 1, N, S + 1) positions of the robots through the step that led to a moment [m]."""
+    works: wp.array2d(dtype=wp.bool)
+    """(T + 1, N) robots that sense in that step."""
+    radius: float
+    """Sensing radius, with a margin for rounding [m]."""
+    half: wp.vec2
+    """Half width and half height of the rectangle [m]."""
+    spacing: wp.vec2
+    """Distance of columns and of rows [m]."""
+    moves: wp.array(dtype=wp.vec2i)
+    """(H,) columns and rows of the moves."""
+    block: int
+    """Rows and columns of a block of nodes; no move is longer."""
+
+
+@wp.func
+def place_of(row: int, column: int, lattice: Lattice) -> wp.vec2:
+    """Return the position of a node [m]."""
+    return wp.cw_mul(wp.vec2(float(column), float(row)), lattice.spacing) - lattice.half
+
+
+@wp.func
+def is_undetected(start: wp.vec2, end: wp.vec2, first: int, last: int, lattice: Lattice) -> bool:
+    """Return whether a straight move from the end of step `first` to that of step `last` stays out of all discs."""
+    pieces = lattice.track.shape[2] - 1
+    count = float((last - first) * pieces)
+    for step in range(first + 1, last + 1):
+        for i in range(lattice.track.shape[1]):
+            if not lattice.works[step, i]:
+                continue
+            for s in range(pieces):
+                share = float((step - first - 1) * pieces + s)
+                a = wp.lerp(start, end, share / count) - lattice.track[step, i, s]
+                way = wp.lerp(start, end, (share + 1.0) / count) - lattice.track[step, i, s + 1] - a
+                nearest = wp.clamp(-wp.dot(a, way) / wp.max(wp.length_sq(way), 1.0e-20), 0.0, 1.0)
+                if wp.length_sq(a + nearest * way) < lattice.radius * lattice.radius:
+                    return False
+    return True
+
+
+@wp.kernel
+def appear(
+    step: int,
+    on_edges: bool,
+    lattice: Lattice,
+    there_out: wp.array2d(dtype=wp.bool),
+    blocks_out: wp.array2d(dtype=wp.bool),
+):
+    """Mark the nodes at which a rogue can appear undetected at the end of a step."""
+    row, column = wp.tid()
+    is_inside = row > 0 and column > 0 and row < there_out.shape[0] - 1 and column < there_out.shape[1] - 1
+    if on_edges and is_inside:
+        return
+    last = lattice.track.shape[2] - 1
+    for i in range(lattice.track.shape[1]):
+        away = lattice.track[step, i, last] - place_of(row, column, lattice)
+        if lattice.works[step, i] and wp.length_sq(away) < lattice.radius * lattice.radius:
+            return
+    there_out[row, column] = True
+    blocks_out[row / lattice.block, column / lattice.block] = True
+
+
+@wp.func
+def has_neighbour(row: int, column: int, block: int, blocks: wp.array2d(dtype=wp.bool)) -> bool:
+    """Return whether a rogue can be in the block of a node or in one beside it."""
+    for k in range(9):
+        r = row / block + k / 3 - 1
+        c = column / block + k % 3 - 1
+        if r >= 0 and c >= 0 and r < blocks.shape[0] and c < blocks.shape[1]:  # noqa: SIM102 - the index must be valid
+            if blocks[r, c]:
+                return True
+    return False
+
+
+@wp.kernel
+def move(
+    first: int,
+    last: int,
+    lattice: Lattice,
+    there: wp.array2d(dtype=wp.bool),
+    blocks: wp.array2d(dtype=wp.bool),
+    there_out: wp.array2d(dtype=wp.bool),
+    blocks_out: wp.array2d(dtype=wp.bool),
+):
+    """Mark the nodes that an undetected move reaches."""
+    row, column = wp.tid()
+    if not has_neighbour(row, column, lattice.block, blocks):
+        return
+    end = place_of(row, column, lattice)
+    step = lattice.track.shape[2] - 1
+    for i in range(lattice.track.shape[1]):
+        away = lattice.track[last, i, step] - end
+        if lattice.works[last, i] and wp.length_sq(away) < lattice.radius * lattice.radius:
+            return
+    for k in range(lattice.moves.shape[0]):
+        r = row - lattice.moves[k][1]
+        c = column - lattice.moves[k][0]
+        if r < 0 or c < 0 or r >= there.shape[0] or c >= there.shape[1]:
+            continue
+        if there[r, c]:  # noqa: SIM102 - Warp computes both sides of `and`
+            if is_undetected(place_of(r, c, lattice), end, first, last, lattice):
+                there_out[row, column] = True
+                blocks_out[row / lattice.block, column / lattice.block] = True
+                return
+
+
+@wp.kernel
+def trace_back(
+    first: int,
+    last: int,
+    row: int,
+    column: int,
+    lattice: Lattice,
+    there: wp.array2d(dtype=wp.bool),
+    leads_out: wp.array(dtype=wp.bool),
+):
+    """Mark the moves that lead to a node undetected, from a node that was reached."""
+    k = wp.tid()
+    r = row - lattice.moves[k][1]
+    c = column - lattice.moves[k][0]
+    if r >= 0 and c >= 0 and r < there.shape[0] and c < there.shape[1]:  # noqa: SIM102 - the index must be valid
+        if there[r, c]:
+            start = place_of(r, c, lattice)
+            leads_out[k] = is_undetected(start, place_of(row, column, lattice), first, last, lattice)
+
+
+def longest_path(played: Played) -> Path | None:
+    """Return the longest path of an episode on which a rogue stays undetected; None if no rogue ever is.
+
+    The oldest rogues of the contamination stage state when the rogue appears. For each of them, finer lattices are
+    searched until the path lasts as long as the stage reports, to the time in which a rogue crosses a cell.
+    """
+    longest, enough = None, resolution(played.scenario) - 1
+    with compile_quietly():
+        wp.load_module(__name__, device="cpu")
+    with wp.ScopedDevice("cpu"):
+        for since, until in played.oldest_rogues()[:_ROGUES]:
+            for fineness, least in LATTICES:
+                search = _Search(played, fineness, least)
+                is_large = search.nodes * (until - since) / search.period > _MOST and fineness > LATTICES[0][0]
+                if is_large or (longest is not None and longest.steps >= until - since - enough):
+                    break
+                paths = [path for path in (longest, search.path(since)) if path is not None]
+                longest = max(paths, key=lambda path: path.steps, default=None)
+    return longest
+
+
+class _Search:
+    """Search of an episode on a lattice.
+
+    Args:
+        played: The episode.
+        fineness: Nodes along a cell of the contamination grid.
+        least: Least number of nodes in the distance of a move.
+    """
+
+    def __init__(self, played: Played, fineness: int, least: int):
+        scenario, grid = played.scenario, played.scenario.spreading
+        self.played, self.half = played, np.array([scenario.curve.half_width, scenario.curve.half_height])
+        side = 2 * (self.half / (grid.columns, grid.rows)).min() / fineness
+        columns, rows = np.ceil(2 * self.half / side - 1e-9).astype(int) + 1
+        self.shape, self.nodes = (int(rows), int(columns)), int(rows * columns)
+        self.spacing, self.moved = 2 * self.half / (columns - 1, rows - 1), scenario.rogue_speed * scenario.task.step
+        self.period = 1
+        """Control steps of a move."""
+        if self.moved > 0:
+            self.period = min(math.ceil(least * self.spacing.max() / self.moved), scenario.task.steps)
+        self.moves = {steps: self._moves(steps) for steps in range(1, self.period + 1)}
+        """Moves (H, 2) of some control steps, in columns and rows."""
+        self.lattice = Lattice()
+        self.lattice.half, self.lattice.spacing = wp.vec2(*self.half), wp.vec2(*self.spacing)
+        self.lattice.radius = scenario.sensing_radius + _MARGIN * (self.half.sum() + scenario.sensing_radius)
+        self.lattice.block = int(max(np.abs(self.moves[self.period]).max(), 1))
+
+    def path(self, since: int) -> Path | None:
+        """Return the longest path of a rogue that appears at the end of step `since`; None if none is undetected."""
+        lattice, played = self.lattice, self.played
+        lattice.track, lattice.works = wp.array(played.track, dtype=wp.vec2), wp.array(played.works, dtype=wp.bool)
+        there, on_edges = self._empty(), played.scenario.targets.entry == "boundary"
+        wp.launch(appear, dim=self.shape, inputs=[since, on_edges, lattice, *there])
+        if not there[1].numpy().any():
+            return None
+        ends, reached, steps = [since], [_packed(there[0])], self.period
+        while ends[-1] < played.steps and steps > 0:
+            steps = min(steps, played.steps - ends[-1])
+            lattice.moves, after = wp.array(self.moves[steps], dtype=wp.vec2i), self._empty()
+            wp.launch(move, dim=self.shape, inputs=[ends[-1], ends[-1] + steps, lattice, *there, *after])
+            if not after[1].numpy().any():
+                steps //= 2  # to less than a step, after which the rogue is detected wherever it goes
+                continue
+            ends.append(ends[-1] + steps)
+            reached.append(_packed(after[0]))
+            there, steps = after, self.period
+        return self._traced(ends, reached)
+
+    def _empty(self) -> tuple[wp.array, wp.array]:
+        """Return an array for the nodes that are reached, and one for the blocks of them."""
+        blocks = tuple(-(-count // self.lattice.block) for count in self.shape)
+        return wp.zeros(self.shape, dtype=wp.bool), wp.zeros(blocks, dtype=wp.bool)
+
+    def _traced(self, ends: Sequence[int], reached: Sequence[np.ndarray]) -> Path:
+        """Return the path to the node of the last moment that is farthest from all discs a step later."""
+
+        def there(k: int) -> np.ndarray:
+            return np.unpackbits(reached[k], axis=1, count=self.shape[1]).view(bool)
+
+        nodes, then = np.argwhere(there(-1))[:, ::-1], min(ends[-1] + 1, self.played.steps)
+        discs = self.played.track[then, self.played.works[then], -1]
+        away = [np.linalg.norm(nodes * self.spacing - self.half - disc, axis=1) for disc in discs]
+        path = [nodes[np.min(away, axis=0).argmax() if away else 0]]
+        for k in range(len(ends) - 1, 0, -1):
+            moves, (column, row) = self.moves[ends[k] - ends[k - 1]], path[-1].tolist()
+            self.lattice.moves, leads = wp.array(moves, dtype=wp.vec2i), wp.zeros(len(moves), dtype=wp.bool)
+            before = wp.array(there(k - 1), dtype=wp.bool)
+            moment = ends[k - 1], ends[k], row, column, self.lattice, before, leads
+            wp.launch(trace_back, dim=len(moves), inputs=moment)
+            path.append(path[-1] - moves[leads.numpy().argmax()])
+        places, steps = np.array(path[::-1]) * self.spacing - self.half, np.arange(ends[0], ends[-1] + 1)
+        return Path(ends[0], np.stack([np.interp(steps, ends, places[:, axis]) for axis in range(2)], axis=1))
+
+    def _moves(self, steps: int) -> np.ndarray:
+        """Return the moves (H, 2): none, and those of about the whole and of half the distance of some steps."""
+        reach, wide = steps * self.moved * (1 + _ROUNDING), self.spacing.max()
+        columns, rows = (np.arange(-most, most + 1) for most in (reach / self.spacing).astype(int))
+        moves = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+        length = np.linalg.norm(moves * self.spacing, axis=1)
+        is_ring = np.any([(length <= most) & (length > most - wide) for most in (reach, reach / 2)], axis=0)
+        return np.concatenate([np.zeros((1, 2), dtype=int), moves[is_ring & (length > 0)]])
+
+
+def _packed(there: wp.array) -> np.ndarray:
+    """Return the bits of a table."""
+    return np.packbits(there.numpy(), axis=1)

@@ -1,0 +1,164 @@
+"""The rogue that a policy misses: closed forms, brute force, and the simulation's own detection."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from reference_contamination import Field
+from reference_missed_rogue import fault_of, first_detection
+
+import baselines
+import lissajous_env
+from baselines.commands.exploit import exploit
+from lissajous_env.console.terminal import Output
+from lissajous_env.episodes.missed import missed_rogue, missed_rogues
+from lissajous_env.episodes.missed.replayed import record_again
+from lissajous_env.replay import page
+
+GRID = {"task.contamination": (90, 40)}
+SHORT = {"task.duration": 12.0}
+
+
+def missed(scenario, policy, seed=0, **overrides):
+    made = lissajous_env.scenario(scenario, **overrides)
+    return missed_rogue(baselines.make(policy, made, 1), made, seed, prove=False)
+
+
+# Stories with closed forms.
+
+
+def test_a_rogue_waits_at_the_end_of_a_corridor():
+    # Oracle: the robot's place on the curve (3). Its disc fills the corridor and goes from right to left, so the rogue
+    # waits in the corner that it covers last.
+    made = lissajous_env.scenario(
+        "experiment",
+        **{
+            "robot.kind": "curve", "robot.count": 1, "formation.p": 0, "formation.ring": None,
+            "formation.start_noise": 0.0, "faults.schedule": (), "noise.wheelbase_spread": 0.0,
+            "noise.drive_spread": 0.0, "robot.model_offset": None, "curve.half_height": 0.06,
+            "curve.a": 1, "curve.b": 2,
+            "sensing.radius": 0.5, "targets.count": 1, "targets.arrival_rate": 0.0, "targets.speed": 0.1,
+            "targets.speed_limit": 0.15, "task.contamination": (90, 3), "task.grid": None, "task.duration": 20.0,
+        },
+    )  # fmt: skip
+    rogue = missed_rogue(baselines.make("open-loop", made, 1), made, 0)
+    time = np.arange(0, 20, 1e-3)
+    gamma = made.alpha * made.equilibrium[0] + made.formation.phase_rate * time
+    x, y = 1.8 * np.cos(gamma), 0.06 * np.sin(2 * gamma)
+    caught = max(time[np.argmax(np.hypot(x + 1.8, y + corner) < 0.5)] for corner in (-0.06, 0.06))
+    assert 1.0 < caught < 20.0
+    assert rogue.path.appears_at == 0
+    assert rogue.undetected == pytest.approx(caught, abs=0.01)
+
+
+def test_without_a_guarantee_the_rogue_is_undetected_for_the_whole_episode():
+    rogue = missed("evaders", "sweep", **SHORT)
+    assert not rogue.replayed.detected
+    assert rogue.undetected == pytest.approx(11.9)  # targets appear from the first step on
+    assert rogue.path.steps == 119
+
+
+def test_without_rogues_or_without_a_place_for_them_there_is_none():
+    assert missed("evaders", "still", **{"targets.arrival_rate": 0.0}, **SHORT) is None
+    assert missed("evaders", "still", **{"sensing.radius": 9.0, **SHORT}) is None
+    with pytest.raises(ValueError, match=r"task\.contamination of experiment must be"):
+        missed("experiment", "still")
+
+
+# Brute force, and the simulation.
+
+
+@pytest.mark.parametrize(("policy", "radius", "speed"), [("kuramoto-mpcc", 0.7, 0.6), ("random", 0.65, 0.5)])
+def test_the_rogue_is_that_of_a_search_over_all_paths(policy, radius, speed):
+    # Oracle: the field of all paths on another grid, with exact discs at four moments of a step and no contamination.
+    settings = {"sensing.radius": radius, "targets.speed_limit": speed, "targets.count": 1, **GRID}
+    rogue = missed("experiment", policy, 3, **{"task.duration": 6.0, "faults.schedule": (), **settings})
+    track = rogue.played.track
+    share = np.array([0.5, 1.0]) * (track.shape[2] - 1)
+    slices = track[:, :, share.astype(int)].transpose(0, 2, 1, 3)
+    brute = Field(slices, (1.8, 0.8), radius, speed, 0.1, finer=4).run()
+    assert abs(rogue.path.steps - brute.max()) <= 2
+
+
+CASES = [
+    ("evaders", "kuramoto-mpcc", {}),
+    ("evaders", "random", {"targets.entry": "boundary", "targets.speed_limit": 0.6}),
+    ("evaders-failure", "open-loop-mpcc", {}),
+    ("team", "kuramoto-mpcc", {}),
+    ("redundant", "open-loop", {"targets.speed_limit": 0.5}),
+]
+
+
+@pytest.mark.parametrize(("scenario", "policy", "overrides"), CASES)
+def test_a_rogue_is_an_ordinary_target_that_is_detected_at_the_end_of_its_path(scenario, policy, overrides):
+    # Oracle: speed, walls and distances in float64 from the recorded robots, and the simulation's own detection.
+    made = lissajous_env.scenario(scenario, **{**SHORT, **overrides})
+    for rogue in missed_rogues(baselines.make(policy, made, 2), made, [4, 5]):
+        assert fault_of(rogue) is None
+        detection = first_detection(rogue.played, rogue.path)
+        assert rogue.replayed.detected == (detection is not None)
+        if detection is not None:
+            assert rogue.undetected == pytest.approx(detection * made.task.step, abs=2e-3)
+        assert rogue.undetected >= rogue.path.steps * made.task.step - 1e-6
+        assert rogue.undetected <= rogue.proved + 1e-6
+
+
+def test_the_oracle_reports_faults():
+    rogue = missed("evaders", "kuramoto-mpcc", **SHORT)
+    path = rogue.path
+    for places, words in (
+        (path.places * 3, "leaves the rectangle|moves"),
+        (path.places[::2], "moves|within a disc"),
+        (np.repeat(path.places[:1], len(path.places), axis=0), "within a disc"),
+    ):
+        wrong = dataclasses.replace(rogue, path=path._replace(places=places))
+        assert any(word in (fault_of(wrong) or "") for word in words.split("|"))
+
+
+@pytest.mark.parametrize(
+    ("scenario", "policy", "seed", "within", "overrides"),
+    [
+        ("evaders", "kuramoto-mpcc", 0, 0.4, {"task.duration": 16.0}),
+        ("evaders", "random", 2, 0.4, {"task.duration": 16.0}),  # passes a gap of millimetres past fast robots
+        ("team", "sweep", 31, 0.8, {}),  # a tick lasts six steps, in which cars pass over many nodes
+        ("evaders-fast", "random", 5, 0.2, {}),  # moves 2.2 cells in a step, past gaps that open for a moment
+        pytest.param("hall", "kuramoto-mpcc", 1, 0.4, {"task.duration": 120.0}, marks=pytest.mark.long),
+    ],
+)
+def test_the_rogue_of_the_reported_worst_case_is_found(scenario, policy, seed, within, overrides):
+    # Oracle: the contamination stage, which computes the worst case on another grid, and the simulation.
+    rogue = missed(scenario, policy, seed, **overrides)
+    assert rogue.undetected >= rogue.stated - within
+
+
+# The page and the command.
+
+
+def test_the_page_shows_the_rogue():
+    rogue = missed("evaders", "kuramoto-mpcc", **SHORT)
+    recording = record_again(rogue.played, rogue.policy)
+    assert recording.score["detection_time_mean"] == pytest.approx(
+        rogue.played.score["detection_time_mean"], nan_ok=True
+    )
+
+    def shown(html):
+        data = json.loads(html.partition('id="data"')[2].partition(">")[2].partition("</script>")[0])
+        return data["episodes"][0]["rogue"]
+
+    drawn = shown(page(recording, missed=rogue))
+    assert drawn["steps"][0] == rogue.path.appears_at
+    assert len(drawn["places"]) == len(drawn["steps"]) == len(rogue.path.places)
+    assert (drawn["until"] - drawn["steps"][0]) * 0.1 == pytest.approx(rogue.undetected, abs=1e-3)
+    assert shown(page(recording)) is None
+
+
+def test_the_command(tmp_path, capfd):
+    out = tmp_path / "rogue.html"
+    overrides = (("task.duration=8",),)
+    exploit("evaders", "still", witness=True, episodes=2, out=out, output=Output(json=True), overrides=overrides)
+    printed = json.loads(capfd.readouterr().out)
+    assert [row["seed"] for row in printed["episodes"]] == [0, 1]
+    assert printed["episodes"][0]["witness"] == pytest.approx(7.9)
+    assert printed["episodes"][0]["conservative"] >= 7.9
+    assert out.read_text(encoding="utf-8").startswith("<!doctype html>")

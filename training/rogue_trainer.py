@@ -1,0 +1,235 @@
+"""`lissajous train --side rogues`: imitation of a rogue with foresight, against robots that do not learn.
+
+A rogue that starts in the wrong place is detected at once whatever it does, and one that hides well is detected much
+later than a discounted return reaches. So rogues imitate one that knows the robots' future, in the states that the
+learner itself reaches (`lissajous_env.episodes.missed.foresight`). All rogues share one network.
+"""
+
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import torch
+from rich.console import Console
+from torch import Tensor, nn
+
+from baselines.benchmark.progress import in_words
+from baselines.exploitability.survival import survive
+from baselines.policies.factories import named
+from lissajous_env import Simulation
+from lissajous_env.console.terminal import make_console
+from lissajous_env.episodes.evaluation import EpisodeRunner
+from lissajous_env.episodes.missed.foresight import Foresight, Labels, Visits
+from lissajous_env.storage.folder import Folder
+from training.learned import checkpoint
+from training.learned.network import Network
+from training.learned.rogue import rogue_card
+from training.rogue_settings import RogueTraining
+from training.sb3.torch_state import load_state, network_of, save_state
+
+FIRST_EVALUATION_SEED = 20_000
+_FIRST_SEED = 1_000_000
+_SCRIPTS = "follow-gap", "flee"
+"""Scripts that move the rogues in the first rounds, until the learner moves them."""
+_RIVALS = "wander", "flee", "follow-gap"
+"""Scripts to compare the evaluation with."""
+_BATCH, _BATCHES, _LAST_BATCHES = 2048, 150, 900
+"""Rows per minibatch, minibatches per round, and in the last one."""
+_RATE, _GRADIENT = 1e-3, 0.5
+"""Learning rate, and the norm to which gradients are clipped."""
+_MOST_GAIN, _LEAST_WEIGHT = 2.0, 0.02
+"""Gain of an action above which the weight of a label is constant [s], and weight of one without a gain."""
+_LABELLED = "imitation.rows", "imitation.actions", "imitation.weights"
+"""Names of the arrays of labels in a checkpoint."""
+
+
+def train_rogues(settings: RogueTraining, console: Console | None = None) -> dict[str, Any]:
+    """Train rogues until the last round, from the last one if `settings.out` has any; return the history.
+
+    Raises:
+        ValueError: the folder contains other files or results of other settings, or is in use by another process.
+    """
+    with checkpoint.hold(settings.out) as folder:
+        return RogueTrainer(settings, console or make_console(), folder).run()
+
+
+class RogueTrainer:
+    """A training of rogues in a locked folder."""
+
+    def __init__(self, settings: RogueTraining, console: Console, folder: Folder):
+        self.settings, self.console, self.folder = settings, console, folder
+        torch.set_num_threads(1)
+        torch.manual_seed(settings.seed)
+        self.scenario = settings.make_scenario()
+        self.card = rogue_card(self.scenario, settings.to_dict())
+        sizes = [self.card.network_inputs, *settings.layers]
+        hidden = [part for pair in pairwise(sizes) for part in (nn.Linear(*pair), nn.ReLU())]
+        self.actor = nn.Sequential(*hidden, nn.Linear(sizes[-1], self.card.action_size)).to(settings.device)
+        self.optimizer = torch.optim.Adam(self.actor.parameters(), lr=_RATE, eps=1e-5)
+        self.normal: tuple[np.ndarray, np.ndarray] | None = None
+        """Mean and standard deviation (D,) of the entries of a row."""
+        self.history: dict[str, Any] = {"rounds": 0, "seconds": 0.0, "scores": None, "rivals": {}}
+        self._labelled: list[Tensor] = []
+        """Rows, actions and weights of all rounds."""
+        if (settings.out / checkpoint.FILE).exists():
+            self._resume()
+
+    def run(self) -> dict[str, Any]:
+        """Train until the last round."""
+        settings, history = self.settings, self.history
+        if history["scores"] is not None:
+            self._say(f"{settings.out} is finished: {history['rounds']:,} rounds")
+            return history
+        self._say(f"rogues on {settings.scenario} against {settings.against}, to {settings.out}")
+        for name in _RIVALS:
+            if name not in history["rivals"]:
+                history["rivals"][name] = self._evaluated(name)
+                self._say(f"{name}: {_words(history['rivals'][name])}")
+        self._imitate()
+        with tempfile.TemporaryDirectory() as folder:
+            checkpoint.save(folder, self.network(), self.card)
+            history["scores"] = self._evaluated(folder)
+        self._save({})
+        self._say(f"after {in_words(history['seconds'])}: {_words(history['scores'])}")
+        return history
+
+    def _imitate(self) -> None:
+        """Fit the network to the actions with foresight, in the states that it reaches."""
+        settings, foresight, history = self.settings, Foresight(self.scenario), self.history
+        for k in range(history["rounds"], settings.rounds):
+            began, is_last = time.monotonic(), k == settings.rounds - 1
+            labels = foresight.label(self._visit(k))
+            if not len(labels.rows):
+                raise ValueError(
+                    f"starts must be large enough that a rogue is undetected for a step, got {settings.starts}"
+                )
+            if self.normal is None:
+                spread = np.maximum(labels.rows.std(axis=0), 1e-3)
+                self.normal = labels.rows.mean(axis=0), spread.astype(np.float32)
+            before, new = self._labelled, self._tensors(labels)
+            self._labelled = [torch.cat(parts) for parts in zip(before, new, strict=True)] if before else list(new)
+            error = self._fit(is_last)
+            history["seconds"] += time.monotonic() - began
+            history["rounds"] += 1
+            self._save({name: part.cpu().numpy() for name, part in zip(_LABELLED, self._labelled, strict=True)})
+            if k < 2 or k % 4 == 3 or is_last:
+                self._say(f"round {k + 1} of {settings.rounds}: {len(self._labelled[0]):,} rows, error {error:.3f}")
+
+    def _visit(self, k: int) -> Visits:
+        """Play an episode in each world, by a script at first, then by the learner, and record the rogues' states."""
+        settings, visits = self.settings, Visits()
+        scenario = settings.make_scenario(_SCRIPTS[k]) if k < len(_SCRIPTS) else self.scenario
+        simulation = Simulation(scenario, settings.worlds, device=settings.device, threads=settings.threads)
+        driver: Any = named(settings.against)(scenario, settings.worlds, settings.device)
+        if k >= len(_SCRIPTS):
+            driver = _WithRogues(driver, simulation, self._act)
+        seed = _FIRST_SEED * (1 + settings.seed) + k * settings.worlds
+        runner = EpisodeRunner(driver, simulation)
+        runner.play(range(seed, seed + settings.worlds), lambda taken: visits.look(simulation))
+        return visits
+
+    def _normalized(self, rows: np.ndarray) -> Tensor:
+        assert self.normal is not None
+        mean, spread = self.normal
+        return torch.from_numpy(((rows - mean) / spread).astype(np.float32)).to(self.settings.device)
+
+    def _act(self, rows: np.ndarray) -> np.ndarray:
+        """Return the learner's actions (V, 2) for rows (V, D)."""
+        with torch.no_grad():
+            return self.actor(self._normalized(rows)).clamp(-1.0, 1.0).cpu().numpy()
+
+    def _tensors(self, labels: Labels) -> tuple[Tensor, ...]:
+        weights = np.clip(labels.gains, 0.0, _MOST_GAIN) + _LEAST_WEIGHT
+        others = [torch.from_numpy(array.astype(np.float32)) for array in (labels.actions, weights)]
+        return self._normalized(labels.rows), *(tensor.to(self.settings.device) for tensor in others)
+
+    def _fit(self, is_last: bool) -> float:
+        """Fit the network to the labels of all rounds by weighted least squares; return the mean error."""
+        rows, actions, weights = self._labelled
+        weights, batches, errors = weights / weights.mean(), _LAST_BATCHES if is_last else _BATCHES, []
+        for k, chosen in zip(range(batches), _minibatches(len(rows)), strict=False):
+            self.optimizer.param_groups[0]["lr"] = _RATE * (1 - k / batches if is_last else 1.0)
+            error = (self.actor(rows[chosen]) - actions[chosen]).square().mean(1)
+            loss = (weights[chosen] * error).mean()
+            self.optimizer.zero_grad()
+            loss.backward()
+            nn.utils.clip_grad_norm_(self.actor.parameters(), _GRADIENT)
+            self.optimizer.step()
+            errors.append(loss.item())
+        return float(np.mean(errors))
+
+    def network(self) -> Network:
+        """Copy the policy as a network that reads rows which are not normalized."""
+        learned = network_of(self.actor)
+        if self.normal is None:
+            return learned
+        mean, spread = self.normal
+        weight = learned.weights[0] / spread
+        weights = (weight.astype(np.float32), *learned.weights[1:])
+        biases = ((learned.biases[0] - weight @ mean).astype(np.float32), *learned.biases[1:])
+        return Network(weights, biases, learned.activation)
+
+    def _save(self, labelled: Mapping[str, np.ndarray]) -> None:
+        """Write a checkpoint with the state of the training, and the labels so far unless it is complete."""
+        state = save_state(self.actor, self.optimizer) | dict(labelled)
+        if self.normal is not None:
+            state |= {"normal.mean": self.normal[0], "normal.spread": self.normal[1]}
+        history = self.history | {"seconds": round(self.history["seconds"], 1)}
+        checkpoint.save(self.folder, self.network(), self.card, state=state, notes={"rogues": history})
+
+    def _resume(self) -> None:
+        _, card, text = checkpoint.read(self.settings.out)
+        if differences := self.settings.differences(card.settings):
+            rule = "must be an empty folder or contain a training with the same settings"
+            raise ValueError(f"out {rule}, got {self.settings.out}: {'; '.join(differences)}")
+        arrays = checkpoint.read_state(self.settings.out, text)
+        with checkpoint.resuming(self.settings.out, text):
+            self.history |= text["rogues"]
+            if "normal.mean" in arrays:
+                self.normal = arrays["normal.mean"], arrays["normal.spread"]
+            if _LABELLED[0] in arrays:
+                self._labelled = [torch.from_numpy(arrays[name]).to(self.settings.device) for name in _LABELLED]
+            load_state(self.actor, self.optimizer, arrays)
+
+    def _evaluated(self, rogues: str) -> dict[str, float]:
+        settings, scenario = self.settings, self.settings.make_scenario(rogues)
+        seeds = range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + settings.evaluation_episodes)
+        return survive(settings.against, scenario, seeds, settings.device).summary()
+
+    def _say(self, text: str) -> None:
+        self.console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+class _WithRogues:
+    """Policy of the robots that also moves the rogues of its simulation, so that an `EpisodeRunner` plays both."""
+
+    def __init__(self, driver: Any, simulation: Simulation, act: Callable[[np.ndarray], np.ndarray]):
+        self.num_worlds, self._driver, self._simulation, self._act = driver.num_worlds, driver, simulation, act
+        step = simulation.step
+        self._actions = np.zeros(simulation.rogue_action.shape, np.float32)
+        simulation.step = lambda action: step(action, self._actions)  # type: ignore[method-assign]
+
+    def reset(self, worlds: Any = None) -> None:
+        """Reset the policy of the robots."""
+        self._driver.reset(worlds)
+
+    def act(self, observation: Any) -> Any:
+        """Store the rogues' actions and return those of the robots."""
+        live = self._simulation.rogue_present.numpy().astype(bool)
+        if live.any():
+            self._actions[live] = self._act(self._simulation.rogue_observation.numpy()[live])
+        return self._driver.act(observation)
+
+
+def _minibatches(count: int) -> Iterator[Tensor]:
+    """Yield the indices of shuffled minibatches without end."""
+    while True:
+        yield from torch.randperm(count).split(_BATCH)
+
+
+def _words(scores: Mapping[str, float]) -> str:
+    mean, quantile, longest = (scores[name] for name in ("mean", "quantile", "longest"))
+    return f"undetected for {mean:.2f} s on average, 95 % at most {quantile:.2f} s, best start {longest:.1f} s"

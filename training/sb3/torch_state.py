@@ -1,0 +1,44 @@
+"""PyTorch's modules as plain arrays: networks of policies, and the states of trainings."""
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from training.learned.named_arrays import prefixed, within
+from training.learned.network import Network
+
+
+def network_of(*modules: nn.Module) -> Network:
+    """Copy the linear layers of modules, which are applied in turn with rectifiers between the layers."""
+    arrays = [[part.detach().cpu().numpy().copy() for part in (layer.weight, layer.bias)] for layer in linear(*modules)]
+    weights, biases = zip(*arrays, strict=True)
+    return Network(weights, biases, "relu")
+
+
+def linear(*modules: nn.Module) -> list[nn.Linear]:
+    """Return the linear layers of modules, in order."""
+    return [layer for module in modules for layer in module.modules() if isinstance(layer, nn.Linear)]
+
+
+def save_state(module: nn.Module, optimizer: torch.optim.Optimizer) -> dict[str, np.ndarray]:
+    """Copy a module, its optimizer, and the state of torch's and NumPy's random generators, by name."""
+    arrays = prefixed("model", {name: tensor.detach().cpu().numpy() for name, tensor in module.state_dict().items()})
+    for k, moments in optimizer.state_dict()["state"].items():
+        arrays |= prefixed(f"optimizer.{k}", {name: tensor.cpu().numpy() for name, tensor in moments.items()})
+    _, keys, position, *_ = np.random.get_state()
+    arrays |= {"random": torch.get_rng_state().numpy(), "shuffle": np.append(keys, np.uint32(position))}
+    return {name: np.array(array) for name, array in arrays.items()}
+
+
+def load_state(module: nn.Module, optimizer: torch.optim.Optimizer, arrays: dict[str, np.ndarray]) -> None:
+    """Resume from what `save_state` returned; other names are ignored."""
+    module.load_state_dict({name: torch.from_numpy(array) for name, array in within("model", arrays).items()})
+    state: dict[str, Any] = optimizer.state_dict()
+    for name, array in within("optimizer", arrays).items():
+        k, moment = name.split(".")
+        state["state"].setdefault(int(k), {})[moment] = torch.from_numpy(array)
+    optimizer.load_state_dict(state)
+    torch.set_rng_state(torch.from_numpy(arrays["random"]))
+    np.random.set_state(("MT19937", arrays["shuffle"][:-1], int(arrays["shuffle"][-1])))
