@@ -119,9 +119,9 @@ class _Reading:
             raise ValueError(f"topic {name} of {self._name} must have at least {_FEWEST} poses, got {count}{broken}")
         return own
 
-    def _check_frames(self, own: Sequence[RobotPoses]) -> None:
+    def _check_frames(self, robots: Sequence[RobotPoses]) -> None:
         frames: dict[str, list[int]] = {}
-        for k, robot in enumerate(collected):
+        for k, robot in enumerate(robots):
             for frame in robot.frames:
                 frames.setdefault(frame, []).append(k)
         if len(frames) > 1:
