@@ -19,10 +19,10 @@ from baselines.policies import registry
 from baselines.policies.factories import parts
 from lissajous_env.console.terminal import plain
 from lissajous_env.identity import digest_of, parts_of
-from lissajous_env.parameters.plain_scenario import scenario_of
 from lissajous_env.parameters.robot_models import is_shipped, model_of
 from lissajous_env.parameters.rogues import folder_of, members_of
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.storage.files import read_json
 from lissajous_env.storage.folder import Folder
 from lissajous_env.storage.journal import Journal

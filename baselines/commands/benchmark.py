@@ -23,11 +23,6 @@ def benchmark(
     Example:
         lissajous benchmark --scenarios evaders team --policies kuramoto-mpcc sweep --episodes 8
 
-    Options:
-        what is played: scenarios, policies, episodes, seed, rogues, set
-        report: out, against, clairvoyant, replays
-        where it runs: device, batch, engine, address
-
     Args:
         settings: Episodes to play, and the folder of the results.
         rogues: rogue (adversary) that moves all targets: wander, flee, shadow, follow-gap, or hide, which requires

@@ -36,11 +36,6 @@ def evaluate(
     Example:
         lissajous evaluate evaders kuramoto-mpcc --episodes 16
 
-    Options:
-        what is played: episodes, seed, rogues, set
-        where it runs: device, batch
-        files: out
-
     Args:
         names: scenarios (names, .toml files, module:attribute); then the policy: a name, the folder of a checkpoint or
             of a plan, or module:factory. If only a folder is given, its policy is played on the scenario for which it

@@ -56,11 +56,6 @@ def guarantee(
     Example:
         lissajous guarantee evaders --policies kuramoto-mpcc open-loop-mpcc
 
-    Options:
-        formation: radii, cells
-        policies: policies, episodes, set
-        pictures: out, format
-
     Args:
         scenarios: names of scenarios, .toml files, or module:attribute; by default the paper's two curves.
         policies: policies whose worst-case undetected time is drawn; the scenarios must have task.contamination.

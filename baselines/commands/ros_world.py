@@ -28,10 +28,6 @@ def world(
     Example:
         lissajous ros world --scenario experiment --set task.duration=20 --out episode.html
 
-    Options:
-        simulation: scenario, set, seed, lockstep, pace, out
-        robots: command, frame, watchdog, wait
-
     Args:
         settings: Settings of the node.
         scenario: name of a scenario, .toml file, or module:attribute.

@@ -41,11 +41,6 @@ def score(
     Example:
         lissajous score lab.mcap --scenario lab.toml --episodes 16 --out lab.html
 
-    Options:
-        log: scenario, topics, origin, gap, set
-        virtual targets: episodes, seed
-        files: out, report
-
     Args:
         logs: rosbag2 file (.mcap) or folder, or several that belong together, as one for each robot; a log that --out
             FILE.mcap wrote contains its own scenario.

@@ -9,7 +9,8 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap, wrap_phase
 from lissajous_env.device.devices import as_device
-from lissajous_env.device.program import BLOCKS, ROBOT, WORLD, Stage
+from lissajous_env.device.program import Stage
+from lissajous_env.device.stage import ROBOT, WORLD
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.placing import follow_curve
 from lissajous_env.world.simulation import Simulation
@@ -123,7 +124,7 @@ class PrescribedSimulation(Simulation):
         at_reset.insert(place, Stage("paths", follow_paths, ROBOT, own=own))
         # Paths are followed robot by robot, so that the stage after them waits for all.
         motion = Stage("motion", follow_paths, ROBOT, own=own)
-        follow = Stage("phase", follow_curve, ROBOT, BLOCKS, when=self._follows)
+        follow = Stage("phase", follow_curve, when=self._follows)
         moved = [motion if stage.name == "motion" else stage for stage in at_step if stage.name != "phase"]
         moved.insert([stage.name for stage in moved].index("motion") + 1, follow)
         moved = [replace(stage, barrier=True) if stage.name == "measurement" else stage for stage in moved]

@@ -15,9 +15,9 @@ from lissajous_env.logs.motion import SOME, Motion, motion_of
 from lissajous_env.logs.notes import remarks
 from lissajous_env.logs.prescribed import PrescribedSimulation
 from lissajous_env.parameters import named
-from lissajous_env.parameters.plain_scenario import scenario_of
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.theory.closed_forms import curve_derivatives
 from lissajous_env.theory.locating import locate
 from lissajous_env.wording import few_of, shown
