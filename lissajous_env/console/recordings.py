@@ -47,9 +47,9 @@ def check_file(out: Path | None, *suffixes: str) -> None:
         hint = nearest(out.suffix.lower(), suffixes)
         raise ValueError(f"out must end in {' or '.join(suffixes)}, got {out}{hint}")
     if out.suffix.lower() == ".mp4":
-        from lissajous_env.render import mp4
+        from lissajous_env.render.writers import pyav
 
-        mp4.pyav()
+        pyav()
     if out.suffix.lower() == ".mcap":
         from lissajous_env.logs.ros_types import rosbags
 

@@ -10,10 +10,9 @@ import pygame
 
 from lissajous_env.episodes.recording import Recording
 from lissajous_env.render.canvas import View
-from lissajous_env.render.gif import GifWriter
-from lissajous_env.render.mp4 import Mp4Writer
 from lissajous_env.render.renderer import Renderer
 from lissajous_env.render.window import Window
+from lissajous_env.render.writers import GifWriter, Mp4Writer
 from lissajous_env.storage.files import replacing
 from lissajous_env.wording import shown
 

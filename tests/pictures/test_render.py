@@ -255,13 +255,12 @@ def test_window_without_a_display_is_refused_with_a_way_out(monkeypatch):
         renderer.show(10)
 
 
-@pytest.mark.parametrize("radius", [0.6, 0.9, 1.7, 5.0])
-def test_a_disc_that_is_cut_is_the_disc(radius):
+def test_a_disc_that_is_cut_is_the_disc():
     # Oracle: pygame's own circles on a surface large enough for all of them, cut afterwards.
     from lissajous_env.render.canvas import FINE, opaque
-    from lissajous_env.render.sensors import Sensors
+    from lissajous_env.render.ground import Sensors
 
-    room, pixels = pygame.Rect(30, 20, 400, 200), 200 * radius
+    room, pixels = pygame.Rect(30, 20, 400, 200), 150.0
     middles = np.array([[60.0, 40.0], [230.0, 120.0], [-100.0, 90.0], [430.0, 320.0]])
     drawn, oracle = opaque((460, 240)), opaque((460, 240))
     for surface in (drawn, oracle):
@@ -278,16 +277,17 @@ def test_a_disc_that_is_cut_is_the_disc(radius):
     assert (away > 3).mean() < 0.03
 
 
-def test_a_crowd_of_discs_is_their_union():
+@pytest.mark.parametrize(("count", "pixels"), [(100, 90.0), (2, 250.0)])
+def test_a_crowd_of_discs_or_wide_ones_are_drawn_as_their_union(count, pixels):
     # Oracle: the distance to the nearest middle, pixel by pixel.
     from lissajous_env.render.canvas import FINE, opaque
-    from lissajous_env.render.sensors import Sensors
+    from lissajous_env.render.ground import Sensors
 
-    room, pixels = pygame.Rect(30, 20, 400, 200), 90.0
-    middles = np.random.default_rng(0).uniform([-50, -50], [250, 250], (100, 2))
+    room = pygame.Rect(30, 20, 400, 200)
+    middles = np.random.default_rng(0).uniform([-50, -50], [250, 250], (count, 2))
     surface = opaque((460, 240))
     surface.fill(palette.GROUND)
-    Sensors(pixels, 100, room).draw(surface, middles)
+    Sensors(pixels, count, room).draw(surface, middles)
     x, y = np.meshgrid(np.arange(30, 430), np.arange(20, 220), indexing="ij")
     nearest = np.min([np.hypot(x - mx, y - my) for mx, my in middles], axis=0)
     shown = pygame.surfarray.array3d(surface)[30:430, 20:220]
