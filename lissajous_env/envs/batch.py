@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
+from gymnasium.error import ResetNeeded
 
 from lissajous_env.envs.drivers import driver_of
 from lissajous_env.envs.sides import Side, sides_of
@@ -114,7 +115,8 @@ class Batch:
             if num_groups != 1:
                 raise ValueError(f"num_groups must be 1 without a space of scenarios, got {num_groups}")
             given = {"rogues": AGENTS} | dict(overrides) if roles == "rogues" else overrides
-            first = largest = self._changed(named.scenario(scenario, **given))  # type: ignore[arg-type]
+            plain = isinstance(scenario, Scenario) and not given  # variants made by the program pass without a warning
+            first = largest = self._changed(scenario if plain else named.scenario(scenario, **given))  # type: ignore[arg-type]
             self._most_targets = first.target_capacity
         else:
             self.space, self.split = space[0].overridden(overrides), space[1]
@@ -161,11 +163,13 @@ class Batch:
             return
         if self.space is not None:
             self._draws = None
-            self._seeds[:] = fold_seed(int(seed) if isinstance(seed, np.integer) else seed)
+            self._seeds[:] = fold_seed(seed)
             return
         chosen = np.arange(self.num_worlds)[worlds]
-        alone = isinstance(seed, (int, np.integer))
-        self._seeds[chosen] = [fold_seed(int(seed) + int(k) if alone else seed[i]) for i, k in enumerate(chosen)]
+        if not np.ndim(seed):
+            fold_seed(seed)  # refuses what is no number
+            seed = [int(seed) + int(k) for k in chosen]
+        self._seeds[chosen] = [fold_seed(number) for number in seed]
 
     def reset(self, worlds: Any = None) -> None:
         """Begin an episode in some worlds, with the seeds that `seed` has set, or those that follow from the latest.
@@ -210,7 +214,12 @@ class Batch:
         Args:
             actions: For each side, by its name `robot` or `rogue`, actions (W, N, action_size) that `Side.read`
                 returned, or a tensor on the device; those of places without an agent have no effect.
+
+        Raises:
+            ResetNeeded: the worlds of a space have not been reset yet.
         """
+        if self.space is not None and self._draws is None:
+            raise ResetNeeded("step needs a running episode: call reset first")
         for group, simulation in enumerate(self.simulations):
             of_robots = self.driver.act(simulation.observation) if self.driver is not None else actions["robot"]
             if self.space is not None:

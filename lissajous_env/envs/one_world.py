@@ -10,7 +10,7 @@ from gymnasium.envs.registration import EnvSpec
 from lissajous_env.envs.batch import Batch
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
-from lissajous_env.world.simulation import Simulation
+from lissajous_env.world.simulation import Simulation, fold_seed
 
 if TYPE_CHECKING:
     from lissajous_env.episodes.recording import Follower
@@ -54,7 +54,7 @@ class OneWorld:
 
     def _begin(self, seed: int | None) -> None:
         """Begin an episode with a seed, or with one that follows from the previous seed."""
-        self.batch.seed(seed)
+        self.batch.seed(None if seed is None else fold_seed(seed))
         self.batch.reset()
         if self.simulation is not self.batch.simulation:
             self._use_simulation()
