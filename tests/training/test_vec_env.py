@@ -99,15 +99,15 @@ def test_a_base_acts_and_the_action_is_added_to_it():
     assert env.observation_space.shape == (44,)
     policy = baselines.make("sweep", env.scenario, 3)
     simulation = lissajous_env.Simulation(env.scenario, 3)
-    rows = env.reset()
+    rows, observation = env.reset(), simulation.observation
     for _ in range(2):
-        observation = simulation.reset()
         policy.reset()
         for _ in range(30):
             action = policy.act(observation.numpy())
             assert (rows[:, 42:] == action.reshape(15, 2)).all()
             rows, *_ = env.step(np.zeros((15, 2)))
             observation, *_ = simulation.step(action)
+        observation = simulation.reset()
     shown = rows[:, 42:].copy()
     env.step(np.full((15, 2), 9.0))
     applied = env.simulation.action.numpy().reshape(15, 2)
@@ -119,7 +119,7 @@ def test_inputs_are_the_entries_of_these_names():
     env = make_env(card={"inputs": names})
     whole = lissajous_env.Simulation(env.scenario, 3)
     columns = [whole.layout.names.index(name) for name in names]
-    assert (env.reset() == whole.reset().numpy()[:, :, columns].reshape(15, 3)).all()
+    assert (env.reset() == whole.observation.numpy()[:, :, columns].reshape(15, 3)).all()
 
 
 def test_a_central_critic_sees_the_world():
