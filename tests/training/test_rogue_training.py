@@ -33,8 +33,8 @@ def test_discrete_actions_are_rows_of_the_table():
     assert len(chosen.scores) > 0
     DQN("MlpPolicy", chosen, learning_starts=60, buffer_size=600).learn(120)
     for wrong, words in (([0] * 5, r"whole numbers of shape \(6,\)"), ([0.0] * 6, "whole numbers"),
-                         ([0, 9, 0, 0, 0, 0], "rogue_1 in world 0 must be a whole number from 0 to 8, got 9"),
-                         ([0, 0, 0, 0, -1, 0], "rogue_1 in world 1 must be a whole number from 0 to 8, got -1")):  # fmt: skip
+                         ([0, 9, 0, 0, 0, 0], "rogue_1 in world 0 must be a whole number .*, got 9"),
+                         ([0, 0, 0, 0, -1, 0], "rogue_1 in world 1 must be a whole number .*, got -1")):  # fmt: skip
         with pytest.raises(ValueError, match=words):
             chosen.step(np.array(wrong))
 
