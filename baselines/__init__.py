@@ -9,7 +9,7 @@ from baselines.policies.base import Policy
 from baselines.policies.combinations import COMBINATIONS, ON_REQUEST, register_coordinator, with_tracker
 from baselines.policies.coordinators.in_numpy import NumpyCoordinator
 from baselines.policies.patrol import Laps, RandomWaypoint, Still, Sweep
-from baselines.policies.registry import make, names, register, register_opener, register_wrapper
+from baselines.policies.registry import make, names, register, register_filter, register_opener
 from baselines.policies.rows import Rows
 from baselines.safety.filter import Safe
 from baselines.safety.proved import Proved
@@ -35,8 +35,8 @@ register("sweep", "car", Sweep, about="Single-file patrol along the boundary, or
 register("laps", "car", Laps, about="The loop of `sweep`, each car independently, at top speed.")
 register("random", None, RandomWaypoint, about="Random waypoints; random phase rates for points.")
 register("still", None, Still, about="No motion.")
-register_wrapper("-safe", "car", Safe, "with a collision filter that intervenes late and gently", as_car=True)
-register_wrapper("-proved", "car", Proved, "with a filter that is proved, under conditions, to prevent collisions")
+register_filter("-safe", "car", Safe, "with a collision filter that intervenes late and gently", as_car=True)
+register_filter("-proved", "car", Proved, "with a filter that is proved, under conditions, to prevent collisions")
 
 # A policy in a file of its own there registers itself.
 for _module in sorted(each.name for each in pkgutil.walk_packages(policies.__path__, f"{policies.__name__}.")):

@@ -20,7 +20,6 @@ from lissajous_env.episodes.policies import BASES as _BASES
 from lissajous_env.episodes.policies import base as _base
 from lissajous_env.episodes.policies import load, policies, policy
 from lissajous_env.parameters.extensions import observation_entry, reward_term, score_column, target_motion
-from lissajous_env.parameters.ids import register_ids as _register_ids
 from lissajous_env.parameters.named import (
     register_scenario,
     register_scenario_space,
@@ -43,9 +42,7 @@ from lissajous_env.parameters.scenario import (
     Targets,
     Task,
 )
-from lissajous_env.parameters.shipped import SHIPPED as _SHIPPED
 from lissajous_env.parameters.space import ScenarioSpace
-from lissajous_env.siblings import import_ours
 from lissajous_env.world.mixture import Mixture
 from lissajous_env.world.simulation import Simulation
 
@@ -71,7 +68,6 @@ __all__ = [
     "Task",
     "env",
     "evaluate",
-    "import_ours",
     "load",
     "observation_entry",
     "parallel_env",
@@ -92,11 +88,6 @@ __all__ = [
     "target_motion",
     "vector_env",
 ]
-
-for _each in _SHIPPED:
-    _register_ids(_each.name)
-for _space in scenario_spaces():
-    _register_ids(_space, is_space=True)
 
 
 def __getattr__(name: str) -> _Any:

@@ -35,13 +35,14 @@ def _own_registries(monkeypatch):
     lissajous_env.rogues()
     for module, name in (
         (registry, "_REGISTRY"),
-        (registry, "_WRAPPERS"),
+        (registry, "_FILTERS"),
         (robot_models, "_MODELS"),
         (named, "_REGISTERED"),
         (rogues, "_ROGUES"),
         (named, "_SPACES"),
     ):
         monkeypatch.setattr(module, name, dict(getattr(module, name)))
+    monkeypatch.setattr(sys, "path", list(sys.path))  # to which the current folder is added
 
 
 @pytest.fixture

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.memory import clear_worlds
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch
 from lissajous_env.device.program import launcher
@@ -23,6 +22,13 @@ from lissajous_env.world.observation import layout
 from lissajous_env.world.selection import world_mask
 
 _ARRAYS = ("numpy", "torch", "warp")
+
+
+def clear_worlds(memory: wp.array, mask: np.ndarray) -> None:
+    """Zero the memory (W, ...) of the worlds in a mask (W,)."""
+    kept = memory.numpy().copy()
+    kept[mask] = 0
+    memory.assign(kept)
 
 
 class UnsuitableScenarioError(ValueError):

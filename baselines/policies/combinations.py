@@ -15,9 +15,8 @@ from baselines.policies.coordinators.consensus import Consensus
 from baselines.policies.coordinators.kuramoto import Kuramoto
 from baselines.policies.coordinators.open_loop import OpenLoop
 from baselines.policies.coordinators.tracked_reference import RUNNING, TrackedReference
-from baselines.policies.trackers.base import Coordinated, Coordinator
+from baselines.policies.trackers.base import Coordinated, Coordinator, OnCurve
 from baselines.policies.trackers.mpcc import WithMpcc
-from baselines.policies.trackers.point import OnCurve
 from baselines.policies.trackers.vector_field import WithVectorField
 from lissajous_env.wording import nearest, shown
 

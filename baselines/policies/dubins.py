@@ -9,7 +9,8 @@ import numpy as np
 
 WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
 """Kinds of paths: left turn, straight line, right turn."""
-_TURN = {"L": 1.0, "S": 0.0, "R": -1.0}
+TURNS = np.array([[{"L": 1.0, "S": 0.0, "R": -1.0}[letter] for letter in word] for word in WORDS])
+"""(6, 3) direction of each piece of each kind: 1 to the left, 0 straight on, -1 to the right."""
 
 
 def dubins_lengths(start: np.ndarray, end: np.ndarray, radius: float) -> np.ndarray:
@@ -23,7 +24,7 @@ def dubins_lengths(start: np.ndarray, end: np.ndarray, radius: float) -> np.ndar
     start, end = np.broadcast_arrays(start, end)
     pieces = np.full((*start.shape[:-1], len(WORDS), 3), np.nan)
     for k, word in enumerate(WORDS):
-        first, last = _TURN[word[0]], _TURN[word[2]]
+        first, _, last = TURNS[k]
         # Centres of the first and the last turn.
         away = _centre(end, last, radius) - _centre(start, first, radius)
         distance, bearing = np.hypot(away[..., 0], away[..., 1]), np.arctan2(away[..., 1], away[..., 0])
@@ -47,33 +48,29 @@ def dubins_lengths(start: np.ndarray, end: np.ndarray, radius: float) -> np.ndar
     return pieces
 
 
-def dubins_places(start: np.ndarray, pieces: np.ndarray, word: int, radius: float, along: np.ndarray) -> np.ndarray:
-    """Return the places (M, 2) of a path at some distances from its start [m].
+def dubins_poses(
+    start: np.ndarray, pieces: np.ndarray, turns: np.ndarray, radius: np.ndarray, along: np.ndarray
+) -> np.ndarray:
+    """Return x, y [m] and heading [rad] (..., M, 3) on paths at some distances; beyond its end a path goes straight on.
 
     Args:
-        start: x, y [m] and heading [rad] of the start.
-        pieces: Lengths of its three pieces [m].
-        word: Kind of the path, a place in `WORDS`.
-        radius: Radius of the turns [m].
-        along: (M,) distances [m].
+        start: (..., 3) x, y [m] and heading [rad] of the starts.
+        pieces: (..., 3) lengths of the pieces [m].
+        turns: (..., 3) directions of the pieces, rows of `TURNS`.
+        radius: (...) radii of the turns [m].
+        along: (..., M) distances from the start [m].
     """
-    places = np.empty((len(along), 2))
-    (x, y, heading), done = start, 0.0
-    for letter, piece in zip(WORDS[word], pieces, strict=True):
-        inside = along >= done
-        way = np.clip(along[inside] - done, 0, piece)
-        ends = np.append(way, piece)
-        turn = _TURN[letter] * ends / radius
-        if letter == "S":
-            moved = np.column_stack([ends * np.cos(heading), ends * np.sin(heading)])
-        else:
-            side = _TURN[letter] * radius
-            moved = side * np.column_stack(
-                [np.sin(heading + turn) - np.sin(heading), np.cos(heading) - np.cos(heading + turn)]
-            )
-        places[inside] = moved[:-1] + np.array([x, y])
-        x, y, heading, done = x + moved[-1, 0], y + moved[-1, 1], heading + turn[-1], done + piece
-    return places
+    place, heading, left = start[..., None, :2], start[..., None, 2], along
+    for k in range(4):
+        length, turn = (pieces[..., k, None], turns[..., k, None]) if k < 3 else (np.inf, 0.0)
+        gone = np.clip(left, 0, length)
+        left = left - gone
+        turned = turn * gone / radius[..., None]
+        chord = (gone * np.sinc(turned / (2 * np.pi)))[..., None]
+        middle = heading + turned / 2
+        place = place + chord * np.stack([np.cos(middle), np.sin(middle)], axis=-1)
+        heading = heading + turned
+    return np.concatenate([place, heading[..., None]], axis=-1)
 
 
 def _centre(pose: np.ndarray, side: float, radius: float) -> np.ndarray:

@@ -96,7 +96,7 @@ def named(name: str) -> Factory:
     """
     if is_imported(name):
         return as_factory(import_attribute(name, "policy must be module:factory"), name)
-    return functools.partial(_registered, name, registry.sent(name))
+    return functools.partial(_registered, name, registry.entry_of(name))
 
 
 def parts(factory: Factory) -> dict[str, str]:

@@ -70,27 +70,6 @@ def coverage(loop: np.ndarray, half: tuple[float, float], radius: float, coarse:
     return 1 - float(visited.mean()), longest * every
 
 
-def undetected_times(
-    places: np.ndarray, half: tuple[float, float], radius: float, speed: float, step: float
-) -> np.ndarray:
-    """Return the longest time for which a target can have stayed undetected at each control step (T + 1,) [s].
-
-    Args:
-        places: (N, T + 1, 2) places of the robots, from the start on [m].
-        half: Half width and half height of the rectangle [m].
-        radius: Sensing radius [m].
-        speed: Largest speed of a target [m/s].
-        step: Control step [s].
-    """
-    field = _Field(half, radius, speed * step, field_cells=8 * _MOST_CELLS)
-    field.born[field.sensed(places[:, 0])] = np.inf
-    ages = [0.0]
-    for k in range(1, places.shape[1]):
-        field.advance(field.sensed(places[:, k]))
-        ages.append(field.age * step)
-    return np.array(ages)
-
-
 class _Field:
     """Earliest introduction of an undetected target in each cell [control step]."""
 
@@ -103,7 +82,7 @@ class _Field:
         self.y = np.linspace(-half[1], half[1], rows)
         self.radius, self.rate = radius, moved / (2 * half[0] / (columns - 1))
         self.born = np.zeros((rows, columns))
-        self.now, self.hops, self.longest, self.age = 0, 0, 0, 0
+        self.now, self.hops, self.longest = 0, 0, 0
         self.cleared_at = 0
 
     @property
@@ -126,8 +105,7 @@ class _Field:
         np.minimum(self.born, self.now, out=self.born)
         self.born[seen] = np.inf
         oldest = self.born.min()
-        self.age = self.now - oldest if math.isfinite(oldest) else 0
-        self.longest = max(self.longest, self.age)
+        self.longest = max(self.longest, self.now - oldest if math.isfinite(oldest) else 0)
         if not self.cleared and oldest > 0:
             self.cleared_at = self.now
 

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.line_closing import close_up, closes_up, closing_of
-from baselines.policies.line_guarantee import ideal_guarantee
 from baselines.policies.line_path import (
     LineParameters,
     LinePlan,
@@ -15,6 +15,7 @@ from baselines.policies.line_path import (
     check,
     line_path,
     line_plan,
+    rogue_speed,
     slowest_top_speed,
 )
 from baselines.policies.line_transit import Effort, Pace, angle_steps, effort_of, transit
@@ -67,7 +68,20 @@ def best_plan(scenario: Scenario, parameters: LineParameters) -> LinePlan:
     plans = [line_plan(scenario, parameters, count) for count in counts]
     if len(plans) == 1:
         return plans[0]
-    return min(plans, key=lambda plan: ideal_guarantee(scenario, plan, 0))
+    return min(plans, key=lambda plan: ideal_worst_case(scenario, plan))
+
+
+def ideal_worst_case(scenario: Scenario, plan: LinePlan) -> float:
+    """Return the worst-case undetected time [s] of lines that have formed and follow their path without error."""
+    half = plan.half_length, plan.half_span
+    loop = loops_of(plan, plan.starts, plan.lanes)[..., :2]
+    return worst_undetected_time(loop, half, scenario.sensing_radius, rogue_speed(scenario), plan.step)
+
+
+def loops_of(plan: LinePlan, starts: np.ndarray, lanes: np.ndarray) -> np.ndarray:
+    """Return along, across [m] and heading [rad] (N, K, 3) of cars of some starts and lanes, a period of K steps."""
+    at = line_path(plan)[(starts[:, None] + np.arange(plan.period)) % plan.period]
+    return np.stack([at[..., 0], at[..., 1] + at[..., 3] * lanes[:, None], at[..., 2]], axis=-1)
 
 
 def effort(scenario: Scenario, plan: LinePlan) -> Effort:
@@ -79,14 +93,11 @@ def effort(scenario: Scenario, plan: LinePlan) -> Effort:
 def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[LinePlan, PathTables]:
     """Return the lines of a scenario, and the tables of the paths of its robots, one plan for each angle."""
     plan = best_plan(scenario, parameters)
-    path = line_path(plan)
     slots = np.argsort(scenario.ring)  # neighbours on the ring are neighbours in a line
-    starts, lanes = plan.starts[slots], plan.lanes[slots]
-    at = path[(starts[:, None] + np.arange(plan.period)) % plan.period]
-    along, across, heading = at[..., 0], at[..., 1] + at[..., 3] * lanes[:, None], at[:, 0, 2]
-    loop = np.stack([along, across], axis=-1)
+    at = loops_of(plan, plan.starts[slots], plan.lanes[slots])
+    loop, heading = at[..., :2], at[:, 0, 2]
     if scenario.curve.half_height > scenario.curve.half_width:
-        loop, heading = np.stack([-across, along], axis=-1), heading + np.pi / 2
+        loop, heading = np.stack([-at[..., 1], at[..., 0]], axis=-1), heading + np.pi / 2
     poses = np.concatenate([loop[:, 0], heading[:, None]], axis=-1)
     fastest = min(_FULL * slowest_top_speed(scenario), _HASTE * plan.speed)
     pace = Pace(scenario.robot.drag, max(fastest, 1.001 * plan.speed), plan.speed)
@@ -102,9 +113,9 @@ class LineAbreast(TimedPaths):
     The cars of a line are so close that no rogue passes between two sensing discs (`line_path.speed_limit` has the
     spacing law), the outermost ones reach the walls, and all copy one path: to the end of the rectangle, a turn of
     three arcs back into the own lanes, outside of the rectangle where `task.boundary` is open, and back. Several lines,
-    where there are cars for them, are interleaved and spread over the period. `line_guarantee.ideal_guarantee` computes
-    the worst-case undetected time of the ideal motion; `line_transit` computes the ways from the formation into the
-    lines, chosen so that no two cars meet; `line_closing` closes a line up.
+    where there are cars for them, are interleaved and spread over the period; their number is the one with the shortest
+    worst-case undetected time of the ideal motion. `line_transit` computes the ways from the formation into the lines,
+    chosen so that no two cars meet; `line_closing` closes a line up.
 
     A car's place in a line is fixed: neighbours on the communication ring are neighbours in a line. A line closes up
     where one of its robots has stopped or been removed, if the others can still span the rectangle. If they cannot, or

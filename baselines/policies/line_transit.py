@@ -15,12 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.policies.dubins import WORDS, dubins_lengths
+from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses
+from baselines.policies.transit import formation_starts
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.theory import closed_forms
 
-_TURNS = np.array([[1, -1][letter == "R"] for word in WORDS[:4] for letter in word[::2]]).reshape(-1, 2)
-"""Directions of both arcs of the words with a straight stretch: 1 to the left, -1 to the right."""
 _ENDS = ((0.0, 1.0), (0.5, 1.0), (1.0, 1.0), (0.0, 1.5), (0.5, 1.5))
 """Length of the last straight stretch, in half widths of the formation, and radius of the arcs, in that of a turn."""
 _TILTS = (0.0, -0.5, 0.5)
@@ -76,47 +74,27 @@ def angle_steps(scenario: Scenario, angles: int) -> np.ndarray:
 
 
 class Ways(NamedTuple):
-    """Paths of an arc, a straight stretch and an arc; arrays of one shape."""
+    """Paths of an arc, a straight stretch and an arc, and a further straight stretch; arrays of one shape."""
 
     begin: np.ndarray
     """(..., 3) x, y [m] and heading [rad] at the beginning."""
     radius: np.ndarray
     """Radius of the arcs [m]."""
-    first: np.ndarray
-    """Angle of the first arc, to the left positive [rad]."""
-    straight: np.ndarray
-    """Length of the straight stretch [m]."""
-    second: np.ndarray
-    """Angle of the second arc [rad]."""
+    pieces: np.ndarray
+    """(..., 3) lengths of the arcs and of the stretch between them [m]; infinite for a way that does not exist."""
+    turns: np.ndarray
+    """(..., 3) their directions, as in `baselines.policies.dubins.TURNS`."""
     lead: np.ndarray
-    """Length of a further straight stretch at the end [m]."""
+    """Length of the further stretch [m]."""
 
     @property
     def length(self) -> np.ndarray:
-        """Length of the whole [m]; infinite for a way that does not exist."""
-        return self.radius * (np.abs(self.first) + np.abs(self.second)) + self.straight + self.lead
-
-    def at(self, distance: np.ndarray) -> np.ndarray:
-        """Return (..., K, 3) x, y [m] and heading [rad] after some distances (..., K) [m]."""
-        place, heading = self.begin[..., None, :2], self.begin[..., None, 2]
-        left = distance
-        parts = ((self.radius * np.abs(self.first), self.first), (self.straight, None),
-                 (self.radius * np.abs(self.second), self.second), (np.full_like(self.lead, np.inf), None))  # fmt: skip
-        for length, angle in parts:
-            gone = np.clip(left, 0, length[..., None])
-            left = left - gone
-            turned = np.zeros_like(gone)
-            if angle is not None:
-                turned = np.sign(angle)[..., None] * gone / self.radius[..., None]
-            chord = (gone * np.sinc(turned / (2 * np.pi)))[..., None]
-            middle = heading + turned / 2
-            place = place + chord * np.stack([np.cos(middle), np.sin(middle)], axis=-1)
-            heading = heading + turned
-        return np.concatenate([place, heading[..., None]], axis=-1)
+        """Length of the whole [m]."""
+        return self.pieces.sum(axis=-1) + self.lead
 
 
 def ways_between(begin: np.ndarray, end: np.ndarray, radius: float, lead: float) -> Ways:
-    """Return the ways (..., 4) of each word between poses (..., 3): x, y [m], heading [rad].
+    """Return the ways (..., 4) of each word with a straight stretch between poses (..., 3): x, y [m], heading [rad].
 
     Args:
         begin: Poses at the beginning.
@@ -127,16 +105,14 @@ def ways_between(begin: np.ndarray, end: np.ndarray, radius: float, lead: float)
     begin, end = np.broadcast_arrays(begin, end)
     ahead = np.stack([np.cos(end[..., 2]), np.sin(end[..., 2])], axis=-1)
     entry = np.concatenate([end[..., :2] - lead * ahead, end[..., 2:]], axis=-1)
-    pieces = dubins_lengths(begin, entry, radius)[..., : len(_TURNS), :]
-    angle = np.where(np.isnan(pieces), 0.0, pieces) / radius
-    straight = np.where(np.isnan(pieces[..., 1]), np.inf, pieces[..., 1])
-    shape = straight.shape
+    pieces = dubins_lengths(begin, entry, radius)[..., :4, :]
+    pieces = np.where(np.isnan(pieces), [0.0, np.inf, 0.0], pieces)
+    shape = pieces.shape[:-1]
     return Ways(
-        np.broadcast_to(begin[..., None, :], (*shape, 3)),
+        np.broadcast_to(begin[..., None, :], pieces.shape),
         np.full(shape, radius),
-        angle[..., 0] * _TURNS[:, 0],
-        straight,
-        angle[..., 2] * _TURNS[:, 1],
+        pieces,
+        np.broadcast_to(TURNS[:4], pieces.shape),
         np.full(shape, lead),
     )
 
@@ -180,16 +156,6 @@ def speed_between(pace: Pace, begin: np.ndarray, tilt: np.ndarray, length: np.nd
     return (low + high) / 2
 
 
-def formation_states(scenario: Scenario, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return poses (K, N, 3) in x, y [m], heading [rad] and speeds (K, N) [m/s] of the formation turned by angles."""
-    rate = scenario.formation.phase_rate
-    gamma = scenario.alpha * (scenario.equilibrium + angles[:, None])
-    place = closed_forms.curve_point(scenario.curve, gamma)
-    velocity = closed_forms.curve_derivatives(scenario.curve, gamma)[0] * rate
-    heading = np.arctan2(velocity[..., 1], velocity[..., 0])
-    return np.concatenate([place, heading[..., None]], axis=-1), np.hypot(velocity[..., 0], velocity[..., 1])
-
-
 def closeness(one: np.ndarray, two: np.ndarray, wanted: float) -> np.ndarray:
     """Return how much two points that move straight between places (2, ..., K) come too close, without first and last.
 
@@ -212,7 +178,7 @@ def transit(scenario: Scenario, effort: Effort, poses: np.ndarray, radius: float
     [m], heading [rad].
     """
     angles = 2 * np.pi * angle_steps(scenario, effort.angles) / effort.angles
-    begin, speed = formation_states(scenario, angles)
+    begin, speed = formation_starts(scenario, angles)
     choices = _choices(begin, poses, radius)
     times = _times(scenario, pace, speed, choices.length.min(axis=-1))
     wide = np.broadcast_to(speed[..., None], choices.length.shape)
@@ -224,12 +190,18 @@ def transit(scenario: Scenario, effort: Effort, poses: np.ndarray, radius: float
     choices, faults, tilt, between = (_selected(each, order) for each in (choices, faults, tilt, between))
     gone = distances(pace, np.broadcast_to(speed[..., None], between.shape), between, tilt, times)
     gone *= np.where(faults < _LATE, choices.length / gone[..., -1], 1.0)[..., None]
-    coarse = np.moveaxis(choices.at(gone[..., :: max(len(times) // _PIECES, 1)])[..., :2], -1, 0).astype(np.float32)
+    coarse = _poses(choices, gone[..., :: max(len(times) // _PIECES, 1)])
+    coarse = np.moveaxis(coarse[..., :2], -1, 0).astype(np.float32)
     noise = 3 * math.sqrt(2) * scenario.formation.start_noise * effort.angles / (2 * np.pi)
     effort = effort._replace(nearest=min(math.ceil(noise), effort.nearest))
     taken = _chosen(coarse, faults.astype(np.float32), effort, _WANTED * scenario.robot.radius)[:, :, None]
-    places = _selected(choices, taken).at(_selected(gone, taken))
+    places = _poses(_selected(choices, taken), _selected(gone, taken))
     return places[:, :, 0, :-1, :2]
+
+
+def _poses(ways: Ways, along: np.ndarray) -> np.ndarray:
+    """Return x, y [m] and heading [rad] (..., K, 3) after some distances (..., K) [m]."""
+    return dubins_poses(ways.begin, ways.pieces, ways.turns, ways.radius, along)
 
 
 def _selected(values: Any, order: np.ndarray) -> Any:

@@ -23,12 +23,11 @@ from baselines.policies.path_tables import PathTables, path_tables
 from baselines.policies.patrol import Still
 from baselines.policies.registry import register
 from baselines.policies.timed_paths import STEPS, TimedPaths, TrackingParameters
-from baselines.policies.transit import transit
+from baselines.policies.transit import formation_starts, start_is_known, transit
 from baselines.safety.filter import Safe, SafetyParameters
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Faults
-from lissajous_env.theory import closed_forms
 
 wp.set_module_options(OPTIONS)
 
@@ -147,22 +146,6 @@ def arrival_of_all(scenario: Scenario, plan: Plan) -> float:
     return float(math.ceil(time / scenario.task.step) + 2 * plan.loop.shape[1])
 
 
-def start_is_known(scenario: Scenario) -> bool:
-    """Return whether all robots know where all of them start, to within a body's diameter at two deviations."""
-    formation = scenario.formation
-    farthest = scenario.alpha * float(closed_forms.curve_speed(scenario.curve, np.linspace(0, 2 * np.pi, 4096)).max())
-    return formation.start == "equilibrium" and formation.start_noise * farthest <= scenario.robot.radius
-
-
-def starts_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
-    """Return the poses (N, 3), x, y [m] and heading [rad], and speeds (N,) [m/s] of a start in the equilibrium."""
-    phase = scenario.equilibrium + np.array([dict(scenario.formation.displaced).get(i, 0.0) for i in scenario.ring])
-    gamma = scenario.alpha * phase
-    velocity = scenario.formation.phase_rate * closed_forms.curve_derivatives(scenario.curve, gamma)[0]
-    heading = np.arctan2(velocity[..., 1], velocity[..., 0])
-    return np.column_stack([closed_forms.curve_point(scenario.curve, gamma)[:, :2], heading]), np.hypot(*velocity.T)
-
-
 def planned_transit(
     scenario: Scenario, plan: Plan, parameters: PartitionParameters, assignments: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray] | None:
@@ -170,7 +153,7 @@ def planned_transit(
 
     `assignments` (A, N) are the loops of the robots that may be chosen; all by default.
     """
-    start, speed = starts_of(scenario)
+    start, speed = formation_starts(scenario)
     time = _LONGEST * (scenario.curve.half_width + scenario.curve.half_height) / plan.speed / scenario.task.step
     apart = required_distance(scenario, parameters)
     car, step = car_of(scenario, parameters), scenario.task.step

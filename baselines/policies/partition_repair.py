@@ -23,7 +23,6 @@ from baselines.policies.partition import (
     arrival_of_all,
     plain_of,
     planned_transit,
-    start_is_known,
     take_filtered,
 )
 from baselines.policies.partition_plan import PartitionParameters, Plan, partition_plan, required_distance, room_of
@@ -41,6 +40,7 @@ from baselines.policies.taking_over import (
     take_over,
 )
 from baselines.policies.timed_paths import TimedPaths, TrackingParameters
+from baselines.policies.transit import start_is_known
 from baselines.safety.filter import Safe
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario

@@ -13,6 +13,7 @@ from baselines.policies.patrol_path import (
     SweepParameters,
     cruising_speed,
     fastest_speed,
+    file_by_phase,
     lookahead,
     loop_spacing,
     patrol_loop,
@@ -104,6 +105,8 @@ def follow_loop(
     step: float,
     gather: float,
     slowest: float,
+    winding: float,
+    origin: float,
     memory: wp.array2d(dtype=wp.vec2),
     observation: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
@@ -111,7 +114,8 @@ def follow_loop(
     """Drive to robot i's place in the file, which moves around the loop at cruising speed [m/s].
 
     With a time constant `gather` [s] the places start from rest: their speed is (1 - exp(-t / gather)) of that. If
-    `slowest` [m/s] is not negative, a car drives there along the loop, at least at that speed.
+    `slowest` [m/s] is not negative, a car drives there along the loop, at least at that speed. If `winding` is not 0,
+    the place of a robot is `file_by_phase` of its phase.
 
     The memory of a robot is the index on the loop where its place began, and one more than the number of steps since
     then.
@@ -123,7 +127,9 @@ def follow_loop(
         phase = own_phase(w, i, observation)
         if slowest >= 0.0:
             phase = agreed_phase(w, i, equilibrium, ring, observation)
-        slot = slot_of(i, phase, curve, alpha, equilibrium, loop)
+        slot = winding * phase / 6.283185307179586 * float(size) + origin
+        if winding == 0.0:
+            slot = slot_of(i, phase, curve, alpha, equilibrium, loop)
         known = wp.vec2(slot, 1.0)
     place = known[0] + (cruise * step * (known[1] - 1.0) + lookahead) / spacing
     if gather > 0.0:
@@ -277,13 +283,14 @@ class Sweep(_Patrol):
         self._spacing = loop_spacing(loop)
         self._lookahead = lookahead(self.scenario, self._cruise, self.parameters)
         self._slowest = -1.0 if self.parameters.slowest is None else self.parameters.slowest
+        self._file = file_by_phase(self.scenario, loop) if self.parameters.by_phase else (0.0, 0.0)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         inputs = [self._curve, self._robot, self._driving, self._alpha, self._equilibrium, self._ring, self._loop,
                   self._cruise, self._spacing, self._lookahead, self.scenario.task.step, self.parameters.gather,
-                  self._slowest, self._memory, observation]  # fmt: skip
+                  self._slowest, *self._file, self._memory, observation]  # fmt: skip
         self.launch(follow_loop, self.shape, inputs, [self.action])
 
 

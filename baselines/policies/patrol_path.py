@@ -7,7 +7,8 @@ import numpy as np
 
 from baselines.similarity import motion_scale
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.checks import Checked, number, whole
+from lissajous_env.settings.checks import Checked, flag, number, whole
+from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import top_speed, turning_radius
 
 _POINTS = 2048
@@ -41,6 +42,10 @@ class SweepParameters(Checked):
     slowest: float | None = number(None, 0, 1e4, "m/s")
     """Lowest speed at which a car of `sweep` waits for its place, if it is ahead of it on the loop [m/s]; None: cars
     drive straight to their places."""
+    by_phase: bool = flag(False)
+    """True if the phase of a car of `sweep` alone determines its place in the file: places are then evenly spaced
+    however far cars are off the formation at the start, but some are farther away. False: the file has the order of the
+    formation's places along the loop, on which cars that are off their places disagree."""
     lookahead: float | None = number(None, 1e-3, 1e4, "m")
     """Distance of the goal ahead of a car's place [m]; None is the distance that the patrol drives in
     0.3 s, in the time scale of the paper's experiment, and at least 4 wheelbases."""
@@ -75,6 +80,26 @@ def lookahead(scenario: Scenario, cruise: float, parameters: SweepParameters) ->
 def loop_spacing(loop: np.ndarray) -> float:
     """Return the distance between the points of a loop [m]."""
     return float(np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum()) / len(loop)
+
+
+def file_by_phase(scenario: Scenario, loop: np.ndarray) -> tuple[float, float]:
+    """Return the turns of the loop per turn of the phase, and the index on the loop (K, 2) [m] of the phase 0.
+
+    The places of a formation of evenly spaced phases are evenly spaced for any number of turns that shares no factor
+    with that of the robots. The pair is the one with the least sum of two lengths: the mean way from a phase's place on
+    the curve to its place in the file, and the shift of the latter by a deviation of the start.
+    """
+    count, size = scenario.num_robots, len(loop)
+    phases = np.linspace(0, 2 * np.pi, 512, endpoint=False)
+    places = closed_forms.curve_point(scenario.curve, scenario.alpha * phases)[:, None, :2]
+    origins = np.arange(64) * size // 64
+    shift = scenario.formation.start_noise / (2 * np.pi) * size * loop_spacing(loop)
+    best = (math.inf, 0.0, 0.0)
+    for turns in (sign * k for k in range(1, max(count, 2)) for sign in (1, -1) if math.gcd(k, count) == 1):
+        at = (turns * phases[:, None] / (2 * np.pi) * size + origins).astype(int) % size
+        way = np.linalg.norm(loop[at] - places, axis=-1).mean(axis=0)
+        best = min(best, (float(way.min()) + abs(turns) * shift, float(turns), float(origins[way.argmin()])))
+    return best[1:]
 
 
 def patrol_loop(scenario: Scenario, parameters: SweepParameters | None = None) -> np.ndarray:

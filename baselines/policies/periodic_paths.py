@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from baselines.policies.partition import FilteredPaths, start_is_known, starts_of
+from baselines.policies.partition import FilteredPaths
 from baselines.policies.partition_plan import PartitionParameters, car_of, required_distance
 from baselines.policies.path_tables import PathTables, path_tables
 from baselines.policies.registry import register
 from baselines.policies.timed_paths import TrackingParameters
-from baselines.policies.transit import transit
+from baselines.policies.transit import formation_starts, start_is_known, transit
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, flag, rows, whole
 from lissajous_env.theory import closed_forms
@@ -95,7 +95,7 @@ def timed_loops(scenario: Scenario, parameters: PathParameters) -> tuple[PathTab
         return path_tables(scenario, loop), float(arrival_steps(scenario, loop))
     if not parameters.planned_ways:
         return path_tables(scenario, loop), 0.0
-    start, speed = starts_of(scenario)
+    start, speed = formation_starts(scenario)
     room = PartitionParameters(speed=_speed_on(scenario, loop), clearance=0.2 * scenario.robot.radius)
     apart = required_distance(scenario, room)
     longest = math.ceil(_LONGEST * _time_around(scenario, loop)) + loop.shape[1]

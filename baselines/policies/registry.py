@@ -1,4 +1,7 @@
-"""The registry of policies by name, with those that other packages add."""
+"""The registry of policies: entries by name, filters by the suffix of a name, and loaders of policies in folders.
+
+A name is that of an entry or of a folder, with or without the suffix of a filter: `unwrapped` parts it.
+"""
 
 import os
 from collections.abc import Callable
@@ -9,7 +12,6 @@ from typing import Any, NamedTuple
 
 from baselines.policies.as_cars import AsCars
 from baselines.policies.base import Policy
-from baselines.policies.model_files import how_to_play
 from lissajous_env import here
 from lissajous_env import scenario as make_scenario
 from lissajous_env.by_value import ByValue, replaces
@@ -23,7 +25,9 @@ from lissajous_env.wording import few_of, nearest, shown
 
 
 @dataclass(frozen=True)
-class _Entry:
+class Entry:
+    """A registered policy; `register` describes the fields."""
+
     kind: str | None
     factory: Callable[..., Any]
     made_for: tuple[str, ...]
@@ -32,18 +36,11 @@ class _Entry:
     on_request: bool
 
     def __reduce__(self) -> tuple:
-        return _Entry, (self.kind, ByValue(self.factory), *list(vars(self).values())[2:])
+        return Entry, (self.kind, ByValue(self.factory), *list(vars(self).values())[2:])
 
 
-_REGISTRY: dict[str, _Entry] = {}
-_WRAPPERS: dict[str, "_Wrapper"] = {}
-_BROUGHT = EntryPoints("lissajous_env.policies", "policies", lambda register_theirs: register_theirs())
-_REGISTER = "register", "register_policy", "register_coordinator"
-"""Names of the functions that add policies."""
-
-
-class _Wrapper(NamedTuple):
-    """Wrapper of policies for robots of one kind, and whether it serves robots that move like cars."""
+class Filter(NamedTuple):
+    """A function from a policy for robots of a kind to a safer one; `as_car`: also of robots that move like cars."""
 
     kind: str
     wrap: Callable[[Policy], Policy]
@@ -51,16 +48,26 @@ class _Wrapper(NamedTuple):
     as_car: bool
 
 
-class _Opener(NamedTuple):
-    """Functions for the policies in folders of one kind."""
+class Loader(NamedTuple):
+    """Functions for the policies in folders of one kind; `register_opener` describes them."""
 
     make: Callable[..., Policy]
     home: Callable[[str], Scenario]
     parts: Callable[[str], dict[str, str]]
 
 
-_OPENERS: dict[str, _Opener] = {}
-"""Openers of policies in folders, by the file that such a folder contains."""
+_REGISTRY: dict[str, Entry] = {}
+_FILTERS: dict[str, Filter] = {}
+_LOADERS: dict[str, Loader] = {}
+"""Loaders of policies in folders, by the file that such a folder contains."""
+_BROUGHT = EntryPoints("lissajous_env.policies", "policies", lambda register_theirs: register_theirs())
+_REGISTER = "register", "register_policy", "register_coordinator"
+"""Names of the functions that add policies."""
+_PLAYERS = {
+    ".zip": "training.sb3.ModelPolicy(PPO.load(file), scenario, num_worlds, device) for a model of Stable-Baselines3",
+    ".onnx": "a baselines.Policy that runs the model in `decide`",
+}
+"""Results of a function that plays a file which is no policy by itself, by its suffix."""
 
 
 def register(
@@ -88,70 +95,49 @@ def register(
         The factory.
 
     Raises:
-        ValueError: another policy has the name. The same policy may be registered again, and a cell of a notebook that
+        ValueError: another policy has the name. The same factory may be registered again, and a cell of a notebook that
             is run again replaces its policy.
     """
-    add = partial(_added, name, kind, tuple(made_for), about, learned, on_request)
-    return add if factory is None else add(factory)
-
-
-def _added(
-    name: str,
-    kind: str | None,
-    made_for: tuple[str, ...],
-    about: str,
-    learned: bool,
-    on_request: bool,
-    factory: Any,
-) -> Any:
+    if factory is None:
+        options = {"made_for": made_for, "about": about, "learned": learned, "on_request": on_request}
+        return partial(register, name, kind, **options)
     if not isinstance(name, str) or not name:
         raise ValueError(f"name of a policy must be a word, got {name!r}")
-    made_by = _function_of(factory)
-    kind = getattr(made_by, "kind", None) if kind is None else kind
+    origin = _origin(factory)
+    kind = getattr(origin[0], "kind", None) if kind is None else kind
     if kind not in (None, *robot_kinds()):
         raise ValueError(f"kind of {name} must be one of {few_of(robot_kinds(), kind)}, or None, got {shown(kind)}")
     if not callable(factory):
         raise ValueError(f"factory of {name} must be callable, got {shown(factory)}")
-    about = about or ("" if isinstance(factory, partial) else factory.__doc__ or "")
-    entry = _Entry(kind, factory, made_for, about.partition("\n")[0], learned, on_request)
-    plain, suffix = _parted(name)
-    if suffix or any(name + each in _REGISTRY for each in _WRAPPERS):
+    plain, suffix = _parted(name, _REGISTRY)
+    if suffix or any(name + ending in _REGISTRY for ending in _FILTERS):
         raise ValueError(f"name of a policy must be new, got {name}; {suffix or 'a suffix'} marks a wrapped {plain}")
-    before = _REGISTRY.get(name, entry)
-    if not _alike(before, entry) and not replaces(_function_of(factory), _function_of(before.factory)):
-        raise ValueError(f"name of a policy must be new, got {name}, which {before.factory!r} has")
-    _REGISTRY[name] = entry
+    before = _origin(_REGISTRY[name].factory) if name in _REGISTRY else origin
+    same = len(before) == len(origin) and all(a == b or replaces(a, b) for a, b in zip(origin, before, strict=True))
+    if not same:
+        raise ValueError(f"name of a policy must be new, got {name}, which {_REGISTRY[name].factory!r} has")
+    about = about or ("" if isinstance(factory, partial) else factory.__doc__ or "")
+    _REGISTRY[name] = Entry(kind, factory, tuple(made_for), about.partition("\n")[0], learned, on_request)
     return factory
 
 
-def _function_of(factory: Any) -> Any:
-    return factory.func if isinstance(factory, partial) else factory
+def _origin(factory: Any) -> tuple:
+    """Return the function or class that a factory calls, and the arguments of a partial one."""
+    return (factory.func, *factory.args, *factory.keywords.items()) if isinstance(factory, partial) else (factory,)
 
 
-def _alike(one: _Entry, other: _Entry) -> bool:
-    def told(entry: _Entry) -> tuple:
-        made = entry.factory
-        parts = (made.func, made.args, made.keywords) if isinstance(made, partial) else (made,)
-        return entry.kind, entry.made_for, entry.learned, entry.on_request, parts
-
-    return told(one) == told(other)
-
-
-def register_wrapper(
-    suffix: str, kind: str, wrapper: Callable[[Policy], Policy], about: str, as_car: bool = False
-) -> None:
-    """Register a wrapped version of every policy for robots of `kind`, under its name with a suffix.
+def register_filter(suffix: str, kind: str, wrap: Callable[[Policy], Policy], about: str, as_car: bool = False) -> None:
+    """Register a filter, a function from policy to policy, which a suffix of the name adds to policies of a kind.
 
     `about` continues the description after the name of the policy, as in "with the collision filter". With `as_car`, a
-    wrapper of cars also serves robots of other models that move like cars.
+    filter of cars also serves robots of other models that move like cars.
 
     Raises:
-        ValueError: another wrapper has the suffix.
+        ValueError: another filter has the suffix.
     """
-    added = _Wrapper(kind, wrapper, about, as_car)
-    if _WRAPPERS.get(suffix, added) != added:
-        raise ValueError(f"suffix of a wrapper must be new, got {shown(suffix)}")
-    _WRAPPERS[suffix] = added
+    added = Filter(kind, wrap, about, as_car)
+    if _FILTERS.setdefault(suffix, added) != added:
+        raise ValueError(f"suffix of a filter must be new, got {shown(suffix)}")
 
 
 def register_opener(
@@ -168,206 +154,19 @@ def register_opener(
         parts: Function `parts(folder)` that returns the parts of the policy, as `parts` does.
         file: Name of the file. A folder without any such file is passed to the opener that was registered last.
     """
-    _OPENERS[file] = _Opener(opener, home, parts)
-
-
-def home(folder: str) -> Scenario:
-    """Return the scenario that the policy in a folder was made for.
-
-    Raises:
-        ValueError: there is no policy in it, or its scenario cannot be made.
-    """
-    _BROUGHT.load()
-    inside = _folder_of(folder)[0]
-    return _opener_of(inside).home(inside)
-
-
-def describe(name: str) -> dict[str, Any]:
-    """Return a registered policy in plain values: name, robot kind (None: any), made_for, learned, description."""
-    plain, suffix = unwrapped(name)
-    entry = _registry()[plain]
-    about = f"{plain} {_WRAPPERS[suffix].about}." if suffix else entry.about
-    return {
-        "name": name,
-        "kind": _kinds()[name],
-        "made_for": list(entry.made_for),
-        "learned": entry.learned,
-        "description": about,
-    }
-
-
-def bring(name: str) -> None:
-    """Import the module of the current folder that registers a policy of a name, where there is none of it yet.
-
-    Raises:
-        ValueError: the module cannot be imported.
-    """
-    if name not in _kinds():
-        here.load_module_of(name, "policy", *_REGISTER)
-
-
-def registered_here() -> list[tuple[str, str]]:
-    """Return the names that modules of the current folder register, each with its module."""
-    return list(here.registered_here(*_REGISTER))
-
-
-def meant_here(name: str) -> list[str]:
-    """Return candidates for an unknown name: folders of policies beside it, and policies of the modules here."""
-    folders = [folder for file in _OPENERS for folder in here.folders_beside(name, file)]
-    return [*folders, *(each for each, _ in registered_here())]
-
-
-def parts(name: str) -> dict[str, str]:
-    """Return the parts that identify a policy among those of the same name: `lissajous_env.identity.parts_of`."""
-    folder, suffix = _folder_of(name) if is_folder(name) else ("", unwrapped(name)[1])
-    inside = _opener_of(folder).parts(folder) if folder else parts_of(_registry()[unwrapped(name)[0]].factory)
-    wrapper = parts_of(_WRAPPERS[suffix].wrap) if suffix else {}
-    return inside | {f"{suffix} {part}": each for part, each in wrapper.items()}
-
-
-def is_folder(name: str) -> bool:
-    """Return whether a name is that of a folder that a policy may be in, with or without the suffix of a wrapper."""
-    return name not in _kinds() and bool(_OPENERS) and _is_directory(_folder_of(name)[0])
-
-
-def _opener_of(folder: str) -> _Opener:
-    """Return the opener of the policy in a folder."""
-    for file, opener in _OPENERS.items():
-        if Path(folder, file).is_file():
-            return opener
-    return [*_OPENERS.values()][-1]
-
-
-def _folder_of(name: str) -> tuple[str, str]:
-    """Return the folder that a name stands for, and the suffix of the wrapper ("" for none)."""
-    for suffix in _WRAPPERS:
-        plain = str(name).removesuffix(suffix)
-        if plain != str(name) and not _is_directory(name) and _is_directory(plain):
-            return plain, suffix
-    return name, ""
-
-
-def _is_directory(name: str) -> bool:
-    try:
-        return Path(name).is_dir()
-    except OSError:  # no name of a file can be as long
-        return False
-
-
-def made_for(name: str, scenario: str) -> bool:
-    """Return whether a benchmark plays a policy on a scenario by default."""
-    entry = _registry().get(unwrapped(name)[0])
-    return entry is None or (not entry.on_request and (not entry.made_for or scenario in entry.made_for))
-
-
-def ships(name: str) -> bool:
-    """Return whether a policy is one of ours, and not one that a user or another package registered."""
-    entry = _registry().get(unwrapped(name)[0])
-    made = _function_of(entry.factory) if entry is not None else None
-    return getattr(made, "__module__", "").partition(".")[0] in ("baselines", "training")
-
-
-def is_specialist(name: str) -> bool:
-    """Return whether a policy was made for particular scenarios."""
-    entry = _registry().get(unwrapped(name)[0])
-    return entry is not None and bool(entry.made_for)
-
-
-def is_classical(name: str) -> bool:
-    """Return whether a name is that of a registered classical policy, wrapped or not."""
-    entry = _registry().get(unwrapped(name)[0])
-    return entry is not None and name in _kinds() and not entry.learned
-
-
-def sent(name: str) -> _Entry | None:
-    """Return what a process without the user's registrations needs to make this policy, for `remember`."""
-    return _registry().get(unwrapped(name)[0])
-
-
-def remember(name: str, entry: _Entry | None) -> None:
-    """Register what `sent` returned in another process, unless this process has a policy of the name."""
-    if entry is not None:
-        _registry().setdefault(unwrapped(name)[0], entry)
-
-
-def _registry() -> dict[str, _Entry]:
-    _BROUGHT.load()
-    return _REGISTRY
-
-
-def _kinds() -> dict[str, str | None]:
-    """Return the kind of robot that each policy drives, by name; the wrapped ones come last."""
-    plain = {name: entry.kind for name, entry in _registry().items()}
-    kinds = dict(plain)
-    for suffix, wrapper in _WRAPPERS.items():
-        kinds |= {name + suffix: wrapper.kind for name, drives in plain.items() if drives in (None, wrapper.kind)}
-    return kinds
-
-
-def _drives(name: str, drives: str | None, kind: str) -> bool:
-    """Return whether a policy, made for a kind or all, drives robots of a kind, by itself or as if they were cars."""
-    if drives in (None, kind):
-        return True
-    plain, suffix = _parted(name)
-    as_cars = drives == "car" and model_of(kind).as_car is not None
-    return as_cars and not _registry()[plain].learned and (not suffix or _WRAPPERS[suffix].as_car)
-
-
-def unwrapped(name: str) -> tuple[str, str]:
-    """Return the name of the wrapped policy, and the suffix of the wrapper ("" for none)."""
-    _BROUGHT.load()
-    return _parted(name)
-
-
-def _parted(name: str) -> tuple[str, str]:
-    if name in _REGISTRY:
-        return name, ""
-    for suffix, wrapper in _WRAPPERS.items():
-        plain = name.removesuffix(suffix)
-        if plain != name and plain in _REGISTRY and _REGISTRY[plain].kind in (None, wrapper.kind):
-            return plain, suffix
-    return name, ""
-
-
-def factory_of(name: str) -> Callable[..., Policy]:
-    """Return the factory of a registered policy without its suffix."""
-    return _registry()[unwrapped(name)[0]].factory
-
-
-def build(name: str, factory: Callable[..., Policy], scenario: Scenario, num_worlds: int, device: Any) -> Policy:
-    """Return a policy that a factory makes, under a name of the registry, and wrapped if the name has a suffix.
-
-    A policy of cars drives the robots of another model as if they were cars.
-    """
-    plain, suffix = unwrapped(name)
-    if _kinds()[name] not in (None, scenario.robot.kind):
-        policy: Policy = AsCars(partial(build, name, factory), scenario, num_worlds, device)
-        policy.name = name
-        return policy
-    policy = factory(scenario, num_worlds, device)
-    policy.name = plain
-    return wrapped(policy, suffix, name)
-
-
-def wrapped(policy: Policy, suffix: str, name: str) -> Policy:
-    """Return a policy under a name; one with the suffix of a wrapper is wrapped."""
-    if not suffix:
-        return policy
-    kind = _WRAPPERS[suffix].kind
-    if policy.kind not in (None, kind):
-        raise ValueError(f"policy must drive robots of kind {kind} to be wrapped by {suffix}, got {name}")
-    policy = _WRAPPERS[suffix].wrap(policy)
-    policy.name = name
-    return policy
+    _LOADERS[file] = Loader(opener, home, parts)
 
 
 def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
-    """Return the names of the policies, or of those that can drive the robots of a scenario."""
+    """Return the names of the policies, or of those that can drive the robots of a scenario; with filters come last."""
+    entries = _entries()
+    found = list(entries)
+    for suffix, each in _FILTERS.items():
+        found += [name + suffix for name, entry in entries.items() if entry.kind in (None, each.kind)]
     if scenario is None:
-        return tuple(_kinds())
-    made = scenario if isinstance(scenario, Scenario) else make_scenario(scenario)
-    kind = made.robot.kind
-    return tuple(name for name, drives in _kinds().items() if _drives(name, drives, kind))
+        return tuple(found)
+    kind = (scenario if isinstance(scenario, Scenario) else make_scenario(scenario)).robot.kind
+    return tuple(name for name in found if _drives(name, kind))
 
 
 def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
@@ -382,8 +181,8 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
         raise ValueError(f"policy must be a name or a folder, got {shown(name)}")
     made = build_scenario(scenario)
     if is_folder(name):
-        folder, suffix = _folder_of(name)
-        return wrapped(_opener_of(folder).make(folder, made, num_worlds, device), suffix, str(name))
+        folder, suffix = unwrapped(name)
+        return _filtered(_loader_of(folder).make(folder, made, num_worlds, device), suffix, str(name))
     check(name, made)
     return build(name, factory_of(name), made, num_worlds, device)
 
@@ -391,10 +190,197 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
 def check(name: str, made: Scenario) -> None:
     """Raise a ValueError if the name is unknown, or if the policy is for another kind of robot."""
     bring(name)
-    if name not in (known := _kinds()):
-        hint = how_to_play(name) or nearest(name, [*known, *meant_here(name)])
+    if entry_of(name) is None:
+        known = names()
+        hint = _player_of(name) or nearest(name, [*known, *meant_here(name)])
         words = f"policy must be one of the {len(known)} that `lissajous policies` lists, got {shown(name)}{hint}"
         raise ValueError("; ".join([words, *_BROUGHT.broken]))
-    if name not in names(made):
+    if not _drives(name, made.robot.kind):
         rule = f"policy for {made.name} must drive robots of kind {made.robot.kind}"
-        raise ValueError(f"{rule}, got {name}, which drives kind {known[name]}{nearest(name, names(made))}")
+        raise ValueError(f"{rule}, got {name}, which drives kind {_kind_of(name)}{nearest(name, names(made))}")
+
+
+def build(name: str, factory: Callable[..., Policy], scenario: Scenario, num_worlds: int, device: Any) -> Policy:
+    """Return a policy that a factory makes, under a name of the registry, and with the filter that the name has.
+
+    A policy of cars drives the robots of another model as if they were cars.
+    """
+    plain, suffix = unwrapped(name)
+    if _kind_of(name) not in (None, scenario.robot.kind):
+        policy: Policy = AsCars(partial(build, name, factory), scenario, num_worlds, device)
+        policy.name = name
+        return policy
+    policy = factory(scenario, num_worlds, device)
+    policy.name = plain
+    return _filtered(policy, suffix, name)
+
+
+def _filtered(policy: Policy, suffix: str, name: str) -> Policy:
+    """Return a policy with the filter of a suffix, under a name; without a suffix, the policy itself."""
+    if not suffix:
+        return policy
+    kind = _FILTERS[suffix].kind
+    if policy.kind not in (None, kind):
+        raise ValueError(f"policy must drive robots of kind {kind} to be wrapped by {suffix}, got {name}")
+    policy = _FILTERS[suffix].wrap(policy)
+    policy.name = name
+    return policy
+
+
+def unwrapped(name: str) -> tuple[str, str]:
+    """Return the name of a policy, or its folder, without the suffix of a filter, and the suffix ("" for none)."""
+    return _parted(name, _entries())
+
+
+def _parted(name: str, entries: dict[str, Entry]) -> tuple[str, str]:
+    name = str(name)
+    ways = [(name, ""), *((name.removesuffix(suffix), suffix) for suffix in _FILTERS if name.endswith(suffix))]
+    for plain, suffix in ways:
+        if plain in entries and (not suffix or entries[plain].kind in (None, _FILTERS[suffix].kind)):
+            return plain, suffix
+    return next((way for way in ways if _is_directory(way[0])), ways[0])
+
+
+def _is_directory(name: str) -> bool:
+    try:
+        return Path(name).is_dir()
+    except OSError:  # no name of a file can be as long
+        return False
+
+
+def _entries() -> dict[str, Entry]:
+    _BROUGHT.load()
+    return _REGISTRY
+
+
+def entry_of(name: str) -> Entry | None:
+    """Return the entry of a registered policy, with or without the suffix of a filter; None if there is none."""
+    return _entries().get(unwrapped(name)[0])
+
+
+def factory_of(name: str) -> Callable[..., Policy]:
+    """Return the factory of a registered policy without its suffix."""
+    return _entries()[unwrapped(name)[0]].factory
+
+
+def _kind_of(name: str) -> str | None:
+    """Return the kind of robots that a registered policy drives by itself."""
+    plain, suffix = unwrapped(name)
+    return _FILTERS[suffix].kind if suffix else _entries()[plain].kind
+
+
+def _drives(name: str, kind: str) -> bool:
+    """Return whether a policy drives robots of a kind, by itself or as if they were cars."""
+    own = _kind_of(name)
+    if own in (None, kind):
+        return True
+    plain, suffix = unwrapped(name)
+    as_cars = own == "car" and model_of(kind).as_car is not None
+    return as_cars and not _entries()[plain].learned and (not suffix or _FILTERS[suffix].as_car)
+
+
+def is_folder(name: str) -> bool:
+    """Return whether a name is that of a folder that a policy may be in, with or without the suffix of a filter."""
+    return bool(_LOADERS) and entry_of(name) is None and _is_directory(unwrapped(name)[0])
+
+
+def _loader_of(folder: str) -> Loader:
+    for file, loader in _LOADERS.items():
+        if Path(folder, file).is_file():
+            return loader
+    return [*_LOADERS.values()][-1]
+
+
+def home(folder: str) -> Scenario:
+    """Return the scenario that the policy in a folder was made for.
+
+    Raises:
+        ValueError: there is no policy in it, or its scenario cannot be made.
+    """
+    inside = unwrapped(folder)[0]
+    return _loader_of(inside).home(inside)
+
+
+def parts(name: str) -> dict[str, str]:
+    """Return the parts that identify a policy among those of the same name: `lissajous_env.identity.parts_of`."""
+    plain, suffix = unwrapped(name)
+    inside = _loader_of(plain).parts(plain) if is_folder(name) else parts_of(_entries()[plain].factory)
+    of_filter = parts_of(_FILTERS[suffix].wrap) if suffix else {}
+    return inside | {f"{suffix} {part}": digest for part, digest in of_filter.items()}
+
+
+def describe(name: str) -> dict[str, Any]:
+    """Return a registered policy in plain values: name, robot kind (None: any), made_for, learned, description."""
+    plain, suffix = unwrapped(name)
+    entry = _entries()[plain]
+    about = f"{plain} {_FILTERS[suffix].about}." if suffix else entry.about
+    return {
+        "name": name,
+        "kind": _kind_of(name),
+        "made_for": list(entry.made_for),
+        "learned": entry.learned,
+        "description": about,
+    }
+
+
+def made_for(name: str, scenario: str) -> bool:
+    """Return whether a benchmark plays a policy on a scenario by default."""
+    entry = entry_of(name)
+    return entry is None or (not entry.on_request and (not entry.made_for or scenario in entry.made_for))
+
+
+def ships(name: str) -> bool:
+    """Return whether a policy is included, and not one that a user or another package registered."""
+    entry = entry_of(name)
+    made = _origin(entry.factory)[0] if entry is not None else None
+    return getattr(made, "__module__", "").partition(".")[0] in ("baselines", "training")
+
+
+def is_specialist(name: str) -> bool:
+    """Return whether a policy was made for particular scenarios."""
+    entry = entry_of(name)
+    return entry is not None and bool(entry.made_for)
+
+
+def is_classical(name: str) -> bool:
+    """Return whether a name is that of a registered classical policy, with or without a filter."""
+    entry = entry_of(name)
+    return entry is not None and not entry.learned
+
+
+def remember(name: str, entry: Entry | None) -> None:
+    """Register the `entry_of` a policy in another process, unless this process has a policy of the name."""
+    if entry is not None:
+        _entries().setdefault(unwrapped(name)[0], entry)
+
+
+def bring(name: str) -> None:
+    """Import the module of the current folder that registers a policy of a name, where there is none of it yet.
+
+    Raises:
+        ValueError: the module cannot be imported.
+    """
+    if entry_of(name) is None:
+        here.load_module_of(name, "policy", *_REGISTER)
+
+
+def registered_here() -> list[tuple[str, str]]:
+    """Return the names that modules of the current folder register, each with its module."""
+    return list(here.registered_here(*_REGISTER))
+
+
+def meant_here(name: str) -> list[str]:
+    """Return candidates for an unknown name: folders of policies beside it, and policies of the modules here."""
+    folders = [folder for file in _LOADERS for folder in here.folders_beside(name, file)]
+    return [*folders, *(policy for policy, _ in registered_here())]
+
+
+def _player_of(name: str) -> str:
+    """Return a hint for the file of a model, which a function of a module has to load; "" for any other name."""
+    suffix = ".zip" if os.path.isfile(f"{name}.zip") else Path(name).suffix.lower()
+    if suffix not in _PLAYERS:
+        return ""
+    return (
+        f"; write a function(scenario, num_worlds, device) in a module that returns {_PLAYERS[suffix]}, and name it as "
+        "module:function"
+    )

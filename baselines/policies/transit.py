@@ -7,11 +7,14 @@ first: each enters its loop as early as it can without coming near the cars befo
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from baselines.policies.dubins import dubins_lengths, dubins_places
+from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses
 from baselines.policies.patience import check_patience
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.theory import closed_forms
 
 _PROFILE = np.linspace(0, 1, 21)
 _TRIES = 24
@@ -34,6 +37,26 @@ class Car:
     """Steady speed at full throttle of the weakest car [m/s]."""
     drag: float
     """Damping of the speed [1/s]."""
+
+
+def start_is_known(scenario: Scenario) -> bool:
+    """Return whether all robots know where all of them start, to within a body's diameter at two deviations."""
+    formation = scenario.formation
+    farthest = scenario.alpha * float(closed_forms.curve_speed(scenario.curve, np.linspace(0, 2 * np.pi, 4096)).max())
+    return formation.start == "equilibrium" and formation.start_noise * farthest <= scenario.robot.radius
+
+
+def formation_starts(scenario: Scenario, turned: Any = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return poses (..., N, 3), x, y [m] and heading [rad], and speeds (..., N) [m/s] of a start in the equilibrium.
+
+    `turned` (...) are angles by which the whole formation is turned [rad].
+    """
+    displaced = np.array([dict(scenario.formation.displaced).get(i, 0.0) for i in scenario.ring])
+    gamma = scenario.alpha * (scenario.equilibrium + displaced + np.asarray(turned)[..., None])
+    velocity = closed_forms.curve_derivatives(scenario.curve, gamma)[0] * scenario.formation.phase_rate
+    heading = np.arctan2(velocity[..., 1], velocity[..., 0])
+    place = closed_forms.curve_point(scenario.curve, gamma)[..., :2]
+    return np.concatenate([place, heading[..., None]], axis=-1), np.hypot(velocity[..., 0], velocity[..., 1])
 
 
 def loop_poses(loop: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
@@ -163,7 +186,7 @@ class _Ways:
         along = duration * (
             self.speed * share + (after - self.speed) * share**2 / 2 + swell * share**2 * (3 - 2 * share)
         )
-        lead = dubins_places(self.start, pieces, int(word), self.car.turning, along)
+        lead = dubins_poses(self.start, pieces, TURNS[word], np.array(self.car.turning), along)[:, :2]
         onward = np.arange(2 * arrives, max(halves, 2 * arrives))
         ends = self.loop[onward // 2 % count], self.loop[(onward + 1) // 2 % count]
         return np.concatenate([lead, (ends[0] + ends[1]) / 2]), arrives

@@ -44,8 +44,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.base import Policy
-from baselines.policies.memory import clear_worlds
+from baselines.policies.base import Policy, clear_worlds
 from baselines.safety.commitment import Memory, commit
 from baselines.safety.compatibility import PLANS, Plans
 from baselines.safety.own_motion import Bounds

@@ -25,7 +25,7 @@ from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.world.mixture import Together
 from lissajous_env.world.observation import layout
-from lissajous_env.world.seeding import drawn_seeds
+from lissajous_env.world.selection import drawn_seeds
 from lissajous_env.world.simulation import Simulation, fold_seed
 from lissajous_env.world.state import ENDED
 

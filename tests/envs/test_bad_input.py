@@ -75,7 +75,7 @@ def test_an_autoreset_mode():
 def test_names_come_with_the_nearest():
     with pytest.raises(ValueError, match=r"scenario must be one of .*, got 'faliure'; did you mean failure\?"):
         lissajous_env.parallel_env("faliure")
-    with pytest.raises(ValueError, match=r"got robot.radios; did you mean radius\?"):
+    with pytest.raises(ValueError, match=r"got robot.radios; did you mean robot.radius\?"):
         lissajous_env.vector_env("failure", **{"robot.radios": 1.0})
 
 

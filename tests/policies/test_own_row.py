@@ -6,7 +6,7 @@ import warp as wp
 
 import lissajous_env
 from baselines.policies import own_row
-from baselines.policies.memory import clear_worlds
+from baselines.policies.base import clear_worlds
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.structs import to_struct

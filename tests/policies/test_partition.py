@@ -1,6 +1,5 @@
 """Partitions: the geometry of cells and loops, the plans, their guarantees, and what robots do about failures."""
 
-import itertools
 import math
 
 import numpy as np
@@ -11,9 +10,9 @@ import lissajous_env
 from baselines.planning.request import Request
 from baselines.policies import partition_plan as partition_module
 from baselines.policies.cells import are_adjacent, closed_loop, divisions, evenly_spaced, length_of, tour
-from baselines.policies.dubins import WORDS, dubins_lengths, dubins_places
-from baselines.policies.ideal_motion import undetected_times, worst_undetected_time
-from baselines.policies.partition import Partition, cells_of_ring, plain_of, timed_partition
+from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses
+from baselines.policies.ideal_motion import worst_undetected_time
+from baselines.policies.partition import Partition, cells_of_ring, plain_of
 from baselines.policies.partition_plan import PartitionParameters, partition_plan, smallest_distance, turning_radius_of
 from baselines.policies.partition_repair import PartitionRepair, RepairParameters
 from lissajous_env.episodes.guarantee import worst_undetected_times
@@ -68,13 +67,10 @@ def test_paths_of_bounded_curvature_lead_from_pose_to_pose():
     draw, radius = np.random.default_rng(0), 0.5
     start, end = (np.column_stack([draw.uniform(-2, 2, (200, 2)), draw.uniform(-4, 4, 200)]) for _ in range(2))
     pieces = dubins_lengths(start, end, radius)
-    for i, k in itertools.product(range(200), range(len(WORDS))):
-        if np.isfinite(pieces[i, k]).all():
-            length = pieces[i, k].sum()
-            near, there = dubins_places(start[i], pieces[i, k], k, radius, np.array([length - 1e-6, length]))
-            np.testing.assert_allclose(there, end[i, :2], atol=1e-6)
-            heading = math.atan2(*(there - near)[::-1])
-            assert abs(math.remainder(heading - end[i, 2], 2 * math.pi)) < 1e-2
+    i, k = np.nonzero(np.isfinite(pieces).all(axis=-1))
+    found = dubins_poses(start[i], pieces[i, k], TURNS[k], np.full(len(i), radius), pieces[i, k].sum(axis=-1)[:, None])
+    np.testing.assert_allclose(found[:, 0, :2], end[i, :2], atol=1e-6)
+    np.testing.assert_allclose(np.cos(found[:, 0, 2] - end[i, 2]), 1, atol=1e-9)
     shortest = np.nanmin(pieces.sum(axis=-1), axis=1)
     distance = np.linalg.norm((start - end)[:, :2], axis=1)
     assert (shortest >= distance - 1e-9).all()
@@ -130,14 +126,8 @@ def test_similar_scenarios_have_similar_plans(length, time):
 def test_the_ideal_guarantee_is_that_of_the_simulated_cars():
     """Oracle: the contamination field of the simulation, with the cars' real dynamics, from the start of an episode."""
     scenario = lissajous_env.scenario("evaders", **{"task.duration": 15.0})
-    made = plain_of(lissajous_env.scenario(scenario))
-    _, tables, _ = timed_partition(made, PartitionParameters())
-    places, half = tables.places(made.task.steps)[0], (made.curve.half_width, made.curve.half_height)
-    ideal = undetected_times(places, half, made.sensing_radius, made.rogue_speed, made.task.step)
     found = worst_undetected_times(baselines.make("partition", scenario, 4), scenario, range(4))
-    assert found.max() == pytest.approx(ideal.max(), abs=0.5)
-    assert found[:, 50:].max() == pytest.approx(ideal[50:].max(), abs=0.3)
-    assert ideal[50:].max() == pytest.approx(partition_plan(scenario).worst, abs=0.3)
+    assert found[:, 50:].max() == pytest.approx(partition_plan(scenario).worst, abs=0.3)
 
 
 def test_evaders_are_detected_within_the_guarantee_and_nobody_collides():
@@ -234,13 +224,6 @@ def test_worlds_do_not_depend_on_the_batch():
             batch.step(many.act(batch.observation))
             single.step(one.act(single.observation))
         np.testing.assert_array_equal(batch.observation.numpy()[2], single.observation.numpy()[0])
-
-
-def test_the_undetected_times_grow_from_zero():
-    """Oracle: nobody moves, so a target that is not sensed at first never is."""
-    places = np.zeros((1, 21, 2))
-    times = undetected_times(places, (1.0, 1.0), 0.5, 0.1, 0.1)
-    np.testing.assert_allclose(times, 0.1 * np.arange(21))
 
 
 def test_long_periods_are_compared_at_fewer_times_with_the_same_result(monkeypatch):

@@ -64,7 +64,7 @@ def test_no_robots_of_a_team_collide_under_the_proved_filter(policy, size):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("robot", range(15))
+@pytest.mark.parametrize("robot", [0, 7, 14])
 def test_any_robot_that_fails_is_replaced(robot):
     """Oracle: the stop of 10 s, for which its cell would be open."""
     times, _ = play(((robot, 15.7, 25.7),), range(60, 64))

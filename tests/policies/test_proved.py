@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import warp as wp
 
-import baselines
 import lissajous_env
 from baselines.policies.base import Policy
 from baselines.safety.proved import Proved, ProvedParameters, unmet_conditions
@@ -286,11 +285,3 @@ def test_noise_within_its_bound_is_in_the_margin():
     assert not broken.any()
     assert collisions.sum() == 0
     assert least > 1
-
-
-def test_names_and_kinds():
-    policy = baselines.make("sweep-proved", "experiment")
-    assert isinstance(policy, Proved)
-    assert policy.name == "sweep-proved"
-    with pytest.raises(ValueError, match="must drive robots of kind car, got curve"):
-        Proved(baselines.make("kuramoto", "failure"))

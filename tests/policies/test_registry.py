@@ -25,8 +25,8 @@ def test_a_name_that_is_taken_is_refused():
     assert type(baselines.make("still", "failure")) is Still
     with pytest.raises(ValueError, match="must be new, got laps-safe; -safe marks a wrapped laps"):
         baselines.register("laps-safe", "car", Laps)
-    with pytest.raises(ValueError, match="suffix of a wrapper must be new, got '-safe'"):
-        registry.register_wrapper("-safe", "car", Laps, "with laps")
+    with pytest.raises(ValueError, match="suffix of a filter must be new, got '-safe'"):
+        registry.register_filter("-safe", "car", Laps, "with laps")
 
 
 def test_a_name_that_a_wrapped_policy_has_is_refused():

@@ -46,13 +46,6 @@ def device(array, dtype=wp.float32):
 # What every policy promises.
 
 
-def test_names_and_kinds():
-    """Oracle: the documented names."""
-    assert set(CARS) <= set(baselines.names("experiment"))
-    assert "tracked-reference" in baselines.names("failure")
-    assert not set(CARS) & set(baselines.names("failure"))
-
-
 @pytest.mark.parametrize(("name", "scenario"), [
     ("sweep", "intruders"), ("tracked-reference", "failure"), ("tracked-reference-mpcc", "rough"),
     ("consensus-gvf", "rough"),

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import json
 import os
 import subprocess
 import sys
@@ -13,6 +12,7 @@ import pytest
 from rich.console import Console
 
 import lissajous_env
+from baselines.benchmark import results_folder
 from baselines.benchmark.running import run
 from baselines.benchmark.types import Benchmark
 from baselines.policies import factories
@@ -128,21 +128,6 @@ def test_a_folder_contains_one_version_of_a_model_of_robots(tmp_path, monkeypatc
     monkeypatch.setattr(robot_models, "_MODELS", dict(robot_models._MODELS))
     robot_models.register_robot_model(dataclasses.replace(POINT, name="mine"))
     run(settings, still, [scenario()], QUIET)
-    path = tmp_path / "settings.json"
-    held = json.loads(path.read_text())
-    held["played"]["robots of kind mine"]["code"] = "elsewhere:move"
-    path.write_text(json.dumps(held))
+    monkeypatch.setattr(results_folder, "parts_of", lambda kernel: {"code": "elsewhere:move"})
     with pytest.raises(ValueError, match=r"played\.robots of kind mine"):
         run(settings, still, [scenario()], QUIET)
-
-
-def test_settings_without_what_was_played_are_damaged(tmp_path):
-    # Oracle: the message's words.
-    settings = Benchmark(("failure",), ("still",), 1, out=tmp_path, overrides=SHORT, replays=("none",))
-    run(settings, console=QUIET)
-    path = tmp_path / "settings.json"
-    held = json.loads(path.read_text())
-    for wrong in ({}, {"still": 3}, {"still": {"code": 3}}, []):
-        path.write_text(json.dumps(held | {"played": wrong}))
-        with pytest.raises(ValueError, match=r"settings\.json is damaged: played is"):
-            run(settings, console=QUIET)

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.memory import clear_worlds
+from baselines.policies.base import clear_worlds
 from baselines.policies.own_row import own_phase, own_works
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap

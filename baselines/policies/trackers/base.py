@@ -1,4 +1,4 @@
-"""A coordinator over a tracker: who decides the phase rates, and what makes a robot follow them."""
+"""A coordinator over a tracker: one decides the phase rates, the other makes a robot follow them; points do exactly."""
 
 from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
@@ -7,11 +7,14 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import Policy
+from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.named import warn_of_violations
 from lissajous_env.parameters.scenario import Scenario
+
+wp.set_module_options(OPTIONS)
 
 PHASES = "phases of ring neighbours"
 """Content of the messages of a coordinator that defines none."""
@@ -67,3 +70,22 @@ class Coordinated(Policy):
         super().forget(mask)
         if isinstance(self.coordinator, Remembering):
             self.coordinator.forget(mask)
+
+
+@wp.kernel
+def follow_as_point(robot: RobotStruct, phase_rate: wp.array2d(dtype=float), action_out: wp.array3d(dtype=float)):
+    """Return the action of a point on the curve: its phase rate over the largest."""
+    w, i = wp.tid()
+    action_out[w, i, 0] = wp.clamp(phase_rate[w, i] / robot.phase_rate_max, -1.0, 1.0)
+
+
+class OnCurve(Coordinated):
+    """Points that follow a coordinator exactly."""
+
+    kind = "curve"
+
+    def decide(self, observation: wp.array) -> None:
+        """Write `action`."""
+        self.coordinator.coordinate(observation)
+        inputs = [self._robot, self.coordinator.phase_rate]
+        self.launch(follow_as_point, self.shape, inputs, [self.action])
