@@ -14,7 +14,7 @@ from lissajous_env.envs.true_state import state_names, state_rows
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
-from lissajous_env.world.seeding import drawn_seeds
+from lissajous_env.world.selection import drawn_seeds
 from lissajous_env.world.simulation import Simulation, fold_seed
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from lissajous_env.parameters.draws import Draws
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.world.observation import layout
-from lissajous_env.world.seeding import drawn_seeds
+from lissajous_env.world.selection import drawn_seeds
 from lissajous_env.world.simulation import Simulation, fold_seed
 
 

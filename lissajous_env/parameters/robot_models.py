@@ -8,7 +8,6 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.by_value import replaces
-from lissajous_env.device.program import LANES
 from lissajous_env.device.warp_abi import names_of_arguments
 from lissajous_env.parameters.registry import register
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
@@ -68,8 +67,6 @@ class RobotModel:
     shape: Callable[[Robot], list[tuple[np.ndarray, str | None]]] | None = None
     """Function that returns outlines (K, 2) for a radius of 1, heading right, lowest first, each with the name of a
     colour in `lissajous_env.render.palette` or None for the robot's own; by default a disc with a tip."""
-    layout: str = LANES
-    """Layout of the kernel, one of those of `lissajous_env.device.program`."""
     keeps_to_curve: bool = False
     """True if robots never leave the curve; `move` then writes the phase, otherwise derived from the position."""
     as_car: AsCar | None = None

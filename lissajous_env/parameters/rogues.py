@@ -14,7 +14,6 @@ from typing import Any
 import warp as wp
 
 from lissajous_env.by_value import ByValue, replaces
-from lissajous_env.device.program import LANES
 from lissajous_env.identity import OURS
 from lissajous_env.parameters.registry import register
 from lissajous_env.wording import few_of, nearest, shown
@@ -35,8 +34,6 @@ class Rogue:
     and whose arguments are matched by name, see `lissajous_env.world.stages`."""
     about: str = ""
     """Description of its motion in one line."""
-    layout: str = LANES
-    """Layout of the kernel, one of those of `lissajous_env.device.program`."""
     needs_contamination: bool = False
     """True if it needs the grid of `task.contamination`."""
     bind: Callable[[Any, Any], Callable[[], None]] | None = None

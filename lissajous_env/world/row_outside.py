@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.device import program
+from lissajous_env.device import stage
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.part_structs import NoiseStruct, SensingStruct
-from lissajous_env.device.program import BLOCKS, Program, Split, Stage
+from lissajous_env.device.program import Program, Split, Stage
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.constants import constants_of
@@ -150,11 +150,11 @@ class RowOutside:
         row = wp.zeros((1, 1, layout(scenario).size), dtype=wp.float32, device="cpu")
         values = constants | {"noise": NoiseStruct(), "robots": robots, "clock": clock, "bins": bins}
         values |= {"outside": outside, "observation_out": row, "start": message_start(scenario)}
-        follow = Stage("phase", follow_curve, program.ROBOT, BLOCKS)
-        rest = [Stage("measurement", measure, program.ROBOT, BLOCKS), Stage("observation", fill_row, program.ROBOT)]
+        follow = Stage("phase", follow_curve)
+        rest = [Stage("measurement", measure), Stage("observation", fill_row, stage.ROBOT)]
         with compile_quietly():
-            self._follow = Program([follow, *rest], values, {program.ROBOT: 1}, 1, robots.status.device, Split())
-            self._fill = Program(rest, values, {program.ROBOT: 1}, 1, robots.status.device, Split())
+            self._follow = Program([follow, *rest], values, {stage.ROBOT: 1}, 1, robots.status.device, Split())
+            self._fill = Program(rest, values, {stage.ROBOT: 1}, 1, robots.status.device, Split())
         self._kept = robots, outside, row
         self._position = robots.position.numpy()[0, 0]
         self._heading, self._speed = robots.heading.numpy()[0], robots.speed.numpy()[0]

@@ -10,7 +10,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from lissajous_env import LissajousParallelEnv, Simulation
 from lissajous_env.envs.actions import on_host
 from lissajous_env.wording import shown
-from lissajous_env.world.seeding import drawn_seeds
+from lissajous_env.world.selection import drawn_seeds
 
 RECENT = 256
 """Number of latest episodes whose scores are stored."""

@@ -48,7 +48,7 @@ from lissajous_env.world.columns import (
     SEPARATION,
     WITHIN_BOUND,
 )
-from lissajous_env.world.seeding import drawn_seeds
+from lissajous_env.world.selection import drawn_seeds
 from lissajous_env.world.simulation import fold_seed
 from lissajous_env.world.state import ENDED
 

@@ -30,7 +30,7 @@ from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env.envs.sampler import Sampler
 from lissajous_env.envs.true_state import padded_rows, state_size
 from lissajous_env.settings.checks import whole_number
-from lissajous_env.world.seeding import drawn_seeds
+from lissajous_env.world.selection import drawn_seeds
 from lissajous_env.world.simulation import fold_seed
 from training.torchrl.env import GROUP, LissajousTorchEnv, reset_mask
 

@@ -1,29 +1,48 @@
-"""Tables of plans, and words about families without one."""
+"""Reports of planning: tables for the terminal, folders of plans that commands play, and a picture of the best ones."""
 
+import dataclasses
+import json
 import math
 import statistics
 from collections.abc import Sequence
+from itertools import cycle
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+from matplotlib.patches import Circle
+
 from baselines.benchmark.tables import between
-from baselines.planning.families.known import NAME as KNOWN
+from baselines.planning.best_known import NAME as KNOWN
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import SETTLED_TIME, Figures, Planned, bounds_of
-from baselines.policies import registry
+from baselines.planning.rehearse import Episodes, quietly
+from baselines.policies import registry, stored
 from baselines.policies.combinations import COMBINATIONS
-from lissajous_env.console.terminal import Column, print_table
+from baselines.reproduce.drawing import GREY, SERIES, Sheet
+from lissajous_env.console.terminal import Column, plain, print_table
+from lissajous_env.parameters.scenario_file import as_toml
+from lissajous_env.storage.folder import Folder
 from lissajous_env.world.columns import OPEN, WORST_CASE
+from lissajous_env.world.simulation import Simulation
+
+FIGURES, PICTURE = "plans.json", "plans.png"
+"""Files of a folder of plans."""
+_DRAWN = 3
+"""Plans in a picture."""
+_SHARE = 0.3
+"""Share of an episode whose paths are drawn, its end."""
 
 
 def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> list[str]:
     """Print a table of plans; return the names of the columns that do not fit."""
-    failures = outcome.episodes.failures
+    failures = outcome.request.failures
     columns = [
         Column("", name="number"),
         Column("plan", left=True),
         Column("N") if len(outcome.tasks) > 1 else None,
-        Column(f"worst case [s]\n{outcome.episodes.count} episodes"),
-        Column(f"second half [s]\n{outcome.episodes.count} episodes"),
+        Column(f"worst case [s]\n{outcome.request.episodes.count} episodes"),
+        Column(f"second half [s]\n{outcome.request.episodes.count} episodes"),
         Column(f"with {failures} lost [s]\n{_losses(outcome)} episodes") if failures else None,
         Column("lower\nbound [s]", rank=1),
         Column("detected in\nmean [s]", rank=1),
@@ -79,7 +98,7 @@ def untried_in_words(outcome: Outcome) -> str:
 
 def sentences(outcome: Outcome) -> list[str]:
     """Return what was played, what the figures mean, and the reasons of the families that have no plan."""
-    episodes = outcome.episodes
+    episodes = outcome.request.episodes
     words = [
         f"{outcome.looks} plans were tried, {len(outcome.finals)} simulated to the end: {episodes.count} episodes each"
     ]
@@ -99,7 +118,7 @@ def sentences(outcome: Outcome) -> list[str]:
     elif outcome.plans and episodes.failures:
         words += _of_failures(outcome)
     words.append("Detected in mean: mean detection time, with its 95 % interval over the episodes (Student's t).")
-    if outcome.guarantee is not None:
+    if outcome.request.guarantee is not None:
         words += _of_guarantee(outcome)
     for number, refusals in outcome.refusals.items():
         at = f" ({number} robots)" if len(outcome.tasks) > 1 else ""
@@ -112,7 +131,7 @@ def _of_failures(outcome: Outcome) -> list[str]:
     """Return the reasons why no plan has a bound with removed robots, and a remedy; nothing if one has."""
     if any(each.figures.worst_case_failed < math.inf for each in outcome.plans):
         return []
-    lost, collide = outcome.episodes.failures, sum(each.figures.collisions_failed > 0 for each in outcome.plans)
+    lost, collide = outcome.request.failures, sum(each.figures.collisions_failed > 0 for each in outcome.plans)
     open_ones = len(outcome.plans) - collide
     words = (
         f"No plan has a bound with {lost} removed: {open_ones} of {len(outcome.plans)} leave a gap where a target can"
@@ -123,8 +142,8 @@ def _of_failures(outcome: Outcome) -> list[str]:
 
 def _of_guarantee(outcome: Outcome) -> list[str]:
     """Return the fewest robots that guarantee the requested time, and the numbers that cannot."""
-    asked = f"{outcome.guarantee:g} s"
-    below = [n for n, limit in outcome.limits.items() if limit > (outcome.guarantee or 0)]
+    asked = f"{outcome.request.guarantee:g} s"
+    below = [n for n, limit in outcome.limits.items() if limit > (outcome.request.guarantee or 0)]
     words = [f"{n} robots cannot: the lower bound for every policy is {outcome.limits[n]:.3g} s." for n in below]
     fewest = outcome.fewest_robots
     if fewest is None:
@@ -136,7 +155,7 @@ def _losses(outcome: Outcome) -> str:
     """Return the number of episodes with failures, and the number of all combinations where these are a sample."""
     counts = []
     for task in outcome.tasks.values():
-        played, all_of_them = len(outcome.episodes.losses(task)), outcome.episodes.combinations(task)
+        played, all_of_them = len(outcome.request.episodes.losses(task)), outcome.request.episodes.combinations(task)
         counts.append(str(played) if played == all_of_them else f"{played} of {all_of_them}")
     return " to ".join(dict.fromkeys([counts[0], counts[-1]]))
 
@@ -177,3 +196,90 @@ def _detection(figures: Figures) -> str:
 
 def _number(value: float) -> str:
     return "" if math.isnan(value) else f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+
+
+def open_folder(path: Path) -> Folder:
+    """Open a folder for plans, to test before the search whether it can be written to.
+
+    Raises:
+        ValueError: it cannot be written to, or a file of a user has the name of one of the plans.
+    """
+    return Folder(path, [FIGURES, PICTURE, *(f"{k}/" for k in range(1, 10))])
+
+
+def write(folder: Folder, plans: Sequence[Planned], episodes: Episodes) -> None:
+    """Write plans as folders 1, 2 ..., their figures and a picture; remove the plans of an earlier call."""
+    for name in folder.written:
+        if "/" in name and not name.endswith("/"):
+            folder.remove(name)
+    for k, each in enumerate(plans, start=1):
+        folder.make_folder(str(k))
+        made = each.plan.named(f"{each.plan.scenario.name[:80]}-{k}")
+        folder.write(f"{k}/{stored.HOME}", as_toml(made.scenario))
+        folder.write(f"{k}/{stored.FILE}", stored.as_toml(each.plan.settings))
+    folder.write(FIGURES, json.dumps(plain({"episodes": episodes, "plans": as_rows(plans)}), indent=2) + "\n")
+    folder.write(PICTURE, draw(plans, episodes.seed))
+
+
+def as_rows(plans: Sequence[Planned]) -> list[dict[str, Any]]:
+    """Return plans with their figures and their score rows as plain values."""
+    return [
+        {
+            "family": each.plan.family,
+            "policy": each.plan.settings.policy,
+            "about": each.plan.about,
+            "robots": each.plan.scenario.num_robots,
+            "figures": dataclasses.asdict(each.figures),
+            "lower_bound": each.limit,
+            "parameters": dict(each.plan.settings.parameters),
+            "coordinator": dict(each.plan.settings.coordinator),
+            "rows": each.rows,
+            "failed_rows": each.failed_rows,
+        }
+        for each in plans
+    ]
+
+
+def draw(plans: Sequence[Planned], seed: int) -> bytes:
+    """Return a PNG of the first plans: the first episode of each."""
+    shown = plans[:_DRAWN]
+    with Sheet("plans", "The best plans", 3.4 * max(len(shown), 1) + 0.6, 3.1) as sheet:
+        for k, each in enumerate(shown):
+            axes = sheet.figure.add_subplot(1, len(shown), k + 1)
+            _draw_plan(axes, each, seed)
+            words = f"worst case in {len(each.rows)} episodes [s]: {worst_in_words(each.figures.worst_case, each.rows)}"
+            axes.set_title(f"{k + 1}: {each.plan.settings.policy}\n{words}", fontsize=8)
+        return sheet.picture(
+            "Paths of the robots in the last third of an episode; discs: bodies and sensing ranges at its end."
+        ).content
+
+
+def _draw_plan(axes, each: Planned, seed: int) -> None:
+    scenario = each.plan.scenario
+    path = _paths(each, seed)
+    A, B = scenario.curve.half_width, scenario.curve.half_height
+    axes.plot([-A, A, A, -A, -A], [-B, -B, B, B, -B], color=GREY, lw=0.8)
+    for robot, colour in zip(range(scenario.num_robots), cycle(SERIES)):
+        axes.plot(*path[:, robot].T, color=colour, lw=1)
+        at = tuple(path[-1, robot])
+        axes.add_patch(Circle(at, scenario.sensing_radius, color=colour, alpha=0.12, lw=0))
+        axes.add_patch(Circle(at, scenario.robot.radius, color=colour))
+    axes.set_aspect("equal")
+    axes.set_xlim(-1.05 * A, 1.05 * A)
+    axes.set_ylim(-1.08 * B, 1.08 * B)
+    axes.set_axis_off()
+
+
+def _paths(each: Planned, seed: int) -> np.ndarray:
+    """Return the positions (steps, N, 2) of the robots in the last part of the first episode [m]."""
+    scenario = each.plan.scenario
+    with quietly():
+        policy, simulation = each.plan.settings.make(scenario), Simulation(scenario, seed=seed, threads=1)
+    steps = scenario.task.steps
+    first = steps - max(round(_SHARE * steps), 1)
+    found = []
+    for step in range(steps):
+        simulation.step(policy.act(simulation.observation))
+        if step >= first:
+            found.append(simulation.robots.position.numpy()[0, :, :2].copy())
+    return np.array(found)

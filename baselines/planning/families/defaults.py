@@ -1,41 +1,23 @@
 """The included classical policies with their defaults, on the task as it is: no plan is printed that is worse."""
 
-from collections.abc import Sequence
-
-from baselines.planning.families.base import Choices, Settings
+from baselines.planning.family import Family
 from baselines.planning.plans import Plan
 from baselines.policies import registry
 from baselines.policies.settings import PolicySettings
 from lissajous_env.parameters.scenario import Scenario
 
-NAME = "defaults"
+DEFAULTS = "defaults"
 _FIRST = "partition", "line-abreast", "kuramoto-mpcc"
 """Policies that are usually the best: the others are played only until they are known to be worse."""
 _FILTERED = "kuramoto-mpcc"
 """The policy that is also played with the collision filters."""
 
 
-class Shipped:
-    """The included classical policies with their defaults."""
-
-    name = NAME
-
-    def starts(self, task: Scenario) -> Sequence[Settings]:
-        """Return the names of the policies that drive the robots, first those that are usually the best."""
-        names = default_policies(task)
-        return [{"policy": name} for name in sorted(names, key=lambda name: not name.startswith(_FIRST))]
-
-    def space(self, task: Scenario) -> dict[str, Choices]:
-        """Return nothing: defaults are not changed."""
-        return {}
-
-    def plan(self, task: Scenario, settings: Settings) -> Plan:
-        """Return the policy on the task as it is."""
-        return Plan(self.name, task, PolicySettings(settings["policy"]), "defaults")
-
-    def refusal(self, task: Scenario) -> str:
-        """Return "": `still` drives every kind of robot."""
-        return ""
+def included(task: Scenario) -> Family:
+    """Return the policies that drive the robots, first those that are usually the best."""
+    names = sorted(default_policies(task), key=lambda name: not name.startswith(_FIRST))
+    starts = [{"policy": name} for name in names]
+    return Family(DEFAULTS, lambda given: Plan(DEFAULTS, task, PolicySettings(given["policy"]), "defaults"), starts)
 
 
 def default_policies(task: Scenario) -> list[str]:
