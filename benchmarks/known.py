@@ -4,7 +4,7 @@ Searches for plans of each scenario, as a benchmark plays it, whose robots begin
 candidates are the stored plans of all scenarios with the same start, partitions, lines, the patrols that the portfolios
 choose, and then free-form paths from the best of these. The seconds are processor time, so the result
 depends little on other programs. A plan with a shorter worst-case undetected time than the stored one, of whole
-episodes or of their second halves, replaces it in `baselines/planning/known`, together with this command and its
+episodes or of their second halves, replaces it in `baselines/benchmark/known`, together with this command and its
 figures. Plans with a collision, or without a bound, are not stored. `--again` first plays the stored plans of the
 scenario and stores their figures, which a change of the simulation or of the contamination grid alters. `--filtered`
 includes partitions and lines with the proved filter in the search, for scenarios in which they collide on the way from
@@ -20,11 +20,13 @@ from pathlib import Path
 
 import figures
 
+from baselines.benchmark import best_known
 from baselines.benchmark.bounds import bounds_of
 from baselines.benchmark.standard import GRIDS, as_played
 from baselines.benchmark.tables import number
-from baselines.planning import best_known, portfolio
+from baselines.planning import portfolio
 from baselines.planning.families.defaults import included
+from baselines.planning.families.known import as_family
 from baselines.planning.families.timed import lines, partitions, timed
 from baselines.planning.family import Family, Settings
 from baselines.planning.plans import SETTLED, WHOLE, Figures, Plan, Planned
@@ -39,7 +41,7 @@ from lissajous_env.storage.files import write_atomically
 def alike(task: Scenario) -> Family:
     """Return the stored plans of all scenarios whose robots begin at the same places of the same rectangle."""
     start = task.curve, task.formation, task.num_robots
-    return best_known.as_family(task, [
+    return as_family(task, [
         each for each in best_known.all_known()
         if (each.scenario.curve, each.scenario.formation, each.scenario.num_robots) == start
     ])  # fmt: skip

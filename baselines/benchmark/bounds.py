@@ -5,7 +5,7 @@ from contextlib import suppress
 from functools import cache
 from typing import NamedTuple
 
-from baselines.planning.best_known import known_plans
+from baselines.benchmark.best_known import known_plans
 from lissajous_env.episodes.guarantee import guaranteed_time
 from lissajous_env.episodes.limits import guaranteed_time_limit, mean_time_limit
 from lissajous_env.parameters.scenario import Scenario
@@ -21,7 +21,7 @@ class Bounds(NamedTuple):
     in_formation: float
     """Worst-case undetected time of the formation in its equilibrium; inf if a target can stay undetected for ever."""
     best_known: float = math.nan
-    """Shortest worst-case undetected time of a stored plan (`baselines.planning.best_known`) without collisions."""
+    """Shortest worst-case undetected time of a stored plan (`baselines.benchmark.best_known`) without collisions."""
     best_known_settled: float = math.nan
     """The same of the second halves of the episodes."""
 

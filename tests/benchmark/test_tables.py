@@ -12,13 +12,13 @@ import trainings
 from rich.console import Console
 
 import lissajous_env
-from baselines.benchmark import clairvoyant, standard
+from baselines.benchmark import best_known, clairvoyant, standard
 from baselines.benchmark.running import measure, plan, run
 from baselines.benchmark.statistics import interquartile_mean
 from baselines.benchmark.table import Table
 from baselines.benchmark.types import Benchmark
 from baselines.benchmark.written import markdown, table_of
-from baselines.planning import best_known, portfolio
+from baselines.planning import portfolio
 from lissajous_env.world.columns import COLUMNS
 
 

@@ -7,12 +7,12 @@ import pytest
 
 import baselines
 import lissajous_env
-from baselines.benchmark import tables
+from baselines.benchmark import best_known, tables
 from baselines.benchmark.bounds import Bounds, bounds_of
 from baselines.benchmark.standard import as_played
 from baselines.benchmark.table import Table
 from baselines.benchmark.written import latex, table_of
-from baselines.planning import best_known
+from baselines.planning.families.known import best_known as known_family
 from baselines.planning.plans import SETTLED, WHOLE, Figures, Plan, Planned
 from baselines.planning.rehearse import Episodes, play
 from baselines.policies.settings import PolicySettings
@@ -26,7 +26,7 @@ def test_the_stored_figures_are_those_of_the_episodes(name):
     (stored,) = (each for each in best_known.all_known() if each.name == name)
     task = as_played(name.removesuffix(f"-{SETTLED}"), {})
     assert task.digest() == stored.scenario.digest()
-    figures = play(best_known.best_known(task).plan({"stored": name}), Episodes()).figures
+    figures = play(known_family(task).plan({"stored": name}), Episodes()).figures
     assert figures.collisions == 0
     assert (figures.worst_case, figures.settled) == (pytest.approx(stored.worst_case), pytest.approx(stored.settled))
     assert stored.command.startswith(f"python benchmarks/known.py {name.removesuffix(f'-{SETTLED}')} --seconds ")
@@ -47,7 +47,7 @@ def test_a_changed_scenario_has_no_best_known_plan():
     for changed in ({"sensing.radius": 0.7}, {"task.duration": 50.0}, {"robot.count": 7}):
         made = lissajous_env.scenario("evaders", **changed)
         assert best_known.known_plans(made) == []
-        assert best_known.best_known(made).starts == []
+        assert known_family(made).starts == []
         assert math.isnan(bounds_of(made).best_known)
 
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from baselines.planning.best_known import best_known
 from baselines.planning.families.defaults import included
+from baselines.planning.families.known import best_known
 from baselines.planning.families.lissajous import formations
 from baselines.planning.families.loops import patrols
 from baselines.planning.families.timed import lines, partitions

@@ -7,13 +7,10 @@ halves, if it is another plan. `benchmarks/known.py` writes them.
 """
 
 import tomllib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from baselines.planning.family import Family, without_plans
-from baselines.planning.plans import Plan
 from baselines.policies import stored
 from baselines.policies.settings import PolicySettings
 from lissajous_env.parameters import named
@@ -58,18 +55,4 @@ def all_known() -> tuple[BestKnown, ...]:
 def known_plans(scenario: Scenario) -> list[BestKnown]:
     """Return the stored plans of a scenario; none if anything but its name and description was changed."""
     digest = scenario.digest()
-    return [each for each in all_known() if each.scenario.digest() == digest]
-
-
-def best_known(task: Scenario) -> Family:
-    """Return the stored plans of a task as a family of plans, unless something was changed in it."""
-    return as_family(task, known_plans(task))
-
-
-def as_family(task: Scenario, plans: Sequence[BestKnown]) -> Family:
-    """Return stored plans as a family of plans on a task."""
-    if not plans:
-        return without_plans(NAME, "none is stored for this scenario")
-    settings = {each.name: each.settings for each in plans}
-    starts = [{"stored": name} for name in settings]
-    return Family(NAME, lambda given: Plan(NAME, task, settings[given["stored"]], "best known"), starts)
+    return [plan for plan in all_known() if plan.scenario.digest() == digest]
