@@ -2,10 +2,11 @@
 
 The learned and the scripted rogues of docs/rogues.md start at random. The same starts are played with foresight: robots
 do not react to rogues before they detect them, so the best action in each state follows from the recorded episode, by
-the dynamic programming that `training.foresight` imitates. The simulation decides when such a rogue is detected. No
-rogue that observes only the present can be expected to do better, from these starts. The table has the mean over all
-starts and, in brackets, that over the best start of each episode; "never detected" is the mean time from a start to the
-end of its episode. `--episodes` makes it shorter, `--store` puts the table into docs/figures.json.
+the dynamic programming that trainings imitate (`lissajous_env.episodes.missed.foresight`). The simulation decides when
+such a rogue is detected. No rogue that observes only the present can be expected to do better, from these starts. The
+table has the mean over all starts and, in brackets, that over the best start of each episode; "never detected" is the
+mean time from a start to the end of its episode. `--episodes` makes it shorter, `--store` puts the table into
+docs/figures.json.
 """
 
 from collections.abc import Sequence
@@ -17,8 +18,8 @@ from publish import HELD_OUT, SCRIPTS
 from baselines.exploitability.survival import Survival, survive
 from baselines.policies.factories import named
 from lissajous_env import Scenario, Simulation
+from lissajous_env.episodes.missed.foresight import Foresight, Visits
 from lissajous_env.parameters.rogues import folder_of, rogue_of, shipped_rogues
-from training.foresight import Foresight, Visits
 from training.learned import checkpoint
 from training.rogue_settings import RogueTraining
 
@@ -46,7 +47,7 @@ def with_foresight(policy: str, scenario: Scenario, seeds: Sequence[int]) -> tup
 def _play(policy: str, simulation: Simulation, seeds: Sequence[int]) -> np.ndarray:
     """Play an episode in each world, and again with rogues that know it; return the steps at which rogues appear."""
     driver, steps = named(policy)(simulation.scenario, len(seeds), "cpu"), simulation.scenario.task.steps
-    resting, visits, actions = np.zeros(simulation.rogue_action.shape, np.float32), Visits.none(), []
+    resting, visits, actions = np.zeros(simulation.rogue_action.shape, np.float32), Visits(), []
     simulation.reset(seeds=seeds)
     driver.reset()
     visits.look(simulation)

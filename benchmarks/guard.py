@@ -26,10 +26,11 @@ import numpy as np
 from patrol import geometric_mean, in_words
 from prior import FIRST_SEED, scenarios_of
 
-from baselines.planning import planner
+from baselines.planning.planner import Outcome
 from baselines.planning.portfolio import NAMES, chosen, ordered
 from baselines.planning.prior import Prior
 from baselines.planning.rehearse import GUARANTEE, result_of
+from baselines.planning.request import Request
 from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario, scenario_space
 from lissajous_env.parameters.assumptions import AssumptionWarning
@@ -45,8 +46,8 @@ Results = dict[tuple[str, str], dict[str, Any]]
 
 def best_plan(made: Scenario, seconds: float) -> PolicySettings | None:
     """Return the plan with the shortest worst case of a search; None if each has a collision or no bound."""
-    outcome = planner.prepare(made)
-    planner.search(outcome, seconds, fixed_start=True)
+    outcome = Outcome.of(Request(made))
+    outcome.search(seconds, fixed_start=True)
     plans = [each for each in outcome.plans if math.isfinite(each.figures.worst_case)]
     return plans[0].plan.settings if plans else None
 

@@ -13,68 +13,121 @@ docs/figures.json.
 """
 
 import math
+import shutil
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from pathlib import Path
 
 import figures
 
 from baselines.benchmark.bounds import bounds_of
-from baselines.benchmark.standard import as_played
+from baselines.benchmark.standard import GRIDS, as_played
 from baselines.benchmark.tables import number
 from baselines.planning import best_known, portfolio
-from baselines.planning.families.base import Settings
-from baselines.planning.families.known import Known
-from baselines.planning.families.shipped import Shipped
-from baselines.planning.families.tuned import LINES, PARTITIONS, Tuned
-from baselines.planning.plans import SETTLED, Plan
-from baselines.planning.playing import Episodes, play, quietly
+from baselines.planning.families.defaults import included
+from baselines.planning.families.timed import lines, partitions, timed
+from baselines.planning.family import Family, Settings
+from baselines.planning.plans import SETTLED, WHOLE, Figures, Plan, Planned
+from baselines.planning.rehearse import Episodes, play, quietly
 from baselines.planning.search import Search
+from baselines.policies import stored
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.parameters.scenario_file import toml_value
+from lissajous_env.storage.files import write_atomically
 
 
-class Alike(Known):
+def alike(task: Scenario) -> Family:
     """Return the stored plans of all scenarios whose robots begin at the same places of the same rectangle."""
-
-    def starts(self, task: Scenario) -> Sequence[Settings]:
-        """Return the stored plans."""
-        start = task.curve, task.formation, task.num_robots
-        known = best_known.all_known()
-        alike = [
-            each for each in known if (each.scenario.curve, each.scenario.formation, each.scenario.num_robots) == start
-        ]
-        return [{"stored": each.name} for each in alike]
-
-    def plan(self, task: Scenario, settings: Settings) -> Plan:
-        """Return a stored plan on the task."""
-        (found,) = (each for each in best_known.all_known() if each.name == settings["stored"])
-        return Plan(self.name, task, found.settings, settings["stored"])
+    start = task.curve, task.formation, task.num_robots
+    return best_known.as_family(task, [
+        each for each in best_known.all_known()
+        if (each.scenario.curve, each.scenario.formation, each.scenario.num_robots) == start
+    ])  # fmt: skip
 
 
-class Chosen(Known):
-    """The patrols that the portfolios play, with the parameters that they have there."""
+def portfolios(task: Scenario) -> Family:
+    """Return the patrols that the portfolios play, with the parameters that they have there."""
 
-    name = "portfolios"
+    def plan(settings: Settings) -> Plan:
+        name = settings["portfolio"]
+        return Plan("portfolios", task, portfolio.chosen(name, task), name)
 
-    def starts(self, task: Scenario) -> Sequence[Settings]:
-        """Return the portfolios."""
-        return [{"portfolio": name} for name in portfolio.NAMES]
-
-    def plan(self, task: Scenario, settings: Settings) -> Plan:
-        """Return the patrol that a portfolio plays."""
-        return Plan(self.name, task, portfolio.chosen(settings["portfolio"], task), settings["portfolio"])
-
-    def refusal(self, task: Scenario) -> str:
-        """Return nothing: a portfolio refuses a scenario itself."""
-        return ""
+    return Family("portfolios", plan, [{"portfolio": name} for name in portfolio.NAMES])
 
 
-def filtered(family: Tuned) -> Tuned:
+def filtered(family: Family, task: Scenario) -> Family:
     """Return a family under the proved filter, of which the defaults and all numbers of rows or lines come first."""
     counted = {"partition": "rows", "lines": "lines"}[family.name]
     first = ({}, *({counted: count} for count in range(1, 9)))
-    policies = tuple(f"{each}-proved" for each in family.policies)
-    return replace(family, name=f"{family.name}-proved", policies=policies, first=first)
+    policies = [f"{each}-proved" for each in family.space["policy"]]
+    others = {name: choices for name, choices in family.space.items() if name not in ("policy", "start")}
+    return timed(task, f"{family.name}-proved", policies, first, others)
+
+
+def ranked(figures: Figures | best_known.BestKnown, goal: str) -> tuple[float, float]:
+    """Return the numbers of which a plan that is better for a goal has less."""
+    whole, settled = figures.worst_case, figures.settled
+    return (whole, settled) if goal == WHOLE else (settled, whole)
+
+
+def keep(name: str, finals: Sequence[Planned], command: str) -> list[str]:
+    """Store the best plans of an included scenario, where they are better than the stored ones; return their folders.
+
+    Args:
+        name: Name of the scenario.
+        finals: Plans that were played to the end on it.
+        command: Command that found them.
+    """
+    allowed = [each for each in finals if not each.figures.collisions and math.isfinite(each.figures.worst_case)]
+    written = []
+    for goal, folder in ((WHOLE, name), (SETTLED, f"{name}-{SETTLED}")):
+        best_known.all_known.cache_clear()  # the second goal is compared with what the first one has written
+        stored_ones = [
+            ranked(each, goal) for each in best_known.all_known() if each.name in (name, f"{name}-{SETTLED}")
+        ]
+        best = min(allowed, key=lambda each: ranked(each.figures, goal), default=None)
+        if best is not None and _shorter(best.figures, goal) < min(stored_ones, default=(math.inf, math.inf)):
+            _write(folder, name, best, command)
+            written.append(folder)
+    best_known.all_known.cache_clear()
+    return written
+
+
+def keep_figures(stored_plan: best_known.BestKnown, figures: Figures) -> None:
+    """Store figures of a stored plan in place of its own; remove the plan if it collides or has no bound."""
+    if figures.collisions or not math.isfinite(figures.worst_case):
+        shutil.rmtree(best_known.FOLDER / stored_plan.name)
+    else:
+        _write_figures(best_known.FOLDER / stored_plan.name, figures, stored_plan.command)
+    best_known.all_known.cache_clear()
+
+
+def _shorter(figures: Figures, goal: str) -> tuple[float, float]:
+    """Return `ranked` of figures as they are stored."""
+    first, second = ranked(figures, goal)
+    return _short(first), _short(second)
+
+
+def _write(folder: str, name: str, best: Planned, command: str) -> None:
+    path = best_known.FOLDER / folder
+    shutil.rmtree(path, ignore_errors=True)
+    path.mkdir(parents=True)
+    home = [f'name = "{folder}-best-known"', f'base = "{name}"']
+    home += [f"\n[task]\ncontamination = {list(GRIDS[name])}"] if name in GRIDS else []
+    write_atomically(path / stored.HOME, "\n".join(home) + "\n")
+    write_atomically(path / stored.FILE, stored.as_toml(best.plan.settings))
+    _write_figures(path, best.figures, command)
+
+
+def _write_figures(path: Path, figures: Figures, command: str) -> None:
+    found = {"command": command, "worst_case": _short(figures.worst_case), "settled": _short(figures.settled)}
+    write_atomically(
+        path / best_known.FOUND, "".join(f"{key} = {toml_value(key, value)}\n" for key, value in found.items())
+    )
+
+
+def _short(seconds: float) -> float:
+    return float(f"{seconds:.6g}")
 
 
 def measure_again(name: str) -> None:
@@ -83,17 +136,18 @@ def measure_again(name: str) -> None:
         if each.name in (name, f"{name}-{SETTLED}"):
             task = as_played(name, {})
             with quietly():
-                figures = play(Plan(Known.name, task, each.settings, each.name), Episodes()).figures
+                figures = play(Plan(best_known.NAME, task, each.settings, each.name), Episodes()).figures
             now = f"{figures.worst_case:.3g} s, {figures.collisions} collisions"
             print(f"{each.name}: {each.worst_case:g} s as stored, now {now}")
-            best_known.keep_figures(each, figures)
+            keep_figures(each, figures)
 
 
 def row_of(name: str) -> list[str]:
     """Return the row of a scenario: its lower bound, and the stored plans beside the best default policies [s]."""
-    task, defaults = as_played(name, {}), Shipped()
+    task = as_played(name, {})
+    family = included(task)
     with quietly():
-        played = [play(defaults.plan(task, each), Episodes()) for each in defaults.starts(task)]
+        played = [play(family.plan(each), Episodes()) for each in family.starts]
     without = [each.figures for each in played if not each.figures.collisions]
     whole = min((each.worst_case for each in without), default=math.inf)
     settled = min((each.settled for each in without), default=math.inf)
@@ -120,15 +174,15 @@ def main() -> None:
     for name in options.scenarios:
         if options.again:
             measure_again(name)
-        task, families = as_played(name, {}), (Alike(), PARTITIONS, LINES, Chosen())
+        task, families = as_played(name, {}), [alike, partitions, lines, portfolios]
         if options.filtered:
-            families += filtered(PARTITIONS), filtered(LINES)
+            families += [lambda task, of=of: filtered(of(task), task) for of in (partitions, lines)]
         search = Search(task, Episodes(), families, options.seed, fixed_start=True, clock=time.process_time)
         with quietly():
             search.run(options.seconds, free_paths=True)
         command = f"python benchmarks/known.py {name} --seconds {options.seconds:g} --seed {options.seed}"
         command += " --filtered" if options.filtered else ""
-        kept = best_known.keep(name, search.finals, command)
+        kept = keep(name, search.finals, command)
         print(f"{name}: {len(search.looks)} looks, {len(search.finals)} played, stored: {', '.join(kept) or 'nothing'}")
         for each in sorted(search.finals, key=lambda each: each.figures.worst_case):
             of = each.figures

@@ -18,7 +18,7 @@ import baselines
 import lissajous_env
 import training
 from baselines.benchmark.shown_columns import SHOWN
-from baselines.benchmark.statistics import Statistics, interquartile_mean, summarize
+from baselines.benchmark.statistics import Estimate, interquartile_mean, summarize
 from baselines.benchmark.tables import in_words, number
 from baselines.policies.base import Policy
 from baselines.policies.registry import unwrapped
@@ -64,10 +64,10 @@ def candidates(scenario: str, worlds: int) -> dict[str, Policy]:
     return found
 
 
-def compare(scenario: str, episodes: int) -> dict[str, dict[str, Statistics]]:
+def compare(scenario: str, episodes: int) -> dict[str, dict[str, Estimate]]:
     """Play, and return the statistics of each policy."""
     seeds = HELD_OUT[:episodes]
-    scores: dict[str, dict[str, Statistics]] = {}
+    scores: dict[str, dict[str, Estimate]] = {}
     for label, policy in candidates(scenario, len(seeds)).items():
         rows = lissajous_env.evaluate(policy, scenario, seeds)
         scores[label] = {
@@ -76,7 +76,7 @@ def compare(scenario: str, episodes: int) -> dict[str, dict[str, Statistics]]:
     return scores
 
 
-def as_table(scores: dict[str, dict[str, dict[str, Statistics]]]) -> figures.Table:
+def as_table(scores: dict[str, dict[str, dict[str, Estimate]]]) -> figures.Table:
     """Return each policy's scores by scenario, and the relative detection time of the learned one without a filter."""
     rows = []
     for scenario, policies in scores.items():
@@ -91,7 +91,7 @@ def as_table(scores: dict[str, dict[str, dict[str, Statistics]]]) -> figures.Tab
     return {"columns": ["policy", *COLUMNS.values(), "the learned one's detection time, as a share"], "rows": rows}
 
 
-def ratios(scenario: str, scores: dict[str, dict[str, Statistics]], console: Console) -> None:
+def ratios(scenario: str, scores: dict[str, dict[str, Estimate]], console: Console) -> None:
     """Print the learned policy's numbers as shares of those of the others."""
     own = scores[LEARNED[scenario]]
     console.print(f"{LEARNED[scenario]} on {scenario}")

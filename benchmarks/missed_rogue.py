@@ -64,7 +64,7 @@ def row_of(name: str, results: Sequence[Result]) -> list[str]:
     counts = [len(results), *(np.count_nonzero(outside == side) for side in (0, 1, -1))]
     cells = {f"{result.cell:.2g}" for result in results}
     spread = [f"{value:.2f}" for value in (np.median(more), more.min(), more.max())]
-    cost = f"{1e3 * np.median([result.cost for result in results]):.3g}"
+    cost = f"{1e3 * np.median([result.cost for result in results]):.0f}"
     return [name, *map(str, counts), cells.pop() if len(cells) == 1 else "", *spread, cost]
 
 

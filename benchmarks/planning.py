@@ -15,9 +15,10 @@ from typing import Any
 import figures
 import numpy as np
 
-from baselines.planning import planner
-from baselines.planning.families.shipped import Shipped
-from baselines.planning.playing import play, quietly
+from baselines.planning.families.defaults import included
+from baselines.planning.planner import Outcome
+from baselines.planning.rehearse import play, quietly
+from baselines.planning.request import Request
 
 COLUMNS = ["request", "best plan", "worst [s]", "best default", "worst [s]", "wall [s]", "CPU [s]", "looks", "unplayed"]
 
@@ -53,27 +54,28 @@ def row_of(seed: int, seconds: float) -> tuple[list[str], bool]:
     """Plan a request and play its defaults; return the row, and whether the best plan is worse than a default."""
     request: dict[str, Any] = {name: float(f"{value:.3g}") for name, value in drawn(seed).items()}
     request["robots"] = int(request["robots"])
-    outcome = planner.prepare(**request)
+    outcome = Outcome.of(Request(**request))
     wall, processors = time.monotonic(), time.process_time()
-    planner.search(outcome, seconds)
+    outcome.search(seconds)
     wall, processors = time.monotonic() - wall, time.process_time() - processors
     (task,) = outcome.tasks.values()
-    defaults = {}
+    family, worst_cases = included(task), {}
     with quietly():
-        for settings in Shipped().starts(task):
+        for settings in family.starts:
             try:
-                played = play(Shipped().plan(task, settings), outcome.episodes)
+                played = play(family.plan(settings), outcome.request.episodes)
             except ValueError:  # a policy that does not fit the scenario
                 continue
             if played is not None and not played.figures.collisions:
-                defaults[settings["policy"]] = played.figures.worst_case
-    best = min(defaults, key=defaults.__getitem__, default="none")
+                worst_cases[settings["policy"]] = played.figures.worst_case
+    best = min(worst_cases, key=worst_cases.__getitem__, default="none")
     found = outcome.plans[0] if outcome.plans else None
     worst = math.inf if found is None else found.figures.worst_case
     name = "none" if found is None else found.plan.settings.policy
-    row = [f"{seed}: {in_words(request)}, {task.task.steps} steps", name, f"{worst:.4g}", best, f"{defaults[best]:.4g}",
-           f"{wall:.0f}", f"{processors:.0f}", str(outcome.looks), str(outcome.unplayed)]  # fmt: skip
-    return row, worst > defaults[best]
+    row = [f"{seed}: {in_words(request)}, {task.task.steps} steps", name, f"{worst:.4g}", best,
+           f"{worst_cases[best]:.4g}", f"{wall:.0f}", f"{processors:.0f}", str(outcome.looks),
+           str(outcome.unplayed)]  # fmt: skip
+    return row, worst > worst_cases[best]
 
 
 def main() -> None:

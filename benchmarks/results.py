@@ -6,7 +6,6 @@ again, it resumes. A number is the interquartile mean over the episodes with its
 collisions, the mean; for a guarantee, the largest, with the median and the number of episodes.
 """
 
-import math
 import time
 from pathlib import Path
 
@@ -14,13 +13,12 @@ import figures
 from rich.console import Console
 
 import lissajous_env
-from baselines.benchmark.comparison import compare
 from baselines.benchmark.running import measure
 from baselines.benchmark.shown_columns import SHOWN
-from baselines.benchmark.tables import BEST_KNOWN, best_known_cell, in_words
+from baselines.benchmark.table import Table
+from baselines.benchmark.tables import lines_of, with_numbers
 from baselines.benchmark.types import Benchmark, Outcome
 from lissajous_env.console.terminal import make_console
-from lissajous_env.world.columns import WORST_CASE
 
 LARGE = 10_000_000
 """Robots times targets from which on a scenario is played on one seed, by the paper's method and close competitors."""
@@ -36,16 +34,14 @@ def settings_for(scenario: lissajous_env.Scenario, episodes: int, out: Path) -> 
 
 def as_table(outcome: Outcome) -> dict[str, list]:
     """Return a row for each policy and one for the best known plan; columns without any number are left out."""
-    comparisons = compare(outcome.rows, outcome.scenarios)
-    (cells,), (bounds,) = comparisons.cells.values(), comparisons.bounds.values()
-    there = [each for each in SHOWN if any(of[each.name].n_finite for of in cells.values() if each.name in of)]
-    rows = []
-    for policy, of in cells.items():
-        words = [in_words(of[each.name]) for each in there]
-        rows.append([f"`{policy}`", *(f"{value} ({between})" if between else value for value, between in words)])
-    if math.isfinite(bounds.best_known) and WORST_CASE in there:
-        rows.append([f"*{BEST_KNOWN}*", *(best_known_cell(each, bounds.best_known) for each in there)])
-    return {"columns": ["policy", *(each.heading for each in there)], "rows": rows}
+    table = Table.of(outcome.rows, outcome.scenarios)
+    (policies,), (bounds,) = table.estimates.values(), table.bounds.values()
+    columns = with_numbers(policies, SHOWN)
+    rows = [
+        [f"*{line.name}*" if line.is_reference else f"`{line.name}`", *map(str, line.cells)]
+        for line in lines_of(policies, columns, bounds.best_known)
+    ]
+    return {"columns": ["policy", *(column.heading for column in columns)], "rows": rows}
 
 
 def main() -> None:

@@ -41,7 +41,7 @@ from speeds import (
     training,
 )
 
-from baselines.benchmark.summary_files import cpu_model
+from baselines.benchmark.written import cpu_model
 from lissajous_env.device.devices import cores
 
 _MODULES = (step, rogues, memory, contamination, growth, controller, act, onboard, mixture, training, cluster)

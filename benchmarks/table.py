@@ -9,8 +9,8 @@ from pathlib import Path
 import figures
 from rich.console import Console
 
-from baselines.benchmark.comparison import compare
 from baselines.benchmark.running import measure
+from baselines.benchmark.table import Table
 from baselines.benchmark.types import Benchmark
 from baselines.benchmark.written import markdown, table_of
 from lissajous_env.console.terminal import make_console
@@ -23,7 +23,7 @@ def main() -> None:
     options = parser.parse_args()
     settings = Benchmark(episodes=options.episodes, out=options.out, replays=("none",))
     outcome = measure(settings, console=Console(quiet=True), progress=make_console(stderr=True))
-    table = table_of(compare(outcome.rows, outcome.scenarios))
+    table = table_of(Table.of(outcome.rows, outcome.scenarios))
     if options.store:
         figures.store({"policies": table})
     print(markdown(table), end="")

@@ -11,19 +11,15 @@ from lissajous_env.world import robots as _robots  # noqa: F401
 from lissajous_env.world import rogues as _rogues  # noqa: F401
 
 # isort: split
-from lissajous_env.envs.gymnasium_env import LissajousEnv, SampledEnv
+from lissajous_env.envs.gymnasium_env import LissajousEnv
 from lissajous_env.envs.gymnasium_vector import LissajousVectorEnv, vector_env
 from lissajous_env.envs.making import env, parallel_env
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
-from lissajous_env.envs.rogue_env import LissajousRogueEnv
-from lissajous_env.envs.sampled_env import SampledParallelEnv
-from lissajous_env.envs.two_sided import TwoSidedParallelEnv
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.episodes.policies import BASES as _BASES
 from lissajous_env.episodes.policies import base as _base
 from lissajous_env.episodes.policies import load, policies, policy
 from lissajous_env.parameters.extensions import observation_entry, reward_term, score_column, target_motion
-from lissajous_env.parameters.ids import register_ids as _register_ids
 from lissajous_env.parameters.named import (
     register_scenario,
     register_scenario_space,
@@ -46,9 +42,7 @@ from lissajous_env.parameters.scenario import (
     Targets,
     Task,
 )
-from lissajous_env.parameters.shipped import SHIPPED as _SHIPPED
 from lissajous_env.parameters.space import ScenarioSpace
-from lissajous_env.siblings import import_ours
 from lissajous_env.world.mixture import Mixture
 from lissajous_env.world.simulation import Simulation
 
@@ -59,7 +53,6 @@ __all__ = [
     "Formation",
     "LissajousEnv",
     "LissajousParallelEnv",
-    "LissajousRogueEnv",
     "LissajousVectorEnv",
     "Messages",
     "Mixture",
@@ -67,18 +60,14 @@ __all__ = [
     "Robot",
     "RobotModel",
     "Rogue",
-    "SampledEnv",
-    "SampledParallelEnv",
     "Scenario",
     "ScenarioSpace",
     "Sensing",
     "Simulation",
     "Targets",
     "Task",
-    "TwoSidedParallelEnv",
     "env",
     "evaluate",
-    "import_ours",
     "load",
     "observation_entry",
     "parallel_env",
@@ -99,11 +88,6 @@ __all__ = [
     "target_motion",
     "vector_env",
 ]
-
-for _each in _SHIPPED:
-    _register_ids(_each.name)
-for _space in scenario_spaces():
-    _register_ids(_space, is_space=True)
 
 
 def __getattr__(name: str) -> _Any:

@@ -1,6 +1,5 @@
 """Code of a notebook, a prompt or a script travels to other processes by value; they cannot import it."""
 
-import sys
 from typing import Any
 
 import cloudpickle
@@ -29,8 +28,3 @@ def replaces(new: Any, old: Any) -> bool:
     """
     names = [(getattr(each, "__module__", None), getattr(each, "__qualname__", None)) for each in (new, old)]
     return names[0] == names[1] and names[0][0] in PROMPT and names[0][1] is not None
-
-
-def is_called_at_prompt() -> bool:
-    """Return whether code of a notebook, a prompt or a script calls the function that calls this one."""
-    return sys._getframe(2).f_globals.get("__name__") in PROMPT

@@ -1,22 +1,17 @@
 """Find names in the current folder: modules that register them, and files.
 
-Modules are parsed, and imported only if the requested name is registered there. The name must be a literal, as in
+Modules are read as text, and imported only if the requested name is registered there. The name must be a literal, as in
 `register("my-policy")` or `Scenario(name="my-scenario")`.
 """
 
-import ast
+import contextlib
+import re
 from collections.abc import Iterator
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from lissajous_env.plugins import import_module
 from lissajous_env.wording import where_raised
-
-_LARGEST = 1 << 20
-"""Limit on the size of a parsed module [bytes]."""
-_MOST = 1000
-"""Limit on the number of files in the folder."""
 
 
 def load_module_of(name: str, thing: str, *functions: str) -> None:
@@ -30,9 +25,9 @@ def load_module_of(name: str, thing: str, *functions: str) -> None:
     Raises:
         ValueError: the module cannot be imported.
     """
-    begun = {name, *(name[:k] for k, letter in enumerate(name) if letter == "-")}
-    for given, module in registered_here(*functions):
-        if given in begun:
+    starts = {name, *(name[:k] for k, letter in enumerate(name) if letter == "-")}
+    for registered, module in registered_here(*functions):
+        if registered in starts:
             try:
                 import_module(module)
             except (Exception, SystemExit) as error:
@@ -42,19 +37,15 @@ def load_module_of(name: str, thing: str, *functions: str) -> None:
 
 def registered_here(*functions: str) -> Iterator[tuple[str, str]]:
     """Yield the names that modules in the current folder register with these functions, each with its module."""
+    calls = rf"\b(?:{'|'.join(functions)})\("
     for path in _entries():
-        try:
-            source = path.read_text(encoding="utf-8") if path.suffix == ".py" and path.stat().st_size < _LARGEST else ""
-            calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
-        except (OSError, ValueError, SyntaxError, RecursionError, MemoryError):
-            continue
-        if any(_name_of(call) in functions for call in calls):
-            for call in calls:
-                words = [word.value for word in call.keywords if word.arg == "name"]
-                words += call.args[:1] if _name_of(call) in functions else []
-                for word in words:
-                    if isinstance(word, ast.Constant) and isinstance(word.value, str):
-                        yield word.value, path.stem
+        source = ""
+        if path.suffix == ".py":
+            with contextlib.suppress(OSError):  # a file that cannot be read
+                source = path.read_text(encoding="utf-8", errors="replace")
+        if re.search(calls, source):
+            for name in re.findall(rf"""(?:{calls}|\bname=)\s*["']([\w.-]+)["']""", source):
+                yield name, path.stem
 
 
 def beside(name: Any, suffix: str) -> list[str]:
@@ -69,12 +60,6 @@ def folders_beside(name: Any, file: str) -> list[str]:
 
 def _entries(name: Any = "") -> list[Path]:
     try:
-        return sorted(islice(Path(name).parent.iterdir(), _MOST))
+        return sorted(Path(name).parent.iterdir())
     except (OSError, ValueError, TypeError):  # missing or unreadable folder
         return []
-
-
-def _name_of(call: ast.Call) -> str:
-    """Return the name of the called function, without its module."""
-    function = call.func
-    return function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")

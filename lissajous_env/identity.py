@@ -14,8 +14,7 @@ from typing import Any
 OURS = ("lissajous_env", "baselines", "training")
 """Packages of this distribution."""
 MODULE = "module "
-"""Prefix of the names of parts that are the source of a module."""
-_LONGEST = 40
+"""Prefix of the names of parts that are the file of a module."""
 
 
 def parts_of(value: Any) -> dict[str, str]:
@@ -25,10 +24,9 @@ def parts_of(value: Any) -> dict[str, str]:
     script or at a prompt, of its own source. Values in closures and attributes are not compared.
     """
     if isinstance(value, functools.partial):
-        arguments = {f"argument {k}": each for k, each in enumerate(value.args)} | value.keywords
-        plain = {name: repr(each) for name, each in arguments.items() if isinstance(each, (str, int, float, tuple))}
-        return parts_of(value.func) | {name: text if len(text) <= _LONGEST else digest_of(text.encode())
-                                       for name, text in plain.items()}  # fmt: skip
+        arguments = {f"argument {k}": argument for k, argument in enumerate(value.args)} | value.keywords
+        plain = {name: repr(each) for name, each in arguments.items() if isinstance(each, (str, int, float))}
+        return parts_of(value.func) | {name: digest_of(text.encode()) for name, text in plain.items()}
     if isinstance(value, types.MethodType):
         return parts_of(value.__self__)
     definition = getattr(value, "func", value)  # that of a Warp kernel
@@ -36,20 +34,18 @@ def parts_of(value: Any) -> dict[str, str]:
         definition = type(definition)
     module = str(definition.__module__)
     parts = {"code": f"{module}:{definition.__qualname__}"}
-    if module.partition(".")[0] not in OURS and (source := _source(definition, module)):
-        parts[MODULE + module] = digest_of(source)
-    return parts
+    return parts if module.partition(".")[0] in OURS else parts | _source(definition, module)
 
 
-def _source(definition: Any, module: str) -> bytes:
-    """Return the file of a module; of a script or a prompt the source of the definition, b"" if there is none."""
+def _source(definition: Any, module: str) -> dict[str, str]:
+    """Return a digest of the file of a module; of a script or a prompt, of the source of the definition."""
     file = getattr(sys.modules.get(module), "__file__", None)
-    if file is not None and module != "__main__":
-        return Path(file).read_bytes()
+    if file is not None and module != "__main__" and Path(file).is_file():
+        return {MODULE + module: digest_of(Path(file).read_bytes())}
     try:
-        return inspect.getsource(definition).encode()
+        return {"source": digest_of(inspect.getsource(definition).encode())}
     except (OSError, TypeError):
-        return b""
+        return {}
 
 
 def digest_of(data: bytes) -> str:

@@ -1,5 +1,6 @@
 """Load objects of users and other packages: `module:attribute`, also from the current folder, and entry points."""
 
+import contextlib
 import functools
 import importlib
 import os
@@ -11,7 +12,6 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from lissajous_env.siblings import load_entry_point
 from lissajous_env.wording import nearest, where_raised
 
 
@@ -40,19 +40,16 @@ def import_attribute(reference: str, rule: str) -> Any:
 
 
 def import_module(module: str) -> types.ModuleType:
-    """Import a module, also from the current folder; later imports search that folder last."""
-    try:
-        here = os.getcwd()
-    except OSError:  # the folder was removed
-        return importlib.import_module(module)
-    if here in sys.path or "" in sys.path:
-        return importlib.import_module(module)
-    sys.path.insert(0, here)
-    try:
-        return importlib.import_module(module)
-    finally:
-        sys.path.remove(here)
-        sys.path.append(here)
+    """Import a module, also from the current folder, which is searched last."""
+    search_current_folder()
+    return importlib.import_module(module)
+
+
+def search_current_folder() -> None:
+    """Let imports search the current folder after all others, so that it hides no installed package."""
+    with contextlib.suppress(OSError):  # the folder was removed
+        if not {"", os.getcwd()} & set(sys.path):
+            sys.path.append(os.getcwd())
 
 
 class EntryPoints:
@@ -79,7 +76,7 @@ class EntryPoints:
         self._asked = True  # at once, since loaded code may look up names
         for entry in sorted(entry_points(group=self.group), key=lambda entry: entry.name):
             try:
-                brought = load_entry_point(entry)
+                brought = entry.load()
                 if not isinstance(brought, types.ModuleType):
                     self.register(brought)
             except (Exception, SystemExit) as error:

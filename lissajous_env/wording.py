@@ -5,9 +5,8 @@ import os
 import sysconfig
 import traceback
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
-
-from lissajous_env import siblings
 
 _LONGEST = 160
 """Limit on the length of a formatted value."""
@@ -17,7 +16,8 @@ _IMPORTS = "importlib"
 """Part of the file names of Python's import system, frozen or not."""
 _INSTALLED = tuple(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib"))
 """Folders of the standard library and of installed packages."""
-
+_PACKAGES = tuple(f"{Path(__file__).parents[1] / name}{os.sep}" for name in ("lissajous_env", "baselines", "training"))
+"""Folders of the packages of this distribution."""
 _MOST_NAMES, _FEW = 30, 6
 """Largest number of names that are listed in full, and number listed otherwise."""
 
@@ -61,7 +61,7 @@ def where_raised(error: BaseException) -> str:
     """
     words = str(error).strip().partition("\n")[0]
     frames = [] if isinstance(error, SyntaxError) else traceback.extract_tb(error.__traceback__)  # names the place
-    others = [frame for frame in frames if not siblings.is_ours(frame.filename) and _IMPORTS not in frame.filename]
-    own = [frame for frame in others if not frame.filename.startswith(_INSTALLED)] or others
-    place = f" ({os.path.basename(own[-1].filename)}, line {own[-1].lineno})" if own else ""
+    others = [frame for frame in frames if not frame.filename.startswith(_PACKAGES) and _IMPORTS not in frame.filename]
+    users = [frame for frame in others if not frame.filename.startswith(_INSTALLED)] or others
+    place = f" ({os.path.basename(users[-1].filename)}, line {users[-1].lineno})" if users else ""
     return f"{type(error).__name__}{f': {words}' if words else ''}{place}"

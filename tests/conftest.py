@@ -42,6 +42,7 @@ def _own_registries(monkeypatch):
         (named, "_SPACES"),
     ):
         monkeypatch.setattr(module, name, dict(getattr(module, name)))
+    monkeypatch.setattr(sys, "path", list(sys.path))  # to which the current folder is added
 
 
 @pytest.fixture

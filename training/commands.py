@@ -32,21 +32,10 @@ def train(
         lissajous train --scenario intruders --out runs/intruders
         lissajous train --side rogues --against sweep --scenario evaders --out runs/hiding
 
-    Options:
-        training: scenario, set, steps, seed, start, out
-        start and base: base, base_parameters, residual, initial_output, teacher, imitation_steps
-        worlds: worlds, groups, short, short_time, rollout, caution
-        network: inputs, layers, critic_steps
-        optimizer: learning_rate, batch_size, epochs, gamma, gae_lambda, averaging
-        exploration: log_std, log_std_end, noise_steps
-        evaluation: evaluate_every, evaluation_episodes, evaluation_scenarios, rivals
-        where it runs: device, threads
-        rogues: side, against, rogue_rounds, rogue_starts
-
     Args:
         settings: Scenario, settings and folder of the results.
         side: `robots`, or `rogues` for targets that learn to hide from robots that do not learn. Rogues accept only the
-            options scenario, set, seed, out, layers, evaluation_episodes, device, threads, and those of this group.
+            options scenario, set, seed, out, layers, evaluation_episodes, device, threads, against and rogue_*.
         against: policy of the robots from which rogues learn to hide: a name, or the folder of a checkpoint.
         rogue_rounds: rounds in which rogues imitate a rogue that knows the robots' future; more rounds make better
             rogues, 48 take some minutes and are the default.

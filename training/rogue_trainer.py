@@ -1,8 +1,8 @@
 """`lissajous train --side rogues`: imitation of a rogue with foresight, against robots that do not learn.
 
 A rogue that starts in the wrong place is detected at once whatever it does, and one that hides well is detected much
-later than a discounted return reaches. So rogues imitate one that knows the robots' future (`training.foresight`), in
-the states that the learner itself reaches. All rogues share one network.
+later than a discounted return reaches. So rogues imitate one that knows the robots' future, in the states that the
+learner itself reaches (`lissajous_env.episodes.missed.foresight`). All rogues share one network.
 """
 
 import tempfile
@@ -22,8 +22,8 @@ from baselines.policies.factories import named
 from lissajous_env import Simulation
 from lissajous_env.console.terminal import make_console
 from lissajous_env.episodes.evaluation import EpisodeRunner
+from lissajous_env.episodes.missed.foresight import Foresight, Labels, Visits
 from lissajous_env.storage.folder import Folder
-from training.foresight import Foresight, Labels, Visits
 from training.learned import checkpoint
 from training.learned.network import Network
 from training.learned.rogue import rogue_card
@@ -120,7 +120,7 @@ class RogueTrainer:
 
     def _visit(self, k: int) -> Visits:
         """Play an episode in each world, by a script at first, then by the learner, and record the rogues' states."""
-        settings, visits = self.settings, Visits.none()
+        settings, visits = self.settings, Visits()
         scenario = settings.make_scenario(_SCRIPTS[k]) if k < len(_SCRIPTS) else self.scenario
         simulation = Simulation(scenario, settings.worlds, device=settings.device, threads=settings.threads)
         driver: Any = named(settings.against)(scenario, settings.worlds, settings.device)

@@ -26,23 +26,21 @@ class Bounds(NamedTuple):
     """The same of the second halves of the episodes."""
 
 
-def mean_time_bound(scenario: Scenario) -> float:
-    """Return `Bounds.mean_time` of a scenario."""
-    return _beyond_a_step(mean_time_limit(scenario), scenario)
-
-
 @cache
-def bounds_of(scenario: Scenario) -> Bounds:
-    """Return the bounds of a scenario; if it computes contamination, the formation is simulated once for them."""
+def bounds_of(scenario: Scenario, simulates: bool = True) -> Bounds:
+    """Return the bounds of a scenario; if it computes contamination, the formation is simulated once for them.
+
+    With `simulates` false, the bounds on the worst case are NaN.
+    """
     worst_case = in_formation = math.nan
-    if scenario.task.contamination is not None:
+    if simulates and scenario.task.contamination is not None:
         worst_case = _beyond_a_step(guaranteed_time_limit(scenario), scenario)
         with suppress(ValueError):  # targets that are too fast for its grid
             in_formation = guaranteed_time(scenario, speed=scenario.rogue_speed)
     known = known_plans(scenario)
     best = min((each.worst_case for each in known), default=math.nan)
     settled = min((each.settled for each in known), default=math.nan)
-    return Bounds(mean_time_bound(scenario), worst_case, in_formation, best, settled)
+    return Bounds(_beyond_a_step(mean_time_limit(scenario), scenario), worst_case, in_formation, best, settled)
 
 
 def _beyond_a_step(bound: float, scenario: Scenario) -> float:

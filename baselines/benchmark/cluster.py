@@ -1,4 +1,4 @@
-"""The benchmark on many machines: Ray plays its batches of episodes over a cluster.
+"""The engine of a benchmark on many machines: Ray plays its batches of episodes over a cluster.
 
 The driver alone writes the journal, a batch at a time, when it has come back whole. So the loss of a worker, of a node
 or of the driver itself costs the batches that were being played, and these are played again: no episode is lost or
@@ -8,17 +8,14 @@ doubled. Machines of one kind return the rows of the engine `local`, bit for bit
 import contextlib
 import importlib
 import logging
-import socket
 import textwrap
 from collections import deque
 from collections.abc import Iterator
-from importlib.metadata import version
 from typing import Any
 
-from baselines.benchmark import results_folder
-from baselines.benchmark.local import failure_of, play
-from baselines.benchmark.progress import Progress
-from baselines.benchmark.types import Batch, Benchmark, Cell, Failure
+from baselines.benchmark.local import failure_of, results
+from baselines.benchmark.results_folder import versions
+from baselines.benchmark.types import Batch, Benchmark, Cell, Failure, Sink, Work
 from baselines.policies.factories import parts
 from lissajous_env.extras import missing
 from lissajous_env.identity import MODULE
@@ -28,8 +25,6 @@ _RETRIES = 3
 """Times that a batch is played again after its worker or node was lost: a policy that kills its process must end."""
 _AHEAD = 2
 """Batches handed out for each CPU, so that none waits for work."""
-_PATIENCE = 10.0
-"""Time in which a cluster must accept a connection [s]."""
 _STORE = 100_000_000
 """Memory that the workers of a Ray of our own share [bytes]; what they exchange is small."""
 
@@ -55,46 +50,26 @@ def connected(address: str | None) -> Iterator[Any]:
 
     Raises:
         ValueError: Ray is not installed, or the cluster cannot be joined.
-        ConnectionError: nothing answers at the address.
+        ConnectionError: the cluster cannot be reached.
     """
     ray = _ray()
     if ray.is_initialized():
         yield ray
         return
+    own = {"object_store_memory": _STORE, "include_dashboard": False} if address is None else {}
     try:
-        _join(ray, "local" if address is None else address)
+        ray.init(address or "local", log_to_driver=False, logging_level=logging.ERROR, **own)
+    except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
+        kind = ConnectionError if isinstance(error, OSError) else ValueError
+        raise kind(f"Ray cannot be reached at {address or 'this machine'}: {_one_line(error)}") from error
+    try:
         yield ray
     finally:
         ray.shutdown()
 
 
-def _join(ray: Any, address: str) -> None:
-    _reach(address)
-    own = {"object_store_memory": _STORE, "include_dashboard": False} if address == "local" else {}
-    try:
-        ray.init(address, log_to_driver=False, logging_level=logging.ERROR, **own)
-    except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
-        if own:
-            raise ValueError(f"Ray cannot be started: {_one_line(error)}") from error
-        kind = ConnectionError if isinstance(error, OSError) else ValueError
-        raise kind(f"the Ray cluster at {address} cannot be joined: {_one_line(error)}") from error
-
-
-def _reach(address: str) -> None:
-    """Raise a ConnectionError if nothing listens at HOST:PORT; Ray itself would wait for minutes without a word."""
-    host, colon, port = address.removeprefix("ray://").rpartition(":")
-    if not colon or not port.isdecimal():
-        return
-    try:
-        socket.create_connection((host.strip("[]"), int(port)), _PATIENCE).close()
-    except (OSError, OverflowError, UnicodeError) as error:
-        raise ConnectionError(f"no Ray cluster answers at {address}: {error}") from error
-
-
-def play_all(
-    settings: Benchmark, work: list[tuple[Cell, list[int]]], kept: results_folder.Episodes, progress: Progress
-) -> list[Failure]:
-    """Play the remaining episodes on a cluster, and store each batch when it arrives; return the policies that failed.
+def play_all(settings: Benchmark, work: Work, sink: Sink) -> None:
+    """Play the remaining episodes on a cluster.
 
     A policy that raises, or whose batch has lost its worker again and again, fails; its other batches that ended are
     stored, and the other policies continue.
@@ -102,48 +77,36 @@ def play_all(
     Args:
         settings: Settings of the benchmark.
         work: Cells, each with the numbers of the episodes that are left to play.
-        kept: Folder in which the rows are stored.
-        progress: Display of the finished episodes.
+        sink: Receives the results.
 
     Raises:
         ValueError: Ray cannot be had, a policy cannot be sent to it, or a node lacks what the settings ask for.
-        ConnectionError: nothing answers at the address.
+        ConnectionError: the cluster cannot be reached.
     """
     size = settings.worlds
-    waiting = deque((cell, numbers[k : k + size]) for cell, numbers in work for k in range(0, len(numbers), size))
-    if not waiting:
-        return []
-    left = {_name(cell): len(numbers) for cell, numbers in work if numbers}
-    begun: set[str] = set()
-    failures: dict[str, Failure] = {}
+    waiting = deque(
+        (k, numbers[i : i + size]) for k, (_, numbers) in enumerate(work) for i in range(0, len(numbers), size)
+    )
+    failed: set[int] = set()
     with connected(settings.address) as ray:
         hand_out = _remote(ray, settings)
-        sent = {_name(cell): ray.put(_packed(ray, cell, settings)) for cell, numbers in work if numbers}
-        playing: dict[Any, Cell] = {}
+        sent = [ray.put(_packed(ray, cell, settings)) for cell, _ in work]
+        playing: dict[Any, int] = {}
         while waiting or playing:
             # Counted anew each time: nodes come and go.
             room = max(_AHEAD * int(ray.cluster_resources().get("CPU", 0)), 1)
             while waiting and len(playing) < room:
-                cell, numbers = waiting.popleft()
-                if _name(cell) not in failures:
-                    if _name(cell) not in begun:
-                        begun.add(_name(cell))
-                        progress.begin(cell)
-                    playing[hand_out(sent[_name(cell)], numbers)] = cell
+                k, numbers = waiting.popleft()
+                if k not in failed:
+                    sink.begin(work[k][0])
+                    playing[hand_out(sent[k], numbers)] = k
             for reference in ray.wait(list(playing), timeout=1.0)[0] if playing else []:
-                cell = playing.pop(reference)
-                result = _result(ray, reference, cell)
+                k = playing.pop(reference)
+                result = _result(ray, reference, work[k][0])
+                if isinstance(result, Batch) or k not in failed:
+                    sink.finish(work[k][0], result)
                 if isinstance(result, Failure):
-                    if _name(cell) not in failures:
-                        failures[_name(cell)] = result
-                        progress.end(cell, result.word)
-                    continue
-                kept.add(result)
-                progress.finished(cell, len(result.rows))
-                left[_name(cell)] -= len(result.rows)
-                if not left[_name(cell)]:
-                    progress.end(cell)
-    return [failures[_name(cell)] for cell, _ in work if _name(cell) in failures]
+                    failed.add(k)
 
 
 def _remote(ray: Any, settings: Benchmark) -> Any:
@@ -151,29 +114,24 @@ def _remote(ray: Any, settings: Benchmark) -> Any:
     gpus = 1 if settings.device == "cuda" else 0
     if gpus and not ray.cluster_resources().get("GPU"):
         raise ValueError("device must be one that the Ray cluster has, got cuda; none of its nodes has a GPU")
-    versions = results_folder.as_settings(settings, [])["versions"]
     needs = {"num_cpus": 1, "num_gpus": gpus, "scheduling_strategy": "SPREAD"}
     remote = ray.remote(**needs, max_retries=_RETRIES)(_play)
-    return lambda packed, numbers: remote.remote(packed, numbers, versions)
+    return lambda packed, numbers: remote.remote(packed, numbers, versions())
 
 
-def _play(packed: bytes, numbers: list[int], versions: dict[str, str]) -> Batch | Failure:
+def _play(packed: bytes, numbers: list[int], wanted: dict[str, str]) -> Batch | Failure:
     """Play one batch; this runs on a worker."""
     ray = _ray()
-    here = {name: version(name) for name in versions}
-    if here != versions:
-        raise ValueError(f"every node must have {versions}, got {here} on {ray.util.get_node_ip_address()}")
+    if (here := versions()) != wanted:
+        raise ValueError(f"every node must have {wanted}, got {here} on {ray.util.get_node_ip_address()}")
     cell, settings, sources = ray.cloudpickle.loads(packed)
     if (here := _sources(cell)) != sources:
         differing = [name for name in sorted(sources | here) if sources.get(name) != here.get(name)]
         raise ValueError(
             f"every node must have the same {', '.join(differing)}; {ray.util.get_node_ip_address()} has not"
         )
-    try:
-        return next(play(cell, settings, numbers, lambda _: None))
-    except (Exception, SystemExit) as error:
-        # As words: the error itself may be of a class that the driver cannot load.
-        return failure_of(cell, error)
+    # A failure is words: the error itself may be of a class that the driver cannot load.
+    return next(results(cell, settings, numbers, lambda _: None))
 
 
 def _sources(cell: Cell) -> dict[str, str]:
@@ -199,10 +157,6 @@ def _result(ray: Any, reference: Any, cell: Cell) -> Batch | Failure:
         raise ValueError(f"a node of the Ray cluster cannot play: {_one_line(error.cause)}") from error
     except ray.exceptions.RayError as error:
         return failure_of(cell, error)
-
-
-def _name(cell: Cell) -> str:
-    return f"{cell.scenario.name} {cell.policy}"
 
 
 def _one_line(error: BaseException) -> str:

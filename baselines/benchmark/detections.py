@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.storage.folder import Folder
 from lissajous_env.world.simulation import Simulation
 
 NAME = "detections.jsonl"
@@ -56,45 +55,6 @@ def share_detected(found: Sequence[float] | np.ndarray, unfound: Sequence[float]
     return curve.quantiles, curve.probabilities
 
 
-class Detections:
-    """Detection times of the episodes that have ended; of an episode that was played again, the latest.
-
-    Raises:
-        ValueError: the file is damaged; file and line are named.
-    """
-
-    def __init__(self, folder: Folder):
-        self._of: dict[tuple[str, str, int], dict[str, Any]] = {}
-        self._journal = folder.journal(NAME)
-        for line, entry in enumerate(self._journal.entries, start=1):
-            if wrong := refusal_of(entry):
-                self._journal.close()
-                raise ValueError(f"{self._journal.path}, line {line}: {wrong}; delete that line to leave it out")
-            self._of[_key(entry)] = entry
-
-    def add(self, entries: Sequence[dict[str, Any]]) -> None:
-        """Add the entries of episodes that have ended; they are on the disk when this returns."""
-        self._journal.append(entries)
-        self._of |= {_key(entry): entry for entry in entries}
-
-    def curves(self, rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, tuple[Any, Any]]]:
-        """Return `share_detected` by scenario and policy for the episodes of some rows."""
-        pooled: dict[tuple[str, str], tuple[list[float], list[float]]] = {}
-        for row in rows:
-            found, unfound = pooled.setdefault((row["scenario"], row["policy"]), ([], []))
-            entry = self._of.get(_key(row), {"found": [], "unfound": []})
-            found += entry["found"]
-            unfound += entry["unfound"]
-        curves: dict[str, dict[str, tuple[Any, Any]]] = {}
-        for (scenario, policy), times in pooled.items():
-            curves.setdefault(scenario, {})[policy] = share_detected(*times)
-        return curves
-
-    def close(self) -> None:
-        """Close the file."""
-        self._journal.close()
-
-
 def refusal_of(entry: Any) -> str | None:
     """Return the rule that an entry violates; None for a valid one."""
     if not isinstance(entry, dict) or tuple(entry) != _ENTRIES:
@@ -109,7 +69,3 @@ def refusal_of(entry: Any) -> str | None:
 
 def _is_time(value: Any) -> bool:
     return type(value) in (int, float) and 0 <= value <= 1e9
-
-
-def _key(entry: Mapping[str, Any]) -> tuple[str, str, int]:
-    return entry["scenario"], entry["policy"], entry["episode"]

@@ -1,4 +1,4 @@
-"""The episodes of a cell played, and a benchmark on this machine: as many cells at a time as the process has cores.
+"""The episodes of a cell played, and the engine of a benchmark on this machine: as many cells at a time as cores.
 
 An included policy may be played on any thread. What a user brings is played by the main thread, one cell after the
 other: such code may share data between its policies, and Ctrl-C reaches it there. The rows do not depend on it.
@@ -6,15 +6,13 @@ other: such code may share data between its policies, and Ctrl-C reaches it ther
 
 import threading
 import traceback
-from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 
-from baselines.benchmark import clairvoyant, results_folder
+from baselines.benchmark import clairvoyant
 from baselines.benchmark.detections import detections_of
-from baselines.benchmark.progress import Progress
-from baselines.benchmark.rows import refusal_of
-from baselines.benchmark.types import Batch, Benchmark, Cell, Failure
+from baselines.benchmark.results_folder import refusal_of
+from baselines.benchmark.types import Batch, Benchmark, Cell, Failure, Sink, Work
 from baselines.policies import registry
 from baselines.policies.base import UnsuitableScenarioError
 from lissajous_env.console.terminal import plain
@@ -24,83 +22,74 @@ from lissajous_env.wording import where_raised
 from lissajous_env.world.columns import brought_columns
 from lissajous_env.world.simulation import Simulation
 
-_Work = deque[tuple[Cell, list[int]]]
-
 
 class _Stopped(BaseException):
     """Raised in a thread whose work is no longer wanted."""
 
 
-def play_all(
-    settings: Benchmark, work: list[tuple[Cell, list[int]]], kept: results_folder.Episodes, progress: Progress
-) -> list[Failure]:
-    """Play the remaining episodes, and store each batch when it has ended; return the policies that failed.
+def play_all(settings: Benchmark, work: Work, sink: Sink) -> None:
+    """Play the remaining episodes on this machine.
 
     Args:
         settings: Settings of the benchmark.
         work: Cells, each with the numbers of the episodes that are left to play.
-        kept: Folder in which the rows are stored.
-        progress: Display of the finished episodes.
+        sink: Receives the results.
     """
-    failures: dict[int, Failure] = {}
-    keeping, stopped = threading.Lock(), threading.Event()
+    stopped = threading.Event()
 
     def play_cell(cell: Cell, numbers: list[int]) -> None:
         def on_step(worlds: int) -> None:
             if stopped.is_set():
                 raise _Stopped
-            progress.step(cell, worlds)
+            sink.step(cell, worlds)
 
-        progress.begin(cell)
-        batches = play(cell, settings, numbers, on_step)
-        while True:
-            try:
-                batch = next(batches, None)
-            except (Exception, SystemExit) as error:
-                failures[id(cell)] = failure_of(cell, error)
-                progress.end(cell, failures[id(cell)].word)
-                return
-            if batch is None:
-                progress.end(cell)
-                return
-            with keeping:
-                kept.add(batch)
-            progress.finished(cell, len(batch.rows))
-
-    def play_each(left: _Work) -> None:
         try:
-            while left and not stopped.is_set():
-                try:
-                    cell, numbers = left.popleft()
-                except IndexError:  # another thread plays the last one
-                    return
-                play_cell(cell, numbers)
-        except _Stopped:  # the thread that stopped this one raises its own error
-            pass
+            sink.begin(cell)
+            for result in results(cell, settings, numbers, on_step):
+                sink.finish(cell, result)
         except BaseException:
             stopped.set()
             raise
 
-    left = [(cell, numbers) for cell, numbers in work if numbers]
-    shared = deque(each for each in left if settings.device == "cpu" and may_be_shared(each[0]))
-    own = deque(each for each in left if settings.device != "cpu" or not may_be_shared(each[0]))
+    shared, own = [], []
+    for cell, numbers in work:
+        (shared if settings.device == "cpu" and may_be_shared(cell) else own).append((cell, numbers))
     with ThreadPoolExecutor(cores()) as pool:
-        helpers = [pool.submit(play_each, shared) for _ in range(min(cores(), len(shared)) - (0 if own else 1))]
+        helpers = [pool.submit(play_cell, cell, numbers) for cell, numbers in shared]
         try:
-            play_each(own)
-            play_each(shared)
-            for helper in helpers:
-                helper.result()
-        except BaseException:
-            stopped.set()
-            raise
-    return [failures[id(cell)] for cell, _ in work if id(cell) in failures]
+            for cell, numbers in own:
+                play_cell(cell, numbers)
+            wait(helpers, return_when=FIRST_EXCEPTION)
+        except _Stopped:  # the error of the thread that stopped this one is raised below
+            pass
+        finally:
+            if not all(helper.done() for helper in helpers):
+                stopped.set()
+            pool.shutdown(cancel_futures=True)
+    for helper in helpers:
+        if not helper.cancelled() and not isinstance(helper.exception(), _Stopped):
+            helper.result()
 
 
 def may_be_shared(cell: Cell) -> bool:
     """Return whether all code that plays a cell is of this package."""
     shipped = cell.policy == clairvoyant.NAME or registry.ships(cell.policy)
     return shipped and not cell.scenario.extensions and cell.scenario.robot.kind in clairvoyant.KINDS
+
+
+def results(
+    cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[[int], None]
+) -> Iterator[Batch | Failure]:
+    """Play some episodes of a cell, and yield each batch; if the policy raises, the failure is the last."""
+    batches = play(cell, settings, numbers, on_step)
+    while True:
+        try:
+            result = next(batches, None)
+        except (Exception, SystemExit) as error:
+            result = failure_of(cell, error)
+        if result is None:
+            return
+        yield result
 
 
 def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[[int], None]) -> Iterator[Batch]:

@@ -9,7 +9,6 @@ ratios to the best policy are the exception.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,18 +16,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from baselines.benchmark import clairvoyant
-from baselines.benchmark.comparison import Comparisons, complete, reference_of
 from baselines.benchmark.plot_styles import STYLE, saved, styles_of
-from baselines.benchmark.ratios import profile, with_ratios
-from baselines.benchmark.rows import Rows, by_kind, grouped
-from baselines.benchmark.shown_columns import COMPARED, RATIOS, brought_in
+from baselines.benchmark.shown_columns import COMPARED, OVERALL, RATIOS, brought_in
 from baselines.benchmark.statistics import (
+    Band,
+    Estimate,
     performance_profile,
     probability_of_improvement,
-    summarize,
-    summarize_largest,
+    profile_over_scenarios,
 )
+from baselines.benchmark.table import Group, Rows, Table, grouped, numbers, reference_of
 from baselines.benchmark.tables import shown_name
 from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario
@@ -53,8 +50,6 @@ _STYLE: dict[Any, Any] = STYLE | {
     "pdf.fonttype": 42,  # fonts that journals accept and readers can search
     "svg.hashsalt": "lissajous",
 }
-_MOST_ENDLESS = 0.25
-"""Share of infinite scores up to which the middle half has none."""
 _VALUES = 200
 """Values at which a profile is drawn."""
 _FIRST_ROW = 0.7
@@ -63,75 +58,59 @@ _ROW = 0.17
 """Height of a row [inch]."""
 
 
-@dataclass(frozen=True)
-class Group:
-    """The scenarios of a kind of robots, and the policies that played all of them."""
+class _Scores:
+    """Scores of a group of scenarios, times over T_max; the worst case of an open episode is infinite."""
 
-    kind: str
-    scenarios: tuple[Scenario, ...]
-    reference: str
-    """Policy that the others are compared with."""
-    scores: dict[str, dict[Column, list[np.ndarray]]]
-    """Scores of the episodes of each scenario, by policy and column."""
-
-    @property
-    def columns(self) -> list[Column]:
-        """Return the columns of `COMPARED` with a number of every policy on every scenario, some of them finite."""
-        every = {column: [scores for of in self.scores.values() for scores in of[column]] for column in COMPARED}
-        return [
+    def __init__(self, group: Group, scenarios: Mapping[str, Scenario], against: str | None):
+        self.policies = list(group.rows)
+        self.reference = reference_of(group.rows, against)
+        """Policy that the others are compared with."""
+        self.of = {
+            policy: {
+                column: [_scaled_scores(rows, column, scenarios[name]) for name, rows in by.items()]
+                for column in COMPARED
+            }
+            for policy, by in group.rows.items()
+        }
+        """Scores of each scenario, by policy and column."""
+        every = {column: [scores for of in self.of.values() for scores in of[column]] for column in COMPARED}
+        self.columns = [
             column
             for column, of in every.items()
             if all((~np.isnan(scores)).any() for scores in of) and any(np.isfinite(scores).any() for scores in of)
         ]
+        """Columns with a number of every policy on every scenario, some of them finite."""
 
 
-def groups_of(rows: Rows, scenarios: Mapping[str, Scenario], against: str | None = None) -> list[Group]:
-    """Put score rows, with their derived columns, together by kind of robots."""
-    found = []
-    for kind, played in by_kind(rows, scenarios).items():
-        names = list(next(iter(played.values())))
-        scores = {
-            policy: {c: [_scores(of[name], c, scenarios[name]) for name in names] for c in COMPARED}
-            for policy, of in played.items()
-        }
-        rivals = [policy for policy in scores if policy != clairvoyant.NAME]
-        if rivals:
-            found.append(Group(kind, tuple(scenarios[n] for n in names), reference_of(rivals, against), scores))
-    return found
-
-
-def draw(
-    rows: Rows, scenarios: Mapping[str, Scenario], comparisons: Comparisons, against: str | None, form: str
-) -> Iterator[tuple[str, bytes]]:
-    """Draw all figures and yield each as name of its file and content."""
-    styles = styles_of(dict.fromkeys(row["policy"] for row in rows))
+def draw(table: Table, against: str | None, form: str) -> Iterator[tuple[str, bytes]]:
+    """Draw all figures of a table and yield each as name of its file and content."""
+    styles = styles_of(dict.fromkeys(row["policy"] for row in table.rows))
     with own_settings(_STYLE):
-        for group in groups_of(rows, scenarios, against):
-            for name, drawn in (("profiles", _profiles), ("improvement", _improvement), ("aggregates", _aggregates)):
-                if group.columns and not (name == "improvement" and len(group.scores) < 2):
-                    yield f"{name}-{group.kind}.{form}", saved(drawn(group, styles), form)
-        for by in complete(with_ratios(rows, comparisons.bounds), scenarios).values():
-            kind = scenarios[next(iter(next(iter(by.values()))))].robot.kind
-            if columns := _finite_ratios(by):
-                yield f"ratios-{kind}.{form}", saved(_ratios(by, columns, styles), form)
-        of_scenarios = grouped(rows)
-        for name in scenarios:
-            of = of_scenarios.get(name, {})
-            played = [row for episodes in of.values() for row in episodes]
-            columns = [*COMPARED, *brought_in(played)]
-            columns = [each for each in columns if any(math.isfinite(row.get(each.name, math.nan)) for row in played)]
+        for group in table.groups():
+            scores = _Scores(group, table.scenarios, against)
+            if not scores.reference or not scores.columns:
+                continue
+            yield f"profiles-{group.kind}.{form}", saved(_profiles(scores, styles), form)
+            if len(scores.policies) > 1:
+                yield f"improvement-{group.kind}.{form}", saved(_improvement(scores, styles), form)
+            if group.name in table.overall:
+                overall = _aggregates(table.overall[group.name], styles)
+                yield f"aggregates-{group.kind}.{form}", saved(overall, form)
+        for group in table.groups():
+            ratios = [c for c in RATIOS if any(np.isfinite(x).any() for p in group.rows for x in group.strata(p, c))]
+            if ratios and len(group.scenarios) > 1:
+                yield f"ratios-{group.kind}.{form}", saved(_ratios(group, ratios, styles), form)
+        for name, of in grouped(table.rows).items():
+            rows = [row for episodes in of.values() for row in episodes]
+            columns = [c for c in (*COMPARED, *brought_in(rows)) if np.isfinite(numbers(rows, c)).any()]
             if columns:
                 yield f"distribution-{name}.{form}", saved(_distribution(name, of, columns, styles), form)
 
 
-def _scores(rows: Rows, column: Column, scenario: Scenario) -> np.ndarray:
-    """Return the scores of the episodes; times over T_max.
-
-    The worst-case undetected time of an open episode is infinite.
-    """
-    values = np.array([row.get(column.name, math.nan) for row in rows], dtype=float)
+def _scaled_scores(rows: Rows, column: Column, scenario: Scenario) -> np.ndarray:
+    values = numbers(rows, column)
     if column is WORST_CASE:
-        values[[row[OPEN.name] == 1 for row in rows]] = np.inf
+        values[numbers(rows, OPEN) == 1] = np.inf
     return values / scenario.detection_time_bound if column.unit == "s" else values
 
 
@@ -163,27 +142,27 @@ def _set_log_scale(axes: Axes, subs: tuple[int, ...] = (1, 2, 5)) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _draw_share(axes: Axes, policy: str, at: np.ndarray, found: Any, styles: Mapping[str, Any]) -> None:
-    """Draw the share of a policy's episodes at some values, with its interval; `found` has share, low and high."""
-    share, below, above = found
+def _draw_share(axes: Axes, policy: str, at: np.ndarray, band: Band, styles: Mapping[str, Any]) -> None:
+    """Draw the share of a policy's episodes at some values, with its interval."""
+    share, below, above = band
     line: dict[str, Any] = _line(policy, styles) | {"markevery": (len(at) // 8, len(at) // 4)}
     axes.plot(at, share, label=shown_name(policy), **line)
     axes.fill_between(at, below, above, color=styles[policy].colour, alpha=0.15, lw=0)
     axes.set_ylim(-0.02, 1.03)
 
 
-def _profiles(group: Group, styles: Mapping[str, Any]) -> Figure:
+def _profiles(scores: _Scores, styles: Mapping[str, Any]) -> Figure:
     """Draw for each policy the share of the episodes of all scenarios that are at least as good as a value."""
-    figure, panels = _panels(group.columns, 2.35)
+    figure, panels = _panels(scores.columns, 2.35)
     for column, axes in panels.items():
-        values = np.concatenate([scores for of in group.scores.values() for scores in of[column]])
+        values = np.concatenate([part for of in scores.of.values() for part in of[column]])
         _scaled(axes, column, values)
         low, high = (
             axes.get_xlim() if axes.get_xscale() != "linear" else (0, max(values[np.isfinite(values)].max(), 1e-9))
         )
         at = np.geomspace(low, high, _VALUES) if axes.get_xscale() == "log" else np.linspace(low, high, _VALUES)
         at = np.sort(np.concatenate([at, np.linspace(low, min(10, high), _VALUES)])) if column.rule is WHOLE else at
-        for policy, of in group.scores.items():
+        for policy, of in scores.of.items():
             _draw_share(axes, policy, at, performance_profile(of[column], at, column.better), styles)
         axes.set_xlabel(f"{_title(column)} $\\tau$")
         axes.set_title(f"$P(\\mathrm{{score}} {'≤' if column.better < 0 else '≥'} \\tau)$", fontweight="normal")
@@ -191,14 +170,14 @@ def _profiles(group: Group, styles: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def _ratios(by: Mapping[str, Mapping[str, Rows]], columns: Sequence[Column], styles: Mapping[str, Any]) -> Figure:
+def _ratios(group: Group, columns: Sequence[Column], styles: Mapping[str, Any]) -> Figure:
     """Draw for each policy the share of the episodes whose ratio is at most a value, each scenario counted once."""
     figure, panels = _panels(columns, 2.35)
     for column, axes in panels.items():
-        every = np.concatenate([numbers for of in by.values() for numbers in _numbers(of, column)])
+        every = np.concatenate([values for policy in group.rows for values in group.strata(policy, column)])
         at = np.geomspace(1.0, np.clip(np.quantile(every[np.isfinite(every)], 0.95), 2.0, 100.0), _VALUES)
-        for policy, of in by.items():
-            _draw_share(axes, policy, at, np.array(profile(_numbers(of, column), at)).T, styles)
+        for policy in group.rows:
+            _draw_share(axes, policy, at, profile_over_scenarios(group.strata(policy, column), at), styles)
         _set_log_scale(axes)
         axes.set_xlabel(f"{column.short} $\\tau$")
         axes.set_title("$P(\\mathrm{ratio} ≤ \\tau)$", fontweight="normal")
@@ -206,71 +185,47 @@ def _ratios(by: Mapping[str, Mapping[str, Rows]], columns: Sequence[Column], sty
     return figure
 
 
-def _finite_ratios(by: Mapping[str, Mapping[str, Rows]]) -> list[Column]:
-    """Return the columns of `RATIOS` with a finite number."""
-    return [c for c in RATIOS if any(np.isfinite(x).any() for of in by.values() for x in _numbers(of, c))]
-
-
-def _numbers(by_scenario: Mapping[str, Rows], column: Column) -> list[np.ndarray]:
-    return [np.array([row.get(column.name, math.nan) for row in rows], dtype=float) for rows in by_scenario.values()]
-
-
-def _improvement(group: Group, styles: Mapping[str, Any]) -> Figure:
+def _improvement(scores: _Scores, styles: Mapping[str, Any]) -> Figure:
     """Draw the probability that a policy is better than the reference, averaged over the scenarios."""
-    others = [policy for policy in group.scores if policy != group.reference]
-    figure, panels = _panels(group.columns, _FIRST_ROW + _ROW * len(others) + 0.2, rows=others)
+    others = [policy for policy in scores.policies if policy != scores.reference]
+    figure, panels = _panels(scores.columns, _FIRST_ROW + _ROW * len(others) + 0.2, rows=others)
     for column, axes in panels.items():
         axes.axvline(0.5, color="#444444", lw=0.8, ls="--", zorder=1)
         for place, policy in enumerate(others):
-            found = probability_of_improvement(
-                group.scores[policy][column], group.scores[group.reference][column], column.better
+            share = probability_of_improvement(
+                scores.of[policy][column], scores.of[scores.reference][column], column.better
             )
-            _interval(axes, place, found, styles[policy], policy)
+            _interval(axes, place, share, styles[policy], policy)
         axes.set_xlim(-0.03, 1.03)
         axes.set_title(column.short)
-    figure.supxlabel(f"probability of improvement over {group.reference}", fontsize=7.5)
+    figure.supxlabel(f"probability of improvement over {scores.reference}", fontsize=7.5)
     return figure
 
 
-def _aggregates(group: Group, styles: Mapping[str, Any]) -> Figure:
-    """Draw the interquartile mean over the episodes of all scenarios, for collisions the mean, with its interval.
-
-    For a guarantee it is the largest of all episodes, with a bar from their median.
-    """
-    policies = list(group.scores)
-    figure, panels = _panels(_closed(group), _FIRST_ROW + _ROW * len(policies), rows=policies)
+def _aggregates(policies: Mapping[str, Mapping[str, Estimate]], styles: Mapping[str, Any]) -> Figure:
+    """Draw the estimates over all scenarios with their intervals; of a largest value, a bar from the median."""
+    columns = [c for c in OVERALL if any(_has_bound(of[c.name]) for of in policies.values())]
+    figure, panels = _panels(columns, _FIRST_ROW + _ROW * len(policies), rows=list(policies))
     for column, axes in panels.items():
         shown = []
-        for place, policy in enumerate(policies):
-            strata = group.scores[policy][column]
-            is_largest = column.summary == LARGEST
-            of = summarize_largest(np.concatenate(strata)) if is_largest else summarize(*strata, summary=column.summary)
-            endless = _endless(strata)
-            if _is_closed(column, strata) and np.isfinite(of.value):
-                ends = (of.median, of.max) if is_largest else of.interval
-                _interval(axes, place, (of.value, *ends), styles[policy], policy)
-                shown += [of.value, ends[0]] if is_largest else [of.value]
+        for place, (policy, of) in enumerate(policies.items()):
+            estimate = of[column.name]
+            if _has_bound(estimate):
+                ends = (estimate.median, estimate.max) if column.summary == LARGEST else estimate.interval
+                _interval(axes, place, (estimate.value, *ends), styles[policy], policy)
+                shown += [estimate.value, *ends]
             else:
                 words = {"transform": axes.get_yaxis_transform(), "fontsize": 6, "color": "#777777"}
-                axes.text(0.98, place, f"no bound in {100 * endless:.0f} %", ha="right", va="center", **words)
-        _scaled(axes, column, np.array(shown or [1.0]))
-        axes.set_title(_title(column) + (f"\nlargest of {of.n}" if column.summary == LARGEST else ""))
+                axes.text(0.98, place, "no bound" if estimate.n_finite else "", ha="right", va="center", **words)
+        _scaled(axes, column, np.array(shown))
+        counted = max(of[column.name].n_finite for of in policies.values())
+        title = column.heading.replace("T_max", "$T_{max}$")
+        axes.set_title(title + (f"\nlargest of {counted}" if column.summary == LARGEST else ""))
     return figure
 
 
-def _endless(strata: Sequence[np.ndarray]) -> float:
-    """Return the share of the scores that are infinite."""
-    return float(np.isinf(np.concatenate(strata)).mean())
-
-
-def _closed(group: Group) -> list[Column]:
-    """Return the columns of which some policy has an aggregate."""
-    return [c for c in group.columns if any(_is_closed(c, of[c]) for of in group.scores.values())]
-
-
-def _is_closed(column: Column, strata: Sequence[np.ndarray]) -> bool:
-    """Return whether a column has an aggregate in spite of infinite scores, none of which a largest value allows."""
-    return _endless(strata) <= (0 if column.summary == LARGEST else _MOST_ENDLESS)
+def _has_bound(estimate: Estimate) -> bool:
+    return math.isfinite(estimate.value) and not estimate.at_least
 
 
 def _distribution(name: str, of: Mapping[str, Rows], columns: Sequence[Column], styles: Mapping[str, Any]) -> Figure:
@@ -284,10 +239,10 @@ def _distribution(name: str, of: Mapping[str, Rows], columns: Sequence[Column], 
     for column in columns:
         axes, every = panels[column], []
         for place, policy in enumerate(policies):
-            values = np.array([row.get(column.name, math.nan) for row in of[policy]], dtype=float)
+            values = numbers(of[policy], column)
             known, colour = np.isfinite(values), styles[policy].colour
             is_largest = column.summary == LARGEST
-            is_open = np.array([is_largest and row[OPEN.name] == 1 for row in of[policy]])[known]
+            is_open = (is_largest & (numbers(of[policy], OPEN) == 1))[known]
             values = values[known]
             if not len(values):
                 continue
@@ -332,8 +287,8 @@ def _line(policy: str, styles: Mapping[str, Any]) -> dict[str, Any]:
     return {"color": colour, "marker": mark, "ms": 3.5, "mew": 0.8, "lw": 1.1, **hollow}
 
 
-def _interval(axes: Axes, place: int, found: tuple[float, float, float], style: Any, policy: str) -> None:
-    middle, low, high = found
+def _interval(axes: Axes, place: int, share: tuple[float, float, float], style: Any, policy: str) -> None:
+    middle, low, high = share
     axes.plot([low, high], [place, place], color=style.colour, lw=4, alpha=0.35, solid_capstyle="butt")
     face = "white" if unwrapped(policy)[1] else style.colour
     axes.plot([middle], [place], color=style.colour, marker=style.mark, ms=4, mew=0.9, mfc=face)

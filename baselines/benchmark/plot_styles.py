@@ -84,10 +84,10 @@ def styles_of(played: Iterable[str]) -> dict[str, PlotStyle]:
     plain = dict.fromkeys(unwrapped(policy)[0] for policy in policies)
     fixed = {name: style_at(place) for names in (_FIXED, _FIXED_POINTS) for place, name in enumerate(names)}
     style_of = {policy: fixed[policy] for policy in plain if policy in fixed}
-    for policy in sorted(each for each in plain if each not in style_of):
+    for policy in sorted(policy for policy in plain if policy not in style_of):
         first = zlib.crc32(policy.encode())
         places = [style_at((first + k) % _STYLES) for k in range(_STYLES)]
-        colours = {each.colour for each in style_of.values()}
-        free = [each for each in places if each not in style_of.values()] or places
-        style_of[policy] = next((each for each in free if each.colour not in colours), free[0])
+        colours = {style.colour for style in style_of.values()}
+        free = [style for style in places if style not in style_of.values()] or places
+        style_of[policy] = next((style for style in free if style.colour not in colours), free[0])
     return {policy: style_of[unwrapped(policy)[0]] for policy in policies}

@@ -98,7 +98,7 @@ class Progress:
         """Show that a cell begins."""
         with self._lock:
             this = self._cells[id(cell)]
-            this.began = time.monotonic()
+            this.began = this.began or time.monotonic()
             self._bar.update(self._task, description=f"{this.name} [dim]preparing[/]", refresh=True)
 
     def step(self, cell: Any, worlds: int) -> None:
@@ -111,25 +111,29 @@ class Progress:
                 self._bar.update(self._task, description=this.name, completed=self._gone())
 
     def finished(self, cell: Any, episodes: int) -> None:
-        """Show that some episodes have ended."""
+        """Show that some episodes have ended; with the last of a cell, the cell is over."""
         with self._lock:
             this = self._cells[id(cell)]
             this.played += episodes
             this.steps_done = 0
             self._done += episodes
             self._bar.update(self._task, completed=self._gone(), done=self._done)
+            if this.played == this.left:
+                self._print(this, "1 episode" if this.played == 1 else f"{this.played} episodes")
 
-    def end(self, cell: Any, word: str = "") -> None:
-        """Show that a cell is over; a word states how, if not well."""
+    def failed(self, cell: Any, word: str) -> None:
+        """Show that a cell is over before its last episode; the word states how it ended."""
         with self._lock:
             this = self._cells[id(cell)]
             self._total -= (this.left - this.played) * this.steps
             this.steps_done = 0
             self._bar.update(self._task, total=max(self._total, 1), completed=self._gone())
-            if not self._console.is_interactive:
-                took = time.monotonic() - this.began
-                counted = "1 episode" if this.played == 1 else f"{this.played} episodes"
-                self._console.print(f"{this.name}: {word or counted}, {took:.1f} s", highlight=False, soft_wrap=True)
+            self._print(this, word)
+
+    def _print(self, cell: _Cell, words: str) -> None:
+        if not self._console.is_interactive:
+            took = time.monotonic() - cell.began
+            self._console.print(f"{cell.name}: {words}, {took:.1f} s", highlight=False, soft_wrap=True)
 
     def _gone(self) -> int:
         """Return the number of steps so far in all worlds."""

@@ -1,21 +1,32 @@
-"""Episodes that a report can play: chosen among those of a benchmark, and played again from their seeds."""
+"""The report of a benchmark with episodes that it can play: chosen among all, and played again from their seeds."""
 
+import json
 import math
 import time
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from collections import Counter
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
+from rich import progress as bars
+from rich.console import Console
+
+from baselines.benchmark import standard, written
 from baselines.benchmark.clairvoyant import Clairvoyant
 from baselines.benchmark.local import may_be_shared
-from baselines.benchmark.types import Cell
+from baselines.benchmark.progress import bar
+from baselines.benchmark.report_page import Played, Report, command_of
+from baselines.benchmark.table import Row
+from baselines.benchmark.types import Cell, Key, Outcome
+from baselines.policies import registry
+from baselines.policies.factories import is_ones_own, named
 from lissajous_env.device.devices import cores
 from lissajous_env.episodes import missed
 from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.replay.contents import BRIEF, contents
+from lissajous_env.storage.folder import Folder
+from lissajous_env.wording import where_raised
 from lissajous_env.world.columns import WORST_CASE
 from lissajous_env.world.simulation import Simulation, fold_seed
 
@@ -27,21 +38,81 @@ FEW_BYTES = 11e6
 _TOGETHER = 4
 """Episodes that are recorded together: each requires tens of megabytes meanwhile."""
 
-_T = TypeVar("_T")
-Key = tuple[str, str, int]
-"""Scenario, policy and seed of an episode."""
+Batch = tuple[Cell, list[int]]
+"""A policy on a scenario, and the seeds that are played side by side."""
 
 
-@dataclass(frozen=True)
-class Played:
-    """An episode that was played again."""
+def write_report(folder: Folder, outcome: Outcome, progress: Console) -> str:
+    """Write `report.html` of all episodes of the folder, and return a line about its replays.
 
-    contents: dict[str, Any] = field(repr=False)
-    """Content that the page needs to play it."""
-    same: bool
-    """True if it had the same scores as in the benchmark; a policy may draw its own numbers, or round differently."""
-    rogue: float | None = None
-    """Time at which the rogue that the policy misses appears [s]; None if the replay shows none."""
+    It depends only on the score rows and their seeds, so that a benchmark that was interrupted has the same report.
+    """
+    provenance = written.provenance(outcome.stored["device"])
+    report = Report(
+        outcome.table, provenance, _commands(outcome), _nameless(outcome), outcome.failures, outcome.theorem
+    )
+    ranked, cells, asked = report.ranked(), playable(outcome), outcome.settings.replays
+    folder.write(written.REPORT, report.html(ranked, {}))
+    wanted = chosen(asked, ranked, cells)
+    if not wanted:
+        return ""
+    played: dict[Key, Played] = {}
+    failed = []
+    counted = bars.TextColumn("{task.completed} replays")
+    with bar(progress, bars.TextColumn("{task.description}"), counted) as shown:
+        task = shown.add_task("", total=len(wanted))
+        groups = batches(wanted, cells, ranked, outcome.table.references())
+        for cell, result in make(groups, ranked, outcome.device, "few" in asked):
+            shown.update(task, description=f"{cell.scenario.name} {cell.policy}")
+            if isinstance(result, BaseException):
+                failed.append(f"{cell.policy} on {cell.scenario.name}: {where_raised(result)}")
+            else:
+                played |= result
+                shown.advance(task, len(result))
+    folder.write(written.REPORT, report.html(ranked, played))
+    is_short = "few" in asked and any(key not in played for key in wanted)
+    more = "; --replays each adds the best, the median and the worst of all" if is_short else ""
+    said = [f"{written.REPORT} plays {len(played):,} of the episodes{more}"]
+    return "\n".join([*said, *(f"not replayed: {words}" for words in failed)])
+
+
+def playable(outcome: Outcome) -> dict[tuple[str, str], Cell]:
+    """Return the cells of this call, and those of earlier calls whose policy and scenario are unchanged."""
+    cells = {(cell.scenario.name, cell.policy): cell for cell in outcome.cells}
+    for name, policies in outcome.stored["policies"].items():
+        scenario = outcome.table.scenarios[name]
+        for policy in policies:
+            whole = scenario.digest() == outcome.stored["digests"][name]  # no extension is missing
+            known = (name, policy) not in cells and whole and policy in registry.names(scenario)
+            if known and registry.parts(policy) == outcome.stored["played"][policy]:
+                cells[name, policy] = Cell(scenario, policy, named(policy))
+    failed = {(failure.scenario, failure.policy) for failure in outcome.failures}
+    return {place: cell for place, cell in cells.items() if place not in failed}
+
+
+def _commands(outcome: Outcome) -> dict[str, str]:
+    """Return the name of each scenario in a command, for those with a name that leads to the same one."""
+    overrides, commands = outcome.settings.overrides, {}
+    for given in dict.fromkeys((*outcome.settings.scenarios, *outcome.table.scenarios)):
+        try:
+            scenario = standard.as_played(given, overrides)
+        except (ValueError, OSError, ImportError):
+            continue
+        if scenario.digest() == outcome.stored["digests"].get(scenario.name):
+            words = command_of(given, plain_fields(standard.overrides_of(given, overrides)))
+            commands.setdefault(scenario.name, words)
+    return commands
+
+
+def plain_fields(overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the overrides that can be written on a command line."""
+    return {name: value for name, value in overrides.items() if isinstance(value, (str, int, float, tuple, type(None)))}
+
+
+def _nameless(outcome: Outcome) -> frozenset[str]:
+    """Return the policies that were passed as Python objects, so that no command can name them."""
+    policies = {policy for of in outcome.stored["policies"].values() for policy in of}
+    return frozenset(name for name in policies if name not in registry.names() and not is_ones_own(name))
 
 
 def check(asked: Sequence[str], cells: Iterable[Cell], seeds: range) -> None:
@@ -57,17 +128,18 @@ def check(asked: Sequence[str], cells: Iterable[Cell], seeds: range) -> None:
             )
 
 
-def chosen(asked: Sequence[str], ranked: Sequence[Mapping[str, Any]]) -> list[list[Key]]:
-    """Return the episodes to replay, in rounds; those of a round matter more than those of the next.
+def chosen(asked: Sequence[str], ranked: Sequence[Row], cells: Container[tuple[str, str]]) -> dict[Key, int]:
+    """Return the episodes to replay, each with its round; those of a round matter more than those of the next.
 
     Args:
         asked: As `Benchmark.replays` has them.
         ranked: Score rows, the worst first.
+        cells: Scenario and policy of those that can be played.
     """
     of: dict[tuple[str, str], list[Key]] = {}
     for row in ranked:
         of.setdefault((row["scenario"], row["policy"]), []).append((row["scenario"], row["policy"], row["seed"]))
-    rounds: list[list[Key]] = [[]]
+    rounds: list[list[Key]] = []
     for word in asked:
         if word in ("few", "each"):
             rounds.append([keys[0] for keys in of.values()])
@@ -76,88 +148,89 @@ def chosen(asked: Sequence[str], ranked: Sequence[Mapping[str, Any]]) -> list[li
             most = None if word == "all" else int(word)
             rounds.append([key for keys in of.values() for key in keys[:most]])
         elif (key := _episode(word, of)) is not None:
-            rounds[0].append(key)
-    return [list(dict.fromkeys(keys)) for keys in rounds if keys]
+            rounds.insert(0, [key])
+    rounds_of: dict[Key, int] = {}
+    for number, keys in enumerate(rounds):
+        for key in keys:
+            if key[:2] in cells:
+                rounds_of.setdefault(key, number)
+    return rounds_of
+
+
+def batches(
+    chosen: Mapping[Key, int],
+    cells: Mapping[tuple[str, str], Cell],
+    ranked: Sequence[Row],
+    references: Mapping[str, str],
+) -> list[Batch]:
+    """Group episodes by cell, a few at a time, each after the same seeds of its reference; scenarios take turns.
+
+    Args:
+        chosen: Result of `chosen`.
+        cells: Policies on scenarios, by name.
+        ranked: Score rows of the benchmark.
+        references: Policy that the others of a scenario are compared with.
+    """
+    there = {(row["scenario"], row["policy"], row["seed"]) for row in ranked}
+    seeds_of: dict[tuple[int, tuple[str, str]], list[int]] = {}
+    done: set[Key] = set()
+    for key, number in chosen.items():
+        for wanted in ((key[0], references.get(key[0], ""), key[2]), key):
+            if wanted in there and wanted not in done and wanted[:2] in cells:
+                done.add(wanted)
+                seeds_of.setdefault((number, wanted[:2]), []).append(wanted[2])
+    turns: Counter[tuple[int, str]] = Counter()
+    ordered = []
+    for (number, place), seeds in seeds_of.items():
+        turns[number, place[0]] += 1
+        ordered.append((number, turns[number, place[0]], place, seeds))
+    ordered.sort(key=lambda entry: entry[:2])
+    return [
+        (cells[place], seeds[k : k + _TOGETHER])
+        for _, _, place, seeds in ordered
+        for k in range(0, len(seeds), _TOGETHER)
+    ]
 
 
 def make(
-    rounds: Sequence[Sequence[Key]],
-    cells: Mapping[tuple[str, str], Cell],
-    rows: Mapping[Key, Mapping[str, Any]],
-    references: Mapping[str, str],
-    device: Any,
-    hurried: bool,
-    on_begin: Callable[[Cell], None],
-    on_failure: Callable[[Cell, BaseException], None],
-) -> Iterator[tuple[Key, Played]]:
-    """Play episodes again, round after round, and yield each; before them, the same seeds of their reference.
-
-    They are played on as many threads as the benchmark's, and yielded in the same order on any number.
+    batches: Sequence[Batch], ranked: Sequence[Row], device: Any, hurried: bool
+) -> Iterator[tuple[Cell, dict[Key, Played] | BaseException]]:
+    """Play episodes again, and yield those of each batch, or what its policy raised, in the order of the batches.
 
     Args:
-        rounds: Episodes to play; those without a cell are left out.
-        cells: Policies on scenarios, by name.
-        rows: Score rows of the benchmark.
-        references: Policy that the others of a scenario are compared with.
+        batches: Result of `batches`.
+        ranked: Score rows of the benchmark.
         device: Warp device.
         hurried: End after `FEW_SECONDS` or `FEW_BYTES`.
-        on_begin: Called with each cell before it is played.
-        on_failure: Called with a cell whose policy raised this time, and with what it raised.
     """
-    began, size, done = time.monotonic(), 0, set()
+    rows = {(row["scenario"], row["policy"], row["seed"]): row for row in ranked}
+    began, size = time.monotonic(), 0
 
-    def play(cell: Cell, seeds: list[int]) -> list[tuple[Key, Played]]:
-        recorded, found = record_together(cell, seeds, device), []
-        rogues = _missed(cell, [played for _, played in recorded])
+    def play(cell: Cell, seeds: list[int]) -> dict[Key, Played]:
+        recorded, played = record_together(cell, seeds, device), {}
+        rogues = _missed(cell, [episode for _, episode in recorded])
         for (recording, _), rogue in zip(recorded, rogues, strict=True):
             key = (cell.scenario.name, cell.policy, int(recording.score["seed"]))
             same, appears = _agree(recording.score, rows[key]), None if rogue is None else rogue.appears
-            found.append((key, Played(contents(recording, BRIEF, rogue), same, appears)))
-        return found
-
-    def begun(pool: ThreadPoolExecutor) -> Iterator[tuple[Cell, Future[list[tuple[Key, Played]]]]]:
-        for keys in rounds:
-            wanted = [key for key in keys if key in rows and key[:2] in cells]
-            for place, seeds in _batches(wanted, references, rows):
-                cell, left = cells[place], [seed for seed in seeds if (*place, seed) not in done]
-                if not left:
-                    continue
-                if hurried and (time.monotonic() - began > FEW_SECONDS or size > FEW_BYTES):
-                    return
-                on_begin(cell)
-                done.update((*place, seed) for seed in left)
-                shared = device == "cpu" and may_be_shared(cell)
-                yield cell, pool.submit(play, cell, left) if shared else _called(play, cell, left)
+            played[key] = Played(contents(recording, BRIEF, rogue), same, appears)
+        return played
 
     with ThreadPoolExecutor(cores()) as pool:
-        for cell, future in _ahead(begun(pool), cores()):
-            try:
-                episodes = future.result()
-            except (Exception, SystemExit) as error:
-                on_failure(cell, error)
-                continue
-            size += sum(_size(played.contents) for _, played in episodes)
-            yield from episodes
-
-
-def _ahead(begun: Iterator[_T], most: int) -> Iterator[_T]:
-    """Yield in order what an iterator yields, which is up to `most` entries ahead."""
-    waiting: deque[_T] = deque()
-    for each in begun:
-        waiting.append(each)
-        if len(waiting) > most:
-            yield waiting.popleft()
-    yield from waiting
-
-
-def _called(function: Callable[..., _T], *given: Any) -> Future[_T]:
-    """Call a function in this thread, and return its result as a thread of a pool does."""
-    future: Future[_T] = Future()
-    try:
-        future.set_result(function(*given))
-    except (Exception, SystemExit) as error:
-        future.set_exception(error)
-    return future
+        for first in range(0, len(batches), cores()):
+            if hurried and (time.monotonic() - began > FEW_SECONDS or size > FEW_BYTES):
+                return
+            some = batches[first : first + cores()]
+            futures = [
+                pool.submit(play, *batch) if device == "cpu" and may_be_shared(batch[0]) else None for batch in some
+            ]
+            for batch, future in zip(some, futures, strict=True):
+                try:
+                    played = play(*batch) if future is None else future.result()
+                except (Exception, SystemExit) as error:
+                    yield batch[0], error
+                    continue
+                size += sum(len(json.dumps(episode.contents)) for episode in played.values())
+                yield batch[0], played
 
 
 def record_together(
@@ -193,48 +266,20 @@ def record_together(
 def _missed(cell: Cell, episodes: Sequence[missed.Played | None]) -> list[missed.MissedRogue | None]:
     """Return the rogues that a policy misses for longer than T_max, the detection-time bound of the paper."""
     bound = cell.scenario.detection_time_bound
-    long = [k for k, each in enumerate(episodes) if each is not None and each.score[WORST_CASE.name] > bound]
-    chosen = [each for k, each in enumerate(episodes) if k in long and each is not None]
-    found = dict(zip(long, missed.missed_in(chosen, cell.policy, prove=False) if chosen else [], strict=True))
-    return [found.get(k) for k in range(len(episodes))]
-
-
-def _batches(
-    keys: Sequence[Key], references: Mapping[str, str], rows: Mapping[Key, Any]
-) -> Iterator[tuple[tuple[str, str], list[int]]]:
-    """Group episodes of a cell, a few at a time, after those beside which they are shown; scenario by scenario."""
-    queues = []
-    for scenario in dict.fromkeys(key[0] for key in keys):
-        of, reference, queue = [key for key in keys if key[0] == scenario], references.get(scenario), []
-        for k in range(0, len(of), _TOGETHER):
-            few = of[k : k + _TOGETHER]
-            beside = [(scenario, reference, key[2]) for key in few if reference is not None]
-            seeds_of: dict[tuple[str, str], list[int]] = {}
-            for key in dict.fromkeys([*(key for key in beside if key in rows), *few]):
-                seeds_of.setdefault(key[:2], []).append(key[2])
-            queue += seeds_of.items()
-        queues.append(queue)
-    for k in range(max(map(len, queues), default=0)):
-        yield from (queue[k] for queue in queues if k < len(queue))
+    long = [k for k, episode in enumerate(episodes) if episode is not None and episode.score[WORST_CASE.name] > bound]
+    chosen = [episode for k, episode in enumerate(episodes) if k in long and episode is not None]
+    rogues = dict(zip(long, missed.missed_in(chosen, cell.policy, prove=False) if chosen else [], strict=True))
+    return [rogues.get(k) for k in range(len(episodes))]
 
 
 def _episode(word: str, names: Iterable[tuple[str, str]]) -> Key | None:
     """Return the episode that `SCENARIO:POLICY:SEED` names; names of scenarios and policies may contain colons."""
     cell, _, seed = word.rpartition(":")
-    found = next((name for name in names if f"{name[0]}:{name[1]}" == cell), None)
-    return (*found, int(seed)) if found and seed.isascii() and seed.isdecimal() else None
+    place = next((name for name in names if f"{name[0]}:{name[1]}" == cell), None)
+    return (*place, int(seed)) if place and seed.isascii() and seed.isdecimal() else None
 
 
 def _agree(score: Mapping[str, Any], row: Mapping[str, Any]) -> bool:
     """Return whether two score rows have the same numbers."""
     numbers = [(row[c], score[c]) for c in row if c in score and isinstance(row[c], (int, float)) and c != "episode"]
     return all(a == b or math.isclose(a, b, rel_tol=1e-9) or (a != a and b != b) for a, b in numbers)
-
-
-def _size(value: Any) -> int:
-    """Return the approximate size of an object as JSON [bytes]."""
-    if isinstance(value, str):
-        return len(value) + 2
-    if isinstance(value, Mapping):
-        return sum(len(name) + 4 + _size(each) for name, each in value.items())
-    return sum(map(_size, value)) + 2 if isinstance(value, (list, tuple)) else 8

@@ -2,20 +2,17 @@
 
 import math
 import shlex
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from baselines.benchmark import clairvoyant
 from baselines.benchmark.bounds import Bounds
-from baselines.benchmark.comparison import Comparisons, with_derived
-from baselines.benchmark.failures import KINDS, badness, failed, headline, worst_first
 from baselines.benchmark.plot_styles import COLOURS, styles_of
-from baselines.benchmark.ranking import Ranking, rankings
-from baselines.benchmark.replays import Key, Played
-from baselines.benchmark.rows import Rows, grouped
+from baselines.benchmark.ranking import KINDS, Ranking, badness, failed, headline, rankings, worst_first
 from baselines.benchmark.shown_columns import (
     COMPARED,
     MAIN,
@@ -23,18 +20,18 @@ from baselines.benchmark.shown_columns import (
     OVERALL,
     SHOWN,
     brought_in,
-    lines_of,
     shown_columns,
+    values_of_theory,
 )
-from baselines.benchmark.statistics import Paired, Statistics
-from baselines.benchmark.tables import between, in_words, number, shown_name
-from baselines.benchmark.types import Outcome
+from baselines.benchmark.statistics import Estimate, Paired
+from baselines.benchmark.table import Row, Rows, Table, grouped, numbers
+from baselines.benchmark.tables import in_words, pair_in_words, shown_name, with_numbers
+from baselines.benchmark.types import Failure, Key
 from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.report import report
 from lissajous_env.world.columns import COLLISIONS, COLUMNS, DETECTION_TIME, LARGEST, OPEN, WHOLE, WORST_CASE, Column
 
-NAME = "report.html"
 FORMAT = "lissajous report 2"
 MOST_EPISODES = 20_000
 """Largest number of episodes that are listed; of more, the worst of each policy on each scenario."""
@@ -45,26 +42,35 @@ _DIGITS = 5
 
 
 @dataclass(frozen=True)
+class Played:
+    """An episode that was played again."""
+
+    contents: dict[str, Any] = field(repr=False)
+    """Content that the page needs to play it."""
+    same: bool
+    """True if it had the same scores as in the benchmark; a policy may draw its own numbers, or round differently."""
+    rogue: float | None = None
+    """Time at which the rogue that the policy misses appears [s]; None if the replay shows none."""
+
+
+@dataclass(frozen=True)
 class Report:
     """The content of the page."""
 
-    outcome: Outcome
-    comparisons: Comparisons
-    made: Mapping[str, str]
+    table: Table
+    provenance: Mapping[str, str]
     """Command, machine and versions of the numbers, in words."""
-    commands: Mapping[str, str]
+    commands: Mapping[str, str] = field(default_factory=dict)
     """Name of each scenario in a command, with its overrides; scenarios without such a name are left out."""
-    nameless: frozenset[str]
+    nameless: frozenset[str] = frozenset()
     """Policies that cannot be named in a command."""
+    failures: Sequence[Failure] = ()
+    notes: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """Sentences about a scenario, by its name."""
 
     def ranked(self) -> list[dict[str, Any]]:
-        """Return all score rows of the folder, with their derived columns, the worst first."""
-        rows = with_derived(self.outcome.held_rows, self.outcome.held_scenarios)
-        return [rows[k] for k in worst_first(rows, self.outcome.held_scenarios)]
-
-    def references(self) -> dict[str, str]:
-        """Return the policy that the others of a scenario are compared with."""
-        return {name: reference for name, (reference, _) in self.comparisons.against.items()}
+        """Return all score rows, the worst first."""
+        return [self.table.rows[k] for k in worst_first(self.table.rows, self.table.scenarios)]
 
     def html(self, ranked: Rows, replays: Mapping[Key, Played]) -> str:
         """Make the page.
@@ -73,27 +79,24 @@ class Report:
             ranked: result of `ranked`.
             replays: episodes that can be played in it.
         """
-        policies = list(dict.fromkeys(row["policy"] for row in self.outcome.held_rows))
+        rows = self.table.rows
+        policies = list(dict.fromkeys(row["policy"] for row in rows))
         number_of = {name: k for k, name in enumerate(policies)}
-        scenario_of = {name: k for k, name in enumerate(self.comparisons.cells)}
-        kept, held, columns = _listed(ranked), self.outcome.held_scenarios, _columns(self.outcome.held_rows)
-        by = grouped(ranked)
+        scenario_of = {name: k for k, name in enumerate(self.table.estimates)}
+        listed, columns, by = _listed(ranked), _columns(rows), grouped(ranked)
         replayed = {f"replay-{k}": (key, played) for k, (key, played) in enumerate(replays.items())}
         data = {
             "format": FORMAT,
-            "made": dict(self.made),
+            "made": dict(self.provenance),
             "kinds": [{"name": kind.name, "words": kind.words, "about": kind.about} for kind in KINDS],
             "policies": self._policies(policies),
-            "rankings": [
-                self._ranking(each, scenario_of, number_of)
-                for each in rankings(with_derived(self.outcome.held_rows, held), held)
-            ],
+            "rankings": [self._ranking(of, scenario_of, number_of) for of in rankings(self.table)],
             "scenarios": [self._scenario(name, number_of, by.get(name, {})) for name in scenario_of],
-            "failures": [[each.scenario, each.policy, each.error] for each in self.outcome.failures],
+            "failures": [[failure.scenario, failure.policy, failure.error] for failure in self.failures],
             "columns": columns,
             "tradeoff": [DETECTION_TIME.name, COLLISIONS.name],
             "total": len(ranked),
-            "episodes": _episodes(kept, columns, scenario_of, number_of),
+            "episodes": _episodes(listed, columns, scenario_of, number_of),
             "replays": {
                 name: [scenario_of[s], number_of[p], seed, played.same, played.rogue]
                 for name, ((s, p, seed), played) in replayed.items()
@@ -128,17 +131,19 @@ class Report:
     def _ranking(
         self, ranking: Ranking, scenario_of: Mapping[str, int], number_of: Mapping[str, int]
     ) -> dict[str, Any]:
-        overall = self.comparisons.overall.get(", ".join(ranking.scenarios), {})
+        overall = self.table.overall.get(ranking.group.name, {})
         return {
-            "kind": _KINDS.get(ranking.kind, ranking.kind),
-            "scenarios": [scenario_of[name] for name in ranking.scenarios],
-            "columns": [{"name": each.name, "title": each.heading} for each in ranking.columns],
-            "measures": [{"column": each.name, "title": each.heading, "about": each.described} for each in OVERALL],
+            "kind": _KINDS.get(ranking.group.kind, ranking.group.kind),
+            "scenarios": [scenario_of[name] for name in ranking.group.scenarios],
+            "columns": [{"name": column.name, "title": column.heading} for column in ranking.columns],
+            "measures": [
+                {"column": column.name, "title": column.heading, "about": column.described} for column in OVERALL
+            ],
             "policies": [
                 {
                     "policy": number_of[policy],
                     "ranks": _rounded([list(ranking.overall[policy]), *map(list, of.values())]),
-                    "overall": [_aggregate(overall[policy][each.name]) for each in OVERALL] if overall else [],
+                    "overall": [_aggregate(overall[policy][column.name]) for column in OVERALL] if overall else [],
                 }
                 for policy, of in ranking.ranks.items()
             ],
@@ -146,7 +151,8 @@ class Report:
 
     def _against(self, name: str, number_of: Mapping[str, int]) -> dict[str, Any] | None:
         """Return the comparison of a scenario's policies with its reference, seed by seed; None without one."""
-        _, policies = self.comparisons.against.get(name, ("", {}))
+        against = self.table.against.get(name)
+        policies = against.policies if against is not None else {}
         columns = [column for column in COMPARED if any(of[column.name].n for of in policies.values())]
         if not columns:
             return None
@@ -159,26 +165,22 @@ class Report:
         }
 
     def _scenario(self, name: str, number_of: Mapping[str, int], rows: Mapping[str, Rows]) -> dict[str, Any]:
-        scenario = self.outcome.held_scenarios[name]
-        played = [row for of in rows.values() for row in of]
-        cells = self.comparisons.cells[name]
-        shown = [each for each in shown_columns(scenario, cells) if each.page]
-        shown = [each for each in shown if any(_is_known(row, each) for row in played)]
-        bounds = self.comparisons.bounds[name]
-        times, curves = _curves(self.outcome.held_curves.get(name, {}))
-        reference = self.references().get(name)
+        scenario, cells, bounds = self.table.scenarios[name], self.table.estimates[name], self.table.bounds[name]
+        shown = with_numbers(cells, [column for column in shown_columns(scenario, cells) if column.page])
+        times, curves = _curves(self.table.curves.get(name, {}))
+        reference = self.table.references().get(name)
         return {
             "name": name,
             "description": scenario.description,
             "facts": _facts(scenario, bounds),
-            "notes": self.outcome.theorem.get(name, []),
+            "notes": list(self.notes.get(name, [])),
             "bound": _rounded(scenario.detection_time_bound),
             "bound_name": scenario.detection_time_label,
             "headline": headline(scenario).name,
             "reference": None if reference is None else number_of[reference],
             "against": self._against(name, number_of),
             "command": self.commands.get(name),
-            "measures": [_described(each, lines_of(each, scenario, bounds)) for each in shown],
+            "measures": [_described(column, values_of_theory(column, scenario, bounds)) for column in shown],
             "times": times,
             "policies": [
                 {
@@ -186,7 +188,7 @@ class Report:
                     "episodes": len(of),
                     "failed": np.sum([failed(row) for row in of], axis=0).tolist(),
                     "badness": _rounded(_badness(of, scenario)),
-                    "cells": {each.name: _cell(cells[policy], each, of) for each in shown},
+                    "cells": {column.name: _cell(cells[policy], column, of) for column in shown},
                     "curve": curves.get(policy),
                 }
                 for policy, of in rows.items()
@@ -196,11 +198,11 @@ class Report:
 
 def _badness(rows: Rows, scenario: Scenario) -> list[float]:
     """Return the means of `badness` over the episodes of a policy, of a guarantee the largest."""
-    each = np.array([badness(row, scenario) for row in rows])
-    _, *others = each.mean(axis=0)
+    of = np.array([badness(row, scenario) for row in rows])
+    _, *others = of.mean(axis=0)
     if headline(scenario).summary == LARGEST:
-        others[0] = each[:, 1].max()
-    return [each[:, 0].mean(), *others]
+        others[0] = of[:, 1].max()
+    return [of[:, 0].mean(), *others]
 
 
 def _described(column: Column, lines: Sequence[tuple[float, str]]) -> dict[str, Any]:
@@ -233,38 +235,35 @@ def _facts(scenario: Scenario, bounds: Bounds) -> list[tuple[str, str]]:
     return [*known, *((name, f"{bound:.3g} s") for name, bound in bounded.items() if math.isfinite(bound))]
 
 
-def _is_known(row: Mapping[str, Any], column: Column) -> bool:
-    return math.isfinite(row.get(column.name, math.nan))
-
-
-def _cell(of: Mapping[str, Statistics], column: Column, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _cell(of: Mapping[str, Estimate], column: Column, rows: Rows) -> dict[str, Any]:
     """Return what the page shows of a column of one policy: a number and what tables show beside it, and quartiles."""
-    cell = of[column.name]
-    known = [row[column.name] for row in rows if _is_known(row, column)]
-    words, beside = in_words(cell)
+    estimate, values = of[column.name], numbers(rows, column)
+    words, beside = in_words(estimate)
+    known = values[np.isfinite(values)]
     return {
         "words": words,
         "between": beside,
-        "value": _rounded(cell.value),
-        "interval": _rounded([*cell.interval]),
-        "known": cell.n_finite,
-        "quartiles": _rounded(np.quantile(known, (0, 0.25, 0.5, 0.75, 1)).tolist()) if known else None,
+        "value": _rounded(estimate.value),
+        "interval": _rounded([*estimate.interval]),
+        "known": estimate.n_finite,
+        "quartiles": _rounded(np.quantile(known, (0, 0.25, 0.5, 0.75, 1)).tolist()) if len(known) else None,
     }
 
 
-def _aggregate(of: Statistics) -> list[Any]:
+def _aggregate(of: Estimate) -> list[Any]:
     """Return a number over all scenarios in words, what is beside it, and the number that sorts it; None comes last."""
     return [*in_words(of), None if of.at_least else _rounded(of.value)]
 
 
 def _pair(of: Paired) -> dict[str, Any]:
     """Return the share of the seeds and the difference of a comparison, in words and as numbers."""
+    share, difference = pair_in_words(of)
     return {
         "n": of.n,
-        "share": f"{100 * of.better:.0f} %" if of.n else "",
-        "shares": between(of.better_low, of.better_high, 100),
-        "difference": number(of.difference),
-        "differences": between(of.difference_low, of.difference_high),
+        "share": share.value,
+        "shares": share.beside,
+        "difference": difference.value,
+        "differences": difference.beside,
         "better": _rounded([of.better, of.better_low, of.better_high]),
     }
 
@@ -279,46 +278,46 @@ def _curves(curves: Mapping[str, tuple[Any, Any]]) -> tuple[list[float], dict[st
         return [], {}
     end = max(t[np.searchsorted(share, 0.995 * share[-1])] for t, share in known.values())
     times = 1.05 * max(end, 1e-3) * np.linspace(0, 1, _CURVE + 1) ** 1.5
-    found = {}
+    shares = {}
     for policy, (t, share) in known.items():
         unseen = 1 - np.concatenate([[0], share])[np.searchsorted(t, times, side="right")]
-        found[policy] = _rounded(np.where((times > t[-1]) & (share[-1] < 1), np.nan, unseen).tolist())
-    return _rounded(times.tolist()), found
+        shares[policy] = _rounded(np.where((times > t[-1]) & (share[-1] < 1), np.nan, unseen).tolist())
+    return _rounded(times.tolist()), shares
 
 
-def _listed(ranked: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+def _listed(ranked: Sequence[Row]) -> list[Row]:
     """Return the episodes that the page lists, the worst first."""
     if len(ranked) <= MOST_EPISODES:
         return list(ranked)
     most = max(MOST_EPISODES // len({(row["scenario"], row["policy"]) for row in ranked}), 1)
-    counted: dict[tuple[str, str], int] = {}
-    kept = []
+    counted: Counter[tuple[str, str]] = Counter()
+    worst = []
     for row in ranked:
         place = row["scenario"], row["policy"]
-        counted[place] = counted.get(place, 0) + 1
+        counted[place] += 1
         if counted[place] <= most:
-            kept.append(row)
-    return kept[:MOST_EPISODES]
+            worst.append(row)
+    return worst[:MOST_EPISODES]
 
 
-def _columns(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def _columns(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Return the columns by which episodes can be sorted, the most important first."""
     brought = brought_in(rows)
     return [
         {
-            "name": each.name,
-            "title": each.heading,
-            "listed": each in (*brought, *MAIN),
-            "whole": each.rule is WHOLE,
-            "open": OPEN.name if each is WORST_CASE else None,
+            "name": column.name,
+            "title": column.heading,
+            "listed": column in (*brought, *MAIN),
+            "whole": column.rule is WHOLE,
+            "open": OPEN.name if column is WORST_CASE else None,
         }
-        for each in dict.fromkeys((*brought, *SHOWN, *COLUMNS.values()))
+        for column in dict.fromkeys((*brought, *SHOWN, *COLUMNS.values()))
     ]
 
 
 def _episodes(
-    rows: Sequence[Mapping[str, Any]],
-    columns: Sequence[Mapping[str, Any]],
+    rows: Sequence[Row],
+    columns: Sequence[Row],
     scenario_of: Mapping[str, int],
     number_of: Mapping[str, int],
 ) -> dict[str, list[Any]]:
@@ -328,14 +327,14 @@ def _episodes(
         "policy": [number_of[row["policy"]] for row in rows],
         "seed": [row["seed"] for row in rows],
         "failed": [sum(fails << k for k, fails in enumerate(failed(row))) for row in rows],
-        **{each["name"]: [_rounded(row.get(each["name"], math.nan)) for row in rows] for each in columns},
+        **{column["name"]: [_rounded(row.get(column["name"], math.nan)) for row in rows] for column in columns},
     }
 
 
 def _rounded(value: Any) -> Any:
     """Round to a few digits; NaN and infinity become null."""
     if isinstance(value, list):
-        return [_rounded(each) for each in value]
+        return [_rounded(entry) for entry in value]
     if not math.isfinite(value):
         return None
     return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value

@@ -3,88 +3,186 @@
 A folder can grow: by scenarios, policies and episodes. What is there already stays as it is, so all else must agree.
 """
 
-import contextlib
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from baselines.benchmark import detections
-from baselines.benchmark.rows import numbers_of, refusal_of, short
+from baselines.benchmark.detections import share_detected
+from baselines.benchmark.shown_columns import column_of
+from baselines.benchmark.table import Curve
 from baselines.benchmark.types import Batch, Benchmark, Cell
 from baselines.policies import registry
 from baselines.policies.factories import parts
 from lissajous_env.console.terminal import plain
-from lissajous_env.identity import parts_of
-from lissajous_env.parameters.plain_scenario import scenario_of
+from lissajous_env.identity import digest_of, parts_of
 from lissajous_env.parameters.robot_models import is_shipped, model_of
 from lissajous_env.parameters.rogues import folder_of, members_of
-from lissajous_env.parameters.scenario import Scenario, digest_of
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.storage.files import read_json
 from lissajous_env.storage.folder import Folder
+from lissajous_env.storage.journal import Journal
+from lissajous_env.world.columns import COLUMNS, NAMES, WHOLE
 
-_ENTRIES = {"policies": dict, "episodes": int, "seed": int, "device": str, "versions": dict, "digests": dict,
-            "scenarios": dict, "played": dict}  # fmt: skip
-"""Entries of settings.json with their types."""
-
-
-NAMES = ("settings.json", "episodes.jsonl", detections.NAME)
+SETTINGS, EPISODES = "settings.json", "episodes.jsonl"
+FILES = (SETTINGS, EPISODES, detections.NAME)
 """Files that are preserved."""
+_FIXED = ("seed", "device", "versions")
+"""Entries of the settings that all calls have in common."""
 _ROBOTS, _ROGUES = "robots of kind ", "rogues "
-_ADVICE = "choose another --out, or delete the folder"
+
+_Key = tuple[str, str, int]
 
 
-def keep_settings(folder: Folder, settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
-    """Write the settings beside the results and return them, those of earlier calls among them.
+class Results:
+    """The settings and score rows in a folder; of an episode that has ended, its row is there once.
 
-    Other scenarios and policies are added to what is there, and so are more episodes; all else must agree. The code of
-    a policy may change as long as the folder has no episode of it, so a policy that failed can be mended.
+    Attributes:
+        stored: Settings of the folder, including those of earlier calls.
+        scenarios: Scenarios of the folder by name.
 
     Raises:
-        ValueError: the folder contains results of other settings (the message shows the differences), or is damaged.
+        ValueError: the folder contains results of other settings (the message shows the differences), or a file in it
+            is damaged, or has an episode of other settings; file, line and value are named.
     """
-    path = folder.path / "settings.json"
-    now = as_settings(settings, cells)
-    if not path.exists():
-        if (folder.path / "episodes.jsonl").exists():
-            raise ValueError(
-                f"{folder.path} contains episodes.jsonl but no settings.json, so the benchmark cannot resume; "
-                "choose another --out"
-            )
-        folder.write("settings.json", json.dumps(now, indent=2) + "\n")
-        return now
-    there = read_settings(path)
-    both = [name for name in now["scenarios"] if name in there["scenarios"]]
-    begun = _begun(folder)
-    played = [
-        name
-        for name in now["played"]
-        if name in there["played"] and (name in begun or name.startswith((_ROBOTS, _ROGUES)))
-    ]
-    fixed = ("seed", "device", "versions")
-    then, wanted = (
-        {name: of[name] for name in fixed}
-        | {"scenarios": {name: of["scenarios"][name] for name in both}}
-        | {"played": {name: of["played"][name] for name in played}}
-        for of in (there, now)
-    )
-    if differing := _differences(then, wanted):
-        raise ValueError(_refusal(folder.path, differing))
-    policies = {name: list(dict.fromkeys([*there["policies"].get(name, []), *now["policies"].get(name, [])]))
-                for name in {**there["policies"], **now["policies"]}}  # fmt: skip
-    held = {
-        "policies": policies,
-        "episodes": max(there["episodes"], now["episodes"]),
-        **{name: there[name] for name in fixed},
-        "digests": now["digests"] | there["digests"],
-        "played": there["played"] | {name: of for name, of in now["played"].items() if name not in played},
-        "scenarios": there["scenarios"] | {n: of for n, of in now["scenarios"].items() if n not in both},
-    }
-    if held != there:
-        folder.write("settings.json", json.dumps(held, indent=2) + "\n")
-    return held
+
+    def __init__(self, folder: Folder, settings: Benchmark | None = None, cells: Sequence[Cell] = ()):
+        """Read a folder, and add the settings and cells of a call to it; without settings, nothing is added."""
+        there = read_settings(folder.path) if (folder.path / SETTINGS).exists() else None
+        if there is None and (folder.path / EPISODES).exists():
+            raise ValueError(f"{folder.path} contains {EPISODES} but no {SETTINGS}; choose another --out")
+        now = None if settings is None else as_settings(settings, cells)
+        self.stored: dict[str, Any] = there or now or {}
+        self._rows: dict[_Key, dict[str, Any]] = {}
+        self._detections: dict[_Key, dict[str, Any]] = {}
+        self._journals: list[Journal] = []
+        if self.stored != (there or {}):
+            self._write(folder)  # before the episodes, which are useless without it
+        try:
+            self._episodes = self._open(folder, EPISODES, self._wrong_row, self._rows)
+            self._times = self._open(folder, detections.NAME, detections.refusal_of, self._detections)
+            if there is not None and now is not None:
+                self.stored = self._extended(folder.path, there, now)
+                if self.stored != there:
+                    self._write(folder)
+            self.scenarios = _scenarios_of(folder.path, self.stored)
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(
+        self, folder: Folder, name: str, refusal: Callable[[Any], str | None], entries: dict[_Key, dict[str, Any]]
+    ) -> Journal:
+        """Open a journal and read its entries, which a function refuses."""
+        journal = folder.journal(name)
+        self._journals.append(journal)
+        for line, entry in enumerate(journal.entries, start=1):
+            if wrong := refusal(entry):
+                raise ValueError(f"{journal.path}, line {line}: {wrong}; delete that line to play its episode again")
+            entries[_key(entry)] = entry | {name: math.nan for name in entry if entry[name] is None}
+        return journal
+
+    def _write(self, folder: Folder) -> None:
+        folder.write(SETTINGS, json.dumps(self.stored | {"digest": _digest(self.stored)}, indent=2) + "\n")
+
+    def _wrong_row(self, row: Any) -> str | None:
+        """Return the rule that a row violates, also that it is of an episode of the settings which is there once."""
+        stored = self.stored
+        scenario = row.get("scenario") if isinstance(row, dict) else None
+        extensions = stored["scenarios"].get(scenario, {}).get("extensions", ()) if isinstance(scenario, str) else ()
+        wrong = refusal_of(row, [extension["name"] for extension in extensions if extension["kind"] == "score column"])
+        if wrong is not None:
+            return wrong
+        if row["policy"] not in stored["policies"].get(row["scenario"], []):
+            return f"is an episode of {row['policy']!r} on {row['scenario']!r}, which settings.json does not name"
+        if row["episode"] >= stored["episodes"]:
+            return f"is episode {row['episode']} of {stored['episodes']}"
+        if row["seed"] != stored["seed"] + row["episode"]:
+            return f"must have seed {stored['seed'] + row['episode']}, got {row['seed']}"
+        return "is an episode that the folder already contains" if _key(row) in self._rows else None
+
+    def _extended(self, folder: Path, there: dict[str, Any], now: dict[str, Any]) -> dict[str, Any]:
+        """Return the settings of a folder with those of a call; scenarios, policies and episodes may be added.
+
+        The code of a policy may change as long as the folder has no episode of it, so a policy that failed can be
+        mended.
+        """
+        both = [name for name in now["scenarios"] if name in there["scenarios"]]
+        begun = {policy for _, policy, _ in self._rows}
+        played = [
+            name
+            for name in now["played"]
+            if name in there["played"] and (name in begun or name.startswith((_ROBOTS, _ROGUES)))
+        ]
+        then, wanted = (
+            {name: of[name] for name in _FIXED}
+            | {"scenarios": {name: of["scenarios"][name] for name in both}}
+            | {"played": {name: of["played"][name] for name in played}}
+            for of in (there, now)
+        )
+        if differing := _differences(then, wanted):
+            raise ValueError(_refusal(folder, differing))
+        policies = {
+            name: list(dict.fromkeys([*there["policies"].get(name, []), *now["policies"].get(name, [])]))
+            for name in {**there["policies"], **now["policies"]}
+        }
+        return {
+            "policies": policies,
+            "episodes": max(there["episodes"], now["episodes"]),
+            **{name: there[name] for name in _FIXED},
+            "digests": now["digests"] | there["digests"],
+            "played": there["played"] | {name: of for name, of in now["played"].items() if name not in played},
+            "scenarios": now["scenarios"] | there["scenarios"],
+        }
+
+    def missing(self, cell: Cell, episodes: int) -> list[int]:
+        """Return the numbers of those of the first `episodes` episodes of a cell that have not been played."""
+        name = cell.scenario.name
+        return [k for k in range(episodes) if (name, cell.policy, k) not in self._rows]
+
+    def add(self, batch: Batch) -> None:
+        """Add episodes that have ended; they are on the disk when this returns."""
+        # The rows last: an episode without a row is played again.
+        self._times.append(batch.detections)
+        self._episodes.append(plain(batch.rows))
+        self._detections |= {_key(entry): entry for entry in batch.detections}
+        self._rows |= {_key(row): row for row in batch.rows}
+
+    def of(self, cells: Iterable[Cell], episodes: int) -> list[dict[str, Any]]:
+        """Return the rows of the first episodes of some cells, by scenario, policy and episode."""
+        keys = [(cell.scenario.name, cell.policy, k) for cell in cells for k in range(episodes)]
+        return [self._rows[key] for key in keys if key in self._rows]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return all rows, by scenario, policy and episode, in the order of the folder's settings."""
+        places = [(scenario, policy) for scenario, policies in self.stored["policies"].items() for policy in policies]
+        order = {place: k for k, place in enumerate(places)}
+        return [self._rows[key] for key in sorted(self._rows, key=lambda key: (order[key[:2]], key[2]))]
+
+    def curves(self) -> dict[str, dict[str, Curve]]:
+        """Return the share of the targets that is detected over time, by scenario and policy."""
+        pooled: dict[str, dict[str, tuple[list[float], list[float]]]] = {}
+        for row in self.rows():
+            found, unfound = pooled.setdefault(row["scenario"], {}).setdefault(row["policy"], ([], []))
+            entry = self._detections.get(_key(row), {"found": [], "unfound": []})
+            found += entry["found"]
+            unfound += entry["unfound"]
+        return {name: {policy: share_detected(*times) for policy, times in of.items()} for name, of in pooled.items()}
+
+    def close(self) -> None:
+        """Close the files."""
+        for journal in self._journals:
+            journal.close()
+
+    def __enter__(self) -> "Results":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 def as_settings(settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
@@ -95,17 +193,11 @@ def as_settings(settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
         "episodes": settings.episodes,
         "seed": settings.seed,
         "device": settings.device,
-        "versions": {name: version(name) for name in ("lissajous-env", "warp-lang")},
+        "versions": versions(),
         "digests": {name: scenario.digest() for name, scenario in scenarios.items()},
         "scenarios": {name: scenario.to_dict() for name, scenario in scenarios.items()},
         "played": _played(cells),
     })  # fmt: skip
-
-
-def _begun(folder: Folder) -> set[str]:
-    """Return the names of the policies of which the folder contains episodes."""
-    with contextlib.closing(folder.journal("episodes.jsonl")) as journal:
-        return {str(row.get("policy")) for row in journal.entries}
 
 
 def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
@@ -118,151 +210,103 @@ def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
     return {cell.policy: parts(cell.factory) for cell in cells} | models | learned
 
 
-def scenarios_of(folder: Path, held: Mapping[str, Any]) -> dict[str, Scenario]:
-    """Make the scenarios in a folder's settings, by name.
-
-    Raises:
-        ValueError: they are damaged: they cannot be made, or do not match the stored digests.
-    """
-    made = {}
-    for name, fields in held["scenarios"].items():
+def _scenarios_of(folder: Path, stored: Mapping[str, Any]) -> dict[str, Scenario]:
+    """Make the scenarios in a folder's settings, by name; extensions are not imported."""
+    scenarios = {}
+    for name, fields in stored["scenarios"].items():
         try:
-            made[name] = scenario_of(fields)
-            # Extensions are identified by the stored entries; they are not imported.
-            digest = digest_of(made[name].to_dict() | {"extensions": fields["extensions"]})
-        except (TypeError, ValueError, KeyError, AttributeError, RecursionError) as error:
-            raise _damaged(folder / "settings.json", f"scenarios.{name}: {error}") from error
-        if made[name].name != name or digest != held["digests"][name]:
-            raise _damaged(folder / "settings.json", f"scenarios.{name} does not match its digest")
-    return made
+            scenarios[name] = scenario_of(fields)
+        except (TypeError, ValueError, KeyError, AttributeError) as error:
+            raise _damaged(folder, f"scenarios.{name}: {error}") from error
+    return scenarios
 
 
-class Episodes:
-    """The score rows of the episodes that have ended, each on the disk once; `detections`, the times of their targets.
-
-    Raises:
-        ValueError: the file is damaged or contains an episode of other settings; file, line and value are named.
-    """
-
-    def __init__(self, folder: Folder, held: Mapping[str, Any]):
-        self._held = held
-        self._rows: dict[tuple[str, str, int], dict[str, Any]] = {}
-        self._journal = folder.journal("episodes.jsonl")
-        try:
-            for line, row in enumerate(self._journal.entries, start=1):
-                wrong = refusal_of(row, self._brought(row)) or self._what_does_not_belong(row)
-                if wrong:
-                    raise ValueError(
-                        f"{self._journal.path}, line {line}: {wrong}; delete that line to play its episode again"
-                    )
-                self._rows[_key(row)] = row | {c: math.nan for c in numbers_of(row) if row[c] is None}
-            self.detections = detections.Detections(folder)
-        except ValueError:
-            self._journal.close()
-            raise
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    def missing(self, cell: Cell, episodes: int) -> list[int]:
-        """Return the numbers of those of the first `episodes` episodes of a cell that have not been played."""
-        name = cell.scenario.name
-        return [k for k in range(episodes) if (name, cell.policy, k) not in self._rows]
-
-    def add(self, batch: Batch) -> None:
-        """Add episodes that have ended; they are on the disk when this returns."""
-        # The rows last: an episode without a row is played again.
-        self.detections.add(batch.detections)
-        self._journal.append(plain(batch.rows))
-        self._rows |= {_key(row): row for row in batch.rows}
-
-    def of(self, cells: Iterable[Cell], episodes: int) -> list[dict[str, Any]]:
-        """Return the rows of the first episodes of some cells, by scenario, policy and episode."""
-        keys = [(c.scenario.name, c.policy, k) for c in cells for k in range(episodes)]
-        return [self._rows[key] for key in keys if key in self._rows]
-
-    def all(self) -> list[dict[str, Any]]:
-        """Return all rows, by scenario, policy and episode, in the order of the folder's settings."""
-        places = [(s, p) for s, policies in self._held["policies"].items() for p in policies]
-        order = {place: k for k, place in enumerate(places)}
-        return [self._rows[key] for key in sorted(self._rows, key=lambda key: (order[key[:2]], key[2]))]
-
-    def _brought(self, row: Any) -> list[str]:
-        """Return the columns that the scenario of a row adds."""
-        name = row.get("scenario") if isinstance(row, dict) else None
-        held = self._held["scenarios"].get(name, {}) if isinstance(name, str) else {}
-        return [each["name"] for each in held.get("extensions", ()) if each["kind"] == "score column"]
-
-    def _what_does_not_belong(self, row: dict[str, Any]) -> str | None:
-        held = self._held
-        if row["policy"] not in held["policies"].get(row["scenario"], []):
-            return f"is an episode of {row['policy']!r} on {row['scenario']!r}, which settings.json does not name"
-        if row["episode"] >= held["episodes"]:
-            return f"is episode {row['episode']} of {held['episodes']}"
-        if row["seed"] != held["seed"] + row["episode"]:
-            return f"must have seed {held['seed'] + row['episode']}, got {row['seed']}"
-        return "is an episode that the folder already contains" if _key(row) in self._rows else None
-
-    def __enter__(self) -> "Episodes":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._journal.close()
-        self.detections.close()
-
-
-def read_settings(path: Path) -> dict[str, Any]:
+def read_settings(folder: Path) -> dict[str, Any]:
     """Read the settings in a folder.
 
     Raises:
-        ValueError: they are damaged; the message names the entry.
+        ValueError: they are not as they were written by this version.
     """
     try:
-        there = read_json(path)
+        there = read_json(folder / SETTINGS)
     except ValueError as error:
-        raise ValueError(f"{error}; {_ADVICE}") from error
-    if not isinstance(there, dict) or set(there) != set(_ENTRIES):
-        raise _damaged(path, f"it must contain {', '.join(_ENTRIES)}")
-    for name, kind in _ENTRIES.items():
-        if type(there[name]) is not kind or (kind is int and not 0 <= there[name] < 2**31):
-            raise _damaged(path, f"{name} is {short(there[name])}")
-    entries = there["policies"].values(), there["digests"].values(), there["scenarios"].values()
-    for name, of, kind in zip(("policies", "digests", "scenarios"), entries, (list, str, dict), strict=True):
-        if set(there[name]) != set(there["policies"]) or not all(type(entry) is kind for entry in of):
-            raise _damaged(path, f"{name} is {short(there[name])}")
-    words = [word for parts in there["played"].values() for word in (parts.values() if type(parts) is dict else [None])]
-    policies = [policy for of in there["policies"].values() for policy in of]
-    if not all(isinstance(policy, str) for policy in policies):
-        raise _damaged(path, f"policies is {short(there['policies'])}")
-    if set(policies) - set(there["played"]) or not all(isinstance(word, str) for word in words):
-        raise _damaged(path, f"played is {short(there['played'])}")
+        raise ValueError(f"{error}; choose another --out, or delete the folder") from error
+    digest = there.pop("digest", None) if isinstance(there, dict) else None
+    if digest is None or digest != _digest(there):
+        by = there.get("versions") if isinstance(there, dict) else None
+        raise _damaged(folder, f"it does not match its digest; it is of {by or 'no version'}, this is {versions()}")
     return there
 
 
-def _damaged(path: Path, why: str) -> ValueError:
-    return ValueError(f"{path} is damaged: {why}; {_ADVICE}")
+def versions() -> dict[str, str]:
+    """Return the versions on which score rows depend."""
+    return {name: version(name) for name in ("lissajous-env", "warp-lang")}
 
 
-def _key(row: Mapping[str, Any]) -> tuple[str, str, int]:
+def refusal_of(row: Any, brought: Sequence[str] = ()) -> str | None:
+    """Return the rule that a score row violates, as JSON represents one; None for a valid row.
+
+    Args:
+        row: the row to check.
+        brought: names of the columns that the scenario adds, in their order.
+    """
+    if tuple(row) != (*NAMES, *brought):
+        return "must have the columns of a score row"
+    for name in ("scenario", "policy"):
+        if not isinstance(row[name], str):
+            return f"{name} must be a text, got {row[name]!r}"
+    for name in ("episode", "seed"):
+        if not WHOLE.accepts(row[name]):
+            return f"{name} must be {WHOLE.words}, got {_short(row[name])}"
+    for name in (*COLUMNS, *brought):
+        if wrong := column_of(name).refusal(row[name]):
+            return f"{name} {wrong}, got {_short(row[name])}"
+    return None
+
+
+def _short(value: Any) -> str:
+    """Return a value in a few words, however large it is."""
+    try:
+        words = repr(value)
+    except ValueError:  # a whole number of more digits than Python prints
+        return f"a {type(value).__name__} too long to print"
+    return words if len(words) <= 60 else f"{words[:60]}..."
+
+
+def _digest(stored: Mapping[str, Any]) -> str:
+    return digest_of(json.dumps(stored, sort_keys=True).encode())
+
+
+def _damaged(folder: Path, why: str) -> ValueError:
+    return ValueError(f"{folder / SETTINGS} is damaged: {why}; choose another --out, or delete the folder")
+
+
+def _key(row: Mapping[str, Any]) -> _Key:
     return row["scenario"], row["policy"], row["episode"]
 
 
-def _differences(there: Any, now: Any, name: str = "") -> list[tuple[str, str, str]]:
+def _differences(there: Any, now: Any) -> list[tuple[str, str, str]]:
     """Return the entries that differ, as (dotted name, stored, now); a scenario's description does not count."""
-    if isinstance(there, dict) and isinstance(now, dict):
-        names = [*there, *(key for key in now if key not in there)]
-        names = [key for key in names if key != "description" or "played." in name or name.endswith(".parts")]
-        inside = [(there.get(key, "-"), now.get(key, "-"), key) for key in names]
-        return [found for a, b, key in inside for found in _differences(a, b, f"{name}.{key}".lstrip("."))]
-    alike = isinstance(there, list) and isinstance(now, list) and len(there) == len(now)
-    if alike and all(isinstance(each, dict) for each in (*there, *now)):
-        pairs = zip(there, now, strict=True)
-        return [found for k, (a, b) in enumerate(pairs) for found in _differences(a, b, f"{name}.{k}")]
-    return [] if there == now else [(name, _in_words(there), _in_words(now))]
+    first, second = _flat(there), _flat(now)
+    pairs = {name: (first.get(name, "-"), second.get(name, "-")) for name in {**first, **second}}
+    return [
+        (name, *(_short(value).strip("'") for value in pair))
+        for name, pair in pairs.items()
+        if pair[0] != pair[1] and not (name.startswith("scenarios.") and name.endswith(".description"))
+    ]
 
 
-def _in_words(value: Any) -> str:
-    return "..." if isinstance(value, dict) else short(value).strip("'")
+def _flat(value: Any, name: str = "") -> dict[str, Any]:
+    """Return the entries of nested objects, and of lists of objects, by dotted name."""
+    if isinstance(value, list) and value and all(isinstance(entry, dict) for entry in value):
+        value = dict(enumerate(value))
+    if not isinstance(value, dict):
+        return {name: value}
+    return {
+        place: inner
+        for key, entry in value.items()
+        for place, inner in _flat(entry, f"{name}.{key}".lstrip(".")).items()
+    }
 
 
 def _refusal(folder: Path, differing: list[tuple[str, str, str]]) -> str:

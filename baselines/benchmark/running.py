@@ -4,6 +4,7 @@
 made from it at the end.
 """
 
+import threading
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -15,16 +16,16 @@ from baselines.benchmark import (
     cluster,
     local,
     replays,
-    report_writer,
     results_folder,
     standard,
-    summary_files,
     tables,
+    written,
 )
-from baselines.benchmark.comparison import compare
 from baselines.benchmark.progress import Progress
+from baselines.benchmark.results_folder import Results
+from baselines.benchmark.table import Table
 from baselines.benchmark.theorem import about_theorem
-from baselines.benchmark.types import Benchmark, Cell, Failure, Outcome
+from baselines.benchmark.types import Batch, Benchmark, Cell, Failure, Outcome
 from baselines.policies import registry
 from baselines.policies.factories import Factory, as_factory, is_ones_own, named
 from lissajous_env.console.terminal import make_console
@@ -70,32 +71,31 @@ def measure(
 ) -> Outcome:
     """Do the same as `run`, and also return the policies that failed; `progress` is shown on a console of its own."""
     if scenarios is None:
-        scenarios = [standard.as_played(each, settings.overrides) for each in settings.scenarios]
+        scenarios = [standard.as_played(name, settings.overrides) for name in settings.scenarios]
     cells = plan(settings, policies, scenarios)
     console = console or make_console()
     progress = progress or make_console(stderr=True, quiet=console.quiet)
     started = time.monotonic()
-    with Folder(settings.out, (*results_folder.NAMES, *summary_files.NAMES)) as folder:
-        held = results_folder.keep_settings(folder, settings, cells)
-        held_scenarios = results_folder.scenarios_of(folder.path, held)
-        with results_folder.Episodes(folder, held) as kept:
-            found = len(kept.of(cells, settings.episodes))
-            raised = _play_all(settings, cells, kept, progress)
-            rows, held_rows = kept.of(cells, settings.episodes), kept.all()
-            held_curves = kept.detections.curves(held_rows)
-        elapsed = time.monotonic() - started
-        left_out = [each for each in raised if each.is_refusal and each.policy not in settings.policies]
-        failures = [each for each in raised if each not in left_out]
-        folder_holds = held, held_scenarios, held_rows, held_curves
-        outcome = Outcome(settings, cells, rows, failures, found, elapsed, *folder_holds, left_out)
-        device = settings.device if settings.engine == "local" else "cpu"
-        outcome.theorem = about_theorem(report_writer.playable(outcome).values(), held_rows, device)
-        comparisons = compare(held_rows, held_scenarios, settings.against)
-        summary_files.write_files(folder, outcome, comparisons)
-        said = report_writer.write_report(folder, outcome, comparisons, progress)
-    if len(rows) < len(held_rows):
-        comparisons = compare(rows, outcome.scenarios, settings.against)
-    tables.print_tables(console, outcome, comparisons, said)
+    with (
+        Folder(settings.out, (*results_folder.FILES, *written.FILES)) as folder,
+        Results(folder, settings, cells) as results,
+    ):
+        resumed = len(results.of(cells, settings.episodes))
+        raised = _play_all(settings, cells, results, progress)
+        rows, stored_rows = results.of(cells, settings.episodes), results.rows()
+        table = Table.of(stored_rows, results.scenarios, settings.against, results.curves())
+        outcome = Outcome(
+            settings, cells, rows, table, results.stored, resumed=resumed, elapsed=time.monotonic() - started
+        )
+        for failure in raised:
+            is_wanted = not failure.is_refusal or failure.policy in settings.policies
+            (outcome.failures if is_wanted else outcome.left_out).append(failure)
+        outcome.theorem = about_theorem(replays.playable(outcome).values(), stored_rows, outcome.device)
+        written.write_files(folder, outcome, stored_rows)
+        said = replays.write_report(folder, outcome, progress)
+    if len(rows) < len(stored_rows):
+        table = Table.of(rows, outcome.scenarios, settings.against)
+    tables.print_tables(console, outcome, table, said)
     return outcome
 
 
@@ -119,12 +119,14 @@ def plan(
     kinds = {name: _kind_of(name) for name in own if registry.is_folder(name)}
     others = [name for name in settings.policies if name not in own and not everything]
     unnamed = not (own or others)
-    made = [build(each, **settings.overrides) for each in (settings.scenarios if scenarios is None else scenarios)]
+    played = [
+        build(scenario, **settings.overrides) for scenario in (settings.scenarios if scenarios is None else scenarios)
+    ]
     for name in others:
-        if not any(name in registry.names(scenario) for scenario in made):
-            registry.make(name, made[0])  # names the defect
+        if not any(name in registry.names(scenario) for scenario in played):
+            registry.make(name, played[0])  # names the defect
     cells = []
-    for scenario in made:
+    for scenario in played:
         fitting = registry.names(scenario)
         if unnamed:
             chosen = _all(fitting, scenario) if everything else _usual(fitting, scenario)
@@ -135,16 +137,16 @@ def plan(
         cells += [Cell(scenario, name, of) for name, of in own.items() if kinds.get(name) in (None, kind)]
         if (settings.clairvoyant or (unnamed and not everything)) and kind in clairvoyant.KINDS:
             cells.append(Cell(scenario, clairvoyant.NAME, clairvoyant.Clairvoyant))
-        if not chosen and len(cells) == before and not (own and len(made) > 1):
+        if not chosen and len(cells) == before and not (own and len(played) > 1):
             kind, got = f"robots of kind {kind}", few_of((*others, *own))
             raise ValueError(f"policies must contain one for {scenario.name}, which has {kind}; got {got}")
     if not cells:
         raise ValueError(f"policies must contain one for the scenarios, got {few_of(own)}")
     if settings.against is not None and settings.against not in {cell.policy for cell in cells}:
-        played = few_of((cell.policy for cell in cells), settings.against)
-        raise ValueError(f"against must be one of the policies ({played}), got {settings.against}")
+        names = few_of((cell.policy for cell in cells), settings.against)
+        raise ValueError(f"against must be one of the policies ({names}), got {settings.against}")
     if len({(cell.scenario.name, cell.policy) for cell in cells}) < len(cells):
-        raise ValueError(f"scenarios must differ in name, got {few_of(scenario.name for scenario in made)}")
+        raise ValueError(f"scenarios must differ in name, got {few_of(scenario.name for scenario in played)}")
     replays.check(settings.replays, cells, range(settings.seed, settings.seed + settings.episodes))
     if settings.engine == "ray":
         cluster.check(settings.device)
@@ -178,9 +180,29 @@ def _all(names: Sequence[str], scenario: Scenario) -> list[str]:
     return [name for name in chosen if not registry.unwrapped(name)[1] or name in filtered]
 
 
-def _play_all(settings: Benchmark, cells: list[Cell], kept: results_folder.Episodes, console: Console) -> list[Failure]:
-    work = [(cell, kept.missing(cell, settings.episodes)) for cell in cells]
+def _play_all(settings: Benchmark, cells: list[Cell], results: Results, console: Console) -> list[Failure]:
+    """Play the episodes that are missing, store each batch, and return the policies that failed."""
+    work = [(cell, numbers) for cell in cells if (numbers := results.missing(cell, settings.episodes))]
     with Progress(work, console) as progress:
-        if settings.engine == "ray":
-            return cluster.play_all(settings, work, kept, progress)
-        return local.play_all(settings, work, kept, progress)
+        sink = _Sink(results, progress)
+        if work:
+            (cluster if settings.engine == "ray" else local).play_all(settings, work, sink)
+    return [sink.failures[id(cell)] for cell in cells if id(cell) in sink.failures]
+
+
+class _Sink:
+    """Stores the batches of an engine, shows its progress and collects the failures, also from several threads."""
+
+    def __init__(self, results: Results, progress: Progress):
+        self.failures: dict[int, Failure] = {}
+        self.begin, self.step = progress.begin, progress.step
+        self._results, self._progress, self._lock = results, progress, threading.Lock()
+
+    def finish(self, cell: Cell, result: Batch | Failure) -> None:
+        with self._lock:
+            if isinstance(result, Failure):
+                self.failures[id(cell)] = result
+                self._progress.failed(cell, result.word)
+                return
+            self._results.add(result)
+            self._progress.finished(cell, len(result.rows))

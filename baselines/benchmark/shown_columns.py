@@ -1,17 +1,18 @@
-"""The score columns that tables, report and figures show, and the values that theory names for them."""
+"""The columns that tables, report and figures show: scores, numbers derived from them, and the values of theory."""
 
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 from baselines.benchmark.bounds import Bounds
-from baselines.benchmark.rows import column_of
 from lissajous_env.parameters.scenario import Faults, Scenario
 from lissajous_env.world.columns import (
     COLLISIONS,
     COLUMNS,
     COVERAGE,
     DETECTION_TIME,
+    FINITE,
+    IDENTITY,
     LARGEST,
     MEAN,
     NAMES,
@@ -63,39 +64,52 @@ WORST_CASE_OVER_BEST = Column(
 COMPARED = (DETECTION_TIME, WORST_CASE, COLLISIONS, SENSED)
 """Columns by which policies are compared seed by seed, and ranked."""
 RATIOS = (OVER_LOWER_BOUND, DETECTION_OVER_BEST, WORST_CASE_OVER_BOUND, WORST_CASE_OVER_BEST)
-"""Ratios of a time to a bound, and to the best policy of the run; `baselines.benchmark.ratios` computes the others."""
+"""Ratios of a time to a bound, and to the best policy of the run."""
 OVER_SCENARIOS = RATIOS[1:]
 """Columns whose statistics are over scenarios, each with the mean or the largest over its seeds."""
 OVERALL = (OVER_LOWER_BOUND, TIME_OVER_BOUND, WITHIN_BOUND, COLLISIONS, SPACING, *OVER_SCENARIOS)
 """Columns with the same meaning on every scenario, so that episodes of all scenarios can be combined."""
+DERIVED = {column.name: column for column in (*RATIOS, TIME_OVER_BOUND)}
+"""Columns that `baselines.benchmark.table` adds to score rows, by name."""
 SHOWN = tuple(
-    sorted((each for each in (*COLUMNS.values(), OVER_LOWER_BOUND) if each.place), key=lambda each: each.place)
+    sorted(
+        (column for column in (*COLUMNS.values(), OVER_LOWER_BOUND) if column.place), key=lambda column: column.place
+    )
 )
 """Columns of tables of policies, the most important first."""
+MAIN = tuple(column for column in SHOWN if column.main)
 
 
-MAIN = tuple(each for each in SHOWN if each.main)
+def column_of(name: str) -> Column:
+    """Return the column of a score row with this name, or one that describes a column of a scenario's own."""
+    about = "a score column that the scenario adds"
+    return COLUMNS.get(name) or DERIVED.get(name) or Column(name, about, rule=FINITE, empty="none")
+
+
+def numbers_of(row: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the names of the numbers of a score row, those that its scenario adds among them."""
+    return tuple(name for name in row if name not in IDENTITY)
 
 
 def brought_in(rows: Iterable[Mapping[str, Any]]) -> list[Column]:
-    """Return the columns that scenarios add, from score rows or from statistics by column.
+    """Return the columns that scenarios add, from score rows or from estimates by column.
 
     A scenario that was read from a folder no longer has its extensions, but their columns are in its rows.
     """
     known = dict.fromkeys(name for row in rows for name in row)
-    return [column_of(name) for name in known if name not in (*NAMES, OVER_LOWER_BOUND.name)]
+    return [column_of(name) for name in known if name not in (*NAMES, *DERIVED)]
 
 
 def shown_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Any]]) -> list[Column]:
     """Return the columns that tables of a scenario show: the main ones, those that it adds, and the others.
 
-    The recovery time is left out without a fault. `policies` has statistics by policy and column.
+    The recovery time is left out without a fault. `policies` has estimates by policy and column.
     """
-    others = [each for each in SHOWN if not each.main and (each is not RECOVERY or scenario.faults != Faults())]
+    others = [column for column in SHOWN if not column.main and (column is not RECOVERY or scenario.faults != Faults())]
     return [*MAIN, *brought_in(policies.values()), *others]
 
 
-def lines_of(column: Column, scenario: Scenario, bounds: Bounds) -> list[tuple[float, str]]:
+def values_of_theory(column: Column, scenario: Scenario, bounds: Bounds) -> list[tuple[float, str]]:
     """Return the values that theory names for a column of a scenario, each with its label."""
     bound = scenario.detection_time_bound, scenario.detection_time_label
     lines = {

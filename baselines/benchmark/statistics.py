@@ -1,4 +1,4 @@
-"""Statistics of scores: interquartile means with bootstrap intervals, largest values, comparisons seed by seed.
+"""Estimates of scores: interquartile means with bootstrap intervals, largest values, comparisons seed by seed.
 
 R. Agarwal, M. Schwarzer, P. S. Castro, A. Courville, M. G. Bellemare, "Deep Reinforcement Learning at the Edge of the
 Statistical Precipice" (NeurIPS 2021) gives the reasons: the mean follows outliers, the median wastes half of the runs.
@@ -22,8 +22,8 @@ CUT = 0.25
 
 
 @dataclass(frozen=True)
-class Statistics:
-    """Statistics of a score over episodes; a number that does not exist is NaN."""
+class Estimate:
+    """Estimate of a score from episodes, with its interval; a number that does not exist is NaN."""
 
     n: int
     """Episodes."""
@@ -52,6 +52,8 @@ class Statistics:
     """Episodes that show no bound."""
     at_least: bool = field(default=False, kw_only=True)
     """True if `max` is a lower bound of the largest value."""
+    worst: int | None = field(default=None, kw_only=True)
+    """Seed of the worst episode; None where it is unknown, or no value is better than another."""
 
     @property
     def value(self) -> float:
@@ -138,16 +140,16 @@ def paired(policy: Sequence[float] | np.ndarray, reference: Sequence[float] | np
     Raises:
         ValueError: other numbers of seeds.
     """
-    ours, theirs = np.asarray(policy, dtype=float), np.asarray(reference, dtype=float)
-    if ours.shape != theirs.shape:
-        raise ValueError(f"policies must have the same seeds to be compared, got {len(ours)} and {len(theirs)}")
-    both = ~(np.isnan(ours) | np.isnan(theirs))
-    ours, theirs = better * ours[both], better * theirs[both]
-    if not len(ours):
+    own, other = np.asarray(policy, dtype=float), np.asarray(reference, dtype=float)
+    if own.shape != other.shape:
+        raise ValueError(f"policies must have the same seeds to be compared, got {len(own)} and {len(other)}")
+    both = ~(np.isnan(own) | np.isnan(other))
+    own, other = better * own[both], better * other[both]
+    if not len(own):
         return Paired(0, *[np.nan] * 6)
-    won = (ours > theirs) + (ours == theirs) / 2
-    finite = np.isfinite(ours) & np.isfinite(theirs)
-    differences = better * (ours[finite] - theirs[finite])
+    won = (own > other) + (own == other) / 2
+    finite = np.isfinite(own) & np.isfinite(other)
+    differences = better * (own[finite] - other[finite])
     shares = bootstrap_interval(won, cut=0.0)
     middle = interquartile_mean(differences)
     return Paired(len(won), float(won.mean()), *shares, middle, *bootstrap_interval(differences))
@@ -182,11 +184,11 @@ def probability_of_improvement(
     U / (n m) of Mann and Whitney. Episodes of the two are drawn again apart. NaN is left out.
     """
     means, drawn = [], np.zeros(RESAMPLES)
-    for k, (ours, theirs) in enumerate(zip(policy, reference, strict=True)):
-        ours, theirs = better * ours[~np.isnan(ours)], better * theirs[~np.isnan(theirs)]
-        won = (ours[:, None] > theirs[None]) + (ours[:, None] == theirs[None]) / 2
+    for k, (own, other) in enumerate(zip(policy, reference, strict=True)):
+        own, other = better * own[~np.isnan(own)], better * other[~np.isnan(other)]
+        won = (own[:, None] > other[None]) + (own[:, None] == other[None]) / 2
         means.append(won.mean())
-        counts = draws(len(ours), RESAMPLES, 2 * k), draws(len(theirs), RESAMPLES, 2 * k + 1)
+        counts = draws(len(own), RESAMPLES, 2 * k), draws(len(other), RESAMPLES, 2 * k + 1)
         drawn += ((counts[0] @ won) * counts[1]).sum(axis=1) / won.size
     return float(np.mean(means)), *middle_of(drawn / len(means), 0.95)
 
@@ -198,16 +200,16 @@ def middle_of(values: np.ndarray, confidence: float = 0.95) -> tuple[float, floa
     return float(low), float(high)
 
 
-def summarize(*strata: Sequence[float] | np.ndarray, summary: str = INTERQUARTILE_MEAN) -> Statistics:
-    """Return the statistics of one score over the episodes of one scenario or, stratified, of several."""
+def summarize(*strata: Sequence[float] | np.ndarray, summary: str = INTERQUARTILE_MEAN) -> Estimate:
+    """Return the estimate of one score from the episodes of one scenario or, stratified, of several."""
     samples = [np.asarray(stratum, dtype=float) for stratum in strata]
     finite = [sample[np.isfinite(sample)] for sample in samples]
     values = np.concatenate(finite) if finite else np.empty(0)
     n = sum(len(sample) for sample in samples)
     if not len(values):
-        return Statistics(n, 0, *[np.nan] * 10, summary=summary)
+        return Estimate(n, 0, *[np.nan] * 10, summary=summary)
     means = bootstrap_interval(*finite, cut=0.0)
-    return Statistics(
+    return Estimate(
         n,
         len(values),
         interquartile_mean(values),
@@ -227,8 +229,8 @@ def summarize_largest(
     values: Sequence[float] | np.ndarray,
     without_bound: Sequence[bool] | np.ndarray | bool = False,
     growing: Sequence[bool] | np.ndarray | bool = False,
-) -> Statistics:
-    """Return the statistics of worst cases, for which the largest one stands.
+) -> Estimate:
+    """Return the estimate of a worst case, for which the largest one stands.
 
     Args:
         values: Worst cases, by episode; NaN for none, infinite for one without a bound.
@@ -250,6 +252,49 @@ def summarize_largest(
         open=int(is_open.sum()),
         at_least=bool(len(worst)) and bool(is_open.any() or last[worst == of.max].all()),
     )
+
+
+def over_scenarios(*scenarios: Sequence[float] | np.ndarray) -> Estimate:
+    """Return the estimate from the means over the seeds of each scenario; `n` and `n_finite` count scenarios.
+
+    The scenarios are the sample, which is drawn again: those of a split are a sample of the space. An infinite ratio
+    makes the mean of its scenario infinite. NaN is left out, and counts as no number. The other numbers than `iqm` and
+    its interval are those of the finite means.
+    """
+    known = [values[~np.isnan(values)] for values in (np.asarray(each, dtype=float) for each in scenarios)]
+    means = np.array([values.mean() for values in known if len(values)])
+    of = replace(summarize(means), n=len(scenarios), n_finite=len(means))
+    if len(means) < 2:
+        return replace(of, iqm=float(means[0])) if len(means) else of
+    again = np.repeat(np.tile(means, RESAMPLES), draws(len(means), RESAMPLES, 0).ravel()).reshape(RESAMPLES, -1)
+    # Of two infinite ends there is no point in between, so an end is one of the resamples.
+    low, high = np.quantile(_middle_half(again), [0.025, 0.975], method="inverted_cdf")
+    return replace(of, iqm=float(_middle_half(means[None])[0]), low=float(low), high=float(high))
+
+
+def _middle_half(values: np.ndarray) -> np.ndarray:
+    """Return the interquartile means of the rows (R, n), infinite where the middle half is."""
+    cut = int(CUT * values.shape[1])
+    return np.sort(values, axis=1)[:, cut : values.shape[1] - cut].mean(axis=1)
+
+
+def largest_over_scenarios(*scenarios: Sequence[float] | np.ndarray) -> Estimate:
+    """Return the estimate of the largest ratio of all scenarios; `n`, `n_finite` and `open` count scenarios."""
+    return summarize_largest([max((ratio for ratio in of if ratio == ratio), default=np.nan) for of in scenarios])
+
+
+def profile_over_scenarios(scenarios: Sequence[Sequence[float] | np.ndarray], at: Sequence[float] | np.ndarray) -> Band:
+    """Return, for each of some ratios, the share of episodes that do not exceed it, and its 95 % bootstrap interval.
+
+    Each scenario counts once, and scenarios are drawn again. An infinite ratio exceeds every other; NaN is left out.
+    """
+    known = [values[~np.isnan(values)] for values in (np.asarray(each, dtype=float) for each in scenarios)]
+    shares = np.array([(of[:, None] <= np.asarray(at)[None]).mean(axis=0) for of in known if len(of)])
+    if not len(shares):
+        nothing = np.full(len(at), np.nan)
+        return nothing, nothing, nothing
+    low, high = np.quantile(draws(len(shares), RESAMPLES, 0) @ shares / len(shares), [0.025, 0.975], axis=0)
+    return shares.mean(axis=0), low, high
 
 
 @lru_cache(maxsize=16)

@@ -1,125 +1,188 @@
-"""The tables that a benchmark prints: scores of each policy, and comparisons with a reference seed by seed."""
+"""The results table in the terminal, and its numbers in words, which all views share."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from rich.console import Console
 from rich.text import Text
 
 from baselines.benchmark import clairvoyant
 from baselines.benchmark.bounds import Bounds
-from baselines.benchmark.comparison import Comparisons
-from baselines.benchmark.rows import numbers_of
-from baselines.benchmark.shown_columns import COMPARED, OVER_LOWER_BOUND, OVERALL, shown_columns
-from baselines.benchmark.statistics import Paired, Statistics
+from baselines.benchmark.shown_columns import COMPARED, OVER_LOWER_BOUND, OVERALL, numbers_of, shown_columns
+from baselines.benchmark.statistics import Estimate, Paired
+from baselines.benchmark.table import Against, Table
 from baselines.benchmark.types import Outcome
 from lissajous_env.console import terminal
 from lissajous_env.console.terminal import print_left_out, print_line, print_table
-from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.columns import LARGEST, RECOVERY, WORST_CASE, Column
+from lissajous_env.world.columns import LARGEST, WORST_CASE, Column
 
-_DASH = "\N{EM DASH}"
 BEST_KNOWN = "best known"
-"""Name of the row of the best known plan."""
-_TO = "\N{EN DASH}"
+"""Name of the line of the best known plan."""
+_DASH, _TO = "\N{EM DASH}", "\N{EN DASH}"
 _MOST_NAMED = 12
 """Limit on the scenarios that the heading of a table names."""
 
 
-def print_tables(console: Console, outcome: Outcome, comparisons: Comparisons, said: str = "") -> None:
-    """Print tables of each scenario and over all scenarios of a robot kind, failures, and a line about replays."""
-    scenarios, settings, cells = outcome.scenarios, outcome.settings, comparisons.cells
+class Cell(NamedTuple):
+    """What a table shows of an estimate."""
+
+    value: str = ""
+    beside: str = ""
+    """Interval, or what else is beside the value."""
+    is_best: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.value} ({self.beside})" if self.beside else self.value
+
+
+class Line(NamedTuple):
+    """A line of a table: a policy, or a reference that is no competitor."""
+
+    name: str
+    cells: list[Cell]
+    is_reference: bool = False
+    has_failed: bool = False
+
+
+def lines_of(
+    policies: Mapping[str, Mapping[str, Estimate]],
+    columns: Sequence[Column],
+    best_known: float = math.nan,
+    failed: Iterable[str] = (),
+) -> list[Line]:
+    """Return the lines of a table: the policies, then the clairvoyant, then the best known worst-case time [s].
+
+    Args:
+        policies: Estimates by policy and column.
+        columns: Columns of the table.
+        best_known: `Bounds.best_known`.
+        failed: Policies that raised.
+    """
+    rivals = [of for name, of in policies.items() if name != clairvoyant.NAME]
+    best = [best_of(rivals, column) for column in columns]
+    lines = []
+    for name in sorted(dict.fromkeys((*policies, *failed)), key=lambda name: name == clairvoyant.NAME):
+        is_reference, of = name == clairvoyant.NAME, policies.get(name)
+        marks = [""] * len(columns) if is_reference else best
+        cells = [
+            Cell() if of is None else _cell(of.get(column.name), mark)
+            for column, mark in zip(columns, marks, strict=True)
+        ]
+        lines.append(Line(name, cells, is_reference, name in failed))
+    if math.isfinite(best_known) and WORST_CASE in columns:
+        known = [Cell(number(best_known)) if column is WORST_CASE else Cell() for column in columns]
+        lines.append(Line(BEST_KNOWN, known, True))
+    return lines
+
+
+def _cell(of: Estimate | None, best: str) -> Cell:
+    if of is None:
+        return Cell(_DASH)
+    value, beside = in_words(of)
+    counted = f"{of.n_finite}/{of.n}" if 0 < of.n_finite < of.n else ""
+    return Cell(value, ", ".join(filter(None, (beside, counted))), value == best)
+
+
+def best_of(rivals: Sequence[Mapping[str, Estimate]], column: Column) -> str:
+    """Return the best number, as shown, of the policies with most episodes that have one; "" if all agree."""
+    known = [of[column.name] for of in rivals if column.name in of]
+    most = max((of.n_finite / of.n for of in known), default=0)
+    if not most or not column.better or len({in_words(of)[0] for of in known}) == 1:
+        return ""
+    values = [of.value for of in known if of.n_finite == most * of.n and not of.at_least]
+    return number(column.better * max(column.better * value for value in values)) if values else ""
+
+
+def with_numbers(policies: Mapping[str, Mapping[str, Estimate]], columns: Iterable[Column]) -> list[Column]:
+    """Return the columns of which some policy has a number."""
+    return [
+        column for column in columns if any(column.name in of and of[column.name].n_finite for of in policies.values())
+    ]
+
+
+def print_tables(console: Console, outcome: Outcome, table: Table, said: str = "") -> None:
+    """Print tables of each scenario and over all scenarios of a robot kind, failures, and a line about replays.
+
+    Args:
+        console: The console.
+        outcome: Result of the benchmark.
+        table: Table of the rows that this call requested.
+        said: Line about replays.
+    """
     left_out: list[str] = []
-    for name, scenario in scenarios.items():
-        failed = {failure.policy for failure in outcome.failures if failure.scenario == name}
-        shown = shown_columns(scenario, cells.get(name, {}))
-        title = _title(scenario, comparisons.bounds[name])
-        best_known = comparisons.bounds[name].best_known
-        left_out += print_policies(console, title, cells.get(name, {}), shown, failed, best_known)
-        left_out += _print_against(console, name, *comparisons.against.get(name, ("", {})))
-    for names, policies in comparisons.overall.items():
-        count = names.count(",") + 1
-        over = names if count <= _MOST_NAMED else f"all {count} scenarios"
-        left_out += print_policies(console, Text(f"over {over}", "bold"), policies, OVERALL)
-    print_left_out(console, left_out, f"They are in {settings.out}/summary.json, and a wider terminal shows them.")
-    for words in _legend(cells, comparisons.bounds, settings.episodes):
+    for name, scenario in outcome.scenarios.items():
+        policies, bounds = table.estimates.get(name, {}), table.bounds[name]
+        shown = with_numbers(policies, shown_columns(scenario, policies))
+        failed = [failure.policy for failure in outcome.failures if failure.scenario == name]
+        words = f"  N = {scenario.num_robots}, {scenario.detection_time_label} = {scenario.detection_time_bound:.3g} s"
+        title = Text.assemble((name, "bold"), words, bounds_in_words(bounds))
+        left_out += print_lines(console, title, shown, lines_of(policies, shown, bounds.best_known, failed))
+        if name in table.against:
+            left_out += _print_against(console, name, table.against[name])
+    for names, policies in table.overall.items():
+        count, shown = names.count(",") + 1, with_numbers(policies, OVERALL)
+        title = Text(f"over {names if count <= _MOST_NAMED else f'all {count} scenarios'}", "bold")
+        left_out += print_lines(console, title, shown, lines_of(policies, shown))
+    out = outcome.settings.out
+    print_left_out(console, left_out, f"They are in {out}/summary.json, and a wider terminal shows them.")
+    for words in legend(table, outcome.settings.episodes):
         print_line(console, words, "dim")
-    shown_here = {name: outcome.theorem[name] for name in scenarios if name in outcome.theorem}
-    print_theorem(console, shown_here)
+    print_theorem(console, {name: outcome.theorem.get(name, []) for name in outcome.scenarios})
     for refusal in outcome.left_out:
         print_line(console, f"{refusal.policy} is left out on {refusal.scenario}: {refusal.error}", "dim")
     for failure in outcome.failures:
         print_line(console, f"{failure.policy} failed on {failure.scenario}: {failure.error}", "bold red")
     if outcome.failures:
         print_line(console, "Tracebacks are in summary.json.", "red")
-    if outcome.kept:
+    if outcome.resumed:
         words = (
-            f"{outcome.kept} of {len(outcome.rows)} episodes were already in {settings.out} and were not played "
-            "again; to replay them all, delete that folder or choose another --out."
+            f"{outcome.resumed} of {len(outcome.rows)} episodes were already in {out} and were not played again; "
+            "to replay them all, delete that folder or choose another --out."
         )
         print_line(console, words, "yellow")
     words = f"{len(outcome.rows)} episodes"
-    if len(outcome.held_rows) > len(outcome.rows):
-        words += f" requested, {len(outcome.held_rows)} with those of earlier calls,"
-    words += f" in {settings.out} (report.html, table.md, episodes.csv, summary.json), {outcome.elapsed:.1f} s"
-    print_line(console, words)
+    if len(outcome.table.rows) > len(outcome.rows):
+        words += f" requested, {len(outcome.table.rows)} with those of earlier calls,"
+    print_line(
+        console, f"{words} in {out} (report.html, table.md, episodes.csv, summary.json), {outcome.elapsed:.1f} s"
+    )
     if said:
         print_line(console, said)
 
 
-def print_policies(
-    console: Console,
-    title: Text,
-    policies: Mapping[str, Mapping[str, Statistics]],
-    shown: Sequence[Column],
-    failed: Iterable[str] = (),
-    best_known: float = math.nan,
-) -> list[str]:
-    """Print a table with a row for each policy; return the columns for which there was no room.
-
-    Columns without a number of any policy are left out, except for the recovery time, which may never be reached. The
-    references are printed below a rule: the clairvoyant, and the best known worst-case undetected time [s].
-    """
-    shown = [each for each in shown if each is RECOVERY or _has_numbers(policies, each.name)]
-    rivals = {name: of for name, of in policies.items() if name != clairvoyant.NAME}
-    best = [best_of(list(rivals.values()), each) for each in shown]
-    names = [*rivals, *(name for name in failed if name not in rivals and name != clairvoyant.NAME)]
-    names += [clairvoyant.NAME] * (clairvoyant.NAME in policies or clairvoyant.NAME in failed)
+def print_lines(console: Console, title: Text, columns: Sequence[Column], lines: Sequence[Line]) -> list[str]:
+    """Print a table, the references below a rule; return the columns for which there was no room."""
     rows = []
-    for name in names:
-        of, marks = policies.get(name), best if name in rivals else [""] * len(shown)
-        cells = ["" if of is None else _cell(of, each, mark) for each, mark in zip(shown, marks, strict=True)]
-        label = Text(shown_name(name), "" if name != clairvoyant.NAME else "italic")
-        rows.append([Text.assemble(label, ("\nfailed", "red")) if name in failed else label, *cells])
-    columns = [terminal.Column(_in_two_lines(each.heading), name=each.name) for each in shown]
-    references = int(names[-1:] == [clairvoyant.NAME])
-    if math.isfinite(best_known) and WORST_CASE in shown:
-        rows.append([Text(BEST_KNOWN, "italic"), *(best_known_cell(each, best_known) for each in shown)])
-        references += 1
-    sections = [len(rows) - references - 1] if 0 < references < len(rows) else []
+    for line in lines:
+        label = Text(shown_name(line.name), "italic" if line.is_reference else "")
+        label = Text.assemble(label, ("\nfailed", "red")) if line.has_failed else label
+        rows.append([label, *(_in_two_lines(cell) for cell in line.cells)])
+    head = [terminal.Column("policy", left=True, style="cyan")]
+    head += [terminal.Column(_broken(column.heading), name=column.name) for column in columns]
+    rivals = sum(not line.is_reference for line in lines)
     _print_title(console, title)
-    left_out = print_table(console, [terminal.Column("policy", left=True, style="cyan"), *columns], rows, sections)
+    left_out = print_table(console, head, rows, [rivals - 1] if 0 < rivals < len(rows) else [])
     console.print()
     return left_out
 
 
-def best_known_cell(column: Column, best_known: float) -> str:
-    """Return what the row `BEST_KNOWN` has in a column: only its worst-case undetected time is stored [s]."""
-    return number(best_known) if column is WORST_CASE else ""
+def _in_two_lines(cell: Cell) -> Text:
+    return _two_lines(f"{cell.value}{'*' if cell.is_best else ' '}", cell.beside, "bold green" if cell.is_best else "")
 
 
-def print_scores(console: Console, policy: str, scenario: str, columns: dict[str, Statistics]) -> list[str]:
+def print_scores(console: Console, policy: str, scenario: str, columns: Mapping[str, Estimate]) -> list[str]:
     """Print every score of one policy on one scenario as a row; return the columns for which there was no room."""
     _print_title(console, Text.assemble((policy, "bold"), " on ", (scenario, "bold")))
-    names = ("summary", "value", "95 % interval", "n", "median", "min", "max", "mean", "std")
+    names = ("summary", "value", "95 % interval", "n", "worst seed", "median", "min", "max", "mean", "std")
     rows = []
     for name, of in columns.items():
         others = (number(value) for value in (of.median, of.min, of.max, of.mean, of.std))
         counted = str(of.n) if of.n_finite == of.n else f"{of.n_finite}/{of.n}"
         counted += f", {of.open} open" if of.open else ""
         interval = between(*of.interval) if of.n_finite > 1 and of.summary != LARGEST else _DASH
-        rows.append([name, of.summary, Text(in_words(of)[0], "bold"), interval, counted, *others])
+        worst = _DASH if of.worst is None else str(of.worst)
+        rows.append([name, of.summary, Text(in_words(of)[0], "bold"), interval, counted, worst, *others])
     left_out = print_table(
         console, [terminal.Column("score", left=True, style="cyan"), *map(terminal.Column, names)], rows
     )
@@ -161,19 +224,20 @@ def number(value: float) -> str:
     return f"{value:#.3g}" if abs(value) >= 0.9995 else f"{value:.3f}"
 
 
-def in_words(of: Statistics) -> tuple[str, str]:
+def in_words(of: Estimate) -> tuple[str, str]:
     """Return the number that stands for the episodes as tables show it, and its interval ("" if both ends agree).
 
-    Beside a largest value is the median instead, with the number of episodes and of those that are open. A lower bound
-    is written `> 59.9`.
+    Beside a largest value is instead the median of the episodes, unless half of them are open, and the number of the
+    episodes and of the open ones. A lower bound is written `> 59.9`.
     """
     if not of.n_finite:
         return _DASH, ""
     if of.summary != LARGEST:
         return number(of.value), between(*of.interval)
     value = ("> " if of.at_least else "") + number(of.value) if math.isfinite(of.value) else "no bound"
-    middle = "open" if math.isinf(of.median) else number(of.median)
-    return value, f"median {middle}, n = {of.n_finite}" + (f", {of.open} open" if of.open else "")
+    median = f"median {number(of.median)}" if math.isfinite(of.median) else ""
+    counted = f"{of.open} of {of.n_finite} open"
+    return value, ", ".join(filter(None, (median, counted))) if of.open else f"{median} of {of.n_finite}"
 
 
 def bounds_in_words(bounds: Bounds) -> str:
@@ -189,12 +253,7 @@ def bounds_in_words(bounds: Bounds) -> str:
     )
 
 
-def _title(scenario: Scenario, bounds: Bounds) -> Text:
-    words = f"  N = {scenario.num_robots}, {scenario.detection_time_label} = {scenario.detection_time_bound:.3g} s"
-    return Text.assemble((scenario.name, "bold"), words, bounds_in_words(bounds))
-
-
-def _in_two_lines(title: str) -> str:
+def _broken(title: str) -> str:
     """Break a title where the longer of its two lines is shortest."""
     breaks = [k for k, letter in enumerate(title) if letter == " "]
     if not breaks:
@@ -203,16 +262,9 @@ def _in_two_lines(title: str) -> str:
     return f"{title[:at]}\n{title[at + 1 :]}"
 
 
-def _has_numbers(policies: Mapping[str, Mapping[str, Statistics]], column: str) -> bool:
-    return any(column in of and of[column].n_finite for of in policies.values())
-
-
-def _print_against(
-    console: Console, scenario: str, reference: str, policies: Mapping[str, Mapping[str, Paired]]
-) -> list[str]:
+def _print_against(console: Console, scenario: str, against: Against) -> list[str]:
     """Print comparisons with a reference on the same seeds; return the columns for which there was no room."""
-    if not policies:
-        return []
+    policies = against.policies
     columns = [column for column in COMPARED if any(of[column.name].n for of in policies.values())]
     head = [terminal.Column("policy", left=True, style="cyan")]
     for column in columns:
@@ -222,78 +274,59 @@ def _print_against(
     for name, of in policies.items():
         cells: list[Text | str] = [Text(shown_name(name), "italic" if name == clairvoyant.NAME else "")]
         for column in columns:
-            pair = of[column.name]
-            share = _two_lines(f"{100 * pair.better:.0f} %", between(pair.better_low, pair.better_high, 100))
-            cells.append(share if pair.n else _DASH)
-            off = number(pair.difference)
-            off = off if off.startswith(("-", _DASH)) or not pair.difference else f"+{off}"
-            cells.append(_two_lines(off, between(pair.difference_low, pair.difference_high)))
+            cells += [_two_lines(str(cell.value), cell.beside) for cell in pair_in_words(of[column.name])]
         rows.append(cells)
-    _print_title(console, Text.assemble((scenario, "bold"), " against ", (reference, "bold"), ", seed by seed"))
+    _print_title(console, Text.assemble((scenario, "bold"), " against ", (against.reference, "bold"), ", seed by seed"))
     left_out = print_table(console, head, rows)
     console.print()
     return left_out
 
 
-def _legend(cells: Mapping[str, Any], bounds: Mapping[str, Bounds], episodes: int) -> list[str]:
+def pair_in_words(pair: Paired) -> tuple[Cell, Cell]:
+    """Return the share of the seeds on which a policy is better than the reference, and the difference."""
+    share = f"{100 * pair.better:.0f} %" if pair.n else _DASH
+    difference = number(pair.difference)
+    sign = "" if difference.startswith(("-", _DASH)) or not pair.difference else "+"
+    return (
+        Cell(share, between(pair.better_low, pair.better_high, 100)),
+        Cell(sign + difference, between(pair.difference_low, pair.difference_high)),
+    )
+
+
+def legend(table: Table, episodes: int) -> list[str]:
+    """Return sentences that explain the numbers of a table."""
     counted = "1 episode, below it" if episodes == 1 else f"{episodes} episodes, below it"
-    of = [of for policies in cells.values() for of in policies.values()]
+    of = [of for policies in table.estimates.values() for of in policies.values()]
     words = [
         f"Interquartile mean over {counted} the 95 % bootstrap interval; for collisions and over lower bound, "
-        "the mean. * best; (k/n): k of n episodes had a number. Better: share of seeds on which the policy "
+        "the mean. * best; k/n: k of n episodes had a number. Better: share of seeds on which the policy "
         "beats the reference; ties count half."
     ]
-    if any(each[WORST_CASE.name].n_finite for each in of):
+    if any(estimates[WORST_CASE.name].n_finite for estimates in of):
         words.append(
             "Guaranteed: worst-case undetected time, the largest of n episodes; >: a lower bound, because the worst "
             "case was still growing at the end of open episodes. Difference: of the largest values."
         )
-    if any(each[OVER_LOWER_BOUND.name].n_finite for each in of):
+    if any(estimates[OVER_LOWER_BOUND.name].n_finite for estimates in of):
         words.append(f"Over lower bound: {OVER_LOWER_BOUND.meaning}.")
-    if len(cells) > 1:
+    if len(table.estimates) > 1:
         words.append(
             "Detection and guarantee / best: over the best policy on the same scenario and seed. The first is an "
             "interquartile mean over scenarios; those of guarantees are the largest over all episodes of n scenarios, "
             "of which the open ones show no bound."
         )
-    if any(math.isfinite(of.best_known) for of in bounds.values()):
+    if any(math.isfinite(bounds.best_known) for bounds in table.bounds.values()):
         words.append(
             "Best known: the shortest worst-case undetected time of a stored plan without collisions, of 4 episodes; "
             "`lissajous plan` plays these plans."
         )
-    if any(clairvoyant.NAME in policies for policies in cells.values()):
+    if any(clairvoyant.NAME in policies for policies in table.estimates.values()):
         words.append(f"({clairvoyant.NAME}) knows where all targets are; it is a reference, not a competitor.")
     return words
 
 
 def _print_title(console: Console, title: Text) -> None:
     console.print(title, soft_wrap=True, highlight=False)
-
-
-def best_of(candidates: Sequence[Mapping[str, Statistics]], column: Column) -> str:
-    """Return the best number, as shown, of the policies with most episodes that have one; "" if all agree."""
-    known = [of for of in candidates if column.name in of]
-    most = max((of[column.name].n_finite / of[column.name].n for of in known), default=0)
-    words = {in_words(of[column.name])[0] for of in known}
-    if not most or not column.better or len(words) == 1:
-        return ""
-    eligible = [of for of in known if of[column.name].n_finite == most * of[column.name].n]
-    values = [of[column.name].value for of in eligible if not of[column.name].at_least]
-    return number(column.better * max(column.better * value for value in values)) if values else ""
-
-
-def _cell(columns: Mapping[str, Statistics], column: Column, best: str) -> Text:
-    of = columns.get(column.name)
-    if of is None:
-        return Text(_DASH)
-    value, beside = in_words(of)
-    if not of.n_finite:
-        return Text.assemble(value, (f"\n(0/{of.n})", "dim"))
-    beside = beside.replace(f", {of.open} open", f",\n{of.open} open") + (
-        "" if of.n_finite == of.n else f" ({of.n_finite}/{of.n})"
-    )
-    is_best = value == best
-    return _two_lines(f"{value}{'*' if is_best else ' '}", beside, "bold green" if is_best else "")
 
 
 def _two_lines(value: str, below: str, style: str = "") -> Text:

@@ -38,10 +38,10 @@ def about_theorem(
         words = _of_cell(cell, played[:_MOST_SEEDS], device) if played else ""
         if words:
             said.setdefault((cell.scenario.name, words), []).append(cell.policy)
-    found: dict[str, list[str]] = {}
+    sentences: dict[str, list[str]] = {}
     for (scenario, words), policies in said.items():
-        found.setdefault(scenario, []).append(f"The theorem of the proved filter {words} ({', '.join(policies)}).")
-    return found
+        sentences.setdefault(scenario, []).append(f"The theorem of the proved filter {words} ({', '.join(policies)}).")
+    return sentences
 
 
 def _of_cell(cell: Cell, seeds: Sequence[int], device: Any) -> str:
@@ -88,11 +88,11 @@ def compatible_starts(
     """Return for each seed whether the tails of all robots are compatible at the start of its episode (condition 6)."""
     worlds = min(len(seeds), _TOGETHER)
     filtered = Proved(registry.make("still", scenario, worlds, device), parameters)
-    simulation, found = Simulation(scenario, worlds, device=device), []
+    simulation, compatible = Simulation(scenario, worlds, device=device), []
     for begin in range(0, len(seeds), worlds):
         batch = [*seeds[begin : begin + worlds]]
         filtered.reset()
         simulation.reset(seeds=batch + batch[:1] * (worlds - len(batch)))
         filtered.act(simulation.observation)
-        found.append(filtered.holds[: len(batch)])
-    return np.concatenate(found)
+        compatible.append(filtered.holds[: len(batch)])
+    return np.concatenate(compatible)

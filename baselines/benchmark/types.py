@@ -3,11 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Protocol
 
 import tyro
 
 from baselines.benchmark import standard
+from baselines.benchmark.table import Table
 from baselines.policies.factories import Factory
 from lissajous_env.parameters.named import expanded
 from lissajous_env.parameters.scenario import Scenario
@@ -121,6 +122,25 @@ class Batch:
     """Detection times of their targets: `baselines.benchmark.detections.detections_of`."""
 
 
+Key = tuple[str, str, int]
+"""Scenario, policy and seed of an episode."""
+Work = list[tuple[Cell, list[int]]]
+"""Cells, each with the numbers of the episodes to play."""
+
+
+class Sink(Protocol):
+    """Receiver of what an engine plays; threads may share it."""
+
+    def begin(self, cell: Cell) -> None:
+        """Note that a cell begins."""
+
+    def step(self, cell: Cell, worlds: int) -> None:
+        """Note that a batch of some worlds took a step."""
+
+    def finish(self, cell: Cell, result: Batch | Failure) -> None:
+        """Store a batch, or note that the policy failed; what is stored is on the disk when this returns."""
+
+
 @dataclass
 class Outcome:
     """The results of a benchmark."""
@@ -129,20 +149,17 @@ class Outcome:
     cells: list[Cell]
     rows: list[dict[str, Any]]
     """Score rows of the requested episodes, by scenario, policy and episode."""
-    failures: list[Failure]
-    kept: int
-    """Number of these rows that an earlier call had stored."""
-    elapsed: float
-    """Duration of this call [s]."""
-    held: dict[str, Any]
+    table: Table
+    """Table of all episodes in the folder."""
+    stored: dict[str, Any]
     """Settings of the folder, including those of earlier calls."""
-    held_scenarios: dict[str, Scenario]
-    held_rows: list[dict[str, Any]]
-    """All score rows of the folder."""
-    held_curves: dict[str, dict[str, tuple[Any, Any]]]
-    """Times [s] and share of the targets detected within each, by scenario and policy, of all episodes."""
+    failures: list[Failure] = field(default_factory=list)
     left_out: list[Failure] = field(default_factory=list)
     """Policies that refused a scenario, of those that the settings do not name."""
+    resumed: int = 0
+    """Number of the rows that an earlier call had stored."""
+    elapsed: float = 0.0
+    """Duration of this call [s]."""
     theorem: dict[str, list[str]] = field(default_factory=dict)
     """Result of `baselines.benchmark.theorem.about_theorem` for all score rows of the folder."""
 
@@ -150,3 +167,8 @@ class Outcome:
     def scenarios(self) -> dict[str, Scenario]:
         """Return the scenarios that were played, by name."""
         return {cell.scenario.name: cell.scenario for cell in self.cells}
+
+    @property
+    def device(self) -> str:
+        """Return the device on which episodes can be played again here; that of a cluster's node may be elsewhere."""
+        return self.settings.device if self.settings.engine == "local" else "cpu"

@@ -1,27 +1,35 @@
-"""The table of a comparison as text: Markdown for the README and `table.md`, LaTeX for papers."""
+"""The results table as files: CSV of its rows, JSON, Markdown for the README, and LaTeX for papers."""
 
+import csv
+import io
+import json
 import math
+import os
+import platform
 import re
-from collections.abc import Mapping, Sequence
+import shlex
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
-from baselines.benchmark import clairvoyant
-from baselines.benchmark.bounds import Bounds
-from baselines.benchmark.comparison import Comparisons
-from baselines.benchmark.shown_columns import MAIN, brought_in
-from baselines.benchmark.statistics import Paired, Statistics
-from baselines.benchmark.tables import (
-    BEST_KNOWN,
-    best_known_cell,
-    best_of,
-    between,
-    bounds_in_words,
-    in_words,
-    shown_name,
-)
-from lissajous_env.world.columns import DETECTION_TIME, WORST_CASE, Column
+from baselines.benchmark.shown_columns import MAIN, RATIOS, brought_in
+from baselines.benchmark.statistics import profile_over_scenarios
+from baselines.benchmark.table import Group, Table
+from baselines.benchmark.tables import Cell, bounds_in_words, lines_of, pair_in_words, shown_name, with_numbers
+from baselines.benchmark.types import Outcome
+from lissajous_env.console.terminal import plain
+from lissajous_env.device.devices import as_device, memory
+from lissajous_env.storage.files import write_atomically
+from lissajous_env.storage.folder import Folder
+from lissajous_env.world.columns import DETECTION_TIME, NAMES
 
-MARKDOWN = "table.md"
+CSV, SUMMARY, MARKDOWN, REPORT = "episodes.csv", "summary.json", "table.md", "report.html"
+FILES = (CSV, SUMMARY, MARKDOWN, REPORT)
+"""Files that are derived from the episodes."""
+TAUS = (1.0, 1.05, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 10.0)
+"""Ratios at which the profiles of summary.json are evaluated."""
 _SPECIAL = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": "$<$", ">": "$>$", "\N{EN DASH}": "--",
@@ -30,26 +38,137 @@ _SPECIAL = {
 """Characters that LaTeX interprets as commands, or prints as another letter."""
 
 
-def table_of(comparisons: Comparisons) -> dict[str, list]:
+def write_files(folder: Folder, outcome: Outcome, rows: Sequence[dict[str, Any]]) -> None:
+    """Write episodes.csv, summary.json and table.md of all episodes in the folder, of which `rows` are the scores."""
+    folder.write(CSV, as_csv(rows))
+    summary = summarized(outcome, outcome.table)
+    folder.write(SUMMARY, json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
+    folder.write(MARKDOWN, markdown(table_of(outcome.table)))
+
+
+def summarized(outcome: Outcome, table: Table) -> dict[str, Any]:
+    """Return the content of summary.json for a table of some of an outcome's rows; the failures are those of this call.
+
+    `limits` has the lower bound of the mean detection time of each scenario [s], null without one, and `against` the
+    comparison of each policy with the reference on the same seeds. `profiles` has, for the ratios to a bound and to the
+    best policy, the share of the episodes that do not exceed each of `ratios`, and its interval over scenarios.
+    """
+    stored = outcome.stored
+    return {
+        "machine": machine(stored["device"]),
+        "versions": versions(),
+        "command": command(),
+        "elapsed_s": outcome.elapsed,
+        "seeds": sorted({row["seed"] for row in table.rows}),
+        "settings": stored,
+        "limits": {name: of.mean_time for name, of in table.bounds.items()},
+        "guarantees": {
+            name: {
+                "limit": of.worst_case,
+                "formation": of.in_formation,
+                "best_known": of.best_known,
+                "best_known_settled": of.best_known_settled,
+            }
+            for name, of in table.bounds.items()
+        },
+        "statistics": table.estimates,
+        "against": table.against,
+        "overall": table.overall,
+        "profiles": {
+            "ratios": TAUS,
+            "shares": {of.name: _profiles(of) for of in table.groups() if of.name in table.overall},
+        },
+        "failures": outcome.failures,
+        "left_out": outcome.left_out,
+    }
+
+
+def _profiles(group: Group) -> dict[str, dict[str, list[tuple[float, ...]]]]:
+    """Return by policy and ratio, for each of `TAUS`, the share of episodes and its interval."""
+    return {
+        policy: {
+            column.name: list(zip(*profile_over_scenarios(group.strata(policy, column), TAUS), strict=True))
+            for column in RATIOS
+        }
+        for policy in group.rows
+    }
+
+
+def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
+    """Write score rows to a CSV file."""
+    write_atomically(path, as_csv(rows))
+
+
+def as_csv(rows: Iterable[dict[str, Any]]) -> str:
+    """Return score rows as CSV: `lissajous_env.world.columns.NAMES`, then columns of scenarios; NaN is empty."""
+    rows, text = list(rows), io.StringIO()
+    columns = dict.fromkeys((*NAMES, *(name for row in rows for name in row)))
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    for row in rows:
+        values = [row.get(name, math.nan) for name in columns]
+        writer.writerow(["" if value != value else value for value in values])
+    return text.getvalue()
+
+
+def command() -> str:
+    """Return the command line of this process."""
+    return shlex.join(sys.argv)
+
+
+def machine(device: str) -> dict[str, Any]:
+    """Return a description of this machine and of a device."""
+    warp_device = as_device(device)
+    return {
+        "cpu": cpu_model(),
+        "cores": os.cpu_count(),
+        "memory_gib": round(memory() / 2**30, 1),
+        "os": platform.platform(),
+        "device": device if warp_device.is_cpu else f"{device}: {warp_device.name}",
+    }
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python and the packages on which the numbers depend."""
+    names = ("lissajous-env", "numpy", "warp-lang", "gymnasium", "pettingzoo")
+    return {"python": platform.python_version()} | {name: version(name) for name in names}
+
+
+def cpu_model() -> str:
+    """Return the name of this machine's processor."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return models[0] if models else platform.machine()
+
+
+def provenance(device: str) -> dict[str, str]:
+    """Return in words the command, machine and versions of numbers that are computed now."""
+    of = machine(device)
+    return {
+        "command": command(),
+        "machine": f"{of['cpu']}, {of['cores']} cores, {of['device']}",
+        "versions": ", ".join(f"{name} {number}" for name, number in versions().items()),
+    }
+
+
+def table_of(table: Table) -> dict[str, list]:
     """Return titles and rows of text: a row for each policy, the scenario and its bounds in the first of its rows.
 
     A number is an interquartile mean with its 95 % bootstrap interval; for collisions and over lower bound, the mean;
-    for a guarantee, the largest with its median and number of episodes.
+    for a guarantee, the largest with its median and number of episodes, or the number of open ones.
     `sooner` is the share of seeds on which a policy's mean detection time is below that of the reference.
     """
-    lines: list[list[str]] = []
-    for name, policies in comparisons.cells.items():
-        _, against = comparisons.against.get(name, ("", {}))
-        where = f"`{name}`{bounds_in_words(comparisons.bounds[name])}"
-        for policy, of in policies.items():
-            label = f"*{shown_name(policy)}*" if policy == clairvoyant.NAME else f"`{policy}`"
-            sooner = _sooner(against[policy][DETECTION_TIME.name]) if policy in against else ""
-            lines.append([where, label, *(_cell(of, each) for each in MAIN), sooner])
+    rows: list[list[str]] = []
+    for name, policies in table.estimates.items():
+        bounds, against = table.bounds[name], table.against.get(name)
+        pairs = against.policies if against is not None else {}
+        where = f"`{name}`{bounds_in_words(bounds)}"
+        for line in lines_of(policies, MAIN, bounds.best_known):
+            label = f"*{shown_name(line.name)}*" if line.is_reference else f"`{line.name}`"
+            sooner = pair_in_words(pairs[line.name][DETECTION_TIME.name])[0] if line.name in pairs else ""
+            rows.append([where, label, *map(str, line.cells), str(sooner)])
             where = ""
-        known = comparisons.bounds[name].best_known
-        if math.isfinite(known):
-            lines.append([where, f"*{BEST_KNOWN}*", *(best_known_cell(each, known) for each in MAIN), ""])
-    return {"columns": ["scenario", "policy", *(each.heading for each in MAIN), "sooner"], "rows": lines}
+    return {"columns": ["scenario", "policy", *(column.heading for column in MAIN), "sooner"], "rows": rows}
 
 
 def markdown(table: Mapping[str, Sequence[Any]]) -> str:
@@ -58,19 +177,17 @@ def markdown(table: Mapping[str, Sequence[Any]]) -> str:
     return "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
 
 
-def latex(comparisons: Comparisons) -> str:
+def latex(table: Table) -> str:
     r"""Return a table of each scenario in LaTeX, as wide as both columns of a paper; it needs `\usepackage{booktabs}`.
 
     The best of each column is bold; columns without any number are left out.
     """
-    tables = [_paper_table(name, comparisons.bounds[name], policies) for name, policies in comparisons.cells.items()]
-    return "\n".join(["% Needs \\usepackage{booktabs}.", *tables])
+    return "\n".join(["% Needs \\usepackage{booktabs}.", *(_paper_table(table, name) for name in table.estimates)])
 
 
-def _paper_table(scenario: str, bounds: Bounds, policies: Mapping[str, Mapping[str, Statistics]]) -> str:
-    columns = [*MAIN, *brought_in(policies.values())]
-    columns = [each for each in columns if any(each.name in of and of[each.name].n_finite for of in policies.values())]
-    best = [best_of([of for name, of in policies.items() if name != clairvoyant.NAME], each) for each in columns]
+def _paper_table(table: Table, scenario: str) -> str:
+    policies, bounds = table.estimates[scenario], table.bounds[scenario]
+    columns = with_numbers(policies, (*MAIN, *brought_in(policies.values())))
     lines = [
         r"\begin{table*}[t]",
         r"\centering\footnotesize\setlength{\tabcolsep}{4pt}",
@@ -78,47 +195,25 @@ def _paper_table(scenario: str, bounds: Bounds, policies: Mapping[str, Mapping[s
         rf"\label{{tab:{re.sub(r'[^A-Za-z0-9-]', '-', scenario)}}}",
         rf"\begin{{tabular}}{{@{{}}l{'r' * len(columns)}@{{}}}}",
         r"\toprule",
-        f"policy & {' & '.join(_escaped(each.heading) for each in columns)} \\\\",
+        f"policy & {' & '.join(_escaped(column.heading) for column in columns)} \\\\",
         r"\midrule",
     ]
-    for policy, of in policies.items():
-        marks = best if policy != clairvoyant.NAME else [""] * len(columns)
-        shown = [_paper_cell(of, each, mark) for each, mark in zip(columns, marks, strict=True)]
-        lines.append(f"{_escaped(shown_name(policy))} & {' & '.join(shown)} \\\\")
-    known = bounds.best_known
-    if math.isfinite(known) and WORST_CASE in columns:
-        lines += [r"\midrule", f"{BEST_KNOWN} & {' & '.join(best_known_cell(each, known) for each in columns)} \\\\"]
+    for line in lines_of(policies, columns, bounds.best_known):
+        lines.append(f"{_escaped(shown_name(line.name))} & {' & '.join(map(_paper_cell, line.cells))} \\\\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table*}", ""])
 
 
 _CAPTION = (
     r"Interquartile mean over the seeds and 95\,\% bootstrap interval; for collisions and over lower bound, the "
-    r"mean; for the worst-case undetected time (guaranteed), the largest of $n$ episodes and the median. Bold: the "
+    r"mean; for the worst-case undetected time (guaranteed), the largest of the episodes and their median. Bold: the "
     r"best. $>$: a lower bound, as in open episodes the time was still growing at the end."
 )
 
 
-def _paper_cell(of: Mapping[str, Statistics], column: Column, best: str) -> str:
-    if column.name not in of or not of[column.name].n_finite:
-        return "---"
-    value, interval = in_words(of[column.name])
-    words = rf"\textbf{{{_escaped(value)}}}" if value == best else _escaped(value)
-    return words + (rf" {{\scriptsize({_escaped(interval)})}}" if interval else "")
+def _paper_cell(cell: Cell) -> str:
+    words = rf"\textbf{{{_escaped(cell.value)}}}" if cell.is_best else _escaped(cell.value)
+    return words + (rf" {{\scriptsize({_escaped(cell.beside)})}}" if cell.beside else "")
 
 
 def _escaped(words: str) -> str:
     return "".join(_SPECIAL.get(letter, letter) for letter in words)
-
-
-def _cell(of: Mapping[str, Statistics], column: Column) -> str:
-    if column.name not in of or not of[column.name].n_finite:
-        return ""
-    value, interval = in_words(of[column.name])
-    return f"{value} ({interval})" if interval else value
-
-
-def _sooner(pair: Paired) -> str:
-    if not pair.n:
-        return ""
-    share, ends = f"{100 * pair.better:.0f} %", between(pair.better_low, pair.better_high, 100)
-    return f"{share} ({ends})" if ends else share

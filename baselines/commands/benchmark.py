@@ -23,11 +23,6 @@ def benchmark(
     Example:
         lissajous benchmark --scenarios evaders team --policies kuramoto-mpcc sweep --episodes 8
 
-    Options:
-        what is played: scenarios, policies, episodes, seed, rogues, set
-        report: out, against, clairvoyant, replays
-        where it runs: device, batch, engine, address
-
     Args:
         settings: Episodes to play, and the folder of the results.
         rogues: rogue (adversary) that moves all targets: wander, flee, shadow, follow-gap, or hide, which requires
@@ -36,8 +31,8 @@ def benchmark(
         output: Console output.
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
-    from baselines.benchmark import summary_files
-    from baselines.benchmark.comparison import compare
+    from baselines.benchmark import written
+    from baselines.benchmark.table import Table
 
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides, rogues))
     try:
@@ -46,9 +41,8 @@ def benchmark(
         words = f"finished episodes are stored in {settings.out}; run the same command again to resume"
         raise KeyboardInterrupt(words) from None
     if output.json:
-        comparisons = compare(outcome.rows, outcome.scenarios, settings.against)
-        summary = summary_files.summarized(outcome, outcome.rows, comparisons)
-        output.print_json({**summary, "episodes": outcome.rows})
+        table = Table.of(outcome.rows, outcome.scenarios, settings.against)
+        output.print_json({**written.summarized(outcome, table), "episodes": outcome.rows})
     if outcome.failures:
         names = dict.fromkeys(f"{each.policy} on {each.scenario}" for each in outcome.failures)
         raise CommandError(f"{', '.join(names)} failed; {settings.out / 'summary.json'} has the tracebacks")

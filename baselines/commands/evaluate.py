@@ -1,6 +1,5 @@
 """The command `lissajous evaluate`: statistics of every score of one policy."""
 
-from dataclasses import asdict
 from functools import partial
 from typing import Annotated, Any
 
@@ -37,11 +36,6 @@ def evaluate(
     Example:
         lissajous evaluate evaders kuramoto-mpcc --episodes 16
 
-    Options:
-        what is played: episodes, seed, rogues, set
-        where it runs: device, batch
-        files: out
-
     Args:
         names: scenarios (names, .toml files, module:attribute); then the policy: a name, the folder of a checkpoint or
             of a plan, or module:factory. If only a folder is given, its policy is played on the scenario for which it
@@ -57,9 +51,8 @@ def evaluate(
         output: Console output.
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
-    from baselines.benchmark import summary_files, tables
-    from baselines.benchmark.comparison import statistics as statistics_of
-    from baselines.benchmark.comparison import with_derived
+    from baselines.benchmark import tables, written
+    from baselines.benchmark.table import Table
     from baselines.benchmark.theorem import about_theorem
 
     scenarios, policy, home = scenarios_and_policy(names)
@@ -77,16 +70,15 @@ def evaluate(
                 for finished in play(cells[k], settings, numbers, partial(progress.step, cell)):
                     rows += finished.rows
                     progress.finished(cell, len(finished.rows))
-            progress.end(cell)
-    told = with_derived(rows, {cell.scenario.name: cell.scenario for cell in cells})
-    statistics, console = statistics_of(told), output.console()
+    table = Table.of(rows, {cell.scenario.name: cell.scenario for cell in cells}, simulates=False)
+    console = output.console()
     left_out: list[str] = []
-    for name, policies in statistics.items():
+    for name, policies in table.estimates.items():
         left_out += tables.print_scores(console, policy, name, policies[policy])
     tables.print_theorem(console, about_theorem(cells, rows, device))
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     if out is not None:
-        summary_files.write_csv(out, rows)
+        written.write_csv(out, rows)
         output.print(f"wrote {out}")
-    of = {name: {column: asdict(of) for column, of in by[policy].items()} for name, by in statistics.items()}
+    of = {name: policies[policy] for name, policies in table.estimates.items()}
     output.print_json({"policy": policy, "statistics": of, "episodes": rows})

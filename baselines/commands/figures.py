@@ -43,29 +43,26 @@ def figures(
         ValueError: the folder contains no results, or the policy was not played.
     """
     from baselines.benchmark import paper_figures, results_folder
-    from baselines.benchmark.comparison import compare, with_derived
+    from baselines.benchmark.table import Table
     from baselines.benchmark.written import latex
 
-    if not (folder / "settings.json").is_file():
+    if not (folder / results_folder.SETTINGS).is_file():
         raise ValueError(f"folder must contain the results of a benchmark (settings.json), got {folder}")
-    held = results_folder.read_settings(folder / "settings.json")
-    scenarios = results_folder.scenarios_of(folder, held)
-    with Folder(folder, results_folder.NAMES) as results, results_folder.Episodes(results, held) as kept:
-        rows = kept.all()
+    with Folder(folder, results_folder.FILES) as there, results_folder.Results(there) as results:
+        rows, scenarios = results.rows(), results.scenarios
     policies = dict.fromkeys(row["policy"] for row in rows)
     if not rows:
         raise ValueError(f"folder must contain at least one episode, got {folder}")
     if against is not None and against not in policies:
         raise ValueError(f"against must be a policy that was played ({', '.join(policies)}), got {against}")
-    comparisons, told = compare(rows, scenarios, against), with_derived(rows, scenarios)
-    written = []
-    drawn = list(paper_figures.draw(told, scenarios, comparisons, against, format))
+    table = Table.of(rows, scenarios, against)
+    drawn = list(paper_figures.draw(table, against, format))
     place = out or folder / "figures"
-    with Folder(place, (TABLE, *(name for name, _ in drawn))) as made:
-        made.write(TABLE, latex(comparisons))
+    with Folder(place, (TABLE, *(name for name, _ in drawn))) as written:
+        written.write(TABLE, latex(table))
         for name, content in drawn:
-            made.write(name, content)
-        written = [place / name for name in (TABLE, *(name for name, _ in drawn))]
+            written.write(name, content)
     output.print(f"{len(drawn)} figures and {TABLE} are in {place}")
-    output.print_json([str(path) for path in written])
-    return written
+    paths = [place / name for name in (TABLE, *(name for name, _ in drawn))]
+    output.print_json([str(path) for path in paths])
+    return paths

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from rich.console import Console
 from rich.text import Text
 
-from baselines.benchmark.statistics import Statistics, summarize_largest
+from baselines.benchmark.statistics import Estimate, summarize_largest
 from baselines.benchmark.tables import in_words
 from baselines.policies import factories
 from baselines.reproduce.drawing import DARK, GREY, SERIES, Format, Sheet, drawn_as
@@ -55,11 +55,6 @@ def guarantee(
 
     Example:
         lissajous guarantee evaders --policies kuramoto-mpcc open-loop-mpcc
-
-    Options:
-        formation: radii, cells
-        policies: policies, episodes, set
-        pictures: out, format
 
     Args:
         scenarios: names of scenarios, .toml files, or module:attribute; by default the paper's two curves.
@@ -128,7 +123,7 @@ def reaches(scenario: Scenario, radii: int, cells: int) -> list[Reach]:
         return list(threads.map(reach, np.linspace(_SMALLEST, _LARGEST, radii).tolist()))
 
 
-def largest_of(curve: np.ndarray, step: float) -> Statistics:
+def largest_of(curve: np.ndarray, step: float) -> Estimate:
     """Return the statistics of the worst cases of some episodes.
 
     Args:
@@ -206,7 +201,7 @@ def _row(sheet: Sheet, count: int) -> list[Axes]:
     return [sheet.figure.add_subplot(1, count, place + 1) for place in range(count)]
 
 
-def _print_unseen(console: Console, scenario: str, statistics: Mapping[str, Statistics]) -> None:
+def _print_unseen(console: Console, scenario: str, statistics: Mapping[str, Estimate]) -> None:
     """Print the largest worst-case undetected time of each policy."""
     console.print(Text.assemble((scenario, "bold"), "  worst-case undetected time"))
     columns = [Column("policy", left=True), Column("largest\n[s]"), Column("of the episodes")]

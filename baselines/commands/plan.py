@@ -10,8 +10,10 @@ from rich import progress as bars
 
 from baselines.benchmark.progress import bar
 from baselines.commands.playing import progress_console
-from baselines.planning import folders, picture, planner, tables
+from baselines.planning import report
+from baselines.planning.planner import Outcome
 from baselines.planning.plans import top_speed
+from baselines.planning.request import Request, check_time
 from baselines.planning.search import Search
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out, print_line
 from lissajous_env.settings.checks import whole_number
@@ -50,13 +52,6 @@ def plan(
     Example:
         lissajous plan evaders --failures 1 --out plans
 
-    Options:
-        area and targets: width, height, rogue_speed, entry
-        robots: robots, robot_radius, sensor_radius, speed, turning_radius
-        requirements: failures, guarantee
-        search: seconds, optimise, fixed_start, seed
-        results: rows, out
-
     Args:
         scenario: name of a scenario, .toml file, or module:attribute from which missing options are taken; without it,
             the rectangle and the robots must be given.
@@ -83,73 +78,69 @@ def plan(
         output: Console output.
     """
     whole_number("rows", rows)
-    given = {
-        "width": width, "height": height, "robots": _range(robots), "robot_radius": robot_radius,
-        "sensor_radius": sensor_radius, "speed": speed, "turning_radius": turning_radius, "rogue_speed": rogue_speed,
-        "entry": entry, "failures": failures, "guarantee": guarantee, "seed": seed,
-    }  # fmt: skip
-    planner.check_time("seconds", seconds, 1.0)
-    outcome = planner.prepare(scenario, **given)
-    with nullcontext() if out is None else folders.open_folder(out) as folder:
+    check_time("seconds", seconds, 1.0)
+    outcome = Outcome.of(Request(
+        scenario, width, height, _range(robots), robot_radius, sensor_radius, speed, turning_radius, rogue_speed, entry,
+        failures, guarantee, seed,
+    ))  # fmt: skip
+    with nullcontext() if out is None else report.open_folder(out) as folder:
         _search(outcome, seconds, optimise, fixed_start, output)
         if outcome.interrupted and not outcome.finals:
             raise KeyboardInterrupt("no plan had been played to the end")
         plans = outcome.plans[:rows]
         _print(output.console(), outcome, plans)
         if folder is not None and plans:
-            folders.write(folder, plans, outcome.episodes, picture.draw(plans, seed))
-            lines = [f"wrote {len(plans)} plans and {folders.PICTURE} in {out}"]
-            lines += [f"Watch one: lissajous run {out}/1 --out plan.html"]
-            for line in lines:
-                output.print(line)
+            report.write(folder, plans, outcome.request.episodes)
+            output.print(f"wrote {len(plans)} plans and {report.PICTURE} in {out}")
+            output.print(f"Watch one: lissajous run {out}/1 --out plan.html")
     output.print_json({
-        "plans": folders.as_rows(plans),
+        "plans": report.as_rows(plans),
         "limits": outcome.limits,
         "fewest_robots": outcome.fewest_robots,
         "looked_at": outcome.looks,
         "played": len(outcome.finals),
         "refusals": outcome.refusals,
         "untried": outcome.untried,
-        "words": [words for words in (tables.untried_in_words(outcome), *tables.sentences(outcome)) if words],
+        "words": [words for words in (report.untried_in_words(outcome), *report.sentences(outcome)) if words],
     })  # fmt: skip
     if outcome.interrupted:
         raise KeyboardInterrupt("the plans above are the best that were played until then")
-    met = outcome.guarantee is None or outcome.fewest_robots is not None
+    met = outcome.request.guarantee is None or outcome.fewest_robots is not None
     return 0 if plans and met else 1
 
 
-def _search(outcome: planner.Outcome, seconds: float, optimise: bool, fixed_start: bool, output: Any) -> None:
+def _search(outcome: Outcome, seconds: float, optimise: bool, fixed_start: bool, output: Any) -> None:
     """Search with a progress bar."""
     counted = bars.TextColumn("{task.fields[looks]} plans looked at, {task.fields[finals]} played")
     with bar(progress_console(output), bars.TextColumn("{task.description}"), counted) as shown_bar:
         task = shown_bar.add_task("planning", total=seconds, looks=0, finals=0)
 
-        def progress(passed: float, outcome: planner.Outcome, search: Search) -> None:
+        def progress(passed: float, outcome: Outcome, search: Search) -> None:
             looks, finals = outcome.looks + len(search.looks), len(outcome.finals) + len(search.finals)
             name = f"planning {search.task.name}, N = {search.task.num_robots}"
             shown_bar.update(task, completed=min(passed, seconds), description=name, looks=looks, finals=finals)
 
-        planner.search(outcome, seconds, optimise, fixed_start, progress)
+        outcome.search(seconds, optimise, fixed_start, progress)
 
 
-def _print(console: Any, outcome: planner.Outcome, plans: list) -> None:
+def _print(console: Any, outcome: Outcome, plans: list) -> None:
     left_out: list[str] = []
-    if untried := tables.untried_in_words(outcome):
+    if untried := report.untried_in_words(outcome):
         print_line(console, untried, "bold")
     if plans:
         title = f"Plans for {_asked(outcome)}: {len(plans)} that no other dominates"
         print_line(console, title, "italic")
-        left_out += tables.print_plans(console, outcome, plans)
+        left_out += report.print_plans(console, outcome, plans)
         console.print()
-        left_out += tables.print_formations(console, plans)
+        left_out += report.print_formations(console, plans)
     else:
         print_line(console, f"No plan without collisions was found for {_asked(outcome)}.")
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
-    for line in tables.sentences(outcome):
+    for line in report.sentences(outcome):
         print_line(console, line)
 
 
-def _asked(outcome: planner.Outcome) -> str:
+def _asked(outcome: Outcome) -> str:
     """Return a phrase with the rectangle and the robots."""
     numbers, (task, *_) = list(outcome.tasks), list(outcome.tasks.values())
     team = f"{numbers[0]} to {numbers[-1]}" if len(numbers) > 1 else f"{numbers[0]}"

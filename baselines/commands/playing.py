@@ -44,7 +44,6 @@ def record_one(settings: Benchmark, output: Output, scenario: Scenario | None = 
         with naming(cell):
             recording = record(acting, cell.scenario, settings.seed, settings.device, lambda: progress.step(cell, 1))
         progress.finished(cell, 1)
-        progress.end(cell)
     return replace(recording, score=recording.score | {"policy": cell.policy})
 
 

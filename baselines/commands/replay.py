@@ -42,10 +42,6 @@ def replay(
     Example:
         lissajous replay evaders sweep --against kuramoto-mpcc --out replay.html
 
-    Options:
-        episode: seed, device, rogues, set
-        what is shown: out, against, speed, fps
-
     Args:
         names: scenario and policy, or a policy's folder, as for `lissajous run`; or a recording (.npz) of it.
         out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf, .npz or .mcap; without it, a window opens:

@@ -16,13 +16,11 @@ from baselines.reproduce import (
     claims,
     conditions,
     constants,
-    coupling,
     detection,
     equilibria,
     experiment,
     failures,
     resilience,
-    rogues,
     three_dimensions,
     tracking,
 )
@@ -49,11 +47,11 @@ PARTS: dict[str, Callable[[Player], Part]] = {
     "theorem4": failures.theorem4,
     "lemmas": equilibria.lemmas,
     "bounds": conditions.bounds,
-    "rogues": rogues.rogues,
+    "rogues": conditions.rogues,
     "knot": three_dimensions.knot,
     "experiment1": tracking.experiment1,
     "printed": constants.printed,
-    "window": coupling.window,
+    "window": constants.window,
 }
 """Parts of the paper by name, in the order of the table."""
 
@@ -72,8 +70,8 @@ def reproduce(
 ) -> list[Claim]:
     """Simulate the paper's figures and claims again: pictures, and a table of the claims that agree.
 
-    The folder receives a picture for each figure, the table as table.csv and table.md, and a page, README.md. All parts
-    together take about a minute.
+    The folder receives a picture for each figure of the paper, the table as table.csv and table.md, and a page,
+    README.md. All parts together take about a minute.
 
     Example:
         lissajous reproduce fig6 theorem4

@@ -23,12 +23,6 @@ def robot(
     Example:
         lissajous ros robot --robot 2 --policy kuramoto-mpcc --scenario lab.toml --command twist
 
-    Options:
-        robot: robot, policy, scenario, namespace, autostart, lockstep
-        topics and frames: command, pose, frame, origin, neighbours, rate
-        messages: message_wait, message_loss
-        limits: pose_age, fence, clock_jump, silence, watchdog
-
     Args:
         settings: Defaults of the parameters.
         namespace: namespace of the node's topics; robot_K by default.

@@ -28,10 +28,6 @@ def world(
     Example:
         lissajous ros world --scenario experiment --set task.duration=20 --out episode.html
 
-    Options:
-        simulation: scenario, set, seed, lockstep, pace, out
-        robots: command, frame, watchdog, wait
-
     Args:
         settings: Settings of the node.
         scenario: name of a scenario, .toml file, or module:attribute.
@@ -46,17 +42,17 @@ def world(
     check_file(out, *FORMATS)
     made = named.scenario(scenario, **parse_overrides(overrides))
     console = output.console()
-    with started(interrupts=True) as process:
-        with bar(progress_console(output), bars.TextColumn("{task.description}")) as shown_bar:
-            node = WorldNode(made, settings)
-            process.nodes.append(node)
-            task = shown_bar.add_task(f"{made.name} over ROS 2", total=made.task.steps)
-            recording = node.play(lambda: shown_bar.advance(task))
-        recording = replace(recording, score=recording.score | {"policy": "ros"})
-        tables.print_row(console, recording.score)
-        if node.late_steps:
-            late = f"{node.late_steps} of {len(recording) - 1} steps came late"
-            print_line(console, f"note: {late}: this machine is too slow; try --pace 0.5", "yellow")
-        output.print_json(recording.score | {"late_steps": node.late_steps})
-        if out is not None:
-            show(recording, out, output)
+    shown = bar(progress_console(output), bars.TextColumn("{task.description}"))
+    with started(interrupts=True) as process, shown as shown_bar:
+        node = WorldNode(made, settings)
+        process.nodes.append(node)
+        task = shown_bar.add_task(f"{made.name} over ROS 2", total=made.task.steps)
+        recording = node.play(lambda: shown_bar.advance(task), process.check)
+    recording = replace(recording, score=recording.score | {"policy": "ros"})
+    tables.print_row(console, recording.score)
+    if node.late_steps:
+        late = f"{node.late_steps} of {len(recording) - 1} steps came late"
+        print_line(console, f"note: {late}: this machine is too slow; try --pace 0.5", "yellow")
+    output.print_json(recording.score | {"late_steps": node.late_steps})
+    if out is not None:
+        show(recording, out, output)

@@ -11,7 +11,7 @@ from baselines.commands.playing import FORMATS, progress_console
 from lissajous_env.console.recordings import check_file, show
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out
 from lissajous_env.logs.robots import ODOMETRY
-from lissajous_env.logs.scoring import GAP, own_scenario
+from lissajous_env.logs.scoring import GAP, Scored, own_scenario
 from lissajous_env.logs.scoring import score as score_log
 from lissajous_env.parameters import named
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
@@ -41,11 +41,6 @@ def score(
     Example:
         lissajous score lab.mcap --scenario lab.toml --episodes 16 --out lab.html
 
-    Options:
-        log: scenario, topics, origin, gap, set
-        virtual targets: episodes, seed
-        files: out, report
-
     Args:
         logs: rosbag2 file (.mcap) or folder, or several that belong together, as one for each robot; a log that --out
             FILE.mcap wrote contains its own scenario.
@@ -61,8 +56,8 @@ def score(
         output: Console output.
         overrides: fields changed in the scenario, as in --set sensing.radius=0.8
     """
-    from baselines.benchmark import summary_files, tables
-    from baselines.benchmark.comparison import statistics, with_derived
+    from baselines.benchmark import tables, written
+    from baselines.benchmark.table import Table
     from lissajous_env.logs.reading import read
 
     if episodes < 1:
@@ -85,21 +80,36 @@ def score(
     if episodes == 1:
         tables.print_row(console, scored.rows[0])
     else:
-        of = statistics(with_derived(scored.rows, {scored.scenario.name: scored.scenario}))
-        for scenario_name, policies in of.items():
+        table = Table.of(scored.rows, {scored.scenario.name: scored.scenario}, simulates=False)
+        for scenario_name, policies in table.estimates.items():
             left_out = tables.print_scores(console, name, scenario_name, policies[name])
             print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     for note in scored.notes:
         output.print(f"note: {note}", "yellow")
     for file in out:
         if file.suffix.lower() == ".csv":
-            summary_files.write_csv(file, scored.rows)
+            written.write_csv(file, scored.rows)
             output.print(f"wrote {file}")
         else:
             show(scored.recording, file, output)
     if report is not None:
-        from baselines.benchmark.log_report import log_report
-
-        write_atomically(report, log_report(scored))
+        write_atomically(report, _report_of(scored))
         output.print(f"wrote {report}")
     output.print_json({"log": found.name, "start": scored.start, "notes": scored.notes, "episodes": scored.rows})
+
+
+def _report_of(scored: Scored) -> str:
+    """Return the report: the table of a log's score rows, and the episode of the first, which it can play."""
+    from baselines.benchmark import written
+    from baselines.benchmark.detections import share_detected
+    from baselines.benchmark.report_page import Played, Report
+    from baselines.benchmark.table import Table
+    from lissajous_env.replay.contents import BRIEF, contents
+
+    scenario, first = scored.scenario, scored.rows[0]
+    name, policy = scenario.name, first["policy"]
+    curves = {name: {policy: share_detected(scored.detected_after, scored.undetected_for)}}
+    table = Table.of(scored.rows, {name: scenario}, curves=curves)
+    report = Report(table, written.provenance("cpu"), nameless=frozenset((policy,)))
+    played = {(name, policy, first["seed"]): Played(contents(scored.recording, BRIEF), True)}
+    return report.html(report.ranked(), played)

@@ -1,8 +1,9 @@
 """Plans: a policy with its parameters on a scenario, and the figures that its episodes have."""
 
 import dataclasses
+import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -105,8 +106,8 @@ def top_speed(task: Scenario) -> float:
 
 
 UNITS: dict[str, Callable[[Scenario, float], float]] = {
-    **dict.fromkeys(("cruise", "speed", "slowest"), lambda task, cruise: task.robot.top_speed),
-    **dict.fromkeys(("inset", "bow"), lambda task, cruise: task.sensing_radius),
+    **dict.fromkeys(("cruise", "speed", "slowest"), lambda task, cruise: top_speed(task)),
+    **dict.fromkeys(("inset", "bow", "settle"), lambda task, cruise: task.sensing_radius),
     "corner": corner_radius,
     "lookahead": lambda task, cruise: lookahead(task, cruise, SweepParameters()),
     "gather": lambda task, cruise: motion_scale(task).time,
@@ -115,13 +116,19 @@ UNITS: dict[str, Callable[[Scenario, float], float]] = {
 sensing radius, the default of the parameter, or the time of the motion. Other parameters are used as they are."""
 
 
-def absolute(relative: PolicySettings, task: Scenario) -> PolicySettings:
-    """Return a policy for cars whose parameters are in the units `UNITS` with parameters in SI units."""
-    cruise = relative.parameters.get("cruise", 1.0) * task.robot.top_speed
-    given = {
-        name: value * UNITS[name](task, cruise) if name in UNITS else value
-        for name, value in relative.parameters.items()
-    }
+def absolute(relative: PolicySettings, task: Scenario, digits: int | None = None) -> PolicySettings:
+    """Return a policy for cars whose parameters are in the units `UNITS` with parameters in SI units.
+
+    Args:
+        relative: The policy with relative parameters.
+        task: The scenario.
+        digits: Significant digits of the parameters; all by default.
+    """
+    cruise = relative.parameters.get("cruise", 1.0) * top_speed(task)
+    given = dict(relative.parameters)
+    for name in given.keys() & UNITS.keys():
+        value = given[name] * UNITS[name](task, cruise)
+        given[name] = value if digits is None else float(f"{value:.{digits}g}")
     return PolicySettings(relative.policy, given)
 
 
@@ -180,3 +187,29 @@ def _mean(values: Sequence[float]) -> float:
     """Return the mean of the values that are not NaN."""
     known = [value for value in values if not math.isnan(value)]
     return sum(known) / len(known) if known else math.nan
+
+
+def dominates(one: Sequence[float], other: Sequence[float]) -> bool:
+    """Return whether the objectives of one are nowhere worse than those of another, and somewhere better."""
+    return all(a <= b for a, b in zip(one, other, strict=True)) and tuple(one) != tuple(other)
+
+
+def pareto_optimal(planned: Sequence[Planned]) -> list[Planned]:
+    """Return the plans without collisions that none of these dominates, by their worst-case undetected time.
+
+    Of plans with equal objectives the first is returned; where plans differ in their number of robots, fewer are
+    better.
+    """
+    by_objectives: dict[tuple[float, ...], Planned] = {}
+    for each in planned:
+        if each.figures.collisions == 0:
+            by_objectives.setdefault((*each.figures.objectives, float(each.plan.scenario.num_robots)), each)
+    best = [one for one in by_objectives if not any(dominates(other, one) for other in by_objectives)]
+    return [by_objectives[each] for each in sorted(best)]
+
+
+def in_turn(lists: Sequence[Sequence[Any]]) -> Iterator[Any]:
+    """Yield the first of each list, then the second of each."""
+    nothing = object()
+    for row in itertools.zip_longest(*lists, fillvalue=nothing):
+        yield from (each for each in row if each is not nothing)

@@ -1,35 +1,321 @@
-"""Rehearsals: policies are played in a few episodes each, and the best ones of these in more.
+"""Rehearsals: how good a plan is, by playing it in simulation.
 
-The best of many results in few episodes is often a lucky one.
+A search looks at a plan in a few short episodes on a coarse grid, and plays the best ones to the end. A portfolio and a
+training compare policies by the cost of their results.
 """
 
 import dataclasses
+import itertools
 import math
-from collections.abc import Iterable, Sequence
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.planning.playing import grid, quietly
+from baselines.planning.plans import GROWN, LOST, SETTLED_TIME, Plan, Planned, figures_of
 from baselines.policies.base import UnsuitableScenarioError
+from baselines.policies.patience import StoppedError, patience
 from baselines.policies.settings import PolicySettings
-from lissajous_env.episodes.evaluation import evaluate
-from lissajous_env.episodes.guarantee import CELLS
+from lissajous_env.episodes.evaluation import EpisodeRunner, evaluate
+from lissajous_env.episodes.limits import guaranteed_time_limit
 from lissajous_env.parameters import named
+from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import where_raised
 from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, OPEN, WORST_CASE
+from lissajous_env.world.robots.faults import removal_steps
+from lissajous_env.world.score import is_open
+from lissajous_env.world.simulation import Simulation
 
+EPISODES, MOST_LOSSES = 4, 64
+"""Final episodes of a plan without failures, and most episodes with failures."""
+_SCREENED, _SCREENED_LOSSES = 2, 8
+"""Episodes of a first look without failures, and most of these with failures."""
+_LOST_AT = 0.25
+"""Share of an episode after which robots are removed: early enough for a gap to grow for more than half of it."""
+_SHARE = 0.5
+"""Duration of an episode of a first look, over that of a final one."""
+_EVERY = 8
+"""Steps between two looks at whether an episode may end early."""
+_COARSE, _COARSE_CELLS_IN_A_SENSOR = 40, 2.5
+"""Cells of a first look along the longer side of the rectangle, if the sensors are not too short for them."""
 DETECTION, GUARANTEE = "detection", "guarantee"
-"""Objectives: the mean detection time, and the worst-case undetected time."""
-EPISODES, FIRST_SEED = 4, 800_000
-"""Episodes of a rehearsal, and the seed of the first; no results of a portfolio are from these seeds."""
-FINALISTS, FINAL_EPISODES = 2, 16
-"""Number of the best policies that are played again, and in how many episodes."""
-_CELLS_IN_A_SENSOR = 4.0
+"""Objectives of a portfolio: the mean detection time, and the worst-case undetected time."""
 _OPEN = 2.0
 """Worst case that counts where the episodes show no bound [episodes]."""
 _COLLISION, MOST_COLLISIONS = 0.1, 20
 """Cost of a collision in an episode, and the largest number of collisions that counts."""
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """The episodes of every plan: with the same seeds for all, so that plans are compared on the same failures."""
+
+    seed: int = 0
+    """Seed of the first episode without failures and of the first with failures."""
+    failures: int = 0
+    """Robots that fail for good in an episode with failures."""
+    count: int = EPISODES
+
+    def with_failures(self, scenario: Scenario) -> Scenario:
+        """Return a scenario in which so many more robots fail for good; `remove_early` determines which and when."""
+        return named.build(scenario, **{"faults.lost": scenario.faults.lost + self.failures})
+
+    def losses(self, scenario: Scenario) -> list[tuple[int, ...]]:
+        """Return the robots that are removed in each episode with failures.
+
+        These are all combinations of as many robots as fail, or, of more than `MOST_LOSSES`, so many random ones.
+        """
+        robots, lost = scenario.num_robots, self.with_failures(scenario).faults.lost
+        if self.combinations(scenario) <= MOST_LOSSES:
+            return list(itertools.combinations(range(robots), lost))
+        draw, chosen = np.random.default_rng(self.seed), {}
+        while len(chosen) < MOST_LOSSES:
+            chosen[tuple(sorted(draw.choice(robots, lost, replace=False).tolist()))] = None
+        return list(chosen)
+
+    def combinations(self, scenario: Scenario) -> int:
+        """Return the number of combinations of as many robots as fail in an episode with failures."""
+        return math.comb(scenario.num_robots, self.with_failures(scenario).faults.lost)
+
+
+@dataclass(frozen=True)
+class Look:
+    """The result of a first look at a plan."""
+
+    plan: Plan
+    collisions: int
+    worst_case: float
+    """Worst-case undetected time [s]; infinite if the episodes show no bound, or ended because others are better."""
+    worst_case_failed: float
+    """The same with failures; 0 without."""
+    settled: float = math.inf
+    """Worst-case undetected time of the second half of the episodes [s]."""
+    mean_age: float = math.inf
+    """Mean over cells and time of how long a target can have been undetected [s], to compare plans without a bound."""
+    refusal: str = ""
+    """Reason why the plan cannot be played."""
+
+    @property
+    def by_worst_case(self) -> tuple[float, ...]:
+        """Return numbers by which plans are sorted, without failures first."""
+        return self.worst_case, self.settled, self.worst_case_failed, self.mean_age
+
+    @property
+    def by_failed(self) -> tuple[float, ...]:
+        """Return numbers by which plans are sorted, with failures first."""
+        return self.worst_case_failed, self.worst_case, self.settled, self.mean_age
+
+    @property
+    def fails(self) -> bool:
+        """Return whether the plan is out."""
+        return bool(self.refusal) or self.collisions > 0
+
+
+class _Run:
+    """Episodes of a plan that run together, one in each world, in which robots may be removed.
+
+    Args:
+        plan: The plan.
+        scenario: The scenario to play, which may have other grids and faults than that of the plan.
+        seed: Seed of the first episode.
+        losses: Robots that are removed in each episode.
+        stopped: Returns whether to stop, by raising StoppedError.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        scenario: Scenario,
+        seed: int,
+        losses: Sequence[tuple[int, ...]],
+        stopped: Callable[[], bool],
+    ):
+        self.step, self._stopped = 0, stopped
+        with patience(stopped):
+            self.policy = plan.settings.make(scenario, len(losses))
+        self.simulation = Simulation(scenario, len(losses), threads=1, seed=seed)
+        remove_early(self.simulation, losses)
+        self.settled = np.zeros(len(losses), dtype=int)
+        """Longest undetected time since the middle of the episodes [steps]."""
+        self.before = np.zeros(len(losses), dtype=int)
+        """Longest undetected time before the last step [steps]."""
+
+    @property
+    def longest(self) -> np.ndarray:
+        """Return the longest undetected time of each episode so far [steps]."""
+        return self.simulation.contamination.age_max.numpy()
+
+    @property
+    def collisions(self) -> int:
+        """Return the collisions of all episodes so far."""
+        return int(self.simulation.tally.collisions.numpy().sum())
+
+    def play(self, until: int, is_over: Callable[[], bool]) -> bool:
+        """Play until a step, and return True; return False where `is_over` has ended the episodes earlier."""
+        runner = EpisodeRunner(self.policy, self.simulation)
+        self.policy.reset()
+        for self.step in range(1, until + 1):
+            if self.step == until:
+                self.before[:] = self.longest
+            runner.step()
+            if 2 * self.step > until:
+                np.maximum(self.settled, self.simulation.contamination.age.numpy(), out=self.settled)
+            if self.step % _EVERY == 0:
+                if self._stopped():
+                    raise StoppedError
+                if is_over():
+                    return False
+        return True
+
+
+def look_at(plan: Plan, episodes: Episodes, cutoff: float, stopped: Callable[[], bool]) -> Look:
+    """Play a plan for half of its duration on a coarse grid; end at the first collision, or beyond a cutoff [s]."""
+    try:
+        task = plan.scenario.task
+        scenario = named.build(plan.scenario, **{"task.contamination": coarse_grid(plan.scenario), "task.grid": (1, 1)})
+        look = _look(
+            plan, scenario, episodes.seed, [()] * _SCREENED, max(round(_SHARE * task.steps), 1), cutoff, stopped
+        )
+        if not episodes.failures or look.collisions:
+            return look
+        if look.worst_case == math.inf:
+            return dataclasses.replace(look, worst_case_failed=math.inf)
+        scenario, losses = episodes.with_failures(scenario), episodes.losses(scenario)
+        losses = losses[:: math.ceil(len(losses) / _SCREENED_LOSSES)]
+        failed = _look(plan, scenario, episodes.seed, losses, task.steps, math.inf, stopped)
+        return dataclasses.replace(look, worst_case_failed=failed.worst_case)
+    except StoppedError:
+        raise
+    except Exception as error:  # one policy that fails must not end the search
+        return Look(plan, 0, math.inf, math.inf, refusal=reason_of(error))
+
+
+def _look(
+    plan: Plan,
+    scenario: Scenario,
+    seed: int,
+    losses: Sequence[tuple[int, ...]],
+    until: int,
+    cutoff: float,
+    stopped: Callable[[], bool],
+) -> Look:
+    """Return the collisions, the worst cases and the mean age [s] of episodes, which may end early."""
+    run, step = _Run(plan, scenario, seed, losses, stopped), scenario.task.step
+    ended = run.play(until, lambda: bool(run.collisions) or run.longest.max() * step > cutoff)
+    if run.collisions:
+        return Look(plan, run.collisions, math.inf, 0.0)
+    field = run.simulation.contamination
+    age = float(field.mean_age_sum.numpy().max()) / run.step * step
+    at_end = zip(run.longest, field.age.numpy(), strict=True)
+    if not (ended or run.step == until) or any(is_open(*each, until) for each in at_end):
+        return Look(plan, 0, math.inf, 0.0, mean_age=age)
+    return Look(plan, 0, float(run.longest.max()) * step, 0.0, int(run.settled.max()) * step, age)
+
+
+def play(
+    plan: Plan,
+    episodes: Episodes,
+    stopped: Callable[[], bool] = lambda: False,
+    cutoff: Callable[[], float] = lambda: math.inf,
+) -> Planned | None:
+    """Play the final episodes of a plan, all of them to the end.
+
+    Args:
+        plan: The plan.
+        episodes: The episodes.
+        stopped: Returns whether to stop, by raising StoppedError.
+        cutoff: Returns a worst-case undetected time [s]; for a plan that exceeds it, or collides where it is not
+            infinite, the result is None.
+    """
+    found = _played(plan, plan.scenario, episodes.seed, [()] * episodes.count, stopped, cutoff)
+    if found is None:
+        return None
+    rows, messages = found
+    failed: list[dict[str, Any]] = []
+    if episodes.failures and not any(row[COLLISIONS.name] for row in rows):
+        scenario = episodes.with_failures(plan.scenario)
+        found = _played(plan, scenario, episodes.seed, episodes.losses(plan.scenario), stopped)
+        assert found is not None, "without a cutoff every episode is played to the end"
+        failed, _ = found
+    limit = guaranteed_time_limit(plan.scenario)
+    return Planned(plan, figures_of(rows, failed, plan, messages), limit, rows, failed)
+
+
+def _played(
+    plan: Plan,
+    scenario: Scenario,
+    seed: int,
+    losses: Sequence[tuple[int, ...]],
+    stopped: Callable[[], bool],
+    cutoff: Callable[[], float] = lambda: math.inf,
+) -> tuple[list[dict[str, Any]], str] | None:
+    """Return the score rows of some episodes, with what `plans` adds to these, and the policy's messages.
+
+    Beyond the cutoff [s], the result is None.
+    """
+    run = _Run(plan, scenario, seed, losses, stopped)
+
+    def is_over() -> bool:
+        most = cutoff()
+        return float(run.longest.max()) * scenario.task.step > most or (most < math.inf and run.collisions > 0)
+
+    if not run.play(scenario.task.steps, is_over):
+        return None
+    more = zip(run.simulation.score(), losses, run.settled, run.longest > run.before, strict=True)
+    rows = [
+        {"policy": plan.settings.policy}
+        | row
+        | {LOST: lost, SETTLED_TIME: float(age) * scenario.task.step, GROWN: bool(grows)}
+        for row, lost, age, grows in more
+    ]
+    return rows, run.policy.communicates
+
+
+def remove_early(simulation: Simulation, losses: Sequence[tuple[int, ...]]) -> None:
+    """Let the robots that each world loses be removed after a quarter of the episode, in place of random ones.
+
+    An empty loss leaves a world as it is.
+    """
+    task, faults = simulation.scenario.task, simulation.scenario.faults
+    removed_at = simulation.robots.removed_at.numpy().copy()
+    for row, lost in zip(removed_at, losses, strict=True):
+        if lost:
+            row[:] = removal_steps(faults, len(row), task.step)
+            row[list(lost)] = np.minimum(row[list(lost)], round(_LOST_AT * task.steps))
+    simulation.robots.removed_at.assign(removed_at)
+
+
+def grid(scenario: Scenario, longest: int, cells_in_a_sensor: float) -> tuple[int, int]:
+    """Return columns and rows of about square cells.
+
+    Args:
+        scenario: The scenario.
+        longest: Cells along the longer side of the rectangle, more for short sensors.
+        cells_in_a_sensor: Least sensing radius [cell].
+    """
+    halves = scenario.curve.half_width, scenario.curve.half_height
+    longest = max(longest, min(math.ceil(2 * max(halves) * cells_in_a_sensor / scenario.sensing_radius), 2 * longest))
+    columns, rows = (max(round(longest * half / max(halves)), 1) for half in halves)
+    return columns, rows
+
+
+def reason_of(error: Exception) -> str:
+    """Return why a plan cannot be played."""
+    return str(error) if isinstance(error, ValueError) else where_raised(error)
+
+
+def coarse_grid(scenario: Scenario) -> tuple[int, int]:
+    """Return columns and rows of the contamination grid of a first look."""
+    printed = scenario.task.contamination or (1, 1)
+    return min(grid(scenario, _COARSE, _COARSE_CELLS_IN_A_SENSOR), printed)
+
+
+def quietly() -> warnings.catch_warnings:
+    """Return a context without warnings about assumptions of the paper, which plans violate on purpose."""
+    return warnings.catch_warnings(action="ignore", category=AssumptionWarning)
 
 
 class Result(NamedTuple):
@@ -50,21 +336,8 @@ def cost_of(time: Any, collisions: Any) -> Any:
     return np.log(time) + _COLLISION * np.minimum(collisions, MOST_COLLISIONS)
 
 
-def stage(scenario: Scenario, objective: str) -> Scenario:
-    """Return the scenario of rehearsals: without extensions, with the rogues or the grid that the objective needs."""
-    task = dataclasses.replace(scenario, extensions=())
-    changes: dict[str, Any] = {"task.grid": None}
-    if objective == DETECTION:
-        changes["task.contamination"] = None
-    else:
-        changes["targets.rogues"] = None
-        if task.task.contamination is None:
-            changes["task.contamination"] = grid(task, CELLS, _CELLS_IN_A_SENSOR)
-    return named.build(task, **changes)
-
-
 def result_of(
-    settings: PolicySettings, task: Scenario, episodes: int, objective: str, first_seed: int = FIRST_SEED
+    settings: PolicySettings, task: Scenario, episodes: int, objective: str, first_seed: int
 ) -> Result | None:
     """Play a policy and return its result; None for a scenario that does not suit the policy."""
     try:
@@ -78,43 +351,3 @@ def result_of(
         return Result(_OPEN * task.task.duration if is_open else max(row[WORST_CASE.name] for row in rows), collisions)
     times = [row[DETECTION_TIME.name] for row in rows if math.isfinite(row[DETECTION_TIME.name])]
     return Result(sum(times) / len(times) if times else math.inf, collisions)
-
-
-def best_of(candidates: Sequence[PolicySettings], task: Scenario, objective: str, count: int) -> int | None:
-    """Return the index of the best of the first `count` candidates that suit a scenario; None if none does.
-
-    The `FINALISTS` best of `EPISODES` episodes are compared in `FINAL_EPISODES`, of which a worst-case undetected time
-    is the largest; so each further one follows that was better in its few episodes than these are in all. The episodes
-    do not depend on the machine's load or on what ran before, so that all robots on machines of one kind choose the
-    same.
-    """
-    with quietly():
-        costs = _costs(candidates, range(len(candidates)), task, objective, EPISODES, count)
-        if len(costs) < 2:
-            return min(costs, default=None)
-        finals: dict[int, float] = {}
-        for k in sorted(costs, key=costs.__getitem__):
-            # The worst case of more episodes is at least that of some of them, so `costs` bounds it from below.
-            may_be_best = objective == GUARANTEE and costs[k] < min(finals.values(), default=math.inf)
-            if len(finals) < FINALISTS or may_be_best:
-                finals |= _costs(candidates, [k], task, objective, FINAL_EPISODES, 1)
-    return min(finals, key=finals.__getitem__)
-
-
-def _costs(
-    candidates: Sequence[PolicySettings],
-    indices: Iterable[int],
-    task: Scenario,
-    objective: str,
-    episodes: int,
-    count: int,
-) -> dict[int, float]:
-    """Return the costs of the first `count` candidates that suit a scenario, by index."""
-    costs: dict[int, float] = {}
-    for k in indices:
-        result = result_of(candidates[k], task, episodes, objective)
-        if result is not None:
-            costs[k] = result.cost(task.task.step)
-        if len(costs) == count:
-            break
-    return costs

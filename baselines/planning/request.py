@@ -2,16 +2,20 @@
 
 import dataclasses
 import math
+import os
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from baselines.benchmark.standard import GRIDS
 from baselines.planning.plans import top_speed
-from baselines.planning.playing import grid
+from baselines.planning.rehearse import Episodes, grid
 from baselines.similarity import motion_scale
 from lissajous_env.episodes.guarantee import CELLS
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.settings.parts import Formation, Robot, Targets
 from lissajous_env.settings.task import Task
 from lissajous_env.theory import closed_forms
@@ -34,25 +38,47 @@ _GRID = 36
 """Cells of the coverage grid along the longer side of the rectangle."""
 _LEAST, _MOST = 0.01, 1e4
 """Range of lengths [m] and speeds [m/s]."""
+_LAST_SEED, _LONGEST = 2**31 - 1000, 10**6
+"""Largest seed; longest time [s]."""
 _NEEDED = {"width": "m", "height": "m", "robots": "", "robot_radius": "m", "sensor_radius": "m", "speed": "m/s"}
 """Units of what must be given without a scenario."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """Subject of a search for plans: a scenario, a rectangle and robots, or a scenario with some of these changed."""
+    """Subject of a search for plans: a scenario, a rectangle and robots, or a scenario with some of these changed.
 
-    scenario: Scenario | None = None
+    Raises:
+        ValueError: a value is invalid or missing.
+    """
+
+    scenario: str | os.PathLike[str] | Scenario | None = None
+    """Scenario from which missing values are taken; without it, the rectangle and the robots must be given."""
     width: float | None = None
+    """Width of the rectangle [m]."""
     height: float | None = None
-    robots: tuple[int, int] | None = None
-    """Fewest and most robots."""
+    """Height of the rectangle [m]."""
+    robots: int | Sequence[int] | None = None
+    """Number of robots, or a pair of the fewest and the most."""
     robot_radius: float | None = None
+    """Radius of a robot's body [m]."""
     sensor_radius: float | None = None
+    """Sensing radius [m]."""
     speed: float | None = None
+    """Top speed of the robots [m/s]."""
     turning_radius: float | None = None
+    """Radius of a car's tightest circle [m]; None for points on the curve, or the scenario's robots."""
     rogue_speed: float | None = None
+    """Top speed of evading targets [m/s]."""
     entry: str | None = None
+    """Place where targets appear, as in `targets.entry`."""
+    failures: int = 0
+    """Robots that fail for good: each combination of as many is removed in an episode of its own, after a quarter of
+    it; of more than 64 combinations, 64 are drawn at random."""
+    guarantee: float | None = None
+    """Time within which every target must be detected [s]; the search ends at the fewest robots that achieve it."""
+    seed: int = 0
+    """Seed of the episodes and of the search."""
 
     def __post_init__(self) -> None:
         for name, unit in _NEEDED.items():
@@ -65,18 +91,35 @@ class Request:
                 raise ValueError(f"{name} must be from {_LEAST:g} to {_MOST:g} [{unit}], got {shown(value)}")
         if self.rogue_speed is not None and not 0 <= self.rogue_speed <= 100:
             raise ValueError(f"rogue_speed must be from 0 to 100 [m/s], got {shown(self.rogue_speed)}")
-        if self.robots is not None:
-            few, many = self.robots
-            if not 2 <= few <= many <= 64:
-                raise ValueError(f"robots must be a number, or a range few:many, from 2 to 64, got {few}:{many}")
+        check_time("guarantee", self.guarantee, 1e-3)
+        whole_number("seed", self.seed, 0, _LAST_SEED)
+        if not isinstance(self.failures, int) or not 0 <= self.failures < self.numbers[0]:
+            rule = f"failures must be a whole number from 0 to {self.numbers[0] - 1}, fewer than the robots"
+            raise ValueError(f"{rule}, got {shown(self.failures)}")
+
+    @cached_property
+    def base(self) -> Scenario | None:
+        """Return the scenario from which missing values are taken."""
+        return None if self.scenario is None else named.build(self.scenario)
 
     @property
+    def episodes(self) -> Episodes:
+        """Return the episodes of every plan."""
+        return Episodes(self.seed, self.failures)
+
+    @cached_property
     def numbers(self) -> range:
         """Return the numbers of robots that plans are made for."""
         if self.robots is None:
-            assert self.scenario is not None
-            return range(self.scenario.num_robots, self.scenario.num_robots + 1)
-        return range(self.robots[0], self.robots[1] + 1)
+            assert self.base is not None
+            return range(self.base.num_robots, self.base.num_robots + 1)
+        pair = (self.robots, self.robots) if isinstance(self.robots, int) else tuple(self.robots)
+        if len(pair) != 2 or not all(isinstance(each, int) for each in pair):
+            raise ValueError(f"robots must be a number or a pair, the fewest and the most, got {shown(self.robots)}")
+        few, many = pair
+        if not 2 <= few <= many <= 64:
+            raise ValueError(f"robots must be a number, or a range few:many, from 2 to 64, got {few}:{many}")
+        return range(few, many + 1)
 
     def task(self, num_robots: int) -> Scenario:
         """Return the scenario on which plans for a number of robots are compared.
@@ -84,9 +127,9 @@ class Request:
         Raises:
             ValueError: a value that a field of the scenario forbids.
         """
-        made = self._rectangle(num_robots) if self.scenario is None else self._changed(self.scenario, num_robots)
+        made = self._rectangle(num_robots) if self.base is None else self._changed(self.base, num_robots)
         changed: dict[str, Any] = {}
-        if self.scenario is None:
+        if self.base is None:
             changed |= _times(made)
         if made.task.contamination is None:
             changed["task.contamination"] = GRIDS.get(made.name) or grid(made, CELLS, 4.0)
@@ -141,6 +184,12 @@ class Request:
             return made
         fastest = self.speed / (made.alpha * largest_speed(made.curve))
         return named.build(made, **{"robot.phase_rate_max": fastest})
+
+
+def check_time(name: str, value: float | None, least: float) -> None:
+    """Raise ValueError for a time that is out of its range [s]."""
+    if value is not None and not least <= value <= _LONGEST:
+        raise ValueError(f"{name} must be from {least:g} to {_LONGEST} [s], got {shown(value)}")
 
 
 def _robot(robot: Robot, request: Request) -> Robot:

@@ -6,17 +6,18 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from functools import partial
+from typing import Any
 
 import numpy as np
 
+from baselines.planning.best_known import NAME as KNOWN
 from baselines.planning.families import FAMILIES
-from baselines.planning.families.base import Family, Settings, changed
-from baselines.planning.families.known import NAME as KNOWN
-from baselines.planning.families.shipped import NAME as DEFAULTS
-from baselines.planning.optimising import optimise
-from baselines.planning.plans import SETTLED, WHOLE, Plan, Planned
-from baselines.planning.playing import Episodes, Look, look_at, play, reason_of
-from baselines.planning.tried import Tried, first_of_each, in_turn, outcome_of, why
+from baselines.planning.families.defaults import DEFAULTS
+from baselines.planning.family import Family, Settings
+from baselines.planning.free_paths import optimise
+from baselines.planning.plans import SETTLED, WHOLE, Plan, Planned, in_turn
+from baselines.planning.rehearse import Episodes, Look, look_at, play, reason_of
 from baselines.policies.patience import StoppedError
 from baselines.policies.settings import PolicySettings
 from lissajous_env.device.devices import cores
@@ -38,6 +39,7 @@ _CUTOFF = 3.0
 """A first look ends where the worst-case undetected time is beyond that of the best plan by this factor."""
 _FEWEST_FINALS = 3
 """Plans that are played to the end after Ctrl-C."""
+_STOPPED = "there was no time to play it to the end"
 _TICK = 0.2
 """Time between two calls of `on_progress` [s]."""
 
@@ -48,7 +50,7 @@ class Search:
     Args:
         task: The scenario on which plans are compared.
         episodes: The episodes of every plan.
-        families: The families of plans.
+        families: Functions that return the families of plans for a task.
         seed: Seed of the random changes.
         fixed_start: True for plans alone whose robots begin where the task places them.
         clock: Returns the time [s].
@@ -58,7 +60,7 @@ class Search:
         self,
         task: Scenario,
         episodes: Episodes,
-        families: Sequence[Family] = FAMILIES,
+        families: Sequence[Callable[[Scenario], Family]] = FAMILIES,
         seed: int = 0,
         fixed_start: bool = False,
         clock: Callable[[], float] = time.monotonic,
@@ -71,7 +73,7 @@ class Search:
         """Defaults that were not played for lack of time."""
         self.broken: list[str] = []
         """Reasons of plans whose final episodes failed."""
-        self._tried = {family.name: Tried(family) for family in families}
+        self._make_families, self.families = families, []
         self._random = np.random.default_rng(seed)
         self._known: set[tuple] = set()
         self._played: set[tuple] = set()
@@ -84,17 +86,16 @@ class Search:
     @property
     def looks(self) -> list[Look]:
         """Return all first looks so far."""
-        return [look for tried in self._tried.values() for _, look in tried.looks]
+        return [look for family in self.families for _, look in family.looks]
 
     def refusals(self) -> dict[str, str]:
         """Return for each family without a final plan the reason."""
         finals = {each.plan.family for each in self.finals if each.figures.collisions == 0}
-        return {name: why(tried, self.task) for name, tried in self._tried.items() if name not in finals}
+        return {family.name: family.why() for family in self.families if family.name not in finals}
 
     def untried(self) -> list[str]:
         """Return the families of which no plan was tried, although they may have some."""
-        open_ones = [each for each in self._tried.values() if not (each.looks or each.unmade)]
-        return [each.family.name for each in open_ones if each.family.starts(self.task)]
+        return [each.name for each in self.families if each.starts and not (each.looks or each.unmade)]
 
     def run(
         self,
@@ -117,6 +118,7 @@ class Search:
         self._optimises = free_paths and self.task.robot.kind == "car"
         begin = self._time()
         self._clock = lambda: self._time() - begin
+        self.families = [family_of(self.task) for family_of in self._make_families]
         self._on_progress, self._seconds = on_progress, seconds
         with ThreadPoolExecutor(cores()) as threads:
             for stage in (self._look_at_firsts, self._play_defaults, self._look, self._optimise, self._finish):
@@ -150,39 +152,72 @@ class Search:
 
         Those that turn out to be worse than another plan are not played to the end.
         """
-        tried = self._tried.get(DEFAULTS)
-        if tried is None:
+        plans = [family.plan(settings) for family in self._of(DEFAULTS) for settings in family.starts]
+        if not plans:
             return
-        plans = [tried.family.plan(self.task, settings) for settings in tried.family.starts(self.task)]
         self._known |= {plan.key for plan in plans}
         until, waiting = _DEFAULTS * self._seconds, in_turn([plans, [look.plan for look in self.ranked()]])
-        running: dict[Future, tuple[Plan, float]] = {}
         # A default that is worse without failures may be better with them.
         slack = _CUTOFF if self.episodes.failures else 1.0
 
-        while True:
-            while len(running) < cores() and self._clock() < until and not self._is_met:
-                if (plan := next(waiting, None)) is None:
-                    break
-                running[self._begun(threads, plan, _LATEST, lambda: slack * self.best)] = plan, self._clock()
-            if not running:
-                break
-            for each in self._ended(running):
-                plan, began = running.pop(each)
-                found, look = outcome_of(each, plan)
-                if found is not None:
-                    self.finals.append(found)
-                    self._longest = max(self._longest, self._clock() - began)
-                if plan.family == DEFAULTS:
-                    tried.looks += [({"policy": plan.settings.policy}, look)]
+        def may_begin() -> bool:
+            return self._clock() < until and not self._is_met
+
+        for look in self._play(threads, waiting, may_begin, _LATEST, lambda: slack * self.best):
+            for family in self._of(DEFAULTS) if look.plan.family == DEFAULTS else ():
+                family.looks.append(({"policy": look.plan.settings.policy}, look))
         self.unplayed = sum(plan.family == DEFAULTS for plan in waiting)
 
-    def _begun(
-        self, threads: ThreadPoolExecutor, plan: Plan, share: float, cutoff: Callable[[], float] = lambda: math.inf
-    ) -> Future:
-        """Begin the final episodes of a plan, which end when some share of the time is over."""
-        self._played.add(plan.key)
-        return threads.submit(play, plan, self.episodes, lambda: self._is_met or self._is_late(share), cutoff)
+    def _of(self, name: str) -> list[Family]:
+        """Return the family of a name, if the search has it."""
+        return [family for family in self.families if family.name == name]
+
+    def _play(
+        self,
+        threads: ThreadPoolExecutor,
+        waiting: Iterator[Plan],
+        may_begin: Callable[[], bool],
+        share: float,
+        cutoff: Callable[[], float] = lambda: math.inf,
+    ) -> Iterator[Look]:
+        """Play the final episodes of plans, and yield what is known of each.
+
+        Args:
+            threads: Threads that play them.
+            waiting: The plans.
+            may_begin: Returns whether one more may begin.
+            share: Share of the time at which the episodes end.
+            cutoff: Returns the worst-case undetected time [s] of which a plan is not played to the end.
+        """
+        running: dict[Future, tuple[Plan, float]] = {}
+        while True:
+            while len(running) < cores() and may_begin() and (plan := next(waiting, None)) is not None:
+                self._played.add(plan.key)
+                stopped = partial(self._has_to_end, share)
+                running[threads.submit(play, plan, self.episodes, stopped, cutoff)] = plan, self._clock()
+            if not running:
+                return
+            for each in self._ended(running):
+                yield self._outcome_of(each, *running.pop(each))
+
+    def _has_to_end(self, share: float) -> bool:
+        """Return whether final episodes end: a plan is good enough, or a share of the time is over."""
+        return self._is_met or self._is_late(share)
+
+    def _outcome_of(self, ended: Future, plan: Plan, began: float) -> Look:
+        """Add a plan to the final ones if it was played to the end, and return what is known of it."""
+        try:
+            planned = ended.result()
+        except StoppedError:
+            return Look(plan, 0, math.inf, math.inf, refusal=_STOPPED)
+        except Exception as error:  # one policy that fails must not end the search
+            return Look(plan, 0, math.inf, math.inf, refusal=reason_of(error))
+        if planned is None:
+            return Look(plan, 0, math.inf, math.inf, refusal="another default is better")
+        self.finals.append(planned)
+        self._longest = max(self._longest, self._clock() - began)
+        figures = planned.figures
+        return Look(plan, figures.collisions, figures.worst_case, figures.worst_case_failed, figures.settled)
 
     def _ended(self, running: Iterable[Future]) -> set[Future]:
         """Wait for a moment, report the progress, and return those that have ended."""
@@ -192,10 +227,10 @@ class Search:
 
     def _look_at_firsts(self, threads: ThreadPoolExecutor) -> None:
         """Look at the first plan of each family."""
-        families = [each for each in self._tried.values() if each.family.name != DEFAULTS]
+        families = [family for family in self.families if family.name != DEFAULTS]
         firsts = (
-            itertools.islice((job for given in each.family.starts(self.task) for job in self._new(each, given)), 1)
-            for each in families
+            itertools.islice((job for given in family.starts for job in self._new(family, given)), 1)
+            for family in families
         )
         share = min(_FIRSTS, _LOOKING_LESS) if self._optimises else _FIRSTS
         self._look_at(threads, itertools.chain.from_iterable(firsts), share)
@@ -204,7 +239,9 @@ class Search:
         """Look at plans until some share of the time has passed."""
         self._look_at(threads, self._jobs(), _LOOKING_LESS if self._optimises else _LOOKING)
 
-    def _look_at(self, threads: ThreadPoolExecutor, jobs: Iterator[tuple[Tried, Settings, Plan]], share: float) -> None:
+    def _look_at(
+        self, threads: ThreadPoolExecutor, jobs: Iterator[tuple[Family, Settings, Plan]], share: float
+    ) -> None:
         """Look at the plans of some jobs until a share of the time has passed."""
 
         def over() -> bool:
@@ -212,7 +249,7 @@ class Search:
             enough = share if any(not look.fails for look in self.looks) else 1.0
             return self._over.is_set() or (bool(self.looks) and self._clock() > enough * self._seconds)
 
-        running: dict[Future, tuple[Tried, Settings, Plan]] = {}
+        running: dict[Future, tuple[Family, Settings, Plan]] = {}
         while running or not over():
             while len(running) < cores() and not over():
                 if (job := next(jobs, None)) is None:
@@ -221,9 +258,9 @@ class Search:
             if not running:
                 break
             for each in self._ended(running):
-                tried, settings, plan = running.pop(each)
+                family, settings, plan = running.pop(each)
                 try:
-                    tried.looks.append((settings, each.result()))
+                    family.looks.append((settings, each.result()))
                 except StoppedError:
                     self._known.discard(plan.key)
 
@@ -247,41 +284,40 @@ class Search:
         self._optimised = optimise(starts, left, stopped, self._seed, self._time)
 
     def _cutoff(self) -> float:
-        return _CUTOFF * min(self.best, *(tried.best for tried in self._tried.values()))
+        return _CUTOFF * min(self.best, *(family.best for family in self.families))
 
-    def _jobs(self) -> Iterator[tuple[Tried, Settings, Plan]]:
+    def _jobs(self) -> Iterator[tuple[Family, Settings, Plan]]:
         """Yield what to look at: the starts of all families in turn, then changed copies of the best."""
-        starts = [[(tried, each) for each in tried.family.starts(self.task)] for tried in self._tried.values()]
-        for tried, settings in in_turn(starts):
-            if tried.family.name != DEFAULTS:
-                yield from self._new(tried, settings)
+        for family, settings in in_turn([[(family, each) for each in family.starts] for family in self.families]):
+            if family.name != DEFAULTS:
+                yield from self._new(family, settings)
         fruitless = 0
         while fruitless < 200:
-            growing = [each for each in self._tried.values() if each.family.space(self.task) and each.elite()]
+            growing = [family for family in self.families if family.space and family.elite()]
             if not growing:
                 return
             # The family with the best plan is searched about as much as all others together.
-            best = min(growing, key=lambda each: each.best)
-            tried = best if self._random.random() < 0.5 else growing[int(self._random.integers(len(growing)))]
-            elite = tried.elite()
+            family = min(growing, key=lambda family: family.best)
+            if self._random.random() >= 0.5:
+                family = growing[int(self._random.integers(len(growing)))]
+            elite = family.elite()
             settings = elite[int(self._random.integers(len(elite)))]
-            job = self._new(tried, changed(settings, tried.family.space(self.task), self._random))
-            found = list(job)
-            fruitless = 0 if found else fruitless + 1
-            yield from found
+            jobs = list(self._new(family, family.changed(settings, self._random)))
+            fruitless = 0 if jobs else fruitless + 1
+            yield from jobs
 
-    def _new(self, tried: Tried, settings: Settings) -> Iterator[tuple[Tried, Settings, Plan]]:
+    def _new(self, family: Family, settings: Settings) -> Iterator[tuple[Family, Settings, Plan]]:
         """Yield the plan of some settings, unless there is none or it is known."""
         try:
-            plan = tried.family.plan(self.task, settings)
+            plan = family.plan(settings)
         except ValueError as error:
-            tried.unmade.append(str(error))
+            family.unmade.append(str(error))
             return
         if self.fixed_start and plan.scenario.digest() != self.task.digest():
-            tried.unmade.append("robots would begin elsewhere")
+            family.unmade.append("robots would begin elsewhere")
         elif plan.key not in self._known:
             self._known.add(plan.key)
-            yield tried, settings, plan
+            yield family, settings, plan
 
     def _finish(self, threads: ThreadPoolExecutor) -> None:
         """Play the best plans to the end, the best first, until the time is over."""
@@ -290,23 +326,9 @@ class Search:
         waiting = [plan for plan in waiting if plan.key not in self._played]
         if self.interrupted:
             waiting = waiting[:_FEWEST_FINALS]
-        running: dict[Future, float] = {}
-        while waiting or running:
-            while waiting and len(running) < cores() and self._may_begin():
-                share = math.inf if self.interrupted else 1.0
-                running[self._begun(threads, waiting.pop(0), share)] = self._clock()
-            if not running:
-                return
-            for each in self._ended(running):
-                self._longest = max(self._longest, self._clock() - running.pop(each))
-                try:
-                    found = each.result()
-                except StoppedError:
-                    continue
-                except Exception as error:  # one policy that fails must not end the search
-                    self.broken.append(reason_of(error))
-                    continue
-                self.finals += [] if found is None else [found]
+        share = math.inf if self.interrupted else 1.0
+        looks = list(self._play(threads, iter(waiting), self._may_begin, share))
+        self.broken += [look.refusal for look in looks if look.refusal not in ("", _STOPPED)]
 
     def _may_begin(self) -> bool:
         """Return whether there is time for final episodes of the longest duration so far."""
@@ -323,8 +345,13 @@ class Search:
         """
         alive = sorted((look for look in self.looks if not look.fails), key=lambda look: look.by_worst_case)
         by_failed = sorted(alive, key=lambda look: look.by_failed)
-        firsts = first_of_each(alive, lambda look: look.plan.family)
+        firsts = _first_of_each(alive, lambda look: look.plan.family)
         known = [look for look in alive if look.plan.family == KNOWN]
-        policies = first_of_each(alive, lambda look: look.plan.settings.policy)
+        policies = _first_of_each(alive, lambda look: look.plan.settings.policy)
         order = [*alive[:1], *known, *alive[1:2], *by_failed[:2], *firsts, *in_turn([alive, by_failed, policies])]
         return list({look.plan.key: look for look in order}.values())
+
+
+def _first_of_each(looks: Sequence[Look], of: Callable[[Look], Any]) -> list[Look]:
+    """Return the first look of each group."""
+    return list({of(look): look for look in reversed(looks)}.values())[::-1]

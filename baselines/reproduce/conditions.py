@@ -1,15 +1,17 @@
-"""Conditions (6), (7) and (8), and T_max: closed forms beside what is measured and simulated."""
+"""Conditions (6), (7) and (8), and T_max, also against rogues that know what the robots will do.
+
+Closed forms beside what is measured and simulated.
+"""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.axes import Axes
 
-from baselines.reproduce.claims import Claim, Part, all_of, at_most, near
-from baselines.reproduce.drawing import BLUE, DARK, Picture, Sheet, panel_name
+from baselines.reproduce.claims import SILENT, Claim, Part, all_of, at_most, near, reported
 from baselines.reproduce.episodes import BARE, SEEDS, Player
 from lissajous_env import scenario
+from lissajous_env.episodes.guarantee import critical_speed, fastest_rogue, guaranteed_time
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.world.columns import COVERAGE_EACH, SEPARATION, SPACING
@@ -19,6 +21,10 @@ _SHAPES = ((1.8, 0.8), (5.0, 5.0), (5.0, 3.0))
 _FEWEST, _MOST = 3, 21
 """N of the curves, without those that have no equilibrium with one robot to a place."""
 _LEFT_OUT = [n for n in range(_FEWEST, _MOST + 1) if not closed_forms.has_unclustered_equilibrium(n)]
+_SPEEDS = (0.2, 1.0, 5.0)
+"""Speeds of the evading targets [m/s]."""
+_SHARES = (0.9, 0.8, 0.6)
+"""Sensing radii, in that of (8)."""
 _SIMULATED_WITHIN = 0.02
 """Relative tolerance of a simulated body radius; a few starts do not reach the closest moment."""
 
@@ -47,7 +53,7 @@ def bounds(player: Player) -> Part:
     body, sensor, links = _on_every_curve(ratios)
     simulated_body, simulated_sensor, simulated_links = _simulated(player)
     claims = [_bound_on_time(), body, simulated_body, sensor, simulated_sensor, links, simulated_links]
-    return Part(claims, [_picture(ratios)])
+    return Part(claims)
 
 
 def _measured() -> _Ratios:
@@ -69,35 +75,6 @@ def _measured() -> _Ratios:
         reach = geometry.largest_neighbour_distance(curve, n, p, alpha)
         links.append(reach / 2 / closed_forms.detection_radius(curve, n))
     return _Ratios(curves, np.array(bodies), np.array(sensors), np.array(links))
-
-
-def _picture(ratios: _Ratios) -> Picture:
-    """Draw the ratios against N."""
-    with Sheet("bounds", "Conditions (6), (7) and (8)   Measured values over required values", 7.2, 2.9) as sheet:
-        panels = sheet.figure.subplots(1, 3)
-        _draw(panels[0], "(6): largest body", ratios.robots, ratios.bodies, "safe", above=True)
-        _draw(panels[1], "(7): sensor that covers", ratios.robots, ratios.sensors, "more than is needed", above=False)
-        _draw(panels[2], "(8): sensor that detects", ratios.robots, ratios.links, "more than is needed", above=False)
-        panels[0].set_ylabel("measured / closed form")
-        shapes = [f"{2 * A:g} m x {2 * B:g} m" for A, B in _SHAPES]
-        return sheet.picture(
-            f"Every curve with a odd, a + b = N, gcd(a, b) = 1, N = {_FEWEST} ... {_MOST} without "
-            f"{' and '.join(map(str, _LEFT_OUT))}, in rectangles of {', '.join(shapes[:-1])} and {shapes[-1]}. (6): "
-            "half of the smallest distance ever seen in formation; (7): the radius with which one lap covers the "
-            "rectangle; (8): half of the largest distance of ring neighbours."
-        )
-
-
-def _draw(axes: Axes, name: str, robots: np.ndarray, ratios: np.ndarray, word: str, above: bool) -> None:
-    """Draw one panel; `word` is written on the side of the line at 1 on which a ratio should be."""
-    axes.plot(robots, ratios, "o", color=BLUE, ms=2.6, alpha=0.6, mew=0)
-    axes.axhline(1, color=DARK, lw=1, ls="--")
-    axes.set_xlabel("N")
-    axes.set_ylim(0, 1.7)
-    panel_name(axes, name)
-    side, shift = ("bottom", 2) if above else ("top", -5)
-    axes.annotate(word, (_MOST, 1.0 if above else 0.98), ha="right", va=side, fontsize=7.5, color=DARK,
-                  xytext=(0, shift), textcoords="offset points")  # fmt: skip
 
 
 def _bound_on_time() -> Claim:
@@ -177,3 +154,39 @@ def _simulated(player: Player) -> tuple[Claim, Claim, Claim]:
         numbers={"ours": spacing},
     )
     return body, sensor, link
+
+
+def rogues(player: Player) -> Part:
+    """Compute the worst-case undetected time of the formation, with the sensing radius of (8) and with shorter ones."""
+    claims = []
+    for name in ("experiment", "ideal"):
+        made = scenario(name)
+        words = f"N = {made.num_robots}, a = {made.curve.a}, b = {made.curve.b}"
+        times = [guaranteed_time(made, made.detection_radius, speed) for speed in _SPEEDS]
+        claims.append(
+            at_most(
+                f"{words}, r_s of (8): longest time unseen, rogues of 0.2, 1 and 5 m/s",
+                f"T_max = {made.detection_time_bound:.3g} s",
+                max(times),
+                made.detection_time_bound,
+                "s",
+                why="the paper shows random walkers; this is the worst of all motions, detection between steps with it",
+            )
+        )
+        fastest = fastest_rogue(made)
+        slowest = {share: critical_speed(made, share * made.detection_radius) for share in _SHARES}
+        shown = ", ".join(
+            f"{speed:.2g} m/s at {share:g}" if speed < math.inf else f"above {fastest:.2g} m/s at {share:g}"
+            for share, speed in slowest.items()
+        )
+        claims.append(
+            reported(
+                f"{words}, shorter sensors: how fast a rogue must be to stay undetected for ever, "
+                "by r_s over that of (8)",
+                SILENT,
+                shown,
+                why="below (8) the discs separate, but the formation still detects every rogue up to a speed",
+                numbers={f"critical speed at {share:g}": min(speed, fastest) for share, speed in slowest.items()},
+            )
+        )
+    return Part(claims)

@@ -3,10 +3,8 @@
 import math
 
 import numpy as np
-from matplotlib.patches import Patch
 
 from baselines.reproduce.claims import Claim, Part, all_of
-from baselines.reproduce.drawing import BLUE, GREEN, Sheet, panel_name
 from baselines.reproduce.episodes import BARE, Played, Player
 from lissajous_env import scenario
 from lissajous_env.theory import closed_forms
@@ -14,63 +12,28 @@ from lissajous_env.world.tally import RECOVERED
 
 _NUMBERS = (5, 6, 7, 8, 10, 15)
 _STARTS = 300
-_PALE = "#9cc7e4"
 
 
 def theorem1(player: Player) -> Part:
     """Test Theorem 1: equilibria reached from random starts."""
     claims = []
-    with Sheet("theorem1", f"Theorem 1   Equilibria reached from {_STARTS} random starts", 7.2, 3.9) as sheet:
-        panels = sheet.figure.subplots(2, 3, sharey=True)
-        for axes, n in zip(panels.flat, _NUMBERS, strict=True):
-            played = _random_starts(player, n)
-            reached, settled = played.winding[-1], _settled(played)
-            share = np.bincount(reached, minlength=n)[:n] / _STARTS
-            stable = closed_forms.stable_equilibria(n)
-            axes.axvspan(n / 4, 3 * n / 4, color=GREEN, alpha=0.15, lw=0)
-            shown = range(n)
-            axes.bar(
-                shown, share, color=[BLUE if closed_forms.cluster_size(n, p) == 1 else _PALE for p in shown], width=0.7
+    for n in _NUMBERS:
+        played = _random_starts(player, n)
+        reached = played.winding[-1]
+        share = np.bincount(reached, minlength=n)[:n] / _STARTS
+        inside = np.isin(reached, closed_forms.stable_equilibria(n)) & _settled(played)
+        reached_p = [p for p in np.argsort(-share) if share[p] > 0]
+        claims.append(
+            all_of(
+                f"N = {n}: random starts converge to p in (N/4, 3N/4) = ({n / 4:g}, {3 * n / 4:g})",
+                "all",
+                inside,
+                "starts",
+                ", ".join(f"p = {p} {100 * share[p]:.2g} %" for p in reached_p),
+                {f"p = {p} [%]": float(100 * share[p]) for p in reached_p},
             )
-            for p in np.flatnonzero(share):
-                percent = f"{100 * share[p]:.2g}"
-                axes.annotate(
-                    percent, (p, share[p]), xytext=(0, 1.5), textcoords="offset points", ha="center", fontsize=7
-                )
-            axes.set_xlim(-0.6, n - 0.4)
-            axes.set_ylim(0, 1)
-            axes.set_xticks(shown if n < 11 else shown[::2])
-            axes.grid(False, axis="x")
-            panel_name(axes, f"N = {n}")
-            inside = np.isin(reached, stable) & settled
-            reached_p = [p for p in np.argsort(-share) if share[p] > 0]
-            words = ", ".join(f"p = {p} {100 * share[p]:.2g} %" for p in reached_p)
-            claims.append(
-                all_of(
-                    f"N = {n}: random starts converge to p in (N/4, 3N/4) = ({n / 4:g}, {3 * n / 4:g})",
-                    "all",
-                    inside,
-                    "starts",
-                    words,
-                    {f"p = {p} [%]": float(100 * share[p]) for p in reached_p},
-                )
-            )
-        for axes in panels[1]:
-            axes.set_xlabel("p of equilibrium (2)")
-        for axes in panels[:, 0]:
-            axes.set_ylabel("share of starts")
-        keys = (
-            (BLUE, 1, "one robot to a place"),
-            (_PALE, 1, "clustered, gcd(N, p) > 1"),
-            (GREEN, 0.2, "N/4 < p < 3N/4"),
         )
-        patches = [Patch(color=colour, alpha=alpha, lw=0, label=word) for colour, alpha, word in keys]
-        panels[0, 0].legend(handles=patches, loc="upper left", fontsize=7.2, labelspacing=0.25, borderaxespad=0.1)
-        picture = sheet.picture(
-            "All phases uniform at random, ring topology, K = 1, omega = 0.3 rad/s, 150 s. p is counted from 0 "
-            "to N - 1 by how often the phases go around along the ring; numbers are percent."
-        )
-    return Part(claims, [picture])
+    return Part(claims)
 
 
 def theorem2(player: Player) -> Part:

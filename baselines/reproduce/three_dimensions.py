@@ -1,12 +1,11 @@
 """Fig. 5 and Section IV-A: the third dimension, and what it is good for in a transient."""
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
 from baselines.reproduce.claims import Claim, Part, all_of, at_most
-from baselines.reproduce.drawing import BLUE, DARK, GREY, ORANGE, RED, SERIES, Sheet, panel_name
+from baselines.reproduce.drawing import DARK, SERIES, Sheet, panel_name
 from baselines.reproduce.episodes import SEEDS, Player
 from lissajous_env import scenario
 from lissajous_env.parameters.scenario import Curve
@@ -137,45 +136,6 @@ def knot(player: Player) -> Part:
     flat = player.play("kuramoto", scenario("failure", **turned), worlds=SEEDS)
     deep = player.play("kuramoto", scenario("knot", **turned), worlds=SEEDS)
     curve, limit = deep.scenario.curve, 2 * deep.scenario.robot.radius
-    with Sheet("knot", "Section IV-A   The failure of Fig. 6 in the plane and on a Lissajous knot", 7.2, 3.3) as sheet:
-        grid = sheet.figure.add_gridspec(1, 3, width_ratios=(1.25, 1, 1))
-        left, middle = sheet.figure.add_subplot(grid[1]), sheet.figure.add_subplot(grid[2])
-        space: Any = sheet.figure.add_subplot(grid[0], projection="3d")
-        gamma = np.linspace(0, 2 * np.pi, 1500)
-        place = closed_forms.curve_point_3d(curve, gamma)
-        space.plot(place[:, 0], place[:, 1], place[:, 2], color=BLUE, lw=1.1)
-        robots = deep.position[0, 0]
-        space.scatter(robots[:, 0], robots[:, 1], robots[:, 2], color=RED, s=16, depthshade=False)
-        space.set_box_aspect((1.8, 0.8, 0.8), zoom=1.2)
-        space.view_init(28, -62)
-        for name, axis in (("x", space.xaxis), ("y", space.yaxis), ("", space.zaxis)):
-            axis.set_tick_params(labelsize=6.5, pad=-3)
-            axis.set_pane_color((1, 1, 1, 0))
-            axis.set_label_text(f"{name} [m]" if name else "", fontsize=7.5)
-            axis.labelpad = -8
-        space.set_yticks([-0.8, 0, 0.8])
-        space.set_zticks([-0.8, 0, 0.8])
-        panel_name(space, f"the knot, z = {curve.half_depth:g} m sin({curve.c}$\\gamma$)")
-        fault = flat.scenario.faults.schedule[0][1:]
-        for axes, played, name in ((left, flat, f"{SEEDS} starts in the plane"), (middle, deep, "on the knot")):
-            distance = played.smallest_distance()
-            axes.plot(played.time, distance, color=GREY, lw=0.35, alpha=0.7)
-            axes.plot(played.time, distance.min(axis=1), color=BLUE, lw=1.6)
-            axes.axhline(limit, color=RED, lw=1.1, ls="--")
-            axes.axvspan(*fault, color=ORANGE, alpha=0.13, lw=0)
-            axes.set_xlim(0, played.time[-1])
-            axes.set_ylim(0, 1.85)
-            axes.set_xlabel("time t [s]")
-            panel_name(axes, f"{name}: {int(played.score(COLLISIONS).sum())} collisions")
-        left.set_ylabel("smallest distance of two robots [m]")
-        middle.annotate(
-            f"2 r = {limit:g} m", (0.6, limit), xytext=(0, -10), textcoords="offset points", fontsize=8, color=RED
-        )
-        picture = sheet.picture(
-            f"{flat.scenario.num_robots} points, robots 1 and 2 stuck in the shaded time; {SEEDS} starts turned by a "
-            "random angle (grey) and the smallest of them (blue), dashed red the distance at which two bodies collide. "
-            f"C = {curve.half_depth:g} m and c = {curve.c} are chosen."
-        )
     hit = int((flat.score(COLLISIONS) > 0).sum())
     claims = [
         Claim(
@@ -194,4 +154,4 @@ def knot(player: Player) -> Part:
             f"smallest distance {deep.score(SEPARATION).min():.3f} m; C = {curve.half_depth:g} m, c = {curve.c} chosen",
         ),
     ]
-    return Part(claims, [picture])
+    return Part(claims)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from baselines.reproduce.claims import SILENT, Claim, Part, at_most, reported, within_range
-from baselines.reproduce.drawing import BLUE, DARK, GREEN, ORANGE, RED, Picture, Sheet
+from baselines.reproduce.drawing import BLUE, DARK, GREEN, RED, Picture, Sheet
 from baselines.reproduce.episodes import SEEDS, Played, Player, spread_of_cars
 from lissajous_env import scenario
 from lissajous_env.parameters.scenario import Scenario
@@ -110,7 +110,7 @@ def experiment1(player: Player) -> Part:
     alike = player.play("open-loop-mpcc", undisturbed(**_ALIKE | {"task.duration": _LONG}), worlds=SEEDS)
     body = 2 * lost.scenario.robot.radius
     touched = lost.time[np.argmax(lost.smallest_distance() < body, axis=0)]
-    leaves = _time_above(lost, 2 * _smooth(kept, kept.deviation)[2].max())
+    leaves = _time_above(lost, 2 * _moving_mean(kept, kept.deviation).max())
     free, held, same = (_at_the_end(played) for played in (lost, kept, alike))
     claims = [
         Claim(
@@ -150,53 +150,12 @@ def experiment1(player: Player) -> Part:
             f"identical cars preserve their phases, but collide {_each_minute(alike).mean():.0f} times a minute",
         ),
     ]
-    return Part(claims, [_picture_of_drift(kept, lost, alike)])
-
-
-def _picture_of_drift(kept: Played, lost: Played, alike: Played) -> Picture:
-    """Draw how far cars drift with feedback, without, and without as identical cars; how often they collide."""
-    cases = (
-        ("time-inverted Kuramoto", kept, BLUE),
-        ("no feedback", lost, RED),
-        ("no feedback, identical cars", alike, ORANGE),
-    )
-    with Sheet("experiment1", "First experiment   The formation without the feedback of (1)", 7.2, 3.3) as sheet:
-        left, right = sheet.figure.subplots(1, 2)
-        for place, (name, played, colour) in enumerate(cases):
-            middle, low, high = _smooth(played, played.deviation)
-            on_top = {"lw": 1.2, "zorder": 4} if played is kept else {"lw": 2.6}
-            left.plot(played.time, middle, color=colour, label=name, **on_top)
-            left.fill_between(played.time, low, high, color=colour, alpha=0.18, lw=0)
-            per_minute = _each_minute(played)
-            right.plot(per_minute, np.full(SEEDS, place), "o", color=colour, ms=4, alpha=0.55, mew=0)
-            right.plot([per_minute.mean()], [place], "|", color=colour, ms=16, mew=2)
-        left.set_xlabel("time t [s]")
-        left.set_ylabel("largest deviation from (2) [rad]")
-        left.set_xlim(0, _LONG)
-        left.set_ylim(bottom=0)
-        left.legend(loc="upper left")
-        right.set_yticks([0, 1, 2], ["Kuramoto", "no feedback", "no feedback,\nidentical"])
-        right.set_ylim(2.5, -0.5)
-        right.grid(False, axis="y")
-        right.set_xlabel("collisions a minute")
-        right.set_xlim(left=-1.5)
-        return sheet.picture(
-            f"theta' = omega for each car. Left: median and range of {SEEDS} seeds, mean over {_SETTLED:g} s; right: "
-            f"each seed, and the mean as a line. Cars differ by {spread_of_cars(lost.scenario)} (standard deviation) "
-            "in wheelbase and drive; identical ones, with the same errors at the same places, keep the formation's "
-            "phases without any feedback, but not its distances."
-        )
+    return Part(claims)
 
 
 def _at_the_end(played: Played) -> np.ndarray:
     """Return the deviation from the equilibrium at the end of each episode, (W,) [rad]."""
     return played.deviation[-round(_SETTLED / played.scenario.task.step) :].mean(axis=0)
-
-
-def _smooth(played: Played, values: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return median, smallest and largest over the worlds of (F, W) values, each averaged over 5 s."""
-    mean = _moving_mean(played, values)
-    return np.median(mean, axis=1), mean.min(axis=1), mean.max(axis=1)
 
 
 def _moving_mean(played: Played, values: np.ndarray) -> np.ndarray:

@@ -57,7 +57,7 @@ class SpeedOfPoses:
         return Odometry(x, y, heading, along / (stamp - before), stamp)
 
 
-def relative(rows: np.ndarray, frame: str, own: str, pose: Odometry, origin: Origin) -> np.ndarray:
+def relative(rows: np.ndarray, frame: str, own: str, pose: Odometry | None, origin: Origin) -> np.ndarray:
     """Return a sensor's detections (K, 2 or 4) relative to the robot, in the directions of the scenario's axes.
 
     Args:
@@ -66,17 +66,16 @@ def relative(rows: np.ndarray, frame: str, own: str, pose: Odometry, origin: Ori
             origin in the robot and the axes of the scenario; `own` is that of the laboratory, in which the places are
             absolute.
         own: Frame of the laboratory.
-        pose: The robot's pose, in the frame of the scenario.
+        pose: The robot's pose, in the frame of the scenario; None for a frame that ends in `aligned`.
         origin: The middle of the rectangle in the frame of the laboratory.
 
     Raises:
         ValueError: the frame is none of these.
     """
-    if frame.endswith("aligned"):
+    if frame.endswith("aligned") or pose is None:
         return rows
     if frame.endswith("base_link"):
-        turned = _turned(rows, pose.heading)
-        return turned
+        return _turned(rows, pose.heading)
     if frame == own:
         places = rows.astype(np.float64)
         places[:, :2] -= origin.outside(0.0, 0.0)[:2]

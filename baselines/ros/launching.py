@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from baselines.ros import library as ros
-from baselines.ros.running import signals_deferred, started
+from baselines.ros.running import started
 from lissajous_env.console.terminal import CommandError
 
 _PDEATHSIG = 1
@@ -59,8 +59,8 @@ class Team:
                 for name, command in self._commands.items():
                     self.processes[name] = _process(command)
                 while self.processes["world"].poll() is None and not here.ended:
-                    with signals_deferred():
-                        executor.spin_once(timeout_sec=0.1)
+                    executor.spin_once(timeout_sec=0.1)
+                    here.check()
                     self._check()
                 code = self.processes["world"].poll()
                 if code:

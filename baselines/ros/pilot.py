@@ -12,12 +12,57 @@ _HISTORY = 64
 
 
 class Pilot:
-    """Decides when a robot outside the simulator acts, in real time; all times are on the clock of the robots [s].
+    """Decides when a robot outside the simulator acts; all times are on the clock of the robots [s].
 
-    A robot acts once in each control step, on the first pose that arrives from a quarter of a step before its time on.
-    It first announces this pose to its neighbours, and waits until it has heard of theirs, at most for `wait`. Where no
-    pose arrives in time it acts on the one before, so that the rules by which it stops apply, and then on the next one
-    as soon as it arrives.
+    Its two kinds follow a clock in real time, and a simulation in lock-step.
+
+    Args:
+        onboard: The robot's policy.
+
+    Attributes:
+        started: True from the first call of `start` on.
+        pose: The latest pose.
+    """
+
+    def __init__(self, onboard: Onboard):
+        self.onboard, self.started = onboard, False
+        self.pose: Odometry | None = None
+        self._step = onboard.scenario.task.step
+        self._heard: dict[int, dict[int, Message]] = {sender: {} for sender in onboard.neighbours if sender >= 0}
+
+    @property
+    def heard(self) -> dict[int, Message | None]:
+        """The message of each ring neighbour that arrived last, by its index; None for none yet."""
+        return {sender: next(reversed(sent.values()), None) for sender, sent in self._heard.items()}
+
+    def start(self) -> None:
+        """Begin an episode: from now on, the robot drives."""
+        self.onboard.reset()
+        self.started = True
+
+    def hear(self, message: Message) -> None:
+        """Store a message of a neighbour."""
+        sent, key = self._heard[message.sender], _key(message.sent_at)
+        sent.pop(key, None)
+        sent[key] = message
+        if len(sent) > _HISTORY:
+            del sent[next(iter(sent))]
+
+    def take(self, part: str, value: Any, stamp: float, now: float) -> Message | None:
+        """Store a part of the input of a time `stamp` that arrived now; return the message to send at once, if any."""
+        raise NotImplementedError
+
+    def act(self, now: float) -> tuple[float, Output] | None:
+        """Decide on the command of a step that is due; return its time and the output, None while none is due."""
+        raise NotImplementedError
+
+
+class RealTimePilot(Pilot):
+    """Acts once in each control step, on the first pose that arrives from a quarter of a step before its time on.
+
+    The robot first announces this pose to its neighbours, and waits until it has heard of theirs, at most for `wait`.
+    Where no pose arrives in time it acts on the one before, so that the rules by which it stops apply, and then on the
+    next one as soon as it arrives. The parts of its input are `pose`, `robots`, `targets` and `works`.
 
     Args:
         onboard: The robot's policy.
@@ -25,40 +70,37 @@ class Pilot:
     """
 
     def __init__(self, onboard: Onboard, wait: float):
-        self.onboard, self._wait = onboard, wait
-        self._step = onboard.scenario.task.step
-        self.heard: dict[int, list[Message]] = {each: [] for each in onboard.neighbours if each >= 0}
-        self.started = False
+        super().__init__(onboard)
+        self._wait, self._works = wait, True
+        self._seen: dict[str, tuple[float, Any]] = {}
         self._announced_at = -math.inf
-        self._clear()
+        self._forget()
 
-    def _clear(self) -> None:
-        self.pose: Odometry | None = None
+    def _forget(self) -> None:
+        self.pose = None
         self._taken_at: float | None = None
         self._due: float | None = None
         self._waits = True
 
     def start(self) -> None:
-        """Begin: from now on, the robot drives."""
-        self.onboard.reset()
-        for messages in self.heard.values():
-            messages.clear()
-        self._clear()
-        self.started = True
+        """Begin an episode, with new messages and poses alone."""
+        super().start()
+        for sent in self._heard.values():
+            sent.clear()
+        self._forget()
 
-    def stop(self) -> None:
-        """Stop until `resume`, or `start`."""
-        self.onboard.stop()
+    def take(self, part: str, value: Any, stamp: float, now: float) -> Message | None:
+        """Store a part; return the message of a pose on which the robot acts."""
+        if part == "works":
+            self._works = value
+        elif part != "pose":
+            self._seen[part] = stamp, value
+        elif self._taken_at is None:
+            self.pose = value
+            return self._announced(now)
+        return None
 
-    def resume(self) -> None:
-        """Drive again after a stop that requires a person."""
-        self.onboard.resume()
-
-    def take_pose(self, now: float, pose: Odometry) -> Message | None:
-        """Store a pose that arrived now; return the message to send at once, None where there is none."""
-        if self._taken_at is not None:
-            return None
-        self.pose = pose
+    def _announced(self, now: float) -> Message | None:
         if self.started and not self._waits and self._due is not None and now < self._due - 0.25 * self._step:
             return None
         if not self.started and now - self._announced_at < 0.75 * self._step:
@@ -66,16 +108,10 @@ class Pilot:
         self._announced_at = now
         if self.started:
             self._taken_at = now
-        return self.onboard.announce(pose)
+        assert self.pose is not None
+        return self.onboard.announce(self.pose)
 
-    def hear(self, message: Message) -> None:
-        """Store a message of a neighbour."""
-        messages = self.heard[message.sender]
-        messages.append(message)
-        del messages[:-_HISTORY]
-
-    def is_due(self, now: float) -> bool:
-        """Return True if the robot has to act now."""
+    def _is_due(self, now: float) -> bool:
         if not self.started:
             return False
         if self._taken_at is None:
@@ -87,12 +123,16 @@ class Pilot:
         if not self.onboard.listens or self.pose is None:
             return True
         oldest = self.pose.stamp - 0.5 * self._step
-        return all(messages and messages[-1].sent_at >= oldest for messages in self.heard.values())
+        return all(message is not None and message.sent_at >= oldest for message in self.heard.values())
 
-    def act(self, now: float, robots: Any = (), targets: Any = (), works: bool = True) -> Output:
-        """Decide on the command of the next step."""
-        heard = [messages[-1] for messages in self.heard.values() if messages]
-        output = self.onboard.act(now, self.pose, heard, robots, targets, works=works)
+    def act(self, now: float) -> tuple[float, Output] | None:
+        """Decide on the command of the next step, on what the sensors have reported not too long ago."""
+        if not self._is_due(now):
+            return None
+        limit = self.onboard.limits.pose_age
+        seen: dict[str, Any] = {part: rows for part, (stamp, rows) in self._seen.items() if abs(now - stamp) <= limit}
+        heard = [message for message in self.heard.values() if message is not None]
+        output = self.onboard.act(now, self.pose, heard, works=self._works, **seen)
         taken_at, self._taken_at = self._taken_at, None
         if taken_at is None:
             self._due = now + 0.5 * self._step
@@ -101,84 +141,62 @@ class Pilot:
         else:
             self._due += self._step
         self._waits = taken_at is None
-        return output
+        return now, output
 
 
-class LockstepPilot:
-    """The same in lock-step with a simulation, which announces the times of the messages that have arrived.
+class LockstepPilot(Pilot):
+    """Acts on the input of each step of a simulation, which announces the times of the messages that have arrived.
 
-    Args:
-        onboard: The robot's policy.
+    The parts of its input are `pose`, `robots`, `targets` and `simulated`.
     """
 
     def __init__(self, onboard: Onboard):
-        self.onboard, self.started = onboard, False
-        self.heard: dict[int, dict[int, Message]] = {each: {} for each in onboard.neighbours if each >= 0}
+        super().__init__(onboard)
         self._parts: dict[int, dict[str, Any]] = {}
-        self._acted_at = -1
-        self.output: Output | None = None
+        self._acted_at, self._sent = -1, None
 
     def start(self) -> None:
-        """Begin a new episode."""
-        self.onboard.reset()
-        self._acted_at, self.output, self.started = -1, None, True
+        """Begin an episode."""
+        super().start()
+        self._acted_at, self._sent = -1, None
 
-    def stop(self) -> None:
-        """Stop until `resume`, or `start`."""
-        self.onboard.stop()
-
-    def resume(self) -> None:
-        """Drive again after a stop that requires a person."""
-        self.onboard.resume()
-
-    def take(self, time: float, part: str, value: Any) -> Message | None:
-        """Store a part of the input of a time: `pose`, `robots`, `targets` or `simulated`.
-
-        Returns:
-            The message to send at once: that of the pose, when it and its phase are there.
-        """
-        key = _key(time)
+    def take(self, part: str, value: Any, stamp: float, now: float) -> Message | None:
+        """Store a part; return the message of the pose when it and its phase are there."""
+        key = _key(stamp)
         if key < self._acted_at:
             return None
         parts = self._parts.setdefault(key, {})
         parts[part] = value
         if part in ("pose", "simulated") and {"pose", "simulated"} <= parts.keys():
             if key == self._acted_at:  # sent again, because another robot has missed it
-                return self.output.message if self.output is not None else None
+                return self._sent
             return self.onboard.announce(parts["pose"], parts["simulated"].phase)
         return None
 
-    def hear(self, message: Message) -> None:
-        """Store a message of a neighbour."""
-        messages = self.heard[message.sender]
-        messages[_key(message.sent_at)] = message
-        while len(messages) > _HISTORY:
-            del messages[min(messages)]
-
-    def act(self) -> tuple[float, Output] | None:
-        """Return time and output of the earliest step whose input is complete; None while there is none."""
+    def act(self, now: float) -> tuple[float, Output] | None:
+        """Decide on the command of the earliest step whose input is complete."""
         if not self.started:
             return None
         for key in sorted(self._parts):
             parts = self._parts[key]
             if key > self._acted_at and {"pose", "robots", "targets", "simulated"} <= parts.keys():
-                heard = self._heard(parts["simulated"].heard_at)
+                given = parts["simulated"]
+                heard = self._arrived(given.heard_at)
                 if heard is None:
                     return None
-                given = parts["simulated"]
                 seen = parts["robots"], parts["targets"]
-                self.output = self.onboard.act(key / 1e9, parts["pose"], heard, *seen, given.phase, given.works)
-                self._acted_at = key
-                self._parts = {time: kept for time, kept in self._parts.items() if time >= key}
-                return key / 1e9, self.output
+                output = self.onboard.act(key / 1e9, parts["pose"], heard, *seen, given.phase, given.works)
+                self._acted_at, self._sent = key, output.message
+                self._parts = {time: rest for time, rest in self._parts.items() if time >= key}
+                return key / 1e9, output
         return None
 
-    def _heard(self, heard_at: tuple[float, float]) -> list[Message] | None:
+    def _arrived(self, heard_at: tuple[float, float]) -> list[Message] | None:
         """Return the messages that have arrived in the simulation; None if one has not arrived here."""
         messages = []
         for neighbour, time in zip(self.onboard.neighbours, heard_at, strict=True):
             if neighbour >= 0 and np.isfinite(time):
-                message = self.heard[neighbour].get(_key(time))
+                message = self._heard[neighbour].get(_key(time))
                 if message is None:
                     return None
                 messages.append(message)

@@ -16,9 +16,9 @@ from baselines.ros import library as ros
 from baselines.ros.conversions import named_numbers, ring_message, seconds, yaw
 from baselines.ros.frames import Origin, SpeedOfPoses, relative
 from baselines.ros.outputs import CommandPublisher
-from baselines.ros.pilot import LockstepPilot, Pilot
+from baselines.ros.pilot import LockstepPilot, Pilot, RealTimePilot
 from baselines.ros.settings import RobotSettings
-from baselines.ros.telemetry import RobotMarkers, diagnostics, percentile
+from baselines.ros.telemetry import diagnostics, markers
 
 NAME = "policy"
 _WAITS = "waits for the service start"
@@ -51,14 +51,14 @@ class RobotNode(ros.Node):
         self.onboard = Onboard(settings.policy, settings.scenario, settings.robot, kind, limits)
         self.scenario, self.lockstep = self.onboard.scenario, settings.lockstep
         self._origin = Origin(*settings.origin)
-        self._pilot: Any = LockstepPilot(self.onboard) if self.lockstep else Pilot(self.onboard, settings.message_wait)
+        self._pilot: Pilot = (
+            LockstepPilot(self.onboard) if self.lockstep else RealTimePilot(self.onboard, settings.message_wait)
+        )
         self._speed = SpeedOfPoses(self.scenario.task.step)
-        self._seen: dict[str, tuple[float, np.ndarray]] = {}
-        self._works, self._random = True, random.Random(settings.robot)
+        self._random = random.Random(settings.robot)
         self._wrong_frame = ""
         self._output: Output | None = None
         self._times: deque[float] = deque(maxlen=1000)
-        self._markers_of = RobotMarkers(self.onboard, settings.frame, self._origin)
         self._warm_up()
         self._connect()
         if settings.autostart:
@@ -123,7 +123,9 @@ class RobotNode(ros.Node):
         if self.lockstep:
             self.create_subscription(ros.JointState, "simulated", self._take_simulated, measured)
             return
-        self.create_subscription(ros.UInt8, "status", self._take_status, ros.lasting())
+        self.create_subscription(
+            ros.UInt8, "status", lambda message: self._take("works", message.data == 0, self.now), ros.lasting()
+        )
         self.create_timer(_TICK, self._tick)
         self._ended = threading.Event()
         self._publishing = threading.Thread(target=self._publish_commands, daemon=True)
@@ -131,7 +133,7 @@ class RobotNode(ros.Node):
 
     def rest(self) -> None:
         """Stop the robot, and publish the command of rest."""
-        self._pilot.stop()
+        self.onboard.stop()
         self._send_command(self._rest(), self.now)
 
     def destroy_node(self) -> None:
@@ -145,58 +147,52 @@ class RobotNode(ros.Node):
         pose = message.pose.pose
         place = self._origin.inside(pose.position.x, pose.position.y, yaw(pose.orientation))
         speed = message.twist.twist.linear.x
-        self._take(message.header, Odometry(*place, speed, seconds(message.header.stamp)))
+        self._take_measured(message.header, Odometry(*place, speed, seconds(message.header.stamp)))
 
     def _take_pose(self, message: Any) -> None:
         pose = message.pose
         place = self._origin.inside(pose.position.x, pose.position.y, yaw(pose.orientation))
         odometry = self._speed.add(*place, seconds(message.header.stamp))
         if odometry is not None:
-            self._take(message.header, odometry)
+            self._take_measured(message.header, odometry)
 
-    def _take(self, header: Any, odometry: Odometry) -> None:
+    def _take_measured(self, header: Any, odometry: Odometry) -> None:
         if header.frame_id not in ("", self.settings.frame):
             self._wrong_frame = f"the pose is in frame {header.frame_id}, it must be {self.settings.frame}"
             return
         self._wrong_frame = ""
-        if self.lockstep:
-            self._send(self._pilot.take(odometry.stamp, "pose", odometry))
-            self._tick_lockstep()
-            return
-        self._send(self._pilot.take_pose(self.now, odometry))
-        self._tick()
+        self._take("pose", odometry, odometry.stamp)
 
     def _take_simulated(self, message: Any) -> None:
         simulated = conversions.simulated_of(message)
         if simulated is not None:
-            self._send(self._pilot.take(seconds(message.header.stamp), "simulated", simulated))
-            self._tick_lockstep()
+            self._take("simulated", simulated, seconds(message.header.stamp))
 
-    def _take_status(self, message: Any) -> None:
-        self._works = message.data == 0
+    def _take(self, part: str, value: Any, stamp: float) -> None:
+        """Store a part of the input, send the message that it causes, and act if it is time."""
+        message = self._pilot.take(part, value, stamp, self.now)
+        if message is not None:
+            self._send_message(ring_message(message, self.settings.frame))
+        self._tick()
 
     def _hearing(self, sender: int) -> Any:
         def hear(message: Any) -> None:
             heard = conversions.heard(message, sender)
             lost = self.get_parameter("message_loss").value
-            if heard is None or (lost > 0 and self._random.random() < lost):
-                return
-            self._pilot.hear(heard)
-            self._tick_lockstep() if self.lockstep else self._tick()
+            if heard is not None and not (lost > 0 and self._random.random() < lost):
+                self._pilot.hear(heard)
+                self._tick()
 
         return hear
 
     def _seeing(self, name: str, width: int) -> Any:
         def see(message: Any) -> None:
-            time, pose = seconds(message.header.stamp), getattr(self._pilot, "pose", None)
+            frame, pose = message.header.frame_id, self._pilot.pose
             try:
                 rows = conversions.cloud_rows(message, width)
-                if self.lockstep:
-                    self._pilot.take(time, name, rows)
-                    self._tick_lockstep()
-                elif pose is not None:
-                    frame = self.settings.frame
-                    self._seen[name] = time, relative(rows, message.header.frame_id, frame, pose, self._origin)
+                if pose is not None or frame.endswith("aligned"):
+                    rows = relative(rows, frame, self.settings.frame, pose, self._origin)
+                    self._take(name, rows, seconds(message.header.stamp))
             except ValueError as error:
                 self.get_logger().warning(f"{name}: {error}", throttle_duration_sec=5.0)
 
@@ -204,8 +200,11 @@ class RobotNode(ros.Node):
 
     def _serving(self, name: str) -> Any:
         def serve(_request: Any, response: Any) -> Any:
-            getattr(self._pilot, name)()
-            self._output = None if name == "start" else self._output
+            if name == "start":
+                self._pilot.start()
+                self._output = None
+            else:
+                getattr(self.onboard, name)()
             self.get_logger().info(f"{name} was called")
             response.success, response.message = True, f"robot {self.onboard.robot}: {name}"
             return response
@@ -213,30 +212,16 @@ class RobotNode(ros.Node):
         return serve
 
     def _tick(self) -> None:
-        """Act if it is time."""
-        now = self.now
-        if not self._pilot.is_due(now):
-            return
-        before, limit = wall.perf_counter(), self.onboard.limits.pose_age
-        seen = {name: rows for name, (time, rows) in self._seen.items() if abs(now - time) <= limit}
-        self._output = output = self._pilot.act(now, works=self._works, **seen)
-        self._publish(output, now)
-        self._send_command(self.onboard.command_at(now) if not self._wrong_frame else self._rest(), now)
-        self._times.append(wall.perf_counter() - before)
-
-    def _tick_lockstep(self) -> None:
-        while (acted := self._pilot.act()) is not None:
-            time, output = acted
-            self._output = output
-            self._publish(output, time)
-            self._send_command(output.command, time)
+        """Act on every step that is due."""
+        before = wall.perf_counter()
+        while (acted := self._pilot.act(self.now)) is not None:
+            self._output, time = acted[1], acted[0]
+            self._publish(self._output, time)
+            self._send_command(self._rest() if self._wrong_frame else self.onboard.command_at(time), time)
+            self._times.append(wall.perf_counter() - before)
 
     def _rest(self) -> Any:
         return self.onboard.command_at(math.nan)
-
-    def _send(self, message: Any) -> None:
-        if message is not None:
-            self._send_message(ring_message(message, self.settings.frame))
 
     def _publish(self, output: Output, time: float) -> None:
         self._send_action(named_numbers(self.scenario.action_names, output.action.tolist(), time))
@@ -252,13 +237,13 @@ class RobotNode(ros.Node):
             self._send_command(command, now)
 
     def _report(self) -> None:
-        now, pilot = self.now, self._pilot
+        now, heard = self.now, self._pilot.heard
         values: dict[str, Any] = {"policy": self.settings.policy}
-        for sender, messages in pilot.heard.items():
-            last = None if not messages else messages[-1] if not self.lockstep else messages[max(messages)]
+        for sender, last in heard.items():
             values[f"message of robot {sender}, age [s]"] = math.nan if last is None else now - last.sent_at
-        values["time of a step, 99th percentile [s]"] = percentile(list(self._times), 99)
+        times = list(self._times)
+        values["time of a step, 99th percentile [s]"] = float(np.percentile(times, 99)) if times else math.nan
         self._send_diagnostics(diagnostics(self.get_namespace()[1:], self.onboard, self.reason, values, now))
         if self._output is not None:
-            lasts = [m[max(m)] if self.lockstep else m[-1] for m in pilot.heard.values() if m]
-            self._send_markers(self._markers_of.of(self._output, [(m.x, m.y) for m in lasts], now))
+            places = [(message.x, message.y) for message in heard.values() if message is not None]
+            self._send_markers(markers(self.onboard, self._output, places, self.settings.frame, self._origin, now))

@@ -3,7 +3,6 @@
 import faulthandler
 import os
 import signal
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -19,10 +18,29 @@ _GRACE = 3.0
 class RosProcess:
     """ROS 2 in this process."""
 
+    interrupts: bool = False
+    """True if SIGTERM interrupts the process as Ctrl-C does."""
     nodes: list[Any] = field(default_factory=list)
     """Nodes, which are destroyed when ROS 2 ends."""
-    ended: bool = False
-    """True after SIGTERM."""
+    signals: list[int] = field(default_factory=list)
+    """Signals that have arrived."""
+
+    @property
+    def ended(self) -> bool:
+        """Return whether SIGTERM has arrived, which does not interrupt the process."""
+        return signal.SIGTERM in self.signals and not self.interrupts
+
+    def check(self) -> None:
+        """Interrupt the process if it was requested to.
+
+        The error of a handler that runs within compiled code that calls Python would become another one on its way
+        through this code. So signals are only noted, and handled here.
+
+        Raises:
+            KeyboardInterrupt: after Ctrl-C, and after SIGTERM if it interrupts.
+        """
+        if signal.SIGINT in self.signals or (self.signals and self.interrupts):
+            raise KeyboardInterrupt
 
     def spin(self) -> None:
         """Run the nodes in this thread until SIGTERM or Ctrl-C; each then publishes the command of rest."""
@@ -31,32 +49,41 @@ class RosProcess:
             executor.add_node(node)
         try:
             while not self.ended:
-                with signals_deferred():
-                    executor.spin_once(timeout_sec=0.1)
+                executor.spin_once(timeout_sec=0.1)
+                self.check()
         finally:
             for node in self.nodes:
                 node.rest()
             executor.shutdown()
 
-    def note_end(self, *_: Any) -> None:
-        """Record SIGTERM."""
-        self.ended = True
+    def note(self, number: int, _frame: Any) -> None:
+        """Note a signal; the second one interrupts the process at once."""
+        self.signals.append(number)
+        if len(self.signals) > 1:
+            raise KeyboardInterrupt
 
 
 @contextmanager
 def started(interrupts: bool = False) -> Iterator[RosProcess]:
-    """Start ROS 2 for a block of code; SIGTERM is noted, or interrupts the block like Ctrl-C."""
-    process = RosProcess()
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler if interrupts else process.note_end)
-    ros.start_ros()
+    """Start ROS 2 for a block of code, which calls `RosProcess.check` where Ctrl-C may interrupt it.
+
+    Args:
+        interrupts: True if SIGTERM interrupts the block, too; otherwise it is noted.
+    """
+    process = RosProcess(interrupts)
+    handlers = {number: signal.signal(number, process.note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
+        ros.start_ros()
+        process.check()
         yield process
     finally:
+        process.signals.clear()
         with _ended_in_time():
             for node in process.nodes:
                 node.destroy_node()
             ros.rclpy.try_shutdown()
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
 
 
 @contextmanager
@@ -72,24 +99,3 @@ def _ended_in_time() -> Iterator[None]:
             yield
         finally:
             faulthandler.cancel_dump_traceback_later()
-
-
-@contextmanager
-def signals_deferred() -> Iterator[None]:
-    """Handle Ctrl-C and SIGTERM at the end of a block of compiled code that calls Python.
-
-    The error of a handler that runs within the block would become another one on its way through the compiled code.
-    """
-    arrived: list[tuple[int, Any]] = []
-    is_main = threading.current_thread() is threading.main_thread()
-    before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)} if is_main else {}
-    handlers = {number: handler for number, handler in before.items() if callable(handler)}
-    for number in handlers:
-        signal.signal(number, lambda *given: arrived.append(given))
-    try:
-        yield
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-    for number, frame in arrived[:1]:
-        handlers[signal.Signals(number)](number, frame)

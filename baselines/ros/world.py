@@ -11,11 +11,12 @@ from baselines.onboard import Limits, Twist, inputs_of
 from baselines.ros import conversions
 from baselines.ros import library as ros
 from baselines.ros.conversions import cloud_message, odometry_message, pose_message, seconds, stamp_of
-from baselines.ros.running import signals_deferred
 from baselines.ros.settings import WorldSettings
+from baselines.ros.telemetry import marker
 from baselines.ros.vehicle import Vehicle
 from lissajous_env.console.terminal import CommandError
 from lissajous_env.episodes.recording import Recorder, Recording
+from lissajous_env.logs.markers import target_shape
 from lissajous_env.logs.reading import EPISODE
 from lissajous_env.logs.writing import episode_text
 from lissajous_env.parameters.scenario import Scenario
@@ -90,12 +91,17 @@ class WorldNode(ros.Node):
             return self.get_clock().now().nanoseconds / 1e9
         return START + (monotonic() - self._begun) * self.settings.pace
 
-    def play(self, on_step: Callable[[], None] = lambda: None) -> Recording:
+    def play(self, on_step: Callable[[], None] = lambda: None, check: Callable[[], None] = lambda: None) -> Recording:
         """Wait for the robots, start them, play the episode, and stop them.
+
+        Args:
+            on_step: Called after each step.
+            check: Called after each message; it may end the episode by an error.
 
         Raises:
             CommandError: robots are missing, or do not answer.
         """
+        self._check = check
         self._await_robots()
         self._call("start")
         self._recorder.take()
@@ -161,8 +167,8 @@ class WorldNode(ros.Node):
             if monotonic() - self._clock_sent_at >= _CLOCK_PERIOD:
                 self._clock_sent_at = monotonic()
                 self._send_clock(ros.Clock(clock=stamp_of(self.now)))
-        with signals_deferred():
-            self.loop.spin_once(timeout_sec=max(timeout, 0.0))
+        self.loop.spin_once(timeout_sec=max(timeout, 0.0))
+        self._check()
 
     def _spin_until(self, holds: Callable[[], bool], limit: float, every: Callable[[], None] | None = None) -> bool:
         """Receive messages and call a function regularly until a condition is true; return False after a time limit."""
@@ -277,17 +283,6 @@ class WorldNode(ros.Node):
                 before, after = (heard.get(int(j), math.nan) for j in self.scenario.neighbours[k])
                 known = conversions.Simulated(inputs.phase, inputs.works, (before, after))
                 robot["simulated"](conversions.simulated_message(known, time))
-        self._send_markers(self._targets(time))
-
-    def _targets(self, time: float) -> Any:
-        there = self.simulation.targets.in_sight.numpy()[0] == 1
-        places = self.simulation.targets.position.numpy()[0][there].tolist()
-        marker = ros.Marker(ns="targets", id=0, type=ros.Marker.SPHERE_LIST, action=ros.Marker.ADD)
-        marker.header.stamp, marker.header.frame_id = stamp_of(time), self.settings.frame
-        marker.pose.orientation.w = 1.0
-        marker.scale.x = marker.scale.y = marker.scale.z = 0.5 * self.scenario.robot.radius
-        marker.color = ros.ColorRGBA(r=0.9, g=0.5, b=0.1, a=1.0)
-        marker.points = [ros.Point(x=x, y=y, z=0.0) for x, y in places]
-        if not places:
-            marker.action = ros.Marker.DELETE
-        return ros.MarkerArray(markers=[marker])
+        present = self.simulation.targets.in_sight.numpy()[0] == 1
+        targets = target_shape(self.scenario, self.simulation.targets.position.numpy()[0][present])
+        self._send_markers(ros.MarkerArray(markers=[marker(targets, frame, time)]))

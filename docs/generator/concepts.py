@@ -15,7 +15,7 @@ import lissajous_env
 from baselines.benchmark.plot_styles import BLUE, DARK, GREEN, ORANGE, PINK, RED
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
-from lissajous_env.world.introduction import introduced_at
+from lissajous_env.world.contamination.labels import introduced_at
 from lissajous_env.world.state import NEVER
 
 TEAM = (BLUE, RED, GREEN, PINK, ORANGE)

@@ -7,28 +7,26 @@ name of an entry point separates two words: `ros.robot` is the command `lissajou
 
 import ast
 import contextlib
-import functools
 import importlib.util
+import inspect
 import io
 import os
-import re
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from importlib.metadata import EntryPoint, entry_points
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib.metadata import EntryPoint, entry_points, version
 from pathlib import Path
 from typing import Any
 
 import tyro
 
-from lissajous_env import siblings
 from lissajous_env.console import interrupts
-from lissajous_env.console.help import print_help
 from lissajous_env.console.interrupts import INTERRUPTED
 from lissajous_env.console.terminal import CommandError, complain, make_console
 from lissajous_env.device import kernel_cache
-from lissajous_env.wording import few_of, nearest, shown, where_raised
+from lissajous_env.plugins import search_current_folder
+from lissajous_env.wording import few_of, nearest, shown
 
 GROUP = "lissajous_env.commands"
 FAILED = 1
@@ -41,11 +39,13 @@ ROS_ARGUMENTS = "--ros-args"
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run `lissajous` and end the process with an exit code: 2 for bad input, 130 after Ctrl-C."""
-    _open_streams()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # prints "?" for characters that the terminal does not have
     os.environ.pop("MPLBACKEND", None)  # matplotlib refuses that of a notebook elsewhere; pictures need none
-    code = _ended(list(sys.argv[1:] if arguments is None else arguments))
+    code = _exit_code(list(sys.argv[1:] if arguments is None else arguments))
     try:
-        sys.stdout.flush()
+        print(end="", flush=True)
     except OSError as error:
         # The reader closed the pipe, or the disk is full; the remaining output must not fail again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -57,17 +57,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def commands() -> dict[str, EntryPoint]:
     """Return the installed commands by name."""
-    found = sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
-    return {entry.name.replace(".", " "): entry for entry in found}
+    entries = sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
+    return {entry.name.replace(".", " "): entry for entry in entries}
 
 
-def _ended(arguments: list[str]) -> int:
+def _exit_code(arguments: list[str]) -> int:
     """Run a command and return its exit code; print errors as one line."""
     try:
         with _short_warnings():
-            return _dispatch(arguments)
-    except SystemExit as ended:  # the reader closed the pipe
-        return ended.code if isinstance(ended.code, int) else 0
+            return _run(arguments)
+    except SystemExit as end:  # tyro printed the help or an error of the command line, or the reader closed the pipe
+        return end.code if isinstance(end.code, int) else 0
     except ValueError as error:
         return _failed(BAD_INPUT, error, str(error))
     except BrokenPipeError:
@@ -89,74 +89,43 @@ def _failed(code: int, error: Exception, words: str) -> int:
     return code
 
 
-def _dispatch(arguments: list[str]) -> int:
+def _run(arguments: list[str]) -> int:
     known = commands()
-    _check_text(arguments)
     if not arguments or arguments[0] in ("-h", "--help"):
-        _print_help(known)
+        _print_commands(known)
         return 0
-    words = 2 if " ".join(arguments[:2]) in known else 1
-    name = " ".join(arguments[:words])
-    if name in ("-V", "--version"):
-        from importlib.metadata import version
-
+    if arguments[0] in ("-V", "--version"):
         print(f"lissajous-env {version('lissajous-env')}")
         return 0
-    group = {each: entry for each, entry in known.items() if each.startswith(f"{name} ")}
-    if group and {"-h", "--help"} & set(arguments[1:2]):
-        _print_help(group)
+    words = 2 if " ".join(arguments[:2]) in known else 1
+    name, options = " ".join(arguments[:words]), arguments[words:]
+    group = {command: entry for command, entry in known.items() if command.startswith(f"{name} ")}
+    if group and options[:1] in (["-h"], ["--help"]):
+        _print_commands(group)
         return 0
     if group:
-        raise ValueError(f"{name} must be followed by {few_of([each.partition(' ')[2] for each in group])}")
+        raise ValueError(f"{name} must be followed by {few_of([command.partition(' ')[2] for command in group])}")
     if name not in known:
         raise ValueError(f"command must be one of {few_of(known, name)}, got {shown(name)}{nearest(name, known)}")
-    if name.startswith("ros ") and ROS_ARGUMENTS in arguments:
-        arguments = arguments[: arguments.index(ROS_ARGUMENTS)]
-    quiet = "--quiet" in arguments
+    if name.startswith("ros ") and ROS_ARGUMENTS in options:
+        options = options[: options.index(ROS_ARGUMENTS)]
+    quiet = "--quiet" in options
     kernel_cache.listener = None if quiet else complain
     if quiet:
         warnings.simplefilter("ignore")  # warnings of libraries
-    with contextlib.suppress(OSError):  # the folder was removed
-        siblings.look_first_in(os.getcwd())
+    search_current_folder()
     try:
-        function = siblings.load_entry_point(known[name])
+        function = known[name].load()
     except Exception as error:
         raise CommandError(f"the command {name} cannot be loaded: {type(error).__name__}: {error}") from error
-    program = f"lissajous {name}"
-    if {"-h", "--help"} & set(arguments):
-        print_help(function, program)
-        return 0
-    given, named = _bound(function, program, arguments[words:])
-    try:
-        with interrupts.raised():
-            result = function(*given, **named)
-    except SystemExit as ended:
-        if isinstance(ended.__context__, BrokenPipeError):  # Rich found a closed pipe
-            raise
-        raise CommandError(f"{name} was ended from within: {where_raised(ended)}") from ended
+    with interrupts.raised():
+        result = tyro.cli(function, prog=f"lissajous {name}", description=_description(function), args=options)
     return result if isinstance(result, int) else 0
 
 
-def _bound(function: Callable[..., Any], program: str, arguments: list[str]) -> tuple[tuple, dict[str, Any]]:
-    """Return the arguments of a command's function from a command line, without calling it.
-
-    Raises:
-        ValueError: the command line is invalid.
-    """
-
-    @functools.wraps(function)
-    def bind(*given: Any, **named: Any) -> Any:
-        return given, named
-
-    said = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(said), _wide_frames():
-            return tyro.cli(bind, prog=program, args=arguments)
-    except SystemExit:
-        words = _without_frame(said.getvalue())
-        # Errors of the settings themselves need no hint.
-        refused = re.fullmatch(r"error parsing \w+: (.*)", words)
-        raise ValueError(refused[1] if refused else f"{words}\n{program} --help prints the options") from None
+def _description(function: Callable[..., Any]) -> str:
+    """Return the docstring of a command up to the section on its arguments, with the example."""
+    return (inspect.getdoc(function) or "").partition("\nArgs:")[0]
 
 
 @contextlib.contextmanager
@@ -170,66 +139,7 @@ def _short_warnings() -> Iterator[None]:
         warnings.formatwarning = before
 
 
-@contextlib.contextmanager
-def _wide_frames() -> Iterator[None]:
-    """Make tyro print its messages without line breaks."""
-    before = os.environ.get("COLUMNS")
-    os.environ["COLUMNS"] = "10000"
-    try:
-        yield
-    finally:
-        del os.environ["COLUMNS"]
-        if before is not None:
-            os.environ["COLUMNS"] = before
-
-
-def _without_frame(said: str) -> str:
-    """Return the message in tyro's frame as one line, with similar options."""
-    lines = re.sub(r"\x1b\[[0-9;]*m", "", said).splitlines()
-    # The frame has a title and a last line; without line characters the title is underlined.
-    underlined = bool(lines[1:]) and not lines[1].strip(" -")
-    inside = "\n".join(line.strip("\u2502| ") for line in lines[1 + underlined : -1])
-    first, *others = re.split(r"\n?^[\u2500-]{3,}$\n?", inside, flags=re.MULTILINE)
-    words = " ".join(first.split()) or "the command line cannot be read"
-    for part in others:
-        if part.startswith("Perhaps"):
-            near = [line for line in part.splitlines() if line.startswith("-")]
-            words += f"; did you mean {', '.join(near)}?"
-    return words[:1].lower() + words[1:]
-
-
-def _check_text(arguments: list[str]) -> None:
-    """Check that no argument is empty or invalid text.
-
-    Raises:
-        ValueError: an argument is empty or contains bytes that are not UTF-8.
-    """
-    for number, argument in enumerate(arguments):
-        if not argument or re.fullmatch(r"--[\w-]+=", argument):
-            before = argument.rstrip("=") or next(
-                (a for a in arguments[number - 1 :: -1] if number and a), "an argument"
-            )
-            raise ValueError(f"{' '.join(before.split())[:160]} must be followed by a value, got ''")
-        if "\0" in argument or any("\ud800" <= c <= "\udfff" for c in argument):
-            raise ValueError(f"arguments must be text in UTF-8, got {argument!r}")
-
-
-def _open_streams() -> None:
-    """Replace closed streams, and replace characters that the terminal cannot print."""
-    for number, name in enumerate(("stdin", "stdout", "stderr")):
-        try:
-            os.fstat(number)
-        except OSError:
-            # Occupy the descriptor; otherwise a file would get it, and with it the printed output.
-            os.open(os.devnull, os.O_RDWR)
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, "r" if number == 0 else "w"))  # noqa: SIM115
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # prints "?" instead
-
-
-def _print_help(known: dict[str, EntryPoint]) -> None:
+def _print_commands(known: Mapping[str, EntryPoint]) -> None:
     from rich.table import Table
     from rich.text import Text
 
@@ -247,14 +157,13 @@ def _print_help(known: dict[str, EntryPoint]) -> None:
 
 def _summary(entry: EntryPoint) -> str:
     """Return the first line of a command's docstring from its source, since imports would take seconds."""
-    name = entry.module.partition(".")[0]
-    top = None if name in siblings.NAMES else importlib.util.find_spec(name)
-    for folder in [siblings.PARENT / name] if top is None else top.submodule_search_locations or ():
-        path = Path(folder, *entry.module.split(".")[1:]).with_suffix(".py")
-        if not path.exists():
-            path = path.with_suffix("") / "__init__.py"
-        if path.exists():
-            for node in ast.parse(path.read_text(encoding="utf-8")).body:
-                if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and node.name == entry.attr:
-                    return (ast.get_docstring(node) or "").partition("\n")[0]
+    top, *inner = entry.module.split(".")
+    spec = importlib.util.find_spec(top)
+    if spec is None or spec.origin is None:
+        return ""
+    path = Path(spec.origin).parent.joinpath(*inner).with_suffix(".py") if inner else Path(spec.origin)
+    if path.is_file():
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.FunctionDef) and node.name == entry.attr:
+                return (ast.get_docstring(node) or "").partition("\n")[0]
     return ""

@@ -47,9 +47,9 @@ def check_file(out: Path | None, *suffixes: str) -> None:
         hint = nearest(out.suffix.lower(), suffixes)
         raise ValueError(f"out must end in {' or '.join(suffixes)}, got {out}{hint}")
     if out.suffix.lower() == ".mp4":
-        from lissajous_env.render import mp4
+        from lissajous_env.render.writers import pyav
 
-        mp4.pyav()
+        pyav()
     if out.suffix.lower() == ".mcap":
         from lissajous_env.logs.ros_types import rosbags
 
@@ -92,12 +92,14 @@ def show(
             Replay(recording, against).save(out)
         elif suffix in film.FILMS:
             film.save_film(recording, out, fps=fps, speed=speed, on_frame=lambda: progress.advance(task))
-        elif suffix in film.STILLS:
-            film.save_sheet(recording, out)
         elif suffix == ".mcap":
             from lissajous_env.logs.writing import save_mcap
 
             save_mcap(recording, out)
-        else:
+        elif suffix == ".npz":
             recording.save(out)
+        else:
+            from lissajous_env.render.sheet import save_sheet
+
+            save_sheet(recording, out)
     output.print(f"wrote {out}")

@@ -6,7 +6,7 @@ import math
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -143,7 +143,9 @@ def print_left_out(console: Console, names: Sequence[str], where: str) -> None:
 
 
 def plain(value: Any) -> Any:
-    """Convert a value to JSON types; NaN becomes null, infinity a word."""
+    """Convert a value to JSON types; NaN becomes null, infinity a word, and a dataclass its fields."""
+    if is_dataclass(value) and not isinstance(value, type):
+        value = {of.name: getattr(value, of.name) for of in fields(value)}
     if isinstance(value, dict):
         return {str(name): plain(entry) for name, entry in value.items()}
     if isinstance(value, (list, tuple)):

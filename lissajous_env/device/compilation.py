@@ -1,7 +1,6 @@
 """Compiler options of kernels; a module with kernels calls `wp.set_module_options`, usually with OPTIONS.
 
-They also apply to all functions that its kernels call, so a module of functions alone needs none. Do not add options
-that change how C++ is parsed, because all modules share one parsed header (`headers.py`).
+They also apply to all functions that its kernels call, so a module of functions alone needs none.
 """
 
 from typing import Any

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device import kernel_cache
-from lissajous_env.device.turns import Turn
+from lissajous_env.device.locks import COMPILING
 from lissajous_env.wording import shown
 
 
@@ -109,14 +109,10 @@ def is_torch(value: Any) -> bool:
     return type(value).__module__.partition(".")[0] == "torch"
 
 
-_compiling = Turn("the compiler")
-"""Held while kernels are compiled or loaded, of which Warp does not bear two at once, or standard error is silent."""
-
-
 @contextlib.contextmanager
 def compile_quietly() -> Iterator[None]:
     """Keep Warp from printing its banner and a line for each module, and other threads from loading any meanwhile."""
-    with _compiling.lock:
+    with COMPILING:
         level = wp.config.log_level
         wp.config.log_level = max(level, wp.LOG_ERROR)
         try:
@@ -126,7 +122,7 @@ def compile_quietly() -> Iterator[None]:
 
 
 def _start() -> None:
-    with _compiling.lock:
+    with COMPILING:
         _started()
 
 

@@ -1,4 +1,4 @@
-"""Compiled kernels on the disk: a message before they are compiled, a check for damage, and the folder of the cache.
+"""Compiled kernels on the disk: a message before they are compiled, and a folder where Warp's own cannot be used.
 
 Warp compiles a module when one of its kernels is first launched, and stores the result in a folder of its cache. It has
 no hook before that moment, so its `Module.load` is wrapped, for the modules of this project only.
@@ -7,8 +7,6 @@ no hook before that moment, so its `Module.load` is wrapped, for the modules of 
 import atexit
 import contextlib
 import functools
-import hashlib
-import json
 import os
 import shutil
 import tempfile
@@ -19,14 +17,9 @@ from typing import Any
 
 import warp as wp
 
-from lissajous_env.device.headers import share_headers, sharing_header
-from lissajous_env.device.warp_abi import compiler_flags_of, folder_of, replace_header_folder, replace_load
-from lissajous_env.storage.files import write_atomically
+from lissajous_env.device.warp_abi import folder_of, replace_load
 
 OURS = ("lissajous_env.", "baselines.", "training.")
-SUMS = "checksums.json"
-"""In the folder of each module: the SHA-256 of what was compiled, by file name."""
-_COMPILED = (".o", ".cubin", ".ptx", ".meta")
 
 listener: Callable[[str], None] | None = None
 """Function that receives one-line messages for the user, such as that kernels are compiled; the command line prints
@@ -63,24 +56,14 @@ def _watch() -> None:
             if key in loaded or not module.name.startswith(OURS):
                 return load(module, device, *args, **kwargs)
             with _loading.setdefault(id(module), threading.RLock()), _small_frames():
-                name = folder_of(module, args[0] if args else kwargs.get("block_dim"))
-                compiles = _prepare(name) and wp.get_device(device).is_cpu
-                try:
-                    with sharing_header(compiler_flags_of(module)) if compiles else contextlib.nullcontext():
-                        executable = load(module, device, *args, **kwargs)
-                except Exception:
-                    # What was compiled by an earlier version has no checksum: try once more from the source.
-                    if not _forget(_folder(name)):
-                        raise
-                    executable = load(module, device, *args, **kwargs)
-            _note_sums(_folder(name))
+                _announce(folder_of(module, args[0] if args else kwargs.get("block_dim")))
+                executable = load(module, device, *args, **kwargs)
             loaded.add(key)
             return executable
 
         return watched
 
     replace_load(watch)
-    replace_header_folder(share_headers)
 
 
 def load_together(kernels: Iterable[Any], device: Any, threads: Callable[[], int]) -> None:
@@ -107,65 +90,22 @@ def _small_frames() -> Iterator[None]:
         wp.config.enable_tiles_in_stack_memory = before
 
 
-def _prepare(name: str) -> bool:
-    """Remove damaged files of a module; if it must be compiled, announce this, check the folder, and return True."""
-    with _preparing:
-        folder = _folder(name)
-        if folder.is_dir() and not _is_whole(folder):
-            _forget(folder)
-        if folder.is_dir():
-            return False
-        try:
-            tempfile.TemporaryFile(dir=folder.parent).close()
-        except OSError as error:
-            _keep_for_this_run(str(error.strerror))
-        _say_that_it_compiles()
-        return True
+def _announce(name: str) -> None:
+    """Say that a module must be compiled if it is not in the cache, and make sure that it can be stored there."""
+    with _loading.setdefault(0, threading.RLock()):
+        folder = Path(str(wp.config.kernel_cache_dir), name)
+        if not folder.is_dir():
+            try:
+                tempfile.TemporaryFile(dir=folder.parent).close()
+            except OSError as error:
+                _keep_for_this_run(str(error.strerror))
+            _say_that_it_compiles()
 
 
 _loading: dict[int, Any] = {}
-"""A lock for each module, which the compiling thread owns; other threads that need the module wait for it."""
+"""A lock for each module, by its id, which the compiling thread owns; other threads that need the module wait for it.
+Lock 0 is for announcements."""
 os.register_at_fork(after_in_child=_loading.clear)
-
-_preparing = threading.Lock()
-"""Lock of the thread that examines the folders of modules."""
-
-
-def _folder(name: str) -> Path:
-    return Path(str(wp.config.kernel_cache_dir), name)
-
-
-def _is_whole(folder: Path) -> bool:
-    try:
-        sums = json.loads((folder / SUMS).read_bytes())
-        return all(_sum(folder / name) == of for name, of in sums.items())
-    except FileNotFoundError as error:
-        return error.filename == str(folder / SUMS)
-    except (OSError, ValueError, AttributeError):
-        return False
-
-
-def _note_sums(folder: Path) -> None:
-    with contextlib.suppress(OSError, ValueError):
-        made = {path.name for path in folder.iterdir() if path.suffix in _COMPILED}
-        path = folder / SUMS
-        if not path.exists() or made != set(json.loads(path.read_bytes())):
-            sums = {name: _sum(folder / name) for name in sorted(made)}
-            write_atomically(path, json.dumps(sums, indent=1) + "\n")
-
-
-def _sum(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _forget(folder: Path) -> bool:
-    """Remove a module's files; whether there were any, and are none now."""
-    if not folder.is_dir():
-        return False
-    shutil.rmtree(folder, ignore_errors=True)
-    if folder.is_dir():
-        raise ValueError(f"compiled kernels are damaged and cannot be removed; delete the folder {folder}")
-    return True
 
 
 def _keep_for_this_run(reason: str) -> None:

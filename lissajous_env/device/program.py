@@ -1,6 +1,7 @@
 """Programs: kernels in an order, bound to arrays by the names of their parameters, ready to run.
 
-The layout of a stage determines what each thread processes, and which parameters its kernel has:
+The layout of a kernel determines what each of its threads processes. A kernel that `@stage` of `device/stage.py` makes
+has one of these; so has a kernel of a user, by its parameters:
 
 | layout   | parameters                       | a thread works on                                                  |
 |----------|----------------------------------|--------------------------------------------------------------------|
@@ -8,6 +9,8 @@ The layout of a stage determines what each thread processes, and which parameter
 | `LANES`  | `first`, `lanes`                 | each `lanes`-th entity of a world: on a GPU one, on a CPU all      |
 | `PARTS`  | `first`, `lanes`, `begin`, `end` | the same, of the entities from `begin` to `end - 1`                |
 | `BLOCKS` | `begin`, `end`                   | entities of all worlds in a row, side by side: `device/abreast.py` |
+
+`entities` is the number of entities of a world, for kernels that need it.
 
 With the layouts `PARTS` and `BLOCKS`, CPU threads may share the entities of a large world. Such a stage begins when all
 threads have finished the stages before it. Without a `barrier`, it begins on a part as soon as the previous stage has
@@ -30,22 +33,19 @@ from lissajous_env.device.abreast import width_on
 from lissajous_env.device.devices import as_device, cores
 from lissajous_env.device.kernel_cache import OURS, load_together
 from lissajous_env.device.stacks import require_room
+from lissajous_env.device.stage import BLOCKS, LANES, PARTS, WORLD, WORLDS
 from lissajous_env.device.warp_abi import Call, content_of, is_struct, names_of_arguments
 from lissajous_env.device.work import TASKS_PER_THREAD, Work
 from lissajous_env.wording import few_of
 
-WORLD, ROBOT, TARGET, ROW, FIELD_ROW, BIN = "world", "robot", "target", "row", "field row", "bin"
-
-WORLDS, LANES, PARTS, BLOCKS = "worlds", "lanes", "parts", "blocks"
-
-_PLACED = {
-    WORLDS: ("first",),
-    LANES: ("first", "lanes"),
-    PARTS: ("first", "lanes", "begin", "end"),
-    BLOCKS: ("begin", "end"),
+_LAYOUTS = {
+    ("first",): WORLDS,
+    ("first", "lanes"): LANES,
+    ("first", "lanes", "begin", "end"): PARTS,
+    ("begin", "end"): BLOCKS,
 }
-"""Parameters that select the worlds and entities of a launch, by layout."""
-_PLACES = frozenset(name for names in _PLACED.values() for name in names)
+"""Layouts by the parameters that select the worlds and entities of a launch."""
+_PLACES = frozenset(name for names in _LAYOUTS for name in names)
 
 _MOST_LAUNCHES = 64
 """Largest number of recorded launches of a launcher."""
@@ -63,9 +63,7 @@ class Stage:
     run: Any
     """A Warp kernel, or a function without arguments that is called on the host."""
     over: str = WORLD
-    """Entities of the kernel: WORLD, ROBOT, TARGET, ROW (of the grid), FIELD_ROW (of contamination) or BIN."""
-    layout: str = LANES
-    """Part of the work that a thread does: LANES, PARTS or BLOCKS; WORLDS where the stage goes over worlds."""
+    """Entities of a kernel that `@stage` has not made: WORLD, ROBOT, TARGET, ROW, FIELD_ROW or BIN."""
     barrier: bool = True
     """False for a PARTS or BLOCKS stage that does not wait for the stages before it, as the module describes."""
     when: bool = True
@@ -74,12 +72,18 @@ class Stage:
     """Arguments of its kernel besides the values of the program, by name."""
 
     def __post_init__(self) -> None:
-        if self.over == WORLD:
-            object.__setattr__(self, "layout", WORLDS)
-        got = tuple(name for name in self.labels if name in _PLACES)
-        if self.is_kernel and got != _PLACED[self.layout]:
-            rule = f"of layout {self.layout} must have {', '.join(_PLACED[self.layout])}"
-            raise ValueError(f"kernel of stage {self.name} {rule}, got {', '.join(got) or 'none of them'}")
+        object.__setattr__(self, "over", getattr(self.run, "over", self.over))
+        if self.is_kernel and (self.layout is None or (self.layout == WORLDS) != (self.over == WORLD)):
+            of = (
+                "of worlds must have first" if self.over == WORLD else "must have first, lanes, perhaps with begin, end"
+            )
+            got = ", ".join(name for name in self.labels if name in _PLACES) or "none of them"
+            raise ValueError(f"kernel of stage {self.name} {of}, got {got}")
+
+    @property
+    def layout(self) -> str | None:
+        """Return the layout of its kernel; None without one."""
+        return _LAYOUTS.get(tuple(name for name in self.labels if name in _PLACES))
 
     @property
     def is_kernel(self) -> bool:
@@ -89,7 +93,12 @@ class Stage:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the kernel's parameters that are matched in the state and the constants."""
-        return tuple(name for name in self.labels if name not in _PLACED[self.layout])
+        return tuple(name for name in self.labels if name not in _PLACES | {"entities"})
+
+    @property
+    def writes(self) -> tuple[str, ...]:
+        """Names of what it changes, as `robots.phase`; none where its kernel does not say it."""
+        return getattr(self.run, "writes", ())
 
     @property
     def is_split(self) -> bool:
@@ -214,7 +223,7 @@ class Program:
         if stage.layout == BLOCKS:
             begin, end = low * size + begin, (high - 1) * size + end
             dim = (-(-(end - begin) // width_on(self._device)),)
-        placed = {"first": low, "lanes": lanes, "begin": begin, "end": end}
+        placed = {"first": low, "lanes": lanes, "begin": begin, "end": end, "entities": size}
         values = {**self._values, **stage.own, **placed}
         if unknown := [name for name in names if name not in values]:
             there = few_of(sorted(values), unknown[0])

@@ -5,9 +5,7 @@
 
 import ctypes
 import functools
-import shutil
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import warp as wp
@@ -46,35 +44,6 @@ def name_of(struct: Any) -> str:
 def replace_load(replacement: Callable[[Callable[..., Any]], Callable[..., Any]]) -> None:
     """Wrap the method by which Warp compiles or loads a module: `replacement` receives it and returns another one."""
     wp.Module.load = replacement(wp.Module.load)  # type: ignore
-
-
-def replace_header_folder(replacement: Callable[[Callable[[], str | None]], Callable[[], str | None]]) -> None:
-    """Wrap the function that returns the folder of a thread's parsed C++ headers, as `replace_load` wraps the method.
-
-    Where it returns None, a module is compiled from the header's source.
-    """
-    runtime: Any = wp._src.context.runtime
-    runtime.get_clang_pch_dir = replacement(runtime.get_clang_pch_dir)
-
-
-def copy_header(folder: str, made_for: str, flags: str) -> None:
-    """Let the parsed C++ header that was made for some compiler flags serve others, if Warp names it as expected."""
-    name, copy = _hash_of(made_for), _hash_of(flags)
-    for path in Path(folder).glob(f"*_f{name}.pch"):
-        shutil.copyfile(path, path.with_name(path.name.replace(name, copy)))
-
-
-def _hash_of(flags: str) -> str:
-    """Return the hash of flags in the names of parsed headers: FNV-1a of 64 bits, each flag ended by a zero."""
-    value = 0xCBF29CE484222325
-    for byte in b"".join(flag.encode() + b"\0" for flag in flags.split()):
-        value = (value ^ byte) * 0x100000001B3 % 2**64
-    return f"{value:016x}"
-
-
-def compiler_flags_of(module: Any) -> str:
-    """Return the flags with which a module is compiled for CPUs."""
-    return module.options["cpu_compiler_flags"] or ""
 
 
 def folder_of(module: Any, block_dim: int | None) -> str:

@@ -25,8 +25,8 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import cores
 from lissajous_env.device.kernel_cache import load_together
+from lissajous_env.device.locks import Turn, in_turn
 from lissajous_env.device.stacks import LEAST
-from lissajous_env.device.turns import Turn, in_turn
 from lissajous_env.device.warp_abi import Call
 
 wp.set_module_options(OPTIONS)

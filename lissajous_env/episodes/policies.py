@@ -1,14 +1,11 @@
-"""Access to the policies of `baselines` and `training` from `lissajous_env`, even where a user's modules hide them.
-
-`lissajous_env.siblings` explains when that happens.
-"""
+"""Access to the policies of `baselines` and `training` from `lissajous_env`, which import it, on demand."""
 
 import os
+from importlib import import_module
 from typing import Any
 
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.siblings import import_ours
 
 BASES = {
     "NumpyCoordinator": "NumpyCoordinator",
@@ -39,13 +36,13 @@ def policy(
     Raises:
         ValueError: the policy or the scenario is unknown, or they do not fit.
     """
-    factories = import_ours("baselines.policies.factories")
+    factories = import_module("baselines.policies.factories")
     return factories.named(os.fspath(name))(named.build(scenario), num_worlds, device)
 
 
 def policies(scenario: str | os.PathLike[str] | Scenario | None = None) -> tuple[str, ...]:
     """Return the names of the policies, or of those that can drive the robots of a scenario."""
-    return import_ours("baselines").names(scenario)
+    return import_module("baselines").names(scenario)
 
 
 def load(
@@ -61,9 +58,9 @@ def load(
     Raises:
         ValueError: the name or folder is unknown, the checkpoint is damaged, or the scenario does not fit.
     """
-    return import_ours("training").load(name, scenario, num_worlds, device)
+    return import_module("training").load(name, scenario, num_worlds, device)
 
 
 def base(name: str) -> Any:
     """Return the object `lissajous_env.NAME` for a name of `BASES`."""
-    return getattr(import_ours("baselines"), BASES[name])
+    return getattr(import_module("baselines"), BASES[name])

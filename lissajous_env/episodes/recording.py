@@ -16,7 +16,7 @@ from lissajous_env.episodes.recording_checks import check, made_scenario
 from lissajous_env.episodes.snapshot import Snapshot, of_world
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import replacing
-from lissajous_env.world.introduction import introduced_at
+from lissajous_env.world.contamination.labels import introduced_at
 from lissajous_env.world.simulation import Simulation, fold_seed
 
 Unknown = tuple[str, int, int, int]

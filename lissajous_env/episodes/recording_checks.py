@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.parameters.plain_scenario import scenario_of
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.world.state import NEVER
 
 _PLAIN = (str, int, float, type(None))

@@ -1,111 +1,82 @@
-"""Markers of an episode for RViz and Foxglove."""
+"""Shapes of robots and targets that RViz and Foxglove draw as markers, whichever library writes the messages."""
 
-import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
-from lissajous_env.episodes.recording import Recording
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.closed_forms import curve_point
-from lissajous_env.world.state import REMOVED, WORKING
 
-_ARROW, _CYLINDER, _LINE, _SPHERES = 0, 3, 4, 7
-_ADD, _DELETE = 0, 2
+ARROW, CYLINDER, LINE, LINES, SPHERES = 0, 3, 4, 5, 7
+"""Types of visualization_msgs/Marker."""
+ADD, DELETE = 0, 2
+"""Actions of visualization_msgs/Marker."""
 _FLAT = 0.01
+_GREEN, _RED, _BLUE = (0.1, 0.6, 0.2, 1.0), (0.8, 0.2, 0.1, 1.0), (0.4, 0.4, 0.9, 0.7)
+
+Place = tuple[float, float, float, float]
+"""x, y, z [m] and heading [rad]."""
 
 
-def pose_of(types: Any, x: float, y: float, z: float, heading: float) -> Any:
-    """Return the pose of a place [m] and a heading [rad]."""
-    turn = types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=math.sin(heading / 2), w=math.cos(heading / 2))
-    return types["geometry_msgs/msg/Pose"](position=types["geometry_msgs/msg/Point"](x=x, y=y, z=z), orientation=turn)
+class Shape(NamedTuple):
+    """A marker."""
+
+    space: str
+    """Namespace."""
+    number: int
+    """Number in the namespace."""
+    kind: int
+    """Type of visualization_msgs/Marker."""
+    scale: tuple[float, float, float]
+    """Extents [m]."""
+    colour: tuple[float, float, float, float]
+    """Red, green, blue, opacity, from 0 to 1."""
+    place: Place = (0.0, 0.0, 0.0, 0.0)
+    """Pose of the marker."""
+    points: tuple[tuple[float, float], ...] = ()
+    """x, y [m] of its points, for lines and spheres."""
+    shown: bool = True
+    """False to delete it."""
+
+    @property
+    def action(self) -> int:
+        """Action of visualization_msgs/Marker."""
+        return ADD if self.shown else DELETE
 
 
-class Markers:
-    """Markers of the moments of a recording."""
+def ground_shapes(scenario: Scenario, number: int = 0) -> list[Shape]:
+    """Return the rectangle and the curve."""
+    curve = scenario.curve
+    a, b = curve.half_width, curve.half_height
+    width = 0.01 * min(a, b)
+    corners = (a, b), (-a, b), (-a, -b), (a, -b), (a, b)
+    line = curve_point(curve, np.linspace(0, 2 * np.pi, 400)).tolist()
+    return [
+        Shape("rectangle", number, LINE, (width, 0.0, 0.0), (0.5, 0.5, 0.5, 1.0), points=corners),
+        Shape("curve", number, LINE, (width, 0.0, 0.0), _BLUE, points=tuple((x, y) for x, y in line)),
+    ]
 
-    def __init__(self, recording: Recording, types: Any):
-        self._recording, self._types = recording, types
-        self._scenario = recording.scenario.resolve()
 
-    def of(self, moment: int, header: Any) -> list[Any]:
-        """Return the markers that change at a moment; at the first also those that never do."""
-        made = self._ground(header) if moment == 0 else []
-        for robot in range(self._scenario.num_robots):
-            made += self._robot(robot, moment, header)
-        return [*made, *self._targets(moment, header)]
+def robot_shapes(scenario: Scenario, robot: int, place: Place, works: bool, shown: bool = True) -> list[Shape]:
+    """Return the body, the heading and the sensing disc of a robot; one that has failed is red and senses nothing."""
+    body, disc = 2 * scenario.robot.radius, 2 * scenario.sensing_radius
+    colour = _GREEN if works else _RED
+    return [
+        Shape("bodies", robot, CYLINDER, (body, body, body / 2), colour, place, shown=shown),
+        Shape("headings", robot, ARROW, (body, body / 4, body / 4), colour, place, shown=shown),
+        Shape("sensors", robot, CYLINDER, (disc, disc, _FLAT), (*_GREEN[:3], 0.12), place, shown=shown and works),
+    ]
 
-    def _ground(self, header: Any) -> list[Any]:
-        curve = self._scenario.curve
-        a, b = curve.half_width, curve.half_height
-        corners = np.array([(a, b), (-a, b), (-a, -b), (a, -b), (a, b)])
-        line = curve_point(curve, np.linspace(0, 2 * np.pi, 400))
-        width = 0.01 * min(a, b)
-        rectangle = self._marker(header, "rectangle", 0, _LINE, (width, 0, 0), (0.5, 0.5, 0.5, 1), points=corners)
-        return [rectangle, self._marker(header, "curve", 0, _LINE, (width, 0, 0), (0.4, 0.4, 0.9, 0.7), points=line)]
 
-    def _robot(self, robot: int, moment: int, header: Any) -> list[Any]:
-        recording, scenario = self._recording, self._scenario
-        status = int(recording.status[moment, robot])
-        there = _DELETE if status == int(REMOVED) else _ADD
-        x, y, z = recording.position[moment, robot].tolist()
-        place = x, y, z, float(recording.heading[moment, robot])
-        body, disc = 2 * scenario.robot.radius, 2 * scenario.sensing_radius
-        works = status == int(WORKING)
-        colour = (0.1, 0.6, 0.2, 1.0) if works else (0.8, 0.2, 0.1, 1.0)
-        senses = there if works else _DELETE
-        return [
-            self._marker(header, "bodies", robot, _CYLINDER, (body, body, body / 2), colour, place, action=there),
-            self._marker(header, "headings", robot, _ARROW, (body, body / 4, body / 4), colour, place, action=there),
-            self._marker(header, "sensors", robot, _CYLINDER, (disc, disc, _FLAT), (0.1, 0.6, 0.2, 0.12), place,
-                         action=senses),
-        ]  # fmt: skip
+def link_shape(scenario: Scenario, robot: int, place: Place, neighbours: list[tuple[float, float]]) -> Shape:
+    """Return the links of a robot to its ring neighbours, whose places are given [m]."""
+    width = 0.01 * min(scenario.curve.half_width, scenario.curve.half_height)
+    points = tuple(end for neighbour in neighbours for end in (place[:2], neighbour))
+    return Shape("ring", robot, LINES, (width, 0.0, 0.0), _BLUE, points=points, shown=bool(points))
 
-    def _targets(self, moment: int, header: Any) -> list[Any]:
-        recording = self._recording
-        there = (recording.appears_at <= moment) & (recording.found_at > moment)
-        size = 0.5 * self._scenario.robot.radius
-        points = recording.target_position[moment][there]
-        action = _ADD if len(points) else _DELETE
-        scale, colour = (size, size, size), (0.9, 0.5, 0.1, 1.0)
-        return [self._marker(header, "targets", 0, _SPHERES, scale, colour, points=points, action=action)]
 
-    def _marker(
-        self,
-        header: Any,
-        space: str,
-        number: int,
-        shape: int,
-        scale: tuple[float, float, float],
-        colour: tuple[float, float, float, float],
-        place: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
-        points: Any = (),
-        action: int = _ADD,
-    ) -> Any:
-        types = self._types
-        point, rgba = types["geometry_msgs/msg/Point"], types["std_msgs/msg/ColorRGBA"]
-        duration = types["builtin_interfaces/msg/Duration"](sec=0, nanosec=0)
-        stamp = types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
-        no_picture = types["sensor_msgs/msg/CompressedImage"](
-            header=types["std_msgs/msg/Header"](stamp=stamp, frame_id=""), format="", data=np.zeros(0, np.uint8)
-        )
-        return types["visualization_msgs/msg/Marker"](
-            header=header,
-            ns=space,
-            id=number,
-            type=shape,
-            action=action,
-            pose=pose_of(types, *place),
-            scale=types["geometry_msgs/msg/Vector3"](x=float(scale[0]), y=float(scale[1]), z=float(scale[2])),
-            color=rgba(r=colour[0], g=colour[1], b=colour[2], a=colour[3]),
-            lifetime=duration,
-            frame_locked=False,
-            points=[point(x=float(x), y=float(y), z=0.0) for x, y in points],
-            colors=[],
-            texture_resource="",
-            texture=no_picture,
-            uv_coordinates=[],
-            text="",
-            mesh_resource="",
-            mesh_file=types["visualization_msgs/msg/MeshFile"](filename="", data=np.zeros(0, np.uint8)),
-            mesh_use_embedded_materials=False,
-        )
+def target_shape(scenario: Scenario, places: np.ndarray) -> Shape:
+    """Return the targets at places (K, 2) [m]."""
+    size = 0.5 * scenario.robot.radius
+    points = tuple((x, y) for x, y in places.tolist())
+    return Shape("targets", 0, SPHERES, (size, size, size), (0.9, 0.5, 0.1, 1.0), points=points, shown=bool(points))

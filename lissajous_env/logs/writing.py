@@ -26,11 +26,12 @@ import numpy as np
 
 from lissajous_env.episodes.recording import Recording
 from lissajous_env.logs.car_input import inputs_of
-from lissajous_env.logs.markers import Markers, pose_of
+from lissajous_env.logs.markers import Shape, ground_shapes, robot_shapes, target_shape
 from lissajous_env.logs.reading import COMMAND, EPISODE, ODOMETRY, PHASE, STATUS
 from lissajous_env.logs.ros_types import rosbags, type_store
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import replacing
+from lissajous_env.world.state import REMOVED, WORKING
 
 START = 1.0
 """Time of the reset [s]; ROS interprets 0 as no time."""
@@ -94,7 +95,7 @@ def episode_text(scenario: Scenario, seed: int, policy: str) -> str:
 def _write(recording: Recording, topics: _Topics) -> None:
     about = episode_text(recording.scenario, int(recording.score["seed"]), str(recording.score.get("policy", "")))
     topics.write(EPISODE, "std_msgs/msg/String", START, data=about)
-    markers, commands = Markers(recording, topics.types), _commands(recording)
+    commands = _commands(recording)
     step = recording.scenario.task.step
     unknown = {name: recording.is_unknown(name) for name in ("pose", "speed", "command")}
     for moment in range(len(recording)):
@@ -114,8 +115,56 @@ def _write(recording: Recording, topics: _Topics) -> None:
                     velocity=np.zeros(0),
                     effort=np.zeros(0),
                 )
-        made = markers.of(moment, topics.header(time))
-        topics.write("/markers", "visualization_msgs/msg/MarkerArray", time, markers=made)
+        header = topics.header(time)
+        markers = [_marker(topics.types, header, shape) for shape in _shapes(recording, moment)]
+        topics.write("/markers", "visualization_msgs/msg/MarkerArray", time, markers=markers)
+
+
+def _shapes(recording: Recording, moment: int) -> list[Shape]:
+    """Return the shapes that change at a moment; at the first also those that never do."""
+    scenario = recording.scenario.resolve()
+    shapes = ground_shapes(scenario) if moment == 0 else []
+    for robot in range(scenario.num_robots):
+        status = int(recording.status[moment, robot])
+        x, y, z = recording.position[moment, robot].tolist()
+        place = x, y, z, float(recording.heading[moment, robot])
+        shapes += robot_shapes(scenario, robot, place, status == int(WORKING), status != int(REMOVED))
+    present = (recording.appears_at <= moment) & (recording.found_at > moment)
+    return [*shapes, target_shape(scenario, recording.target_position[moment][present])]
+
+
+def _marker(types: Any, header: Any, shape: Shape) -> Any:
+    """Return the message of a shape; this library has no defaults of fields."""
+    zero = types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+    no_header = types["std_msgs/msg/Header"](stamp=zero, frame_id="")
+    nothing = np.zeros(0, np.uint8)
+    point, colour = types["geometry_msgs/msg/Point"], types["std_msgs/msg/ColorRGBA"]
+    return types["visualization_msgs/msg/Marker"](
+        header=header,
+        ns=shape.space,
+        id=shape.number,
+        type=shape.kind,
+        action=shape.action,
+        pose=_pose(types, *shape.place),
+        scale=types["geometry_msgs/msg/Vector3"](*shape.scale),
+        color=colour(*shape.colour),
+        lifetime=types["builtin_interfaces/msg/Duration"](sec=0, nanosec=0),
+        frame_locked=False,
+        points=[point(x, y, 0.0) for x, y in shape.points],
+        colors=[],
+        texture_resource="",
+        texture=types["sensor_msgs/msg/CompressedImage"](header=no_header, format="", data=nothing),
+        uv_coordinates=[],
+        text="",
+        mesh_resource="",
+        mesh_file=types["visualization_msgs/msg/MeshFile"](filename="", data=nothing),
+        mesh_use_embedded_materials=False,
+    )
+
+
+def _pose(types: Any, x: float, y: float, z: float, heading: float) -> Any:
+    turn = types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=math.sin(heading / 2), w=math.cos(heading / 2))
+    return types["geometry_msgs/msg/Pose"](position=types["geometry_msgs/msg/Point"](x=x, y=y, z=z), orientation=turn)
 
 
 def _commands(recording: Recording) -> np.ndarray:
@@ -133,7 +182,7 @@ def _write_robot(
     heading = float(recording.heading[moment, robot])
     turn = math.remainder(heading - float(recording.heading[before, robot]), 2 * math.pi)
     x, y, z = recording.position[moment, robot].tolist()
-    pose = pose_of(types, x, y, z, heading)
+    pose = _pose(types, x, y, z, heading)
     twist = _twist(types, float(recording.speed[moment, robot]), turn / recording.scenario.task.step)
     unknown, measured = np.zeros(36), np.zeros(36)
     measured[0] = -1.0 if without_speed else 0.0

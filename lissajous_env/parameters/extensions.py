@@ -1,7 +1,7 @@
 """Extensions of a scenario: reward terms, score columns, observation entries and a motion of targets.
 
-An extension is a function of a `lissajous_env.world.view.WorldView` (NumPy views of the state), or a Warp kernel over
-the structs of `lissajous_env.world.state` that runs as a stage of `lissajous_env.world.stages`:
+An extension is a function of a `lissajous_env.world.extended.WorldView` (NumPy views of the state), or a Warp kernel
+over the structs of `lissajous_env.world.state` that runs as a stage of `lissajous_env.world.stages`:
 
     @lissajous_env.reward_term(weight=-0.1)
     def near_wall(world):
@@ -23,6 +23,7 @@ import warp as wp
 from lissajous_env.by_value import PROMPT, ByValue
 from lissajous_env.identity import parts_of
 from lissajous_env.plugins import import_attribute
+from lissajous_env.settings.checks import Checked, choice, number, whole
 from lissajous_env.wording import few_of, nearest, shown
 
 REDUCTIONS = ("mean", "sum", "max", "min", "last")
@@ -31,8 +32,8 @@ LARGEST = 1e30
 
 
 @dataclass(frozen=True)
-class Extension:
-    """Base of the extensions of a scenario."""
+class Extension(Checked):
+    """Base of the extensions of a scenario; the checked fields are its settings."""
 
     name: str
     """Name of the function or kernel."""
@@ -46,6 +47,12 @@ class Extension:
             raise ValueError(f"{self.kind} must be a function or a Warp kernel, got {shown(self.run)}")
         if not re.fullmatch(r"[a-z][a-z0-9_]{0,62}", self.name):
             raise ValueError(f"name of a {self.kind} must be of small letters, digits and _, got {shown(self.name)}")
+        super().__post_init__()
+
+    @property
+    def part(self) -> str:
+        """Name in error messages, as `near_wall` in `near_wall.weight`."""
+        return self.name
 
     @property
     def kind(self) -> str:
@@ -66,15 +73,7 @@ class Extension:
     @property
     def settings(self) -> dict[str, Any]:
         """Settings by name, such as the weight of a reward term."""
-        made_of = {field.name for field in dataclasses.fields(Extension)}
-        return {each.name: getattr(self, each.name) for each in dataclasses.fields(self) if each.name not in made_of}
-
-    def _check_number(self, setting: str) -> None:
-        """Raise ValueError for a setting that is no number, or too large."""
-        value = getattr(self, setting)
-        if not (isinstance(value, (int, float)) and abs(value) <= LARGEST):
-            rule = f"must be a number from -{LARGEST:g} to {LARGEST:g}"
-            raise ValueError(f"{setting} of {self.name} {rule}, got {shown(value)}")
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.metadata}
 
     def __deepcopy__(self, memo: dict) -> "Extension":
         return self
@@ -89,46 +88,31 @@ class Extension:
 class RewardTerm(Extension):
     """Reward term: (W, N) numbers of each step, times a weight; 0 for removed robots."""
 
-    weight: float = 1.0
+    weight: float = number(1.0, -LARGEST, LARGEST)
     """Factor of the numbers."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_number("weight")
 
 
 @dataclass(frozen=True)
 class ScoreColumn(Extension):
     """Score column: (W,) numbers of each step, reduced to one per episode."""
 
-    reduce: str = "mean"
-    """Reduction, one of `REDUCTIONS`."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.reduce not in REDUCTIONS:
-            raise ValueError(f"reduce of {self.name} must be one of {', '.join(REDUCTIONS)}, got {shown(self.reduce)}")
+    reduce: str = choice("mean", *REDUCTIONS)
+    """Reduction over the steps."""
 
 
 @dataclass(frozen=True)
 class ObservationEntry(Extension):
     """Entries appended to the observation of each robot: (W, N) or (W, N, size) numbers, clipped to a range."""
 
-    size: int = 1
+    size: int = whole(1, 1, 1024)
     """Number of entries; several are named name_0, name_1 ..."""
-    low: float = -1.0
+    low: float = number(-1.0, -LARGEST, LARGEST)
     """Least value."""
-    high: float = 1.0
+    high: float = number(1.0, -LARGEST, LARGEST)
     """Largest value."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 1 <= self.size <= 1024:
-            raise ValueError(f"size of {self.name} must be from 1 to 1024, got {shown(self.size)}")
-        self._check_number("low")
-        self._check_number("high")
-        if not self.low < self.high:
-            raise ValueError(f"high of {self.name} must be above low = {self.low}, got {shown(self.high)}")
+    def _check_together(self) -> None:
+        self._require(self.low < self.high, "high", f"must be above low = {self.low}")
 
     @property
     def entries(self) -> tuple[str, ...]:
@@ -147,7 +131,7 @@ class TargetMotion(Extension):
 
 def reward_term(weight: float = 1.0) -> Callable[[Any], RewardTerm]:
     """Return a decorator that makes a function or kernel a `RewardTerm`."""
-    return lambda run: RewardTerm(*_origin(run), weight=float(weight))
+    return lambda run: RewardTerm(*_origin(run), weight=weight)
 
 
 def score_column(reduce: str = "mean") -> Callable[[Any], ScoreColumn]:
@@ -157,7 +141,7 @@ def score_column(reduce: str = "mean") -> Callable[[Any], ScoreColumn]:
 
 def observation_entry(size: int = 1, low: float = -1.0, high: float = 1.0) -> Callable[[Any], ObservationEntry]:
     """Return a decorator that makes a function or kernel an `ObservationEntry`."""
-    return lambda run: ObservationEntry(*_origin(run), size=size, low=float(low), high=float(high))
+    return lambda run: ObservationEntry(*_origin(run), size=size, low=low, high=high)
 
 
 def target_motion(run: Any) -> TargetMotion:
@@ -179,15 +163,10 @@ def load_extension(place: str, settings: Mapping[str, Any] | None = None) -> Ext
     if not isinstance(found, Extension):
         raise ValueError(f"extension {place} must be made by reward_term, score_column, ..., got {shown(found)}")
     given = dict(settings or {})
-    for name, value in given.items():
+    for name in given:
         if name not in found.settings:
             rule = f"settings of {place} must be of {', '.join(found.settings) or 'none, for it has none'}"
             raise ValueError(f"{rule}, got {shown(name)}{nearest(name, found.settings)}")
-        kind = type(found.settings[name])
-        if not (isinstance(value, kind) or (kind is float and isinstance(value, int))) or isinstance(value, bool):
-            words = {float: "a number", int: "a whole number", str: "a word"}
-            raise ValueError(f"{name} of {place} must be {words[kind]}, got {shown(value)}")
-        given[name] = kind(value)
     return dataclasses.replace(found, place=place, **given)
 
 

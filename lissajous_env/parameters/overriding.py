@@ -12,6 +12,8 @@ _OF_THE_NUMBER = "ring", "p", "alpha"
 """Fields of the formation that are valid only for the number of robots for which they were set."""
 _SHORT = {"rogues": "targets.rogues"}
 """Short names of fields."""
+_FIELDS = {f"{part}.{field.name}": field for part, kind in PARTS.items() for field in dataclasses.fields(kind)}
+"""The fields of all parts by dotted name."""
 
 
 class UnknownSettingError(ValueError, TypeError):
@@ -23,51 +25,50 @@ class UnknownSettingError(ValueError, TypeError):
 
 
 def by_field(overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """Return overrides by dotted names, each part by its fields; what is no field remains as it is."""
-    found: dict[str, Any] = {}
+    """Return overrides by dotted names, each part by its fields; `extensions` remains as it is.
+
+    Raises:
+        UnknownSettingError: an unknown field.
+        ValueError: the override of a part is neither a mapping nor the part.
+    """
+    fields: dict[str, Any] = {}
     for key, value in overrides.items():
         name = _SHORT.get(key, key)
         if name in PARTS and isinstance(value, PARTS[name]):
-            value = {each.name: getattr(value, each.name) for each in dataclasses.fields(value)}
-        is_part = name in PARTS and isinstance(value, Mapping)
-        found |= {f"{name}.{field}": one for field, one in value.items()} if is_part else {name: value}
-    return found
+            value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        elif name in PARTS and not isinstance(value, Mapping):
+            raise ValueError(f"override {name} must be a mapping or a {PARTS[name].__name__}, got {shown(value)}")
+        fields |= {f"{name}.{field}": entry for field, entry in value.items()} if name in PARTS else {name: value}
+    for name in fields:
+        part = name.partition(".")[0]
+        if name in _FIELDS or name == "extensions":
+            continue
+        if part in PARTS:
+            known = [field.name for field in dataclasses.fields(PARTS[part])]
+            raise UnknownSettingError(
+                f"override must name a field of {part} ({', '.join(known)}), got {name}{_nearest_field(name)}"
+            )
+        # TorchRL recognizes an optional keyword by Python's own words at the end.
+        raise UnknownSettingError(
+            f"override must name one of {', '.join(PARTS)}, got {name!r}{_nearest_field(name)} "
+            f"(unexpected keyword argument {name!r})"
+        )
+    return fields
 
 
 def overridden(base: Scenario, overrides: Mapping[str, Any]) -> Scenario:
     """Return a scenario with fields overridden; `lissajous_env.scenario` documents overrides and errors."""
-    whole: dict[str, Any] = {}
-    changed: dict[str, dict[str, Any]] = {}
-    for key, value in overrides.items():
-        part, dot, field = _SHORT.get(key, key).partition(".")
-        if key == "extensions":
-            whole[key] = value
-            continue
-        if part not in PARTS:
-            # TorchRL recognizes an optional keyword by Python's own words at the end.
-            raise UnknownSettingError(
-                f"override must name one of {', '.join(PARTS)}, got {key!r}{_nearest_field(key)} "
-                f"(unexpected keyword argument {key!r})"
-            )
-        if not dot and isinstance(value, PARTS[part]):
-            whole[part] = value
-            continue
-        if not dot and not isinstance(value, Mapping):
-            raise ValueError(f"override {part} must be a mapping or a {PARTS[part].__name__}, got {shown(value)}")
-        fields = {field: value} if dot else dict(value)
-        known = [f.name for f in dataclasses.fields(PARTS[part])]
-        for field_name in fields:
-            if field_name not in known:
-                rule = f"override must name a field of {part} ({', '.join(known)})"
-                hint = nearest(str(field_name), known) or _nearest_field(str(field_name))
-                raise UnknownSettingError(f"{rule}, got {part}.{field_name}{hint}")
-        changed.setdefault(part, {}).update(fields)
-    given = {f"{part}.{name}" for part, fields in changed.items() for name in fields}
-    given |= {f"{part}.{field.name}" for part in whole if part in PARTS for field in dataclasses.fields(PARTS[part])}
+    given = by_field(overrides)
+    changed: dict[str, dict[str, Any]] = {part: {} for part in PARTS}
+    for dotted in given.keys() & _FIELDS:
+        part, _, name = dotted.partition(".")
+        changed[part][name] = given[dotted]
+    whole: dict[str, Any] = {"extensions": given["extensions"]} if "extensions" in given else {}
     try:
-        for part, fields in changed.items():
-            before = whole.get(part, getattr(base, part))
-            whole[part] = dataclasses.replace(before, **(_one_limit(before, fields) if part == "robot" else fields))
+        changed["robot"] = _one_limit(base.robot, changed["robot"])
+        whole |= {
+            part: dataclasses.replace(getattr(base, part), **fields) for part, fields in changed.items() if fields
+        }
         robot, curve = whole.get("robot", base.robot), whole.get("curve", base.curve)
         if (curve.a + curve.b if robot.count is None else robot.count) != base.num_robots:
             anew = {name: None for name in _OF_THE_NUMBER if f"formation.{name}" not in given}
@@ -96,17 +97,17 @@ def _origin(words: str, base: Scenario, given: Container[str]) -> str:
     """Return a hint if the field of an error was not overridden but inherited from `base`; "" otherwise."""
     dotted = words.partition(" ")[0]
     part, _, name = dotted.partition(".")
-    field = {each.name: each for each in dataclasses.fields(PARTS[part])}.get(name) if part in PARTS else None
-    if field is None or dotted in given or getattr(getattr(base, part), name) == field.default:
+    if dotted not in _FIELDS or dotted in given or getattr(getattr(base, part), name) == _FIELDS[dotted].default:
         return ""
-    return f"; it comes from the scenario {base.name}: change it too, {dotted}={field.default!r} is the default"
+    default = _FIELDS[dotted].default
+    return f"; it comes from the scenario {base.name}: change it too, {dotted}={default!r} is the default"
 
 
-def _nearest_field(key: str) -> str:
-    """Return "; did you mean task.duration?" for `duration` or a similar name."""
-    dotted = [f"{part}.{field.name}" for part, each in PARTS.items() for field in dataclasses.fields(each)]
-    if "." in key:
-        return nearest(key, dotted)
-    if there := [each for each in dotted if each.endswith(f".{key}")]:
-        return f"; did you mean {' or '.join(there)}?"
-    return nearest(key, PARTS) or nearest(key, (each.partition(".")[2] for each in dotted))
+def _nearest_field(name: str) -> str:
+    """Return "; did you mean task.duration?" for `duration`, `tasks.duration` or a similar name."""
+    if "." in name and (hint := nearest(name, _FIELDS)):
+        return hint
+    last = name.rpartition(".")[2]
+    if same := [dotted for dotted in _FIELDS if dotted.endswith(f".{last}")]:
+        return f"; did you mean {' or '.join(same)}?"
+    return nearest(last, PARTS) or nearest(last, (dotted.partition(".")[2] for dotted in _FIELDS))

@@ -1,6 +1,5 @@
 """Robot models: how robots of a kind move, what an action is and how they are drawn; `robot.kind` names one."""
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -9,8 +8,8 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.by_value import replaces
-from lissajous_env.device.program import LANES
 from lissajous_env.device.warp_abi import names_of_arguments
+from lissajous_env.parameters.registry import register
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.wording import few_of, shown
@@ -68,8 +67,6 @@ class RobotModel:
     shape: Callable[[Robot], list[tuple[np.ndarray, str | None]]] | None = None
     """Function that returns outlines (K, 2) for a radius of 1, heading right, lowest first, each with the name of a
     colour in `lissajous_env.render.palette` or None for the robot's own; by default a disc with a tip."""
-    layout: str = LANES
-    """Layout of the kernel, one of those of `lissajous_env.device.program`."""
     keeps_to_curve: bool = False
     """True if robots never leave the curve; `move` then writes the phase, otherwise derived from the position."""
     as_car: AsCar | None = None
@@ -82,6 +79,7 @@ class RobotModel:
 
 
 _SHIPPED = ("car", "curve")
+_NAMES = r"\w[\w-]{0,62}", "of letters, digits, _ and -"
 _TO_ACT = ("robot", "heading", "speed", "yaw_rate", "action_out")
 _MODELS: dict[str, RobotModel] = {}
 """Registered models by name; the included ones register themselves in `lissajous_env.world.robots`."""
@@ -95,11 +93,6 @@ def register_robot_model(model: RobotModel) -> RobotModel:
     """
     if not isinstance(model, RobotModel):
         raise ValueError(f"robot model must be a RobotModel, got {shown(model)}")
-    if not (isinstance(model.name, str) and re.fullmatch(r"\w[\w-]{0,62}", model.name)):
-        raise ValueError(f"name of a robot model must be of letters, digits, _ and -, got {shown(model.name)}")
-    before = _MODELS.get(model.name, model)
-    if before != model and not replaces(getattr(model.move, "func", None), before.move.func):
-        raise ValueError(f"name of a robot model must be new, got {shown(model.name)}")
     words = all(isinstance(each, str) and each.strip() == each != "" for each in model.actions)
     if not model.actions or not words or len(set(model.actions)) < len(model.actions):
         rule = "must have an action of at least one component, with different names"
@@ -116,7 +109,8 @@ def register_robot_model(model: RobotModel) -> RobotModel:
                 raise ValueError(f"{what} of robot model {model.name} {rule}, got {shown(row)}")
     if model.as_car is not None:
         _check_as_car(model.name, model.as_car)
-    _MODELS[model.name] = model
+    before = _MODELS.get(str(model.name), model)
+    register(_MODELS, "robot model", model, _NAMES, replaces=replaces(model.move.func, before.move.func))
     return model
 
 

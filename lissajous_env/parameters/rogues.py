@@ -5,7 +5,7 @@ these joined by `+`: a mixture, in which each rogue is moved by one of them, dra
 """
 
 import dataclasses
-import re
+import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,9 +14,8 @@ from typing import Any
 import warp as wp
 
 from lissajous_env.by_value import ByValue, replaces
-from lissajous_env.device.program import LANES
 from lissajous_env.identity import OURS
-from lissajous_env.siblings import PARENT, import_ours
+from lissajous_env.parameters.registry import register
 from lissajous_env.wording import few_of, nearest, shown
 
 AGENTS = "agents"
@@ -35,8 +34,6 @@ class Rogue:
     and whose arguments are matched by name, see `lissajous_env.world.stages`."""
     about: str = ""
     """Description of its motion in one line."""
-    layout: str = LANES
-    """Layout of the kernel, one of those of `lissajous_env.device.program`."""
     needs_contamination: bool = False
     """True if it needs the grid of `task.contamination`."""
     bind: Callable[[Any, Any], Callable[[], None]] | None = None
@@ -62,8 +59,9 @@ CHECKPOINT = "checkpoint.json"
 """File that marks the folder of a learned rogue."""
 AND = "+"
 """Separator of the rogues of a mixture, or of the policies of one."""
-_SHIPPED = PARENT / "training" / "rogues"
+_SHIPPED = Path(__file__).resolve().parents[2] / "training" / "rogues"
 """Folder of the included learned rogues."""
+_NAMES = r"[a-z][a-z0-9-]{0,62}", "of small letters, digits and -"
 _ROGUES: dict[str, Rogue] = {}
 """Registered rogues by name; the included ones register themselves in `lissajous_env.world.rogues`."""
 
@@ -77,15 +75,11 @@ def register_rogue(rogue: Rogue) -> Rogue:
     """
     if not isinstance(rogue, Rogue):
         raise ValueError(f"rogue must be a Rogue, got {shown(rogue)}")
-    if not (isinstance(rogue.name, str) and re.fullmatch(r"[a-z][a-z0-9-]{0,62}", rogue.name)):
-        raise ValueError(f"name of a rogue must be of small letters, digits and -, got {shown(rogue.name)}")
-    is_taken = rogue.name == AGENTS or rogue.name in shipped_rogues()
-    before = _ROGUES.get(rogue.name, rogue)
-    if is_taken or (before != rogue and not replaces(rogue.decide, before.decide)):
-        raise ValueError(f"name of a rogue must be new, got {shown(rogue.name)}")
     if not callable(rogue.decide) and not isinstance(rogue.decide, wp.Kernel):
         raise ValueError(f"rogue {rogue.name} must decide by a function or a Warp kernel, got {shown(rogue.decide)}")
-    _ROGUES[rogue.name] = rogue
+    before = _ROGUES.get(str(rogue.name), rogue)
+    taken = (AGENTS, *shipped_rogues())
+    register(_ROGUES, "rogue", rogue, _NAMES, taken, replaces(rogue.decide, before.decide))
     return rogue
 
 
@@ -158,7 +152,7 @@ def _single(name: str) -> Rogue:
     if name in _ROGUES:
         return _ROGUES[name]
     if (folder := folder_of(name)) is not None:
-        return import_ours("training.learned.rogue").open_rogue(folder, name)
+        return importlib.import_module("training.learned.rogue").open_rogue(folder, name)
     known = (AGENTS, *rogues())
     rule = f"must be one of {few_of(known, name)}, or a folder with {CHECKPOINT}"
     raise ValueError(f"targets.rogues {rule}, got {shown(name)}{nearest(name, known)}")

@@ -7,14 +7,12 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from lissajous_env.device.turns import with_own_locks
+from lissajous_env.device.locks import with_own_locks
 from lissajous_env.parameters.extensions import Extension, TargetMotion, as_extensions
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.rogues import BringsRogues, rogue_of
@@ -35,7 +33,6 @@ from lissajous_env.settings.task import Task
 from lissajous_env.theory import closed_forms
 
 __all__ = [
-    "ADDED",
     "PARTS",
     "Curve",
     "Faults",
@@ -52,18 +49,6 @@ __all__ = [
 PARTS = {
     part.__name__.lower(): part for part in (Curve, Formation, Robot, Sensing, Targets, Faults, Noise, Messages, Task)
 }
-ADDED = {"messages": dataclasses.asdict(Messages())}
-"""Defaults of the parts that the first scenarios did not have: digests omit them, and files may."""
-_LATER = {
-    "formation": {"start_headway": None},
-    "robot": {"drive_factors": None},
-    "targets": {"rogues": None, "sight": None},
-    "faults": {"stop": "dead"},
-}
-"""Fields that the first scenarios did not have, with their defaults (None: empty): digests omit these."""
-
-_NO_DEFAULT = object()
-
 _OUTSIDE = 1.002
 """Factor by which a curve of harmonics may exceed its rectangle; `Curve.through` has an error of up to 0.1 %."""
 
@@ -384,17 +369,6 @@ class Scenario(BringsRogues):
 
     def digest(self) -> str:
         """Return a hash of the scenario without its name and description."""
-        return digest_of(self.to_dict())
-
-
-def digest_of(plain: Mapping[str, Any]) -> str:
-    """Return `Scenario.digest` from the values of `Scenario.to_dict`.
-
-    Fields that came later are left out where they have no effect, so that older digests remain valid.
-    """
-    made_of = (*PARTS, "extensions") if plain["extensions"] else PARTS
-    numbers = {name: value for name, value in plain.items() if name in made_of and value != ADDED.get(name)}
-    for part, later in _LATER.items():
-        fields = numbers[part].items()
-        numbers[part] = {name: value for name, value in fields if (value or None) != later.get(name, _NO_DEFAULT)}
-    return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:16]
+        plain = self.to_dict()
+        hashed = {name: plain[name] for name in (*PARTS, "extensions")}
+        return hashlib.sha256(json.dumps(hashed, sort_keys=True).encode()).hexdigest()[:16]

@@ -15,73 +15,105 @@ import dataclasses
 import json
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 from lissajous_env.here import beside
+from lissajous_env.parameters.extensions import Extension
+from lissajous_env.parameters.overriding import overridden
 from lissajous_env.parameters.scenario import PARTS, Scenario
 from lissajous_env.storage.files import read_bytes
 from lissajous_env.wording import nearest
 
 SUFFIX = ".toml"
-WORDS = ("name", "description", "base")
-"""Keys whose values are text."""
+_TEXTS = dict.fromkeys(("name", "description", "base"), (str, "text"))
+_OF_SCENARIO = {**_TEXTS, "extensions": (list, "a list"), **dict.fromkeys(PARTS, (dict, "a table"))}
+"""Type, also in words, of the values of a scenario's file."""
+OF_SPACE = {**_TEXTS, "require": (list, "a list"), "draw": (dict, "a table"), "shift": (dict, "a table")}
+"""Type, also in words, of the values of a space's file."""
 _LARGEST = 1 << 16
 """Size of a file [bytes]."""
-_MOST_DOTS = 500
-"""Limit on the dots in a line: the time to parse a dotted key grows with the square of their number."""
 
 
-def read_scenario_file(path: str) -> dict[str, Any]:
-    """Read the keys of a scenario's file, following links; the parts are not checked yet.
-
-    Raises:
-        ValueError: it is missing, no plain file, above 64 KiB, no TOML, or has an unknown key; the message names it.
-    """
-    known = {**dict.fromkeys(WORDS, (str, "text")), "extensions": (list, "a list")}
-    return _read("scenario", path, known | dict.fromkeys(PARTS, (dict, "a table")))
-
-
-def read_space_file(path: str) -> dict[str, Any]:
-    """Read the keys of the file of a `ScenarioSpace`: name, description, base, require, and the tables draw and shift.
-
-    Raises:
-        ValueError: as `read_scenario_file`.
-    """
-    known = {**dict.fromkeys(WORDS, (str, "text")), "require": (list, "a list")}
-    return _read("space", path, known | dict.fromkeys(("draw", "shift"), (dict, "a table")))
-
-
-def is_space_file(path: str) -> bool:
-    """Return True for a TOML file with the table `draw`, which a space of scenarios has and a scenario has not.
+def read_toml(path: str) -> dict[str, Any]:
+    """Read a TOML file, following links.
 
     Raises:
         ValueError: it is missing, no plain file, above 64 KiB, or no TOML; the message names it.
     """
-    return "draw" in _parsed("scenario", path)
-
-
-def _read(what: str, path: str, known: Mapping[str, tuple[type, str]]) -> dict[str, Any]:
-    given = _parsed(what, path)
-    for key, value in given.items():
-        if key not in known:
-            raise ValueError(f"{what} {path} must contain {', '.join(known)}, got {key!r}{nearest(key, known)}")
-        kind, rule = known[key]
-        if not isinstance(value, kind):
-            raise ValueError(f"{what} {path} must contain {key} as {rule}, got {type(value).__name__}")
-    return given
-
-
-def _parsed(what: str, path: str) -> dict[str, Any]:
     try:
-        text = read_bytes(os.path.realpath(path), _LARGEST).decode("utf-8-sig")  # some editors write a byte order mark
-        _check_dots(text)
-        return tomllib.loads(text)
-    except RecursionError:
-        raise ValueError(f"{what} {path} must have fewer nested levels") from None
-    except ValueError as error:
+        # Some editors write a byte order mark.
+        return tomllib.loads(read_bytes(os.path.realpath(path), _LARGEST).decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:
         hint = "" if os.path.exists(path) else nearest(path, beside(path, SUFFIX))
-        raise ValueError(f"{what} {path} must be a TOML file that can be read: {error}{hint}") from error
+        raise ValueError(f"{path} must be a TOML file that can be read: {error}{hint}") from error
+
+
+def check_keys(table: Mapping[str, Any], known: Mapping[str, tuple[type, str]]) -> None:
+    """Check the keys of a file, and the types of their values.
+
+    Raises:
+        ValueError: a key is unknown, or a value has another type.
+    """
+    for key, value in table.items():
+        if key not in known:
+            raise ValueError(f"file must contain {', '.join(known)}, got {key!r}{nearest(key, known)}")
+        kind, words = known[key]
+        if not isinstance(value, kind):
+            raise ValueError(f"{key} must be {words}, got {type(value).__name__}")
+
+
+def scenario_from(table: Mapping[str, Any], name: str, base_of: Callable[[str], Scenario]) -> Scenario:
+    """Make the scenario of a file from its table.
+
+    Args:
+        table: Keys and values of the file.
+        name: Name if the table contains none.
+        base_of: Function that returns the scenario of a name.
+
+    Raises:
+        ValueError: a key, a value or the base is unknown or invalid.
+    """
+    check_keys(table, _OF_SCENARIO)
+    base = base_of(table["base"]) if "base" in table else Scenario()
+    made = overridden(base, {key: value for key, value in table.items() if key not in _TEXTS})
+    return dataclasses.replace(made, name=table.get("name", name), description=table.get("description", ""))
+
+
+def included_scenarios() -> dict[str, Scenario]:
+    """Return the included scenarios by name, from `shipped.toml`."""
+    scenarios: dict[str, Scenario] = {}
+    for name, table in read_toml(str(Path(__file__).with_name("shipped.toml"))).items():
+        scenarios[name] = scenario_from(table, name, scenarios.__getitem__)
+    return scenarios
+
+
+def scenario_of(plain: Mapping[str, Any], extensions: Iterable[Extension] = ()) -> Scenario:
+    """Make a scenario from the values of `Scenario.to_dict` after JSON, without importing anything.
+
+    Args:
+        plain: The values, with lists and with infinity as a word; their extensions are ignored.
+        extensions: The scenario's extensions.
+
+    Raises:
+        ValueError: a part or a field is unknown, or a value is invalid; the message names it.
+    """
+    if not isinstance(plain, Mapping):
+        raise ValueError(f"scenario must be a table of its parts, got {type(plain).__name__}")
+    words = {key: plain[key] for key in ("name", "description") if key in plain}
+    parts = {key: value for key, value in plain.items() if key not in (*words, "extensions")}
+    made = overridden(Scenario(), _with_infinity(parts))
+    return dataclasses.replace(made, **words, extensions=tuple(extensions))
+
+
+def _with_infinity(value: Any) -> Any:
+    """Return a value of JSON with the words `inf` and `-inf` as numbers."""
+    if isinstance(value, Mapping):
+        return {key: _with_infinity(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_with_infinity(entry) for entry in value]
+    return float(value) if value in ("inf", "-inf") else value
 
 
 def as_toml(scenario: Scenario) -> str:
@@ -115,9 +147,3 @@ def toml_value(name: str, value: Any) -> str:
     if value is None:
         raise ValueError(f"{name} must not be None for a scenario's file, which cannot contain it")
     return repr(value)
-
-
-def _check_dots(text: str) -> None:
-    for number, line in enumerate(text.split("\n"), start=1):
-        if (dots := line.count(".")) > _MOST_DOTS:
-            raise ValueError(f"line {number} must contain at most {_MOST_DOTS} dots, got {dots}; break it")

@@ -2,14 +2,13 @@
 
 import functools
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from lissajous_env.parameters.drawing import Drawing, drawing
 from lissajous_env.parameters.overriding import by_field, overridden
 from lissajous_env.parameters.scenario import PARTS, Scenario
-from lissajous_env.settings.checks import LAST_SEED, whole_number
+from lissajous_env.settings.checks import LAST_SEED, is_finite, is_whole, whole_number
 from lissajous_env.settings.formulas import Formula
 from lissajous_env.wording import nearest, shown
 
@@ -20,6 +19,9 @@ _OTHERS = "variables", "scale"
 _SCALE = "length", "time"
 _MOST_TRIES = 1000
 """Limit on the draws for one scenario that rules reject."""
+_Look = Callable[[str], Any]
+_Drawing = Callable[[float, _Look], Any]
+"""Function of a number in [0, 1) and of the other values, which returns the value of a field."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +169,7 @@ class ScenarioSpace:
         return tuple(map(Formula, self.require))
 
     @functools.cached_property
-    def _drawings(self) -> dict[str, Drawing]:
+    def _drawings(self) -> dict[str, _Drawing]:
         """The drawing of each field by its dotted name; `PART.choices` draws several fields."""
         drawings = {}
         for part, given_fields in self.draw.items():
@@ -181,9 +183,9 @@ class ScenarioSpace:
                 raise ValueError(f"draw.scale must contain length or time, got {shown(min(other))}")
             if part in PARTS and "choices" in left:
                 together = {name: left.pop(name) for name in ("choices", "weights") if name in left}
-                drawings[f"{part}.choices"] = drawing(f"draw.{part}", together)
+                drawings[f"{part}.choices"] = _drawing(f"draw.{part}", together)
             for name, given in left.items():
-                drawings[f"{part}.{name}"] = drawing(f"draw.{part}.{name}", given)
+                drawings[f"{part}.{name}"] = _drawing(f"draw.{part}.{name}", given)
         return drawings
 
     def _drawn(self, seed: int, attempt: int) -> Scenario:
@@ -238,3 +240,60 @@ def _property(made: Scenario, dotted: str) -> Any:
     if not isinstance(value, (int, float)):
         raise ValueError(f"{dotted}, which is no number of a scenario")
     return value
+
+
+def _drawing(name: str, given: Any) -> _Drawing:
+    """Return the function that draws a value.
+
+    Raises:
+        ValueError: the draw is invalid.
+    """
+    if not isinstance(given, Mapping):
+        return lambda at, look_up: given
+    keys = set(given)
+    if keys == {"formula"}:
+        formula = Formula(given["formula"])
+        return lambda at, look_up: formula(look_up)
+    if "choices" in keys <= {"choices", "weights"}:
+        return _choice(name, given["choices"], given.get("weights"))
+    if {"low", "high"} <= keys <= {"low", "high", "log", "times"}:
+        return _range(name, **given)
+    rule = "must be a value, {low, high}, also with log and times, {choices}, also with weights, or {formula}"
+    raise ValueError(f"{name} {rule}, got {shown(dict(given))}")
+
+
+def _choice(name: str, choices: Any, weights: Any) -> _Drawing:
+    if not isinstance(choices, (list, tuple)) or not choices:
+        raise ValueError(f"{name}.choices must be a list of at least one value, got {shown(choices)}")
+    shares = [1.0] * len(choices) if weights is None else list(weights)
+    if len(shares) != len(choices) or not all(is_finite(share) and share >= 0 for share in shares) or not sum(shares):
+        raise ValueError(
+            f"{name}.weights must be {len(choices)} numbers of at least 0, not all 0, got {shown(weights)}"
+        )
+
+    def choose(at: float, look_up: _Look) -> Any:
+        left = at * sum(shares)
+        for choice, share in zip(choices, shares, strict=True):
+            left -= share
+            if left < 0:
+                return choice
+        return choices[max(place for place, share in enumerate(shares) if share)]
+
+    return choose
+
+
+def _range(name: str, low: Any, high: Any, log: bool = False, times: str | None = None) -> _Drawing:
+    if not (is_finite(low) and is_finite(high) and low <= high):
+        raise ValueError(f"{name} must have finite numbers low <= high, got {shown(low)} and {shown(high)}")
+    if log and low <= 0:
+        raise ValueError(f"{name}.low must be above 0 with log, got {shown(low)}")
+    formula = None if times is None else Formula(times)
+
+    def draw(at: float, look_up: _Look) -> Any:
+        if is_whole(low) and is_whole(high):
+            value = low + int(at * (high - low + 1))
+        else:
+            value = low * (high / low) ** at if log else low + (high - low) * at
+        return value if formula is None else value * formula(look_up)
+
+    return draw

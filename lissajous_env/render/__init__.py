@@ -6,7 +6,6 @@ import os
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 
 from lissajous_env.episodes.snapshot import Snapshot
-from lissajous_env.render.gallery import Gallery
-from lissajous_env.render.renderer import Renderer
+from lissajous_env.render.renderer import Gallery, Renderer
 
 __all__ = ["Gallery", "Renderer", "Snapshot"]

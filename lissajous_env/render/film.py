@@ -1,4 +1,4 @@
-"""Show a recording as an animated GIF, an MP4 film or a contact sheet, or play it in a window."""
+"""Show a recording as an animated GIF or an MP4 film, or play it in a window."""
 
 import math
 import time
@@ -7,27 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pygame
-from PIL import Image
 
 from lissajous_env.episodes.recording import Recording
-from lissajous_env.render import palette
 from lissajous_env.render.canvas import View
-from lissajous_env.render.gif import GifWriter
-from lissajous_env.render.mp4 import Mp4Writer
 from lissajous_env.render.renderer import Renderer
 from lissajous_env.render.window import Window
-from lissajous_env.settings.checks import whole_number
+from lissajous_env.render.writers import GifWriter, Mp4Writer
 from lissajous_env.storage.files import replacing
 from lissajous_env.wording import shown
 
-MOST_PICTURES = 100
-"""Limit on the pictures of a contact sheet."""
-
 FILMS = ".gif", ".mp4"
 """Suffixes of films."""
-
-STILLS = ".png", ".svg", ".pdf"
-"""Suffixes of a contact sheet."""
 
 LONGEST = 655.35
 """Longest duration of a picture in a GIF [s]; also used for films."""
@@ -87,7 +77,8 @@ def save_film(
         if suffix == ".mp4":
             writer = Mp4Writer(temporary, (wide, high), seconds)
         else:
-            samples = [renderer.draw(recording.snapshot(moments[k])) for k in _spread(len(moments), 5)]
+            spread = sorted(set(np.linspace(0, len(moments) - 1, 5).round().astype(int).tolist()))
+            samples = [renderer.draw(recording.snapshot(moments[k])) for k in spread]
             # The unit of a GIF is 0.01 s, and most viewers cannot show pictures shorter than two units.
             writer = GifWriter(file, samples, max(round(100 * seconds), 2))
         for picture in frames(recording, renderer, every):
@@ -110,57 +101,6 @@ def _paced(recording: Recording, fps: float, speed: float) -> tuple[int, float]:
             f"{seconds:.3g} s"
         )
     return every, seconds
-
-
-def save_sheet(
-    recording: Recording,
-    path: str | Path,
-    at: Sequence[float] | None = None,
-    *,
-    columns: int | None = None,
-    size: Sequence[int] | None = None,
-) -> None:
-    """Write pictures of a recording at some times side by side, row by row: a PNG, or a drawing as SVG or PDF.
-
-    Args:
-        recording: Recording to draw.
-        path: File to write, in the format of its suffix; written under a temporary name, then renamed.
-        at: Times [s]; None selects six, from the first moment to the last.
-        columns: Pictures in a row; None makes the sheet about as wide as high.
-        size: Width and height of one picture of a PNG [px]; None is as in `Renderer`.
-
-    Raises:
-        ValueError: another suffix, a time outside the recording, none or more than 100, or columns below 1.
-    """
-    step, last = recording.scenario.task.step, len(recording) - 1
-    times = [k * step for k in _spread(last + 1, 6)] if at is None else list(at)
-    if not times or not all(0 <= when <= recording.duration + step / 2 for when in times):
-        raise ValueError(f"at must contain times from 0 to {recording.duration:g} s, got {times}")
-    if len(times) > MOST_PICTURES:
-        raise ValueError(f"at must contain at most {MOST_PICTURES} times, got {len(times)}")
-    if columns is not None:
-        whole_number("columns", columns)
-    suffix = Path(path).suffix.lower()
-    if suffix not in STILLS:
-        raise ValueError(f"path must end in {', '.join(STILLS)}, got {path}")
-    moments = [min(round(time / step), last) for time in times]
-    width, height = View.of(recording.scenario, size).size
-    wide = columns or max(round(math.sqrt(len(times) * height / width)), 1)
-    if suffix != ".png":
-        from lissajous_env.render import vector
-
-        with replacing(path) as temporary, open(temporary, "wb") as file:
-            vector.save_sheet(recording, file, suffix[1:], moments, min(wide, len(times)))
-        return
-    renderer = Renderer(recording.scenario, size)
-    pictures = [renderer.draw(recording.snapshot(moment)) for moment in moments]
-    high = -(-len(pictures) // wide)
-    sheet = np.full((high * height, min(wide, len(pictures)) * width, 3), palette.PAPER, dtype=np.uint8)
-    for k, frame in enumerate(pictures):
-        top, left = k // wide * height, k % wide * width
-        sheet[top : top + height, left : left + width] = frame
-    with replacing(path) as temporary:
-        Image.fromarray(sheet).save(temporary, format="PNG")
 
 
 def play(recording: Recording, *, speed: float = 1.0, size: Sequence[int] | None = None) -> None:
@@ -197,11 +137,6 @@ def play(recording: Recording, *, speed: float = 1.0, size: Sequence[int] | None
             # A machine that is too slow plays in slow motion instead of skipping moments.
             at = min(at + min(now - before, 0.2) * speed / step, float(last))
         before = now
-
-
-def _spread(count: int, wanted: int) -> list[int]:
-    """Pick evenly spaced numbers of 0 ... count - 1, including the first and the last."""
-    return sorted(set(np.linspace(0, count - 1, wanted).round().astype(int).tolist()))
 
 
 def _require_positive(**values: float) -> None:

@@ -1,5 +1,6 @@
-"""The renderer, which combines ground, targets, team and panel to one picture."""
+"""The renderer, which combines ground, targets, team and panel to one picture, and the pictures of a batch."""
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -10,7 +11,8 @@ import pygame
 from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.render.canvas import View, opaque, pixels
+from lissajous_env.render import palette
+from lissajous_env.render.canvas import FOOTER, HEADER, MARGIN, View, opaque, pixels
 from lissajous_env.render.ground import Ground
 from lissajous_env.render.panel import Panel
 from lissajous_env.render.targets import Targets
@@ -26,6 +28,9 @@ LONGEST_TRAIL = 60
 
 MOST_WORLDS = 64
 """Number of worlds of which one renderer stores trails."""
+
+_SMALLEST = 240, 180
+"""Width and height of a picture, at least [px]."""
 
 
 class Renderer:
@@ -120,3 +125,31 @@ class Renderer:
         if len(self._past) > MOST_WORLDS:
             del self._past[next(iter(self._past))]
         return past
+
+
+class Gallery:
+    """Draws the worlds of a batch, in a total size similar to that of one picture.
+
+    Only the first 64 are drawn; the rest share one empty picture.
+
+    Args:
+        scenario: Scenario that is simulated.
+        num_worlds: Number of worlds.
+    """
+
+    def __init__(self, scenario: Scenario, num_worlds: int):
+        self.drawn = min(num_worlds, MOST_WORLDS)
+        """Worlds that are drawn."""
+        along = math.ceil(math.sqrt(self.drawn))
+        width, height = View.of(scenario).size
+        around = HEADER + FOOTER + 2 * MARGIN  # constant height
+        sizes = width / along, (height - around) / along + around
+        # Video codecs require even numbers.
+        size = [max(round(length / 2) * 2, least) for length, least in zip(sizes, _SMALLEST, strict=True)]
+        self._renderer = Renderer(scenario, size)
+        self._empty = np.full((size[1], size[0], 3), palette.PAPER, dtype=np.uint8)
+
+    def draw(self, simulation: "Simulation") -> list[np.ndarray]:
+        """Return pictures (H, W, 3) uint8 of all worlds."""
+        pictures = [self._renderer.draw(simulation, world) for world in range(self.drawn)]
+        return pictures + [self._empty] * (simulation.num_worlds - self.drawn)

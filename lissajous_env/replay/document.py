@@ -5,7 +5,7 @@ from pathlib import Path
 
 from lissajous_env.episodes.missed import MissedRogue
 from lissajous_env.episodes.recording import Recording
-from lissajous_env.replay.bundle import ASSETS, bundled
+from lissajous_env.replay.bundle import bundled, text_of
 from lissajous_env.replay.contents import FORMAT, contents
 from lissajous_env.storage.files import replacing
 
@@ -25,14 +25,13 @@ def page(recording: Recording, against: Recording | None = None, missed: MissedR
         HTML that needs no other file and no network.
     """
     episodes = [recording] if against is None else [recording, against]
-    in_space = any(each.scenario.curve.half_depth > 0 for each in episodes)
     policies = " against ".join(str(each.score.get("policy", "")) or "an episode" for each in episodes)
     return bundled(
         "page.html",
         "main.js",
         {"format": FORMAT, "episodes": [contents(recording, missed=missed), *map(contents, episodes[1:])]},
         {"title": f"{recording.scenario.name}: {policies}"},
-        ["uPlot", "three"] if in_space else ["uPlot"],
+        charts=True,
     )
 
 
@@ -59,5 +58,8 @@ class Replay:
 
     def _repr_html_(self) -> str:
         """Return a frame that isolates the page from the notebook."""
-        template = (ASSETS / "frame.html").read_text(encoding="utf-8")
-        return template.replace("{height}", str(FRAME_HEIGHT)).replace("{page}", html.escape(self.html(), quote=True))
+        return (
+            text_of("frame.html")
+            .replace("{height}", str(FRAME_HEIGHT))
+            .replace("{page}", html.escape(self.html(), quote=True))
+        )

@@ -1,14 +1,11 @@
 """Report pages: one HTML file with scores and replays of many episodes, in a frame, which works offline."""
 
 from collections.abc import Mapping
-from importlib.resources import files
 from typing import Any
 
-from lissajous_env.replay.bundle import ASSETS, Folders, as_json, bundled
+from lissajous_env.replay.bundle import as_json, bundled
 from lissajous_env.replay.contents import FORMAT
 
-FOLDERS: Folders = (files("lissajous_env.report") / "assets", ASSETS)
-"""Folders of templates, style sheets and modules of a report."""
 _EPISODES = "the episodes"
 """Placeholder of the episodes in the page of the frame."""
 
@@ -28,7 +25,7 @@ def report(
     Returns:
         HTML that needs no other file and no network.
     """
-    viewer = _viewer(any(each["scenario"]["half"][2] > 0 for each in replays.values())) if replays else ""
+    viewer = _viewer() if replays else ""
     framed = {"viewer-page": viewer.replace(as_json(_EPISODES), "@episodes@", 1)} if viewer else {}
     return bundled(
         template,
@@ -36,14 +33,12 @@ def report(
         data,
         words,
         styles=("style.css", "report.css"),
-        folders=FOLDERS,
         blocks=framed | dict(replays),
         framed=viewer,
     )
 
 
-def _viewer(in_space: bool) -> str:
+def _viewer() -> str:
     """Return the replay page without episodes."""
-    libraries = ["uPlot", "three"] if in_space else ["uPlot"]
     data = {"format": FORMAT, "theme": "@theme@", "at": "@at@", "episodes": [_EPISODES]}
-    return bundled("page.html", "main.js", data, {"title": "Replay"}, libraries)
+    return bundled("page.html", "main.js", data, {"title": "Replay"}, charts=True)

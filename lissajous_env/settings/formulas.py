@@ -1,4 +1,4 @@
-"""Formulas over the fields of a scenario, such as `"2 * curve.half_height"`, parsed and evaluated without `eval`."""
+"""Formulas over the fields of a scenario, such as `"2 * curve.half_height"`, and literals, evaluated without `eval`."""
 
 import ast
 import math
@@ -13,6 +13,7 @@ _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
+    ast.UAdd: operator.pos,
     ast.USub: operator.neg,
     ast.Lt: operator.lt,
     ast.LtE: operator.le,
@@ -22,12 +23,12 @@ _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
     ast.NotEq: operator.ne,
 }
 _FUNCTIONS = {"round": round, "min": min, "max": max, "sqrt": math.sqrt}
-_LONGEST = 500
-"""Limit on the characters of a formula."""
 
 
 class Formula:
-    """An expression of numbers, names, `+ - * /`, comparisons, tuples, and `round`, `min`, `max`, `sqrt`.
+    """An expression of numbers, names, `+ - * /`, comparisons, `round`, `min`, `max`, `sqrt`, or another literal.
+
+    Literals are text, True, False, None, and tuples, lists and dictionaries of expressions.
 
     Args:
         text: The expression. Names may be dotted, as in `robot.radius / sensing_radius`.
@@ -38,12 +39,10 @@ class Formula:
 
     def __init__(self, text: str):
         self.text = text
-        rule = "formula must be an expression of numbers, names, + - * /, comparisons, round, min, max and sqrt"
-        if not isinstance(text, str) or len(text) > _LONGEST:
-            raise ValueError(f"{rule} of at most {_LONGEST} characters, got {shown(text)}")
         try:
             self._compute = _compiled(ast.parse(text.strip(), mode="eval").body)
-        except (ValueError, SyntaxError, RecursionError, MemoryError):
+        except (ValueError, AttributeError, SyntaxError, RecursionError, MemoryError):
+            rule = "formula must be an expression of numbers, names, + - * /, comparisons, round, min, max and sqrt"
             raise ValueError(f"{rule}, got {shown(text)}") from None
 
     def __call__(self, look_up: Callable[[str], Any]) -> Any:
@@ -63,13 +62,18 @@ class Formula:
 
 def _compiled(node: ast.expr) -> Callable[[Callable[[str], Any]], Any]:
     """Return the function that evaluates a node; raise ValueError for one that formulas do not have."""
-    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+    if isinstance(node, ast.Constant) and isinstance(node.value, (bool, int, float, str, type(None))):
         value = node.value
         return lambda look_up: value
     if name := _dotted(node):
         return lambda look_up: look_up(name)
     if isinstance(node, ast.Tuple):
         return _applied(lambda *values: values, node.elts)
+    if isinstance(node, ast.List):
+        return _applied(lambda *values: list(values), node.elts)
+    if isinstance(node, ast.Dict):
+        keys, values = ast.Tuple([key for key in node.keys if key]), ast.Tuple(node.values)
+        return _applied(lambda names, entries: dict(zip(names, entries, strict=True)), [keys, values])
     if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
         return _applied(_OPERATORS[type(node.op)], [node.left, node.right])
     if isinstance(node, ast.UnaryOp) and type(node.op) in _OPERATORS:

@@ -5,6 +5,9 @@ from typing import Any
 
 from lissajous_env.settings.checks import Checked, choice, flag, is_whole, number, rows, whole
 
+MOST_STEPS = 2**20
+"""Limit on the steps of an episode."""
+
 
 def _as_lines(entry: Any) -> int | None:
     return entry if is_whole(entry) and 1 <= entry <= 4096 else None
@@ -66,7 +69,7 @@ class Task(Checked):
         self._require(self.grid is None or len(self.grid) == 2, "grid", "must be (columns, rows) or None")
         fits = self.contamination is None or len(self.contamination) == 2
         self._require(fits, "contamination", "must be (columns, rows) or None")
-        self._require(self.duration <= self.step * 2**20, "duration", f"must be at most {2**20} steps")
+        self._require(self.duration <= self.step * MOST_STEPS, "duration", f"must be at most {MOST_STEPS} steps")
 
     @property
     def steps(self) -> int:

@@ -11,10 +11,11 @@ import math
 import os
 import secrets
 import stat
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+from lissajous_env.wording import shown
 
 LARGEST_JSON = 1 << 26
 """Largest size of a JSON file that is read [bytes]."""
@@ -41,21 +42,19 @@ def parse_json(text: bytes | str, source: str | Path) -> Any:
         source: The place where it was found, for the message.
 
     Raises:
-        ValueError: the text is not JSON, contains NaN, infinity or a number that is too large for a float, names an
-            entry of an object twice, or nests more than 100 objects and lists.
+        ValueError: the text is not JSON, contains NaN, infinity or a number that is too large for a float, or nests
+            more than 100 objects and lists.
     """
     try:
         text = text.decode() if isinstance(text, bytes) else text
-        found = json.loads(
-            text, parse_constant=_number, parse_float=_number, parse_int=_whole, object_pairs_hook=_named_once
-        )
-        if _depth(found) > _DEEPEST:
+        value = json.loads(text, parse_constant=_number, parse_float=_number, parse_int=_whole)
+        if _depth(value) > _DEEPEST:
             raise RecursionError
     except RecursionError:
         raise ValueError(f"{source} is damaged: it must nest at most {_DEEPEST} levels, got more") from None
     except ValueError as error:
         raise ValueError(f"{source} is damaged: {error}") from None
-    return found
+    return value
 
 
 def read_bytes(path: str | Path, largest: int) -> bytes:
@@ -103,12 +102,6 @@ def open_plainly(path: Path, flags: int) -> int:
     return descriptor
 
 
-def try_file(path: Path) -> None:
-    """Create an empty file and remove it; an OSError is raised where no file can be."""
-    os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
-    path.unlink()
-
-
 def check_writable_file(path: str | Path) -> None:
     """Raise an error for a file that cannot be written, before any work is done for it.
 
@@ -119,49 +112,41 @@ def check_writable_file(path: str | Path) -> None:
     try:
         with contextlib.suppress(FileNotFoundError, NotADirectoryError):
             os.lstat(path)  # unlike a missing name, one that is too long raises
-        is_folder, has_home = path.is_dir(), path.absolute().parent.is_dir()
+        if path.is_dir():
+            raise ValueError(f"out must be a file, got the folder {path}")
+        if not path.absolute().parent.is_dir():
+            raise ValueError(f"out must be in an existing folder, got {path}")
+        # Permissions are not enough: the folder may be on a full or read-only disk.
+        temporary = _temporary(path)
+        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+        temporary.unlink()
     except OSError as error:
-        raise ValueError(f"out must be a file that can be written, got {_short(path)}: {error.strerror}") from None
-    if is_folder:
-        raise ValueError(f"out must be a file, got the folder {path}")
-    if not has_home:
-        raise ValueError(f"out must be in an existing folder, got {path}")
-    # Permissions are not enough: the folder may be on a full or read-only disk.
-    try:
-        try_file(_temporary(path))
-    except OSError as error:
-        raise ValueError(f"out must be in a folder that can be written to, got {path}: {error.strerror}") from None
+        words = f"got {shown(str(path))}: {error.strerror}"
+        raise ValueError(f"out must be in a folder that can be written to, {words}") from None
 
 
-def _short(path: Path) -> str:
-    text = str(path)
-    return text if len(text) <= 200 else f"{text[:100]}...{text[-60:]}"
-
-
-def write_atomically(path: str | Path, data: str | bytes) -> None:
+def write_atomically(path: str | Path, data: str | bytes, temporary: Path | None = None) -> None:
     """Write a file under a temporary name in its folder, flush it to the disk, then rename it into place."""
-    with replacing(path) as temporary:
-        write_into(temporary, data)
+    with replacing(path, temporary) as file:
+        descriptor = os.open(file, os.O_WRONLY | os.O_TRUNC)
+        try:
+            write_all(descriptor, data.encode() if isinstance(data, str) else data)
+        finally:
+            os.close(descriptor)
 
 
 @contextlib.contextmanager
-def replacing(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path in the folder of `path`; the file replaces `path` if the block raises no error.
+def replacing(path: str | Path, temporary: Path | None = None) -> Iterator[Path]:
+    """Yield a temporary path on the disk of `path`; the file replaces `path` if the block raises no error.
 
-    The temporary file is new and empty, so no other file is overwritten. Its name has the same suffix, so that
-    libraries that choose a format by the suffix work.
-    """
-    with moved_into_place(_temporary(Path(path)), Path(path)) as temporary:
-        yield temporary
-
-
-@contextlib.contextmanager
-def moved_into_place(temporary: Path, path: Path) -> Iterator[Path]:
-    """Make and yield a temporary file on the disk of `path`; it replaces `path` if the block raises no error.
+    The temporary file is new and empty, so no other file is overwritten. By default its name is in the folder of `path`
+    and has the same suffix, so that libraries that choose a format by the suffix work.
 
     Raises:
         OSError: the file cannot be written; the message names `path`.
     """
+    path = Path(path)
+    temporary = temporary or _temporary(path)
     try:
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
         try:
@@ -176,15 +161,6 @@ def moved_into_place(temporary: Path, path: Path) -> Iterator[Path]:
         if error.filename in (None, temporary, str(temporary)):
             raise OSError(error.errno, error.strerror or str(error), str(path)) from error
         raise
-
-
-def write_into(temporary: Path, data: str | bytes) -> None:
-    """Write to a temporary file that exists."""
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_TRUNC)
-    try:
-        write_all(descriptor, data.encode() if isinstance(data, str) else data)
-    finally:
-        os.close(descriptor)
 
 
 def write_all(descriptor: int, data: bytes) -> None:
@@ -219,20 +195,7 @@ def _whole(text: str) -> int:
     return int(text)
 
 
-def _named_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        twice, _ = Counter(name for name, _ in pairs).most_common(1)[0]
-        raise ValueError(f"it must name each entry once, got {twice[:40]!r} twice")
-    return found
-
-
-def _depth(found: Any) -> int:
+def _depth(value: Any) -> int:
     """Return the number of levels of nested objects and lists."""
-    deepest, waiting = 0, [(found, 1)]
-    while waiting:
-        value, depth = waiting.pop()
-        if isinstance(value, (dict, list)):
-            deepest = max(deepest, depth)
-            waiting += [(each, depth + 1) for each in (value.values() if isinstance(value, dict) else value)]
-    return deepest
+    inside = value.values() if isinstance(value, dict) else value if isinstance(value, list) else None
+    return 0 if inside is None else 1 + max(map(_depth, inside), default=0)

@@ -6,21 +6,18 @@ done.
 """
 
 import contextlib
-import fcntl
 import os
 import secrets
 from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePosixPath
 
-from lissajous_env.storage.files import moved_into_place, open_plainly, sync, try_file, write_into
+from lissajous_env.storage.files import open_plainly, replacing, sync, write_atomically
 from lissajous_env.storage.journal import Journal
 from lissajous_env.wording import shown
 
 LIST = ".lissajous.jsonl"
 """Name of the list of the files that were written."""
 _BEGINS = b'{"lissajous": '
-_LONGEST_NAME = 64
-"""Largest number of letters of a name in a folder, including that of a folder in it."""
 
 
 class Folder:
@@ -45,15 +42,14 @@ class Folder:
             self.path.mkdir(parents=True, exist_ok=True)
             if not os.path.lexists(list_path):
                 self._check(writes)
-            self._check_list(list_path)
-            self._list = _LockedJournal(list_path, self.path)
+            self._list = self._locked_list(list_path)
         except OSError as error:
-            raise self._unwritable(error) from error
+            words = f"got {shown(str(self.path))}: {error.strerror}"
+            raise ValueError(f"out must be a folder that can be written to, {words}") from error
         try:
             self._token = self._read_list()
             self._check(writes)
             self._remove_leftovers()
-            self._check_room_for_names()
             self._list.append([{"process": os.getpid()}])
         except BaseException:
             self._list.close()
@@ -75,16 +71,14 @@ class Folder:
             ValueError: a file of that name exists that this package did not write, or it is a link.
             OSError: the file cannot be written; its earlier version is unchanged.
         """
-        with self.replacing(name) as temporary:
-            write_into(temporary, data)
+        path = self._claim(name)
+        write_atomically(path, data, self._temporary(path))
 
     @contextlib.contextmanager
     def replacing(self, name: str) -> Iterator[Path]:
         """Yield a temporary path to write to; it replaces the file if the block raises no error."""
         path = self._claim(name)
-        # The token in the name shows that a temporary file that is left over belongs to this folder.
-        temporary = self.path / f".lissajous-{self._token}{path.suffix}"
-        with moved_into_place(temporary, path):
+        with replacing(path, self._temporary(path)) as temporary:
             yield temporary
 
     def journal(self, name: str) -> Journal:
@@ -138,16 +132,9 @@ class Folder:
                 kind = "link" if path.is_symlink() else "folder" if path.is_dir() else "file"
                 raise ValueError(f"{path} must be a {'folder' if name.endswith('/') else 'file'}, got a {kind}")
 
-    def _check_room_for_names(self) -> None:
-        """Raise an error for a folder in which no file can be created, before any work is done for it."""
-        try:
-            try_file(self.path / f".lissajous-{self._token}{'-' * _LONGEST_NAME}")
-        except OSError as error:
-            raise self._unwritable(error) from error
-
-    def _unwritable(self, error: OSError) -> ValueError:
-        words = f"got {shown(str(self.path))}: {error.strerror}"
-        return ValueError(f"out must be a folder that can be written to, {words}")
+    def _temporary(self, path: Path) -> Path:
+        """Return a temporary path for a file; the token shows that one that is left over belongs to this folder."""
+        return self.path / f".lissajous-{self._token}{path.suffix}"
 
     def _path(self, name: str) -> Path:
         """Return the path of a name, and require that its folder was made here and is no link."""
@@ -159,8 +146,8 @@ class Folder:
             self._check([folder + "/"])
         return self.path / name
 
-    def _check_list(self, path: Path) -> None:
-        """Raise an error if a file of other origin has the name of the list, before it is changed."""
+    def _locked_list(self, path: Path) -> Journal:
+        """Open and lock the list; a file of other origin with its name is refused before it is changed."""
         if os.path.lexists(path):
             with open(open_plainly(path, os.O_RDONLY), "rb") as file:
                 begin = file.read(len(_BEGINS))
@@ -168,6 +155,11 @@ class Folder:
                 raise ValueError(
                     f"{path} must be a list of the files written here, got {begin!r}; choose another --out"
                 )
+        try:
+            return Journal(path, exclusive=True)
+        except BlockingIOError:
+            user = f"another process ({_user_of(path)})"
+            raise ValueError(f"{self.path} is in use by {user}; wait for it or choose another folder") from None
 
     def _read_list(self) -> str:
         """Read the names of the files that were written, and return the folder's token, which a new folder draws."""
@@ -200,20 +192,6 @@ class Folder:
                 leftover.unlink(missing_ok=True)
 
 
-class _LockedJournal(Journal):
-    """A journal that is locked before it is read, so that no line is read while another process writes it."""
-
-    def __init__(self, path: Path, folder: Path):
-        self._folder = folder
-        super().__init__(path)
-
-    def read(self) -> None:
-        if not _try_lock(self._descriptor):
-            holder = f"another process ({_holder(self.path)})"
-            raise ValueError(f"{self._folder} is in use by {holder}; wait for it or choose another folder")
-        super().read()
-
-
 def _require_plain(name: str) -> None:
     """Raise an error for a name that leads out of the folder or to its list."""
     parts = PurePosixPath(name).parts
@@ -222,15 +200,7 @@ def _require_plain(name: str) -> None:
         raise ValueError(f"name of a result must be that of a file in its folder, got {name!r}")
 
 
-def _holder(path: Path) -> str:
+def _user_of(path: Path) -> str:
     """Return the number of the process that uses a folder, from its list."""
     processes = [line for line in path.read_bytes().splitlines() if line.startswith(b'{"process": ')]
     return processes[-1].decode()[12:-1] if processes else "unknown"
-
-
-def _try_lock(descriptor: int) -> bool:
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True

@@ -1,6 +1,7 @@
 """JSON Lines files that only grow; lines are flushed to the disk, and a line that a kill left unfinished is dropped."""
 
 import contextlib
+import fcntl
 import json
 import os
 from collections.abc import Iterable
@@ -15,24 +16,31 @@ class Journal:
 
     When the file is opened, a last line that a kill left unfinished is dropped.
 
+    Args:
+        path: The file; it is created if it does not exist.
+        exclusive: True to lock the file before it is read, until the process ends or closes it.
+
     Raises:
+        BlockingIOError: another process has locked the file.
         ValueError: the file is a link, or a line before the last is damaged; the message names file and line.
     """
 
-    def __init__(self, path: str | Path):
+    def __init__(self, path: str | Path, exclusive: bool = False):
         self.path = Path(path)
         self.entries: list[dict[str, Any]] = []
         """Entries of the file when it was opened; entry k was on line k + 1."""
         self._end = 0
         self._descriptor = open_plainly(self.path, os.O_RDWR | os.O_APPEND | os.O_CREAT)
         try:
-            self.read()
+            if exclusive:
+                fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._read()
             sync(self.path.parent)
         except BaseException:
             self.close()
             raise
 
-    def read(self) -> None:
+    def _read(self) -> None:
         """Read the entries, and drop an unfinished last line."""
         with open(self._descriptor, "rb", closefd=False) as file:
             file.seek(0)

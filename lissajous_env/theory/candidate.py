@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from lissajous_env.device.turns import with_own_locks
+from lissajous_env.device.locks import with_own_locks
 from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms, geometry
 

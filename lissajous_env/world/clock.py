@@ -4,15 +4,15 @@ import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.stage import WORLD, stage
 from lissajous_env.world.state import ENDED, IDLE, RUNNING, Clock, StepEvents
 
 wp.set_module_options(OPTIONS)
 
 
-@wp.kernel
-def reset_clock(first: int, seeds: wp.array(dtype=int), clock: Clock):
+@stage(WORLD, writes="clock: active, invalid, invalid_at, seed, stage, step", idle=True)
+def reset_clock(w: int, seeds: wp.array(dtype=int), clock: Clock):
     """Begin an episode with the given seed or, if it is negative, with one drawn from the seed before."""
-    w = first + wp.tid()
     clock.active[w] = clock.fresh[w]
     if clock.active[w] == 0:
         return
@@ -27,10 +27,9 @@ def reset_clock(first: int, seeds: wp.array(dtype=int), clock: Clock):
     clock.invalid_at[w] = 0
 
 
-@wp.kernel
-def advance_clock(first: int, clock: Clock):
+@stage(WORLD, writes="clock: active, stage, step", idle=True)
+def advance_clock(w: int, clock: Clock):
     """Count the step in worlds whose episode is running; the others stay as they are."""
-    w = first + wp.tid()
     if clock.stage[w] == RUNNING:
         clock.active[w] = 1
         clock.step[w] += 1
@@ -39,12 +38,9 @@ def advance_clock(first: int, clock: Clock):
         clock.stage[w] = IDLE
 
 
-@wp.kernel
-def end_episodes(first: int, steps: int, clock: Clock, latest: StepEvents):
+@stage(WORLD, writes="clock: stage; latest: truncated")
+def end_episodes(w: int, steps: int, clock: Clock, latest: StepEvents):
     """End an episode when its time is over, or when every robot is terminated."""
-    w = first + wp.tid()
-    if clock.active[w] == 0:
-        return
     over = clock.step[w] >= steps
     running = int(0)
     for i in range(latest.terminated.shape[1]):

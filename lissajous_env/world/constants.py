@@ -12,7 +12,7 @@ from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.contamination.conservative import as_reach
 from lissajous_env.world.contamination.labels import as_hops
-from lissajous_env.world.robots.distance import table_of
+from lissajous_env.world.robots.distance import points_of
 from lissajous_env.world.robots.faults import removal_steps, schedule_steps
 
 
@@ -37,7 +37,7 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
         "cells_total": 0 if task.grid is None else task.grid[0] * task.grid[1],
         "age_per_step": scenario.task.step / scenario.time_unit,
         "speed_unit": model.speed_unit(scenario.curve, scenario.formation, scenario.robot),
-        "distances": table_of(scenario.curve, model.keeps_to_curve, device),
+        "curve_points": points_of(None if model.keeps_to_curve else scenario.curve, str(device)),
         "equilibrium": wp.array(scenario.equilibrium, dtype=wp.float64, device=device),
         "neighbours": wp.array(scenario.neighbours, dtype=wp.int32, device=device, ndim=2),
         "hops": as_hops(scenario.spreading, device),

@@ -13,30 +13,26 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.discs import CENTRE, visit_disc
 from lissajous_env.device.part_structs import SensingStruct
+from lissajous_env.device.stage import ROW, stage
 from lissajous_env.world.state import NOWHERE, Cells, Clock, Robots, StepEvents
 from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
 
 
-@wp.kernel
-def reset_cells(first: int, lanes: int, clock: Clock, cells: Cells):
+@stage(ROW, writes="cells: coming, idle_max, idle_squares, in_discs, sensed, sensed_at, sensed_by")
+def reset_cells(w: int, row: int, clock: Clock, cells: Cells):
     """Clear every visit."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    for row in range(lane, cells.sensed_at.shape[1], lanes):
-        for column in range(cells.sensed_at.shape[2]):
-            cells.sensed_at[w, row, column] = 0
-        for word in range(cells.sensed.shape[1]):
-            cells.sensed[w, word, row] = wp.uint64(0)
-            cells.in_discs[w, word, row] = wp.uint64(0)
-            cells.coming[w, word, row] = wp.uint64(0)
-            for i in range(cells.sensed_by.shape[1]):
-                cells.sensed_by[w, i, word, row] = wp.uint64(0)
-        cells.idle_squares[w, row] = wp.int64(0)
-        cells.idle_max[w, row] = 0
+    for column in range(cells.sensed_at.shape[2]):
+        cells.sensed_at[w, row, column] = 0
+    for word in range(cells.sensed.shape[1]):
+        cells.sensed[w, word, row] = wp.uint64(0)
+        cells.in_discs[w, word, row] = wp.uint64(0)
+        cells.coming[w, word, row] = wp.uint64(0)
+        for i in range(cells.sensed_by.shape[1]):
+            cells.sensed_by[w, i, word, row] = wp.uint64(0)
+    cells.idle_squares[w, row] = wp.int64(0)
+    cells.idle_max[w, row] = 0
 
 
 _COUNT_VISITS = """
@@ -97,9 +93,14 @@ def count_visits(w: int, lane: int, lanes: int, now: int, cells: Cells) -> Count
     ...
 
 
-@wp.kernel
+@stage(
+    ROW,
+    writes="cells: coming, idle_max, idle_squares, in_discs, sensed, sensed_at, sensed_by; latest: idle_ended; "
+    "tally: covered, covered_each",
+)
 def cover(
-    first: int,
+    w: int,
+    lane: int,
     lanes: int,
     curve: CurveStruct,
     sensing: SensingStruct,
@@ -110,10 +111,6 @@ def cover(
     tally: EpisodeTotals,
 ):
     """Mark the cells that are sensed now, row by row, and count their visits."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
     columns, radius = cells.sensed_at.shape[2], sensing.radius
     fresh_each = wp.int64(0)
     for i in range(robots.sensor.shape[1]):

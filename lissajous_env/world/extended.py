@@ -1,13 +1,17 @@
-"""Stages of a scenario's extensions, and their places among the stages of the package."""
+"""Extensions of a scenario: their view of a world, their stages, and the places of these among those of the package."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.program import ROBOT, TARGET, WORLD, Stage
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.program import Stage
+from lissajous_env.device.stage import ROBOT, TARGET, WORLD, stage
+from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.extensions import (
     LARGEST,
     Extension,
@@ -20,10 +24,133 @@ from lissajous_env.parameters.robot_models import RobotModel, is_shipped, model_
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown, where_raised
 from lissajous_env.world.columns import NAMES
-from lissajous_env.world.extension_kernels import keep_column, take_entries, take_places, take_term
 from lissajous_env.world.observation import layout
 from lissajous_env.world.reward import TERMS
-from lissajous_env.world.view import WorldView
+from lissajous_env.world.state import GONE, HIDDEN, Clock, StepEvents, Targets
+from lissajous_env.world.targets.motion import CUSTOM
+
+
+def read_only(array: np.ndarray) -> np.ndarray:
+    """Return a view of an array through which nothing can be written."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+class _Fixed:
+    """An object whose attributes are set once, when it is made."""
+
+    def __setattr__(self, name: str, value: Any) -> NoReturn:
+        raise ValueError(f"{name} is read-only, and so are all arrays of a world")
+
+
+class WorldView(_Fixed):
+    """Argument of an extension's function: read-only arrays over worlds, robots and targets.
+
+    Attributes:
+        scenario: The scenario, with every field filled in.
+        clock, robots, links, messages, targets, cells, latest, tally: The arrays of `lissajous_env.world.state`, by
+            their names: `world.robots.position` is (W, N, 3). So is `rogues` where `targets.rogues` is set.
+        observation: (W, N, D).
+
+    On the CPU they are the simulation's own memory, in which everything is of this very step. On a GPU they are copied
+    when they are read. To change one, copy it: `world.targets.position.copy()`.
+    """
+
+    scenario: Scenario
+    _observation: Any
+
+    def __init__(self, scenario: Scenario, structs: Mapping[str, Any], observation: Any):
+        kind = _Views if observation.device.is_cpu else _Copies
+        self.__dict__.update({"scenario": scenario, "_observation": observation})
+        self.__dict__.update({name: kind(struct) for name, struct in structs.items()})
+
+    @property
+    def observation(self) -> Any:
+        """(W, N, D) rows of the robots."""
+        return read_only(self._observation.numpy())
+
+
+class _Views(_Fixed):
+    """Arrays of a struct on a CPU."""
+
+    def __init__(self, struct: Any):
+        self.__dict__.update({name: read_only(array.numpy()) for name, array in fields_of(struct).items()})
+
+
+class _Copies(_Fixed):
+    """Arrays of a struct on a GPU, copied when they are read."""
+
+    def __init__(self, struct: Any):
+        self.__dict__["_struct"] = struct
+
+    def __getattr__(self, name: str) -> Any:
+        return read_only(getattr(self._struct, name).numpy())
+
+
+wp.set_module_options(OPTIONS)
+
+_LARGEST = wp.constant(LARGEST)
+
+
+@wp.func
+def or_zero(value: float) -> float:
+    """Return the value, or 0 if it is not finite or too large: on a GPU, an error would have to be waited for."""
+    return wp.where(wp.abs(value) <= _LARGEST, value, 0.0)
+
+
+@stage(ROBOT, writes="latest: terms")
+def take_term(
+    w: int, i: int, term: int, weight: float, value: wp.array2d(dtype=float), clock: Clock, latest: StepEvents
+):
+    """Copy an extension's term among those of the reward."""
+    latest.terms[w, i, term] = or_zero(weight * value[w, i])
+
+
+@stage(ROBOT, writes="observation_out")
+def take_entries(
+    w: int,
+    i: int,
+    start: int,
+    low: float,
+    high: float,
+    value: wp.array3d(dtype=float),
+    clock: Clock,
+    observation_out: wp.array3d(dtype=float),
+):
+    """Copy an extension's entries to the end of the rows."""
+    for k in range(value.shape[2]):
+        observation_out[w, i, start + k] = wp.clamp(or_zero(value[w, i, k]), low, high)
+
+
+@stage(WORLD, writes="kept_out")
+def keep_column(w: int, value: wp.array(dtype=wp.float64), clock: Clock, kept_out: wp.array2d(dtype=wp.float64)):
+    """Update sum, largest, least and last of an extension's score column."""
+    if clock.step[w] == 0:
+        kept_out[w, 0] = wp.float64(0.0)
+        kept_out[w, 1] = wp.float64(-wp.inf)
+        kept_out[w, 2] = wp.float64(wp.inf)
+        kept_out[w, 3] = wp.float64(wp.nan)
+    else:
+        latest = wp.where(wp.abs(value[w]) <= wp.float64(_LARGEST), value[w], wp.float64(0.0))
+        kept_out[w, 0] += latest
+        kept_out[w, 1] = wp.max(kept_out[w, 1], latest)
+        kept_out[w, 2] = wp.min(kept_out[w, 2], latest)
+        kept_out[w, 3] = latest
+
+
+@stage(TARGET, writes="targets: heading, position")
+def take_places(w: int, t: int, curve: CurveStruct, value: wp.array2d(dtype=wp.vec2), clock: Clock, targets: Targets):
+    """Move the targets of an extension to their new positions."""
+    stage = targets.stage[w, t]
+    if targets.motion[w, t] == CUSTOM and stage != HIDDEN and stage != GONE:
+        x = wp.clamp(value[w, t][0], -curve.half_width, curve.half_width)
+        y = wp.clamp(value[w, t][1], -curve.half_height, curve.half_height)
+        moved = wp.vec2(x, y) - targets.position[w, t]
+        if wp.length_sq(moved) > 0.0:
+            targets.heading[w, t] = wp.atan2(moved[1], moved[0])
+        targets.position[w, t] = wp.vec2(x, y)
+
 
 _LARGEST = LARGEST * (1 + 1e-6)
 """The same of numbers that were rounded to 32 bits."""
@@ -61,25 +188,25 @@ class ExtensionStages:
                 value = self._room(shape[:2])
                 own = {"term": term, "weight": each.weight, "value": value}
                 self._after.setdefault("end", []).extend(
-                    [*self._run(each, ROBOT, value), Stage(f"{each.name} taken", take_term, ROBOT, own=own)]
+                    [*self._run(each, ROBOT, value), Stage(f"{each.name} taken", take_term, own=own)]
                 )
                 term += 1
             elif isinstance(each, ScoreColumn):
                 value, kept = self._room(shape[:1], wp.float64), self._room((shape[0], 4), wp.float64)
                 self.kept[each.name] = kept
-                keeps = Stage(f"{each.name} kept", keep_column, WORLD, own={"value": value, "kept_out": kept})
+                keeps = Stage(f"{each.name} kept", keep_column, own={"value": value, "kept_out": kept})
                 self._after.setdefault("reward", []).extend([*self._run(each, WORLD, value), keeps])
                 self._after_reset.setdefault("score", []).append(keeps)
             elif isinstance(each, ObservationEntry):
                 value = self._room((*shape[:2], each.size))
                 own = {"start": entry, "low": each.low, "high": each.high, "value": value}
-                stages = [*self._run(each, ROBOT, value), Stage(f"{each.name} taken", take_entries, ROBOT, own=own)]
+                stages = [*self._run(each, ROBOT, value), Stage(f"{each.name} taken", take_entries, own=own)]
                 self._after.setdefault("observation", []).extend(stages)
                 self._after_reset.setdefault("observation", []).extend(stages)
                 entry += each.size
             elif isinstance(each, TargetMotion):
                 value = self._room((shape[0], scenario.target_capacity), wp.vec2)
-                takes = Stage(f"{each.name} taken", take_places, TARGET, own={"value": value})
+                takes = Stage(f"{each.name} taken", take_places, own={"value": value})
                 run = self._run(each, TARGET, value)
                 self._after["collisions"] = run if run[0].is_kernel else [*run, takes]
 

@@ -11,8 +11,11 @@ from lissajous_env.device.bits import lowest
 from lissajous_env.device.compilation import OPTIONS, module_apart
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct
+from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.trig import cos_sin
-from lissajous_env.world.observation import LINK, OWN, ROBOT, TARGET
+from lissajous_env.world.observation import LINK, OWN
+from lissajous_env.world.observation import ROBOT as PER_ROBOT
+from lissajous_env.world.observation import TARGET as PER_TARGET
 from lissajous_env.world.robots.bins import Bins, bin_of, column_of, row_of
 from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Links, Robots, StepEvents, Targets, planar
 
@@ -268,8 +271,8 @@ def observe_robots(
         offset = (planar(robots.position[w, j]) - planar(robots.position[w, i])) / sensing.radius
         relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * speed_unit)
         put_robot(w, i, entry, offset, relative, observation_out)
-        entry += ROBOT
-    empty(w, i, entry, ROBOT, sensing.robots_seen - kept, observation_out)
+        entry += PER_ROBOT
+    empty(w, i, entry, PER_ROBOT, sensing.robots_seen - kept, observation_out)
 
 
 @wp.func
@@ -284,23 +287,21 @@ def observe_targets(
     observation_out: wp.array3d(dtype=float),
 ):
     """List the nearest targets in the disc."""
-    entry = OWN + 2 * LINK + ROBOT * sensing.robots_seen
+    entry = OWN + 2 * LINK + PER_ROBOT * sensing.robots_seen
     for k in range(kept):
         offset = (targets.position[w, int(bins.nearest[w, i, k][1])] - robots.sensor[w, i]) / sensing.radius
         put_target(w, i, entry, offset, observation_out)
-        entry += TARGET
-    empty(w, i, entry, TARGET, sensing.targets_seen - kept, observation_out)
+        entry += PER_TARGET
+    empty(w, i, entry, PER_TARGET, sensing.targets_seen - kept, observation_out)
 
 
 def _observing(find_robots: Any, find_targets: Any, module: Any = None) -> Any:
     """Make the kernel that fills the rows, for robots and targets that are few or many."""
 
-    @wp.kernel(module=module)
+    @stage(ROBOT, writes="bins: nearest; observation_out", split=True, module=module)
     def observe(
-        first: int,
-        lanes: int,
-        begin: int,
-        end: int,
+        w: int,
+        i: int,
         curve: CurveStruct,
         sensing: SensingStruct,
         age_per_step: float,
@@ -314,21 +315,16 @@ def _observing(find_robots: Any, find_targets: Any, module: Any = None) -> Any:
         observation_out: wp.array3d(dtype=float),
     ):
         """Fill the row of each robot."""
-        tid, lane = wp.tid()
-        w = first + tid
-        if clock.active[w] == 0:
-            return
-        for i in range(begin + lane, end, lanes):
-            observe_self(w, i, curve, speed_unit, robots, observation_out)
-            observe_ring(w, i, clock.step[w], curve, age_per_step, robots, links, observation_out)
-            kept = int(0)
-            if sensing.robots_seen > 0 and robots.status[w, i] == WORKING:
-                kept = find_robots(w, i, sensing.robots_seen, sensing.radius, robots, bins)
-            observe_robots(w, i, kept, sensing, speed_unit, robots, bins, observation_out)
-            kept = 0
-            if sensing.targets_seen > 0 and latest.in_sight[w] > 0 and robots.sensor[w, i][0] < NOWHERE:
-                kept = find_targets(w, i, sensing.targets_seen, sensing.radius, robots, targets, bins)
-            observe_targets(w, i, kept, sensing, robots, targets, bins, observation_out)
+        observe_self(w, i, curve, speed_unit, robots, observation_out)
+        observe_ring(w, i, clock.step[w], curve, age_per_step, robots, links, observation_out)
+        kept = int(0)
+        if sensing.robots_seen > 0 and robots.status[w, i] == WORKING:
+            kept = find_robots(w, i, sensing.robots_seen, sensing.radius, robots, bins)
+        observe_robots(w, i, kept, sensing, speed_unit, robots, bins, observation_out)
+        kept = 0
+        if sensing.targets_seen > 0 and latest.in_sight[w] > 0 and robots.sensor[w, i][0] < NOWHERE:
+            kept = find_targets(w, i, sensing.targets_seen, sensing.radius, robots, targets, bins)
+        observe_targets(w, i, kept, sensing, robots, targets, bins, observation_out)
 
     return observe
 
@@ -337,19 +333,10 @@ observe = _observing(nearest_robots, nearest_targets)
 observe_listed = _observing(nearest_listed_robots, nearest_listed_targets, _LISTED)
 
 
-@wp.kernel
+@stage(ROBOT, writes="final_observation_out")
 def keep_final(
-    first: int,
-    lanes: int,
-    clock: Clock,
-    observation: wp.array3d(dtype=float),
-    final_observation_out: wp.array3d(dtype=float),
+    w: int, i: int, clock: Clock, observation: wp.array3d(dtype=float), final_observation_out: wp.array3d(dtype=float)
 ):
     """Keep the rows with which the episode before ended."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    for i in range(lane, observation.shape[1], lanes):
-        for k in range(observation.shape[2]):
-            final_observation_out[w, i, k] = observation[w, i, k]
+    for k in range(observation.shape[2]):
+        final_observation_out[w, i, k] = observation[w, i, k]

@@ -4,6 +4,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import TaskStruct
+from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.world.state import Clock, Contamination, StepEvents
 from lissajous_env.world.tally import EpisodeTotals
 
@@ -25,31 +26,30 @@ TERMS = tuple(FORMULAS)
 _TERMS = wp.constant(len(TERMS))
 
 
-@wp.kernel
-def clear_events(first: int, lanes: int, resets: bool, clock: Clock, latest: StepEvents):
+@stage(
+    ROBOT,
+    writes=("latest: collisions, detections, idle_ended, in_sight, reward, terminated, terms, truncated, waiting"),
+)
+def clear_events(w: int, i: int, resets: bool, clock: Clock, latest: StepEvents):
     """Clear the events of the step before, and at a reset the rewards and ends of the episode before."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    for i in range(lane, latest.reward.shape[1], lanes):
-        latest.detections[w, i] = 0
-        latest.collisions[w, i] = 0
-        if i == 0:
-            latest.in_sight[w] = 0
-            latest.waiting[w] = 0
-            latest.idle_ended[w] = wp.int64(0)
-        if resets:
-            latest.terminated[w, i] = False
-            latest.truncated[w, i] = False
-            latest.reward[w, i] = 0.0
-            for term in range(latest.terms.shape[2]):
-                latest.terms[w, i, term] = 0.0
+    latest.detections[w, i] = 0
+    latest.collisions[w, i] = 0
+    if i == 0:
+        latest.in_sight[w] = 0
+        latest.waiting[w] = 0
+        latest.idle_ended[w] = wp.int64(0)
+    if resets:
+        latest.terminated[w, i] = False
+        latest.truncated[w, i] = False
+        latest.reward[w, i] = 0.0
+        for term in range(latest.terms.shape[2]):
+            latest.terms[w, i, term] = 0.0
 
 
-@wp.kernel
+@stage(ROBOT, writes="latest: reward, terms; tally: returns", idle=True)
 def give_reward(
-    first: int,
+    w: int,
+    lane: int,
     lanes: int,
     task: TaskStruct,
     cells_total: int,
@@ -59,8 +59,6 @@ def give_reward(
     tally: EpisodeTotals,
 ):
     """Reward each robot for the step: the sum of the terms in `TERMS` and of those of extensions."""
-    tid, lane = wp.tid()
-    w = first + tid
     count = latest.terms.shape[2]
     waiting = task.reward_waiting * float(latest.waiting[w]) * task.step
     idleness = task.reward_idleness * float(latest.idle_ended[w]) * task.step / float(wp.max(cells_total, 1))

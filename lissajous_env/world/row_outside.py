@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.device import program
+from lissajous_env.device import stage
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.part_structs import NoiseStruct, SensingStruct
-from lissajous_env.device.program import BLOCKS, Program, Split, Stage
+from lissajous_env.device.program import Program, Split, Stage
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.constants import constants_of
@@ -46,10 +46,9 @@ class Outside:
     """(2,) time since it was sent [step]; -1 for none yet."""
     numbers: wp.array2d(dtype=wp.float32)
     """(2, k) numbers of its policy in it."""
-    robots: wp.array(dtype=wp.vec4)
-    """(MOST_SEEN,) relative x, y [m] and relative velocity [m/s] of the robots that the sensor detects."""
-    targets: wp.array(dtype=wp.vec2)
-    """(MOST_SEEN,) relative x, y [m] of the targets that it detects."""
+    seen: wp.array2d(dtype=wp.vec4)
+    """(2, MOST_SEEN) relative x, y [m] and relative velocity [m/s] of the robots, and of the targets, that the sensor
+    detects; of targets, the velocity is not used."""
     count: wp.array(dtype=wp.int32)
     """(2,) number of these robots, and targets."""
     phase: wp.array(dtype=wp.vec3)
@@ -57,53 +56,36 @@ class Outside:
 
 
 @wp.func
-def list_robots(
+def list_seen(
     w: int,
     i: int,
-    count: int,
+    kind: int,
+    start: int,
+    width: int,
+    room: int,
     sensing: SensingStruct,
     speed_unit: float,
+    robots: Robots,
     bins: Bins,
     outside: Outside,
     observation_out: wp.array3d(dtype=float),
 ):
-    """List the nearest of `count` robots that are in the disc."""
+    """List the nearest robots, kind 0, or targets, kind 1, that are in the disc."""
     kept = int(0)
-    for k in range(wp.where(sensing.robots_seen > 0, count, 0)):
-        away = wp.vec2(outside.robots[k][0], outside.robots[k][1])
+    works = robots.status[w, i] == WORKING
+    for k in range(wp.where(room > 0 and works, outside.count[kind], 0)):
+        away = wp.vec2(outside.seen[kind, k][0], outside.seen[kind, k][1])
         if wp.dot(away, away) < sensing.radius * sensing.radius:
-            kept = keep_nearest(w, i, kept, sensing.robots_seen, away / sensing.radius, k, bins)
-    entry = OWN + 2 * LINK
+            kept = keep_nearest(w, i, kept, room, away / sensing.radius, k, bins)
     for k in range(kept):
-        seen = outside.robots[int(bins.nearest[w, i, k][1])]
-        relative = wp.vec2(seen[2], seen[3]) / (2.0 * speed_unit)
-        put_robot(w, i, entry, wp.vec2(seen[0], seen[1]) / sensing.radius, relative, observation_out)
-        entry += ROBOT
-    empty(w, i, entry, ROBOT, sensing.robots_seen - kept, observation_out)
-
-
-@wp.func
-def list_targets(
-    w: int,
-    i: int,
-    count: int,
-    sensing: SensingStruct,
-    bins: Bins,
-    outside: Outside,
-    observation_out: wp.array3d(dtype=float),
-):
-    """List the nearest of `count` targets that are in the disc."""
-    kept = int(0)
-    for k in range(wp.where(sensing.targets_seen > 0, count, 0)):
-        away = outside.targets[k]
-        if wp.dot(away, away) < sensing.radius * sensing.radius:
-            kept = keep_nearest(w, i, kept, sensing.targets_seen, away / sensing.radius, k, bins)
-    entry = OWN + 2 * LINK + ROBOT * sensing.robots_seen
-    for k in range(kept):
-        offset = outside.targets[int(bins.nearest[w, i, k][1])] / sensing.radius
-        put_target(w, i, entry, offset, observation_out)
-        entry += TARGET
-    empty(w, i, entry, TARGET, sensing.targets_seen - kept, observation_out)
+        seen = outside.seen[kind, int(bins.nearest[w, i, k][1])]
+        offset = wp.vec2(seen[0], seen[1]) / sensing.radius
+        if kind == 0:
+            relative = wp.vec2(seen[2], seen[3]) / (2.0 * speed_unit)
+            put_robot(w, i, start + k * width, offset, relative, observation_out)
+        else:
+            put_target(w, i, start + k * width, offset, observation_out)
+    empty(w, i, start + kept * width, width, room - kept, observation_out)
 
 
 @wp.kernel
@@ -137,11 +119,11 @@ def fill_row(
             put_message(w, i, entry, age, outside.message[side], own, turn, curve, observation_out)
         for m in range(outside.numbers.shape[1]):
             observation_out[w, i, start + side * outside.numbers.shape[1] + m] = outside.numbers[side, m]
-    count = wp.vec2i(outside.count[0], outside.count[1])
-    if robots.status[w, i] != WORKING:
-        count = wp.vec2i(0, 0)
-    list_robots(w, i, count[0], sensing, speed_unit, bins, outside, observation_out)
-    list_targets(w, i, count[1], sensing, bins, outside, observation_out)
+    seen, sighted = sensing.robots_seen, sensing.targets_seen
+    entry = OWN + 2 * LINK
+    list_seen(w, i, 0, entry, ROBOT, seen, sensing, speed_unit, robots, bins, outside, observation_out)
+    entry += ROBOT * seen
+    list_seen(w, i, 1, entry, TARGET, sighted, sensing, speed_unit, robots, bins, outside, observation_out)
 
 
 class RowOutside:
@@ -161,29 +143,25 @@ class RowOutside:
         robots: Any = allocate(Robots, {"track": (1, 1, 1)}, (1, 1), "cpu")
         clock = allocate(Clock, {}, (1,), "cpu")
         clock.active.fill_(1)
-        shapes = {"numbers": (2, size), "robots": (MOST_SEEN,), "targets": (MOST_SEEN,), "phase": (1,)}
+        shapes = {"numbers": (2, size), "seen": (2, MOST_SEEN), "phase": (1,)}
         outside: Any = allocate(Outside, shapes, (2,), "cpu")
         bins = Bins()
         bins.nearest = wp.zeros((1, 1, seen), dtype=wp.vec2, device="cpu")
         row = wp.zeros((1, 1, layout(scenario).size), dtype=wp.float32, device="cpu")
         values = constants | {"noise": NoiseStruct(), "robots": robots, "clock": clock, "bins": bins}
         values |= {"outside": outside, "observation_out": row, "start": message_start(scenario)}
-        follow = Stage("phase", follow_curve, program.ROBOT, BLOCKS)
-        rest = [Stage("measurement", measure, program.ROBOT, BLOCKS), Stage("observation", fill_row, program.ROBOT)]
+        follow = Stage("phase", follow_curve)
+        rest = [Stage("measurement", measure), Stage("observation", fill_row, stage.ROBOT)]
         with compile_quietly():
-            self._follow = Program([follow, *rest], values, {program.ROBOT: 1}, 1, robots.status.device, Split())
-            self._fill = Program(rest, values, {program.ROBOT: 1}, 1, robots.status.device, Split())
+            self._follow = Program([follow, *rest], values, {stage.ROBOT: 1}, 1, robots.status.device, Split())
+            self._fill = Program(rest, values, {stage.ROBOT: 1}, 1, robots.status.device, Split())
         self._kept = robots, outside, row
         self._position = robots.position.numpy()[0, 0]
         self._heading, self._speed = robots.heading.numpy()[0], robots.speed.numpy()[0]
         self._phase, self._status = robots.phase.numpy()[0], robots.status.numpy()[0]
         self._measured, self._turn = robots.measured.numpy()[0, 0], robots.measured_turn.numpy()[0, 0]
         self.message, self.age, self.numbers = outside.message.numpy(), outside.age.numpy(), outside.numbers.numpy()
-        self._robots, self._targets, self._count = (
-            outside.robots.numpy(),
-            outside.targets.numpy(),
-            outside.count.numpy(),
-        )
+        self._seen, self._count = outside.seen.numpy(), outside.count.numpy()
         self._given = outside.phase.numpy()[0]
         self.age[:] = -1
         self.row = row.numpy()[0, 0]
@@ -199,11 +177,11 @@ class RowOutside:
 
     def see(self, robots: np.ndarray, targets: np.ndarray) -> None:
         """Store the objects that the sensor detects: robots (K, 4) and targets (K, 2), as in `Outside`."""
-        for k, (seen, kept) in enumerate(((robots, self._robots), (targets, self._targets))):
+        for kind, seen in enumerate((robots, targets)):
             if len(seen) > MOST_SEEN:
                 seen = seen[np.argsort(np.hypot(seen[:, 0], seen[:, 1]), kind="stable")[:MOST_SEEN]]
-            kept[: len(seen)] = seen
-            self._count[k] = len(seen)
+            self._seen[kind, : len(seen), : seen.shape[1]] = seen
+            self._count[kind] = len(seen)
 
     def fill(
         self,

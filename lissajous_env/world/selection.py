@@ -1,5 +1,6 @@
-"""Selection of worlds of a batch, by a mask or indices, and its checks."""
+"""Worlds of a batch that are selected by a mask or by indices, and seeds that are drawn for worlds."""
 
+import os
 from typing import Any
 
 import numpy as np
@@ -44,3 +45,8 @@ def chosen_worlds(worlds: Any, num_worlds: int) -> np.ndarray:
     if chosen.ndim != 1 or len(np.unique(chosen)) != len(chosen):
         raise ValueError(f"worlds must be in one row, each once, got {shown(worlds)}")
     return chosen.astype(np.int64)
+
+
+def drawn_seeds(count: int) -> np.ndarray:
+    """Return (count,) int64 seeds of worlds, from 0 to 2^31 - 1, different in every call and in every process."""
+    return (np.frombuffer(os.urandom(4 * count), dtype=np.uint32) >> 1).astype(np.int64)

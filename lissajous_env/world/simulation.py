@@ -7,8 +7,9 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.devices import as_device, check_room, compile_quietly, copy_in, cores
-from lissajous_env.device.program import BIN, FIELD_ROW, ROBOT, ROW, TARGET, Program, Stage, split_of
-from lissajous_env.device.turns import Turn, in_turn
+from lissajous_env.device.locks import Turn, in_turn
+from lissajous_env.device.program import Program, Stage, split_of
+from lissajous_env.device.stage import BIN, FIELD_ROW, ROBOT, ROW, TARGET
 from lissajous_env.device.warp_abi import fields_of, name_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import RewardTerm

@@ -8,13 +8,13 @@ arguments are matched by the names of its parameters, among the state (`lissajou
 from collections.abc import Iterable
 from typing import Any
 
-from lissajous_env.device.program import BIN, BLOCKS, FIELD_ROW, PARTS, ROBOT, ROW, TARGET, WORLD, Stage
+from lissajous_env.device.program import Stage
+from lissajous_env.device.stage import ROBOT
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Faults, Scenario
 from lissajous_env.world.clock import advance_clock, end_episodes, reset_clock
 from lissajous_env.world.contamination.conservative import bound_labels, reset_bounds
-from lissajous_env.world.contamination.field import clear_cells, reset_labels, spread
-from lissajous_env.world.contamination.undetected_time import keep_guarantee, reset_guarantee
+from lissajous_env.world.contamination.field import clear_cells, keep_guarantee, reset_guarantee, reset_labels, spread
 from lissajous_env.world.coverage import cover, reset_cells
 from lissajous_env.world.observation import message_start
 from lissajous_env.world.observing import keep_final, observe, observe_listed
@@ -49,30 +49,30 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
     """Return the stages of a control step, with those of rogues if there are any."""
     model, many = model_of(scenario.robot.kind), has_bins(scenario)
     return [
-        Stage("clock", advance_clock, WORLD),
-        Stage("events", clear_events, ROBOT, own={"resets": False}),
-        Stage("faults", update_status, ROBOT, when=scenario.faults != Faults()),
-        Stage("commands", take_commands, ROBOT, BLOCKS),
-        Stage("motion", model.move, ROBOT, model.layout, barrier=False),
-        Stage("phase", follow_curve, ROBOT, BLOCKS, barrier=False, when=not model.keeps_to_curve),
-        Stage("measurement", measure, ROBOT, BLOCKS, barrier=False),
-        Stage("sending", send, ROBOT),
-        Stage("policy sending", send_policy_messages, ROBOT, when=scenario.messages.size > 0),
+        Stage("clock", advance_clock),
+        Stage("events", clear_events, own={"resets": False}),
+        Stage("faults", update_status, when=scenario.faults != Faults()),
+        Stage("commands", take_commands),
+        Stage("motion", model.move, ROBOT, barrier=False),
+        Stage("phase", follow_curve, barrier=False, when=not model.keeps_to_curve),
+        Stage("measurement", measure, barrier=False),
+        Stage("sending", send),
+        Stage("policy sending", send_policy_messages, when=scenario.messages.size > 0),
         *_bin_stages(many),
-        Stage("collisions", find_listed_collisions if many else find_collisions, ROBOT, PARTS),
+        Stage("collisions", find_listed_collisions if many else find_collisions),
         *rogue_motion(scenario, rogues),
         *_target_stages(scenario, "targets", many),
-        Stage("coverage", cover, ROW, when=scenario.task.grid is not None),
+        Stage("coverage", cover, when=scenario.task.grid is not None),
         *_contamination_stages(scenario, range(scenario.spreading.ticks)),
-        Stage("consequences", take_consequences, ROBOT, when=scenario.task.on_collision != "count"),
-        Stage("boundary", watch_boundary, ROBOT, BLOCKS),
-        Stage("deviations", find_deviations, ROBOT, BLOCKS, barrier=False),
-        Stage("score", keep_score, WORLD),
-        Stage("end", end_episodes, WORLD),
-        Stage("reward", give_reward, ROBOT),
-        Stage("hearing", hear, ROBOT),
+        Stage("consequences", take_consequences, when=scenario.task.on_collision != "count"),
+        Stage("boundary", watch_boundary),
+        Stage("deviations", find_deviations, barrier=False),
+        Stage("score", keep_score),
+        Stage("end", end_episodes),
+        Stage("reward", give_reward),
+        Stage("hearing", hear),
         _policy_hearing(scenario),
-        Stage("observation", observe_listed if many else observe, ROBOT, PARTS),
+        Stage("observation", observe_listed if many else observe),
         *rogue_results(scenario),
     ]
 
@@ -81,33 +81,33 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
     """Return the stages of a reset."""
     many = has_bins(scenario)
     return [
-        Stage("clock", reset_clock, WORLD),
-        Stage("losses", reset_losses, WORLD),
-        Stage("tally", reset_tally, WORLD),
-        Stage("events", clear_events, ROBOT, own={"resets": True}),
-        Stage("robots", reset_robots, ROBOT),
-        Stage("headway", draw_apart, WORLD, when=scenario.formation.start_headway > 0),
-        Stage("messages", reset_messages, ROBOT),
-        Stage("policy messages", reset_policy_messages, ROBOT, when=scenario.messages.size > 0),
-        Stage("measurement", measure, ROBOT, BLOCKS),
-        Stage("sending", send, ROBOT),
-        Stage("targets", reset_targets, TARGET, PARTS),
-        Stage("arrivals", reset_arrivals, WORLD, when=scenario.targets.arrival_rate > 0),
+        Stage("clock", reset_clock),
+        Stage("losses", reset_losses),
+        Stage("tally", reset_tally),
+        Stage("events", clear_events, own={"resets": True}),
+        Stage("robots", reset_robots),
+        Stage("headway", draw_apart, when=scenario.formation.start_headway > 0),
+        Stage("messages", reset_messages),
+        Stage("policy messages", reset_policy_messages, when=scenario.messages.size > 0),
+        Stage("measurement", measure),
+        Stage("sending", send),
+        Stage("targets", reset_targets),
+        Stage("arrivals", reset_arrivals, when=scenario.targets.arrival_rate > 0),
         *_bin_stages(many),
         *_target_stages(scenario, "detection", many),
-        Stage("cells", reset_cells, ROW),
-        Stage("coverage", cover, ROW, when=scenario.task.grid is not None),
-        Stage("labels", reset_labels, FIELD_ROW),
-        Stage("bounds", reset_bounds, FIELD_ROW, when=scenario.task.conservative),
-        Stage("unseen", reset_guarantee, WORLD),
+        Stage("cells", reset_cells),
+        Stage("coverage", cover, when=scenario.task.grid is not None),
+        Stage("labels", reset_labels),
+        Stage("bounds", reset_bounds, when=scenario.task.conservative),
+        Stage("unseen", reset_guarantee),
         *_contamination_stages(scenario, [scenario.spreading.ticks - 1]),
-        Stage("boundary", watch_boundary, ROBOT, BLOCKS),
-        Stage("deviations", find_deviations, ROBOT, BLOCKS, barrier=False),
-        Stage("score", keep_score, WORLD),
-        Stage("hearing", hear, ROBOT),
-        Stage("final", keep_final, ROBOT),
+        Stage("boundary", watch_boundary),
+        Stage("deviations", find_deviations, barrier=False),
+        Stage("score", keep_score),
+        Stage("hearing", hear),
+        Stage("final", keep_final),
         _policy_hearing(scenario),
-        Stage("observation", observe_listed if many else observe, ROBOT, PARTS),
+        Stage("observation", observe_listed if many else observe),
         *rogue_results(scenario, resets=True),
     ]
 
@@ -115,20 +115,20 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
 def _policy_hearing(scenario: Scenario) -> Stage:
     """Return the stage in which robots receive and observe the messages of policies."""
     own = {"start": message_start(scenario)}
-    return Stage("policy hearing", hear_policy_messages, ROBOT, when=scenario.messages.size > 0, own=own)
+    return Stage("policy hearing", hear_policy_messages, when=scenario.messages.size > 0, own=own)
 
 
 def _bin_stages(many: bool) -> list[Stage]:
     """Return the stages that list the robots near each bin."""
-    return [Stage("bins", clear_bins, BIN, when=many), Stage("listing", list_robots, ROBOT, when=many)]
+    return [Stage("bins", clear_bins, when=many), Stage("listing", list_robots, when=many)]
 
 
 def _target_stages(scenario: Scenario, name: str, many: bool) -> list[Stage]:
     """Return the stages in which targets appear, then, in that of this name, move and are detected."""
     unseen = scenario.targets.entry == "unseen"
     return [
-        Stage("entry", place_unseen_listed if many else place_unseen, TARGET, PARTS, when=unseen),
-        Stage(name, move_and_detect_listed if many else move_and_detect, TARGET, PARTS, barrier=not unseen),
+        Stage("entry", place_unseen_listed if many else place_unseen, when=unseen),
+        Stage(name, move_and_detect_listed if many else move_and_detect, barrier=not unseen),
     ]
 
 
@@ -137,10 +137,10 @@ def _contamination_stages(scenario: Scenario, ticks: Iterable[int]) -> list[Stag
     if scenario.task.contamination is None:
         return []
     if scenario.task.conservative:
-        return [Stage("contamination", bound_labels, FIELD_ROW), Stage("guarantee", keep_guarantee, WORLD)]
+        return [Stage("contamination", bound_labels), Stage("guarantee", keep_guarantee)]
     stages = []
     for tick in ticks:
         count, own = f" {tick + 1}" if scenario.spreading.ticks > 1 else "", {"tick": tick}
-        stages.append(Stage(f"clearing{count}", clear_cells, FIELD_ROW, own=own))
-        stages.append(Stage(f"contamination{count}", spread, FIELD_ROW, own=own))
-    return [*stages, Stage("guarantee", keep_guarantee, WORLD)]
+        stages.append(Stage(f"clearing{count}", clear_cells, own=own))
+        stages.append(Stage(f"contamination{count}", spread, own=own))
+    return [*stages, Stage("guarantee", keep_guarantee)]

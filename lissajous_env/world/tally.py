@@ -4,6 +4,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
+from lissajous_env.device.stage import WORLD, stage
 from lissajous_env.device.trig import atan2
 from lissajous_env.world.state import NEVER, REMOVED, STUCK, Clock, Robots, StepEvents
 
@@ -70,12 +71,9 @@ class EpisodeTotals:
     """(W, N) sum of the rewards."""
 
 
-@wp.kernel
-def reset_tally(first: int, clock: Clock, tally: EpisodeTotals):
+@stage(WORLD, writes="tally: all")
+def reset_tally(w: int, clock: Clock, tally: EpisodeTotals):
     """Reset the totals of a new episode."""
-    w = first + wp.tid()
-    if clock.active[w] == 0:
-        return
     for i in range(tally.contact.shape[1]):
         for j in range(tally.contact.shape[1]):
             tally.contact[w, i, j] = 0
@@ -220,9 +218,16 @@ def tally_coverage(w: int, now: int, robots: int, cells_total: int, tally: Episo
         tally.covered_each_at[w] = now
 
 
-@wp.kernel
+@stage(
+    WORLD,
+    writes=(
+        "tally: change_sum, covered_at, covered_each_at, distance_sum, fault_end, faulted, lateral_max, "
+        "lateral_sum, nominal_phase_error, off_at, outside_steps, phase_error, phase_error_max, "
+        "spacing_max, speed_max, tracking_max, tracking_sum"
+    ),
+)
 def keep_score(
-    first: int,
+    w: int,
     cells_total: int,
     neighbours: wp.array2d(dtype=int),
     clock: Clock,
@@ -231,9 +236,6 @@ def keep_score(
     tally: EpisodeTotals,
 ):
     """Add the state after this step to the totals of the episode."""
-    w = first + wp.tid()
-    if clock.active[w] == 0:
-        return
     now = clock.step[w]
     n = robots.status.shape[1]
     for i in range(n):

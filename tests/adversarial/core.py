@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-import baselines
 import lissajous_env
 from lissajous_env.parameters.scenario import PARTS, Scenario
 from lissajous_env.world.columns import COLUMNS
@@ -126,28 +125,6 @@ def out_of_range(simulation: Any) -> str | None:
         for name, value in row.items():
             if isinstance(value, float) and not (math.isfinite(value) or (math.isnan(value) and name in _MAY_BE_NAN)):
                 return f"score {name} is {value}"
-    return None
-
-
-def policies(draw: np.random.Generator) -> str | None:
-    """Let a classical policy act on a scenario with fields inside their ranges: its actions are finite."""
-    base = str(draw.choice(BASES))
-    picked = draw.choice(len(FIELDS), 2, replace=False)
-    overrides = {f"{FIELDS[k][0]}.{FIELDS[k][1].name}": within_range(draw, FIELDS[k][1]) for k in picked}
-    name = str(draw.choice([each for each in baselines.names(base) if "learned" not in each]))
-    try:
-        scenario = lissajous_env.scenario(base, **overrides).resolve()
-        if scenario.num_robots * (math.prod(scenario.task.grid or (0,)) + scenario.target_capacity) > 3e6:
-            return None
-        simulation = lissajous_env.Simulation(scenario, 1)
-        policy = baselines.make(name, scenario, 1)
-    except ValueError:
-        return None
-    for _ in range(5):
-        action = policy.act(simulation.observation)
-        if not np.isfinite(action.numpy()).all():
-            return f"{name} on {base} with {overrides}: {action.numpy().ravel()[:4]}"
-        simulation.step(action)
     return None
 
 
@@ -375,7 +352,6 @@ ATTACKS = [
         400,
         fields,
     ),
-    Attack("classical policies in any scenario", "All actions are finite.", 60, policies),
     Attack("what is no action", "The input is rejected, and the state does not change.", 60, actions),
     Attack("what are no worlds or seeds", "The input is rejected, and the state does not change.", 60, resets),
     Attack("a world alone and in a batch", "The results are the same, bit for bit.", 60, batch_law),

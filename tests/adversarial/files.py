@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.storage.files import parse_json
 from lissajous_env.storage.folder import LIST
 from tests.adversarial import Attack, killing
 
@@ -153,8 +152,7 @@ def _changed_checkpoint(draw: np.random.Generator, folder: Path) -> str | None:
     from lissajous_env import Simulation
     from training.learned import checkpoint
 
-    files = _trained()
-    for name, data in files.items():
+    for name, data in _trained().items():
         (folder / name).write_bytes(data)
     path = folder / checkpoint.FILE
     if draw.random() < 0.8:
@@ -163,7 +161,7 @@ def _changed_checkpoint(draw: np.random.Generator, folder: Path) -> str | None:
             text = _changed(draw, text)
         path.write_text(json.dumps(text))
     else:
-        _damage(draw, folder / str(draw.choice(sorted(files))))
+        _damage(draw, folder / str(draw.choice(sorted(_trained()))))
     try:
         policy = training.load(folder)
         action = policy.act(Simulation(policy.scenario).observation.numpy())
@@ -211,53 +209,6 @@ def _damage(draw: np.random.Generator, path: Path) -> None:
             path.mkdir()
 
 
-@functools.cache
-def _played() -> dict[str, bytes]:
-    """Files of a small benchmark, by name."""
-    with tempfile.TemporaryDirectory() as folder:
-        killing.benchmark(Path(folder))
-        return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
-
-
-@_in_a_folder
-def _changed_results(draw: np.random.Generator, folder: Path) -> str | None:
-    out = folder / "out"
-    out.mkdir()
-    for name, data in _played().items():
-        (out / name).write_bytes(data)
-    _damage(draw, out / str(draw.choice(sorted(_played()))))
-    (folder / "mine").write_text("mine")
-    (out / "mine").write_text("mine")
-    try:
-        killing.benchmark(out)
-    except ValueError as error:
-        if str(error).count("\n") > 30:
-            return f"an error without a clear line: {error}"
-    else:
-        rows = sorted((out / "episodes.jsonl").read_bytes().splitlines())
-        if len(rows) != len(_played()["episodes.jsonl"].splitlines()):
-            return f"{len(rows)} episodes"
-    whole = (out / "mine").read_text() == (folder / "mine").read_text() == "mine"
-    return None if whole else "a file of the user was changed"
-
-
-@_in_a_folder
-def _strict_json(draw: np.random.Generator, folder: Path) -> str | None:
-    text = json.dumps(_changed(draw, json.loads(_trained()["checkpoint.json"])))
-    data = bytearray(text.encode(errors="surrogatepass"))
-    if draw.random() < 0.7:
-        for _ in range(draw.integers(1, 4)):
-            at = draw.integers(len(data))
-            data[at : at + draw.integers(3)] = draw.choice(
-                [b"{", b"[", b"1e999", b"NaN", b'"', b"\xff", b"\\u0000", b"9" * 500]
-            )
-    try:
-        found = parse_json(bytes(data), folder)
-    except ValueError as error:
-        return None if str(folder) in str(error) and "\n" not in str(error) else f"unclear: {error}"
-    return None if json.loads(json.dumps(found, allow_nan=False)) == found else "it cannot be written again"
-
-
 _SAME = "The same command, run again, ends with the same bits as an uninterrupted one."
 _SAME_AND_ONE_LINE = f"The error is one line; t{_SAME[1:]}"
 ATTACKS = [
@@ -279,8 +230,4 @@ ATTACKS = [
         500,
         _changed_checkpoint,
     ),
-    Attack(
-        "results that were changed", "The results are rejected by name, or contain all episodes.", 60, _changed_results
-    ),
-    Attack("JSON that was changed", "The file is rejected in one line, or can be written again.", 3000, _strict_json),
 ]

@@ -23,7 +23,7 @@ from rich.console import Console
 
 QUIET = Console(quiet=True)
 _LOADED = ["torch._dynamo", "torch.utils.tensorboard", "matplotlib.backends.backend_agg", "training.sb3.trainer"]
-_LOADED += ["training.learned.policy", "baselines.benchmark.pictures", "baselines.reproduce"]
+_LOADED += ["training.learned.policy", "baselines.benchmark.running", "baselines.reproduce"]
 _ADDS = ("open", "os.mkdir", "os.rename", "write", "fsync")
 """Operations that a full disk refuses."""
 

@@ -1,25 +1,14 @@
 """Attacks on policies: batches, copies, actions and observations that are no numbers, networks of all shapes."""
 
-import copy
-import pickle
-import tempfile
 from collections.abc import Callable
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import warp as wp
-from rich.console import Console
 
 import baselines
 import lissajous_env
-from baselines.benchmark.running import measure
-from baselines.benchmark.types import Benchmark
-from baselines.policies.base import Policy
-from lissajous_env import Simulation
-from lissajous_env.episodes.evaluation import evaluate
-from lissajous_env.episodes.recording import record
 from tests.adversarial import Attack
 from training.learned.card import Card
 from training.learned.network import Network
@@ -39,105 +28,6 @@ def drawn_policy(draw: np.random.Generator) -> tuple[str, str]:
         except ValueError:  # a learned policy whose observation is another
             continue
         return scenario, name
-
-
-def in_any_batch(draw: np.random.Generator) -> str | None:
-    """A row among 33 worlds, and in a batch of another size, order and make of array."""
-    scenario, name = drawn_policy(draw)
-    simulation = Simulation(scenario, 33, seed=int(draw.integers(2**30)))
-    size = int(draw.choice([1, 2, 3, 5, 16, 33, 40]))
-    worlds = draw.integers(0, 33, size)
-    together, apart = baselines.make(name, scenario, 33), baselines.make(name, scenario, size)
-    as_warp = bool(draw.integers(2))
-    for step in range(int(draw.integers(3, 15))):
-        rows = simulation.observation.numpy().copy()
-        action = together.act(rows)
-        own = np.ascontiguousarray(rows[worlds])
-        got = apart.act(wp.array(own, dtype=wp.float32, device="cpu")).numpy() if as_warp else apart.act(own)
-        if not (got == action[worlds]).all():
-            return f"{name} on {scenario}, batch of {size}: step {step} differs"
-        simulation.step(action)
-        if draw.random() < 0.2:
-            forgotten = draw.random(33) < 0.3
-            together.reset(forgotten)
-            apart.reset(forgotten[worlds])
-    return None
-
-
-def copied(draw: np.random.Generator) -> str | None:
-    """A deep copy, a pickle and a loaded state, at any step."""
-    scenario, name = drawn_policy(draw)
-    worlds = int(draw.integers(1, 5))
-    policy, simulation = (
-        baselines.make(name, scenario, worlds),
-        Simulation(scenario, worlds, seed=int(draw.integers(99))),
-    )
-    for _ in range(int(draw.integers(0, 25))):
-        simulation.step(policy.act(simulation.observation))
-    loaded = baselines.make(name, scenario, worlds)
-    loaded.load_state(policy.save_state())
-    copies = {"deepcopy": copy.deepcopy(policy), "pickle": pickle.loads(pickle.dumps(policy)), "state": loaded}
-    for step in range(6):
-        rows = simulation.observation.numpy().copy()
-        action = policy.act(rows)
-        for way, each in copies.items():
-            if not (each.act(rows) == action).all():
-                return f"{name} on {scenario}, by {way}: step {step} differs"
-        simulation.step(action)
-    return None
-
-
-class Wrecked(Policy):
-    """Another policy until a step, in which one number of its action is replaced."""
-
-    arrays = "warp"
-
-    def __init__(self, policy: Policy, step: int, place: tuple[int, int, int], value: float):
-        super().__init__(policy.scenario, policy.num_worlds)
-        self.policy, self.step, self.place, self.value, self.now = policy, step, place, value, 0
-        self.name = "wrecked"
-
-    def forget(self, mask: np.ndarray) -> None:
-        """Begin to count again."""
-        self.policy.reset(mask)
-        self.now = 0
-
-    def decide(self, observation: wp.array) -> None:
-        """Take the other's action, and replace the number."""
-        self.now += 1
-        action = self.policy.act(observation).numpy().copy()
-        if self.now == self.step:
-            action[self.place] = self.value
-        self.action.assign(action)
-
-
-def not_a_number(draw: np.random.Generator) -> str | None:
-    """One number of one action in an episode, through evaluate, record and a benchmark."""
-    scenario, name = drawn_policy(draw)
-    made = lissajous_env.scenario(scenario, **{"task.duration": 2.0, "task.grid": None})
-    inner = baselines.make(name, made, 3)
-    steps = made.resolve().task.steps
-    step, way = int(draw.integers(1, steps + 1)), int(draw.integers(3))
-    world = 0 if way == 1 else int(draw.integers(3))
-    place = (world, int(draw.integers(made.num_robots)), int(draw.integers(inner.action.shape[2])))
-    wrecked = Wrecked(inner, step, place, float(draw.choice([np.nan, np.inf, -np.inf])))
-    where = f"step {step} of {scenario} in world {world} "
-    words = f"policy wrecked must return finite actions, got NaN or infinity in {where}"
-    try:
-        if way == 0:
-            evaluate(wrecked, made, range(3))
-        elif way == 1:
-            record(wrecked, made)
-        else:
-            with tempfile.TemporaryDirectory() as folder:
-                settings = Benchmark((scenario,), ("still",), 3, batch=3, out=Path(folder))
-                outcome = measure(settings, {"wrecked": wrecked}, [made], Console(quiet=True))
-            if {row["policy"] for row in outcome.rows} != {"still"}:
-                return "its rows were kept"
-            raise ValueError(outcome.failures[0].error.partition(": ")[2])
-    except ValueError as error:
-        return None if str(error).startswith(words) else f"{way}: {error}"
-    return f"{way}: it was scored"
 
 
 def hostile_rows(draw: np.random.Generator) -> str | None:
@@ -200,24 +90,6 @@ def hostile_network(draw: np.random.Generator) -> str | None:
 
 
 ATTACKS = [
-    Attack(
-        "policies in another batch",
-        "A row's action is the same, bit for bit, in any batch, at any place, from NumPy and Warp arrays.",
-        400,
-        in_any_batch,
-    ),
-    Attack(
-        "policies copied in mid-episode",
-        "A deep copy, a pickle and a loaded state continue like the original, bit for bit.",
-        400,
-        copied,
-    ),
-    Attack(
-        "policies that return no numbers",
-        "Evaluation, recording and benchmark stop the policy with its name, scenario, world and step.",
-        60,
-        not_a_number,
-    ),
     Attack(
         "hostile observations",
         "Actions are finite and in [-1, 1], or the observation is rejected by name.",

@@ -71,7 +71,7 @@ def test_an_error_of_the_disk_on_another_thread_reaches_the_caller(tmp_path, mon
     def full(self, batch):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(results_folder.Episodes, "add", full)
+    monkeypatch.setattr(results_folder.Results, "add", full)
     with pytest.raises(OSError, match="No space left"):
         run(settings(tmp_path), console=QUIET)
 
@@ -85,9 +85,8 @@ def test_each_cell_has_its_line_when_it_ends():
         progress.begin(second)
         progress.step(first, 2)
         progress.finished(second, 1)
-        progress.end(second)
         progress.finished(first, 1)
-        progress.end(first, "failed")
+        progress.failed(first, "failed")
     told = [line.rpartition(",")[0] for line in lines.getvalue().splitlines()]
     assert told == ["failure second: 1 episode", "failure first: failed"]
 

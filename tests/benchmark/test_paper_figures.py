@@ -9,13 +9,13 @@ import pytest
 from PIL import Image
 from rich.console import Console
 from scipy.stats import mannwhitneyu
-from test_comparison import INTRUDERS, rows
+from test_table import INTRUDERS, rows
 
 import lissajous_env
 from baselines.benchmark import clairvoyant, paper_figures
-from baselines.benchmark.comparison import compare
 from baselines.benchmark.running import run
 from baselines.benchmark.statistics import performance_profile, probability_of_improvement
+from baselines.benchmark.table import Table
 from baselines.benchmark.types import Benchmark
 from baselines.benchmark.written import latex
 from baselines.commands.figures import figures
@@ -60,11 +60,6 @@ def test_improvement_is_mann_whitneys_u_averaged_over_scenarios():
     assert (low, high) == pytest.approx(tuple(np.quantile(drawn, [0.025, 0.975])), abs=0.02)
 
 
-def test_improvement_over_what_never_ends():
-    endless = [np.array([np.inf, 3.0, np.nan])]
-    assert probability_of_improvement(endless, [np.array([np.inf, np.inf])])[0] == (0.5 + 0.5 + 1 + 1) / 4
-
-
 def test_profiles_are_shares_of_all_episodes():
     strata = [np.array([1.0, 2.0, np.inf, 2.0]), np.array([0.5, np.nan, 3.0])]
     share, low, high = performance_profile(strata, np.array([0.4, 0.5, 2.0, 9.0]))
@@ -89,7 +84,7 @@ def test_every_figure_of_a_folder_is_drawn_and_the_same_again(folder, tmp_path, 
     written = figures(folder, form, tmp_path / form)
     assert {path.name.rpartition(".")[0] for path in written} == {
         "table", "profiles-car", "improvement-car", "aggregates-car", "profiles-curve", "improvement-curve",
-        "aggregates-curve", "ratios-car", "distribution-evaders", "distribution-intruders",
+        "ratios-car", "distribution-evaders", "distribution-intruders",
         "distribution-failure",
     }  # fmt: skip
     drawn = [path for path in written if path.suffix != ".tex"]
@@ -141,7 +136,7 @@ def test_a_column_of_ones_own_is_in_its_distribution_and_in_the_table(folder, tm
 def test_the_table_escapes_what_latex_would_read_and_marks_the_best():
     seer = rows(clairvoyant.NAME, detection_time_mean=[0.1, 0.1])
     played = [*rows("my_50%&#{x}~^\\$", detection_time_mean=[2.0, 2.0]), *rows("slow", detection_time_mean=[3.0, 3.0])]
-    text = latex(compare([*played, *seer], INTRUDERS))
+    text = latex(Table.of([*played, *seer], INTRUDERS))
     assert r"my\_50\%\&\#\{x\}\textasciitilde{}\textasciicircum{}\textbackslash{}\$ & \textbf{2}" in text
     assert "slow & 3 " in text
     assert r"(clairvoyant) & 0.100 " in text

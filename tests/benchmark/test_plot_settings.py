@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 DRAWN = """
-import hashlib, io, os, sys
+import hashlib, os, pathlib, sys
 from lissajous_env.console import cli
 try:
     cli.main(["--version"])
@@ -14,7 +14,7 @@ except SystemExit:
 import lissajous_env
 from baselines.reproduce.drawing import Sheet, drawn_as
 from lissajous_env.episodes import recording
-from lissajous_env.render.vector import save_sheet
+from lissajous_env.render.sheet import save_sheet
 
 for suffix in ("png", "svg", "pdf"):
     with drawn_as(suffix), Sheet("name", "Title with a $ sign", 5.0, 3.0) as sheet:
@@ -25,9 +25,8 @@ for suffix in ("png", "svg", "pdf"):
 policy = lissajous_env.policy("still", "experiment")
 kept = recording.record(policy, lissajous_env.scenario("experiment", **{"task.duration": 0.5}), seed=1)
 for suffix in ("svg", "pdf"):
-    file = io.BytesIO()
-    save_sheet(kept, file, suffix, [0, 3], 2)
-    print(hashlib.sha256(file.getvalue()).hexdigest())
+    save_sheet(kept, f"sheet.{suffix}")
+    print(hashlib.sha256(pathlib.Path(f"sheet.{suffix}").read_bytes()).hexdigest())
 """
 
 HOSTILE = """

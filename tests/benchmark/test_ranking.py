@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import rankdata
 
 import lissajous_env
-from baselines.benchmark.comparison import with_derived
 from baselines.benchmark.ranking import rankings
+from baselines.benchmark.table import Table
 from lissajous_env.world.columns import COLUMNS
 
 SCENARIOS = {name: lissajous_env.scenario(name) for name in ("evaders", "team", "redundant")}
@@ -34,8 +34,8 @@ def test_ranks_by_hand():
         *rows("team", "clairvoyant", detection_time_mean=[0.1, 0.1], collisions=[0, 0]),
         *rows("redundant", "point", detection_time_mean=[1.0], collisions=[0]),
     ]
-    (cars,) = rankings(with_derived(played, SCENARIOS), SCENARIOS)
-    assert (cars.kind, cars.scenarios) == ("car", ("evaders", "team"))
+    (cars,) = rankings(Table.of(played, SCENARIOS))
+    assert (cars.group.kind, cars.group.scenarios) == ("car", ("evaders", "team"))
     assert set(cars.ranks) == {"a", "b"}  # who did not play all of them, and who is no policy, has no rank
     assert cars.ranks["a"]["detection_time_mean"][0] == (1 + 1 + 2 + 1.5) / 4
     assert cars.ranks["b"]["detection_time_mean"][0] == (2 + 2 + 1 + 1.5) / 4
@@ -50,7 +50,7 @@ def test_guarantees_rank_by_their_largest_value():
     # Story: "often short" is shorter on three seeds of four, and longer on one; a mean or a rank by seed prefers it.
     times = {"often short": [3.0, 3.0, 3.0, 7.0], "always": [4.0, 4.0, 4.0, 4.0]}
     played = [row for name, of in times.items() for row in rows("evaders", name, guaranteed_detection_time=of)]
-    (cars,) = rankings(with_derived(played, SCENARIOS), SCENARIOS)
+    (cars,) = rankings(Table.of(played, SCENARIOS))
     of = {policy: ranks["guaranteed_detection_time"] for policy, ranks in cars.ranks.items()}
     assert of == {"always": (1, 1, 1), "often short": (2, 2, 2)}
 
@@ -62,7 +62,7 @@ def test_an_open_guarantee_ranks_below_any_that_is_not_and_equals_another():
         is_open = policy != "closed"
         more = {"unseen_at_end": [time if is_open else 1.0] * 2, "guarantee_open": [float(is_open)] * 2}
         played += rows("evaders", policy, guaranteed_detection_time=[time] * 2, **more)
-    (cars,) = rankings(with_derived(played, SCENARIOS), SCENARIOS)
+    (cars,) = rankings(Table.of(played, SCENARIOS))
     of = {policy: ranks["guaranteed_detection_time"] for policy, ranks in cars.ranks.items()}
     assert of == {"closed": (1, 1, 1), "open": (2.5, 2.5, 2.5), "open too": (2.5, 2.5, 2.5)}
 
@@ -71,7 +71,7 @@ def test_ranks_are_scipys_and_their_interval_that_of_seeds():
     rng = np.random.default_rng(0)
     times = rng.normal([[1.0], [1.1], [1.5]], 0.3, (3, 40))
     played = [row for k, name in enumerate("abc") for row in rows("evaders", name, detection_time_mean=times[k])]
-    (cars,) = rankings(with_derived(played, SCENARIOS), SCENARIOS)
+    (cars,) = rankings(Table.of(played, SCENARIOS))
     oracle = rankdata(times, axis=0)
     for k, name in enumerate("abc"):
         mean, low, high = cars.ranks[name]["detection_time_mean"]

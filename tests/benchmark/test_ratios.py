@@ -5,10 +5,19 @@ import math
 import numpy as np
 import pytest
 
+import lissajous_env
 from baselines.benchmark.bounds import Bounds
-from baselines.benchmark.ratios import TAUS, largest_over_scenarios, over_scenarios, profile, profiles, with_ratios
-from baselines.benchmark.statistics import bootstrap_interval, interquartile_mean, performance_profile
+from baselines.benchmark.statistics import (
+    bootstrap_interval,
+    interquartile_mean,
+    largest_over_scenarios,
+    over_scenarios,
+    performance_profile,
+    profile_over_scenarios,
+)
+from baselines.benchmark.table import with_derived
 from baselines.benchmark.tables import in_words
+from baselines.benchmark.written import TAUS
 from lissajous_env.world.columns import AT_END, COLUMNS, DETECTION_TIME, OPEN, WORST_CASE
 
 BOUNDS = {"small": Bounds(0.5, 2.0, math.nan), "large": Bounds(5.0, math.nan, math.nan)}
@@ -21,7 +30,8 @@ def row(scenario, policy, seed, time, worst_case, is_open=0.0, at_end=0.5):
 
 def ratios(rows, bounds=BOUNDS):
     names = "detection_over_best", "worst_case_over_bound", "worst_case_over_best"
-    return [[each[name] for name in names] for each in with_ratios(rows, bounds)]
+    scenarios = dict.fromkeys(BOUNDS, lissajous_env.scenario("evaders"))
+    return [[row[name] for name in names] for row in with_derived(rows, scenarios, bounds)]
 
 
 def test_ratios_by_hand():
@@ -71,9 +81,9 @@ def test_a_scenario_in_other_units_has_the_same_ratios():
 def test_a_guarantee_over_scenarios_is_its_largest_ratio():
     # Oracle: by hand; the means of these would be 2, 2 and infinite.
     of = largest_over_scenarios([1.0, 3.0], [2.0, math.nan], [1.0, math.inf])
-    assert in_words(of) == ("> 3", "median 3, n = 3, 1 open")
-    assert in_words(largest_over_scenarios([1.0, 3.0], [2.0], [2.0])) == ("3", "median 2, n = 3")
-    assert in_words(largest_over_scenarios([math.inf], [math.inf])) == ("no bound", "median open, n = 2, 2 open")
+    assert in_words(of) == ("> 3", "median 3, 1 of 3 open")
+    assert in_words(largest_over_scenarios([1.0, 3.0], [2.0], [2.0])) == ("3", "median 2 of 3")
+    assert in_words(largest_over_scenarios([math.inf], [math.inf])) == ("no bound", "2 of 2 open")
     assert in_words(largest_over_scenarios([math.nan], [])) == ("\N{EM DASH}", "")
 
 
@@ -109,7 +119,7 @@ def test_infinite_scenarios_do_not_count_as_none():
 def test_a_profile_of_one_episode_each_is_the_performance_profile():
     # Oracle: the profile of episodes, of which each scenario has one.
     values = np.append(np.random.default_rng(3).uniform(1, 6, 30), [np.inf, np.nan])
-    found = np.array(profile([[value] for value in values], TAUS))
+    found = np.array(profile_over_scenarios([[value] for value in values], TAUS)).T
     share, low, high = performance_profile([values], np.array(TAUS), resamples=2000)
     np.testing.assert_allclose(found[:, 0], share)
     np.testing.assert_allclose(found[:, 1:], np.stack([low, high], axis=1), atol=0.04)
@@ -117,16 +127,5 @@ def test_a_profile_of_one_episode_each_is_the_performance_profile():
 
 
 def test_each_scenario_counts_once_in_a_profile():
-    assert profile([[1.0], [9.0] * 99], [2.0])[0][0] == 0.5
-    assert math.isnan(profile([[math.nan]], [2.0])[0][0])
-
-
-def test_profiles_are_of_each_policy_and_ratio():
-    rows = with_ratios([row("small", "a", 0, 3.0, 4.0), row("small", "b", 0, 2.0, 8.0)], BOUNDS)
-    rows = [each | {"over_lower_bound": 4.0} for each in rows]
-    found = profiles({each["policy"]: {"small": [each]} for each in rows})
-    shares = {p: {column: [share for share, *_ in of] for column, of in by.items()} for p, by in found.items()}
-    assert shares["a"]["detection_over_best"] == [float(tau >= 1.5) for tau in TAUS]
-    assert shares["b"]["detection_over_best"] == [1.0] * len(TAUS)
-    assert shares["b"]["worst_case_over_bound"] == [float(tau >= 4.0) for tau in TAUS]
-    assert shares["a"]["over_lower_bound"] == [float(tau >= 4.0) for tau in TAUS]
+    assert profile_over_scenarios([[1.0], [9.0] * 99], [2.0])[0][0] == 0.5
+    assert math.isnan(profile_over_scenarios([[math.nan]], [2.0])[0][0])

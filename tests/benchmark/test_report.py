@@ -13,10 +13,10 @@ from rich.console import Console
 import baselines
 import lissajous_env
 import training.report
-from baselines.benchmark import failures, local, replays, report_page
-from baselines.benchmark.comparison import with_derived
+from baselines.benchmark import local, ranking, replays, report_page
 from baselines.benchmark.ranking import rankings
 from baselines.benchmark.running import run
+from baselines.benchmark.table import Table
 from baselines.benchmark.tables import number
 from baselines.benchmark.types import Benchmark
 from lissajous_env.episodes.recording import record
@@ -74,7 +74,7 @@ def test_the_page_has_the_ranking_the_pairs_and_all_scenarios_together(tmp_path)
     names = [each["name"] for each in data["policies"]]
     (cars,) = data["rankings"]
     scenarios = {name: lissajous_env.scenario(name, **SHORT) for name in ("evaders", "team")}
-    (oracle,) = rankings(with_derived(rows, scenarios), scenarios)
+    (oracle,) = rankings(Table.of(rows, scenarios))
     assert [names[each["policy"]] for each in cars["policies"]] == list(oracle.ranks)
     assert cars["policies"][0]["ranks"][0] == pytest.approx(oracle.overall[next(iter(oracle.ranks))], rel=1e-4)
     overall = summary["overall"]["evaders, team"]
@@ -88,7 +88,7 @@ def test_the_page_has_the_ranking_the_pairs_and_all_scenarios_together(tmp_path)
         for each in scenario["against"]["policies"]:
             of = pairs[names[each["policy"]]]["detection_time_mean"]
             assert each["pairs"][0]["better"][0] == pytest.approx(of["better"])
-            assert each["pairs"][0]["difference"] == number(of["difference"])
+            assert each["pairs"][0]["difference"].lstrip("+") == number(of["difference"])
 
 
 @lissajous_env.score_column(reduce="max")
@@ -122,9 +122,9 @@ def test_the_worst_comes_first():
     both = lost | {"collisions": 3}
     blind = lost | {"collisions": 3, "sensed_fraction": 0.4}
     empty = good | dict.fromkeys(("guaranteed_detection_time", "detection_time_mean", "detected_fraction"), math.nan)
-    rows = with_derived([good, both, slow, blind, empty, lost], {"evaders": scenario})
-    assert failures.worst_first(rows, {"evaders": scenario}) == [3, 1, 5, 2, 0, 4]
-    assert [failures.failed(row) for row in rows[:4]] == [
+    rows = [good, both, slow, blind, empty, lost]
+    assert ranking.worst_first(rows, {"evaders": scenario}) == [3, 1, 5, 2, 0, 4]
+    assert [ranking.failed(row) for row in rows[:4]] == [
         [False, False, False], [False, True, True], [False, False, False], [True, True, True],
     ]  # fmt: skip
 
@@ -133,8 +133,7 @@ def test_replays_are_the_worst_the_chosen_and_their_partners(small_one):
     _, rows, blocks = small_one
     data = blocks["data"]
     scenarios = {name: lissajous_env.scenario(name, **SHORT) for name in TWO}
-    told = with_derived(rows, scenarios)
-    ranked = [told[k] for k in failures.worst_first(told, scenarios)]
+    ranked = [rows[k] for k in ranking.worst_first(rows, scenarios)]
     worst = {(row["scenario"], row["policy"]): row["seed"] for row in reversed(ranked)}
     wanted = {(s, p, seed) for (s, p), seed in worst.items()} | {("evaders", "laps", 2)}
     wanted |= {("evaders", "kuramoto-mpcc", seed) for s, _, seed in wanted if s == "evaders"}
@@ -163,11 +162,17 @@ def test_a_replay_is_the_episode_as_it_was_scored(small_one):
 def test_rounds_put_the_worst_of_all_before_medians_and_bests():
     rows = [{"scenario": "a", "policy": p, "seed": seed} for seed in range(5) for p in ("x", "y")]
     of = lambda *seeds: [("a", p, seed) for p in ("x", "y") for seed in seeds]  # noqa: E731
-    assert replays.chosen(("each",), rows) == replays.chosen(("few",), rows) == [of(0), of(2, 4)]
-    assert replays.chosen(("2",), rows) == [of(0, 1)]
-    assert replays.chosen(("all",), rows) == [of(0, 1, 2, 3, 4)]
-    assert replays.chosen(("none",), rows) == []
-    assert replays.chosen(("a:y:3", "none"), rows) == [[("a", "y", 3)]]
+
+    def rounds(*asked, cells=(("a", "x"), ("a", "y"))):
+        chosen = replays.chosen(asked, rows, cells)
+        return [[key for key in chosen if chosen[key] == number] for number in sorted(set(chosen.values()))]
+
+    assert rounds("each") == rounds("few") == [of(0), of(2, 4)]
+    assert rounds("2") == [of(0, 1)]
+    assert rounds("all") == [of(0, 1, 2, 3, 4)]
+    assert rounds("none") == []
+    assert rounds("a:y:3", "none") == [[("a", "y", 3)]]
+    assert rounds("1", cells=[("a", "y")]) == [[("a", "y", 0)]]
 
 
 def test_replays_are_the_same_on_any_number_of_threads(tmp_path, monkeypatch):

@@ -3,22 +3,19 @@
 import json
 import re
 import sys
-from pathlib import Path
 
 import figures
-import learned
 import numpy as np
 import pytest
 import results
-import safety
 import trainings
 from rich.console import Console
 
 import lissajous_env
 from baselines.benchmark import clairvoyant, standard
-from baselines.benchmark.comparison import compare
 from baselines.benchmark.running import measure, plan, run
-from baselines.benchmark.statistics import interquartile_mean, summarize
+from baselines.benchmark.statistics import interquartile_mean
+from baselines.benchmark.table import Table
 from baselines.benchmark.types import Benchmark
 from baselines.benchmark.written import markdown, table_of
 from baselines.planning import best_known, portfolio
@@ -34,7 +31,7 @@ def rows(policy, times, scenario="intruders"):
 def test_the_table_says_what_the_rows_hold():
     scenario = lissajous_env.scenario("intruders")
     played = [*rows("kuramoto-mpcc", [4.0] * 4), *rows("laps", [2.0, 2.0, 2.0, 6.0]), *rows("clairvoyant", [1.0] * 4)]
-    made = table_of(compare(played, {"intruders": scenario}))
+    made = table_of(Table.of(played, {"intruders": scenario}))
     first, laps, seer = (dict(zip(made["columns"], row, strict=True)) for row in made["rows"])
     assert list(first)[:4] == ["scenario", "policy", "detection [s]", "over lower bound"]
     assert (first["scenario"], first["detection [s]"], first["sooner"]) == ("`intruders`, lower bound 0.582 s", "4", "")
@@ -85,7 +82,7 @@ def test_the_command_makes_the_table_of_the_readme(tmp_path):
 def test_a_named_scenario_is_played_as_in_the_standard_comparison(tmp_path):
     def played(**overrides):
         settings = Benchmark(("intruders",), ("still",), 1, out=tmp_path / str(len(overrides)), overrides=overrides)
-        return measure(settings, console=Console(quiet=True)).held_scenarios["intruders"].task.contamination
+        return measure(settings, console=Console(quiet=True)).table.scenarios["intruders"].task.contamination
 
     assert played(**{"task.duration": 0.5}) == (108, 48)
     assert played(**{"task.duration": 0.5, "task.contamination": None}) is None
@@ -123,13 +120,6 @@ def test_results_are_kept_of_each_policy_on_a_scenario(tmp_path, monkeypatch, ca
     )
 
 
-def test_a_large_scenario_is_played_by_few():
-    small = results.settings_for(lissajous_env.scenario("swarm"), 8, Path("x"))
-    large = results.settings_for(lissajous_env.scenario("swarm", **{"targets.count": 200_000}), 8, Path("x"))
-    assert (small.episodes, small.policies) == (8, ("all",))
-    assert (large.episodes, large.policies) == (1, results.RIVALS)
-
-
 def test_trainings_are_judged_together_and_alone():
     # Oracle: by hand, and the two-level interval of the same numbers.
     rng = np.random.default_rng(0)
@@ -144,15 +134,6 @@ def test_trainings_are_judged_together_and_alone():
     assert judged["collisions"]["statistic"] == "mean"
     assert judged["sensed_fraction"]["better"] == 0.5
     assert trainings.judged([list(rows("alone", times[0]))], reference)["collisions"]["interval"] is None
-
-
-def test_episodes_of_a_training_that_are_there_are_not_played_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(trainings.subprocess, "run", lambda *_, **__: pytest.fail("trained again"))
-    kept = list(rows("learned", [1.0, 2.0]))
-    (tmp_path / "seed-0-1000.json").write_text(json.dumps(kept))
-    assert trainings.scored(tmp_path, "intruders", 0, 1000, 2, ()) == kept
-    with pytest.raises(BaseException, match="trained again"):
-        trainings.scored(tmp_path, "intruders", 0, 1000, 3, ())
 
 
 def cell(made, row, column):
@@ -177,28 +158,3 @@ def test_the_table_of_trainings_has_each_of_them_all_and_the_reference():
     assert cell(made, "after 15 million steps, all", "sooner").startswith("75 % (")
     assert cell(made, "`kuramoto-mpcc`", "detection [s]") == "2"
     assert cell(made, "`kuramoto-mpcc`", "sooner") == ""
-
-
-def test_collisions_with_a_filter_stand_beside_those_without():
-    numbers = dict.fromkeys(safety.COLUMNS, 1.0)
-    counts = {"sweep": 8.0, "sweep-safe": 2.0, "sweep-proved": 4.0, "still": 0.0, "still-safe": 0.0}
-    made = safety.as_table({("rough", name): numbers | {"collisions": count} for name, count in counts.items()})
-    column = "of those without the filter [%]"
-    assert cell(made, "rough, `sweep`", "collisions") == "8"
-    shares = [cell(made, f"rough, `{name}`", column) for name in counts]
-    assert shares == ["", "25", "50", "", ""]
-
-
-def test_the_learned_ones_time_stands_beside_the_others():
-    def scores(time):
-        numbers = {"detection_time_mean": time, "collisions": 1.0, "recovery_time": np.nan}
-        return {column: summarize([number] * 4) for column, number in numbers.items()}
-
-    made = learned.as_table(
-        {"intruders": {"learned-intruders": scores(1.0), "laps": scores(2.0), "laps, tuned (fast)": scores(4.0)}}
-    )
-    assert made["columns"][1:4] == ["detection [s]", "collisions", "recovery [s]"]
-    assert made["rows"][1:] == [
-        ["intruders, `laps`", "2", "1", "\N{EM DASH}", "0.500"],
-        ["intruders, `laps`, tuned (fast)", "4", "1", "\N{EM DASH}", "0.250"],
-    ]

@@ -51,7 +51,8 @@ def run(code, *arguments):
     ],
 )
 def test_a_child_forked_while_another_thread_is_busy(busy):
-    # Oracle: the exit status of each child, which has to end. It steps, makes and acts itself.
+    # Oracle: the exit status of each child, which has to end. It makes, steps and acts itself; what another thread was
+    # working on is refused by name.
     code = f"""
     import itertools
     number = itertools.count()
@@ -71,9 +72,13 @@ def test_a_child_forked_while_another_thread_is_busy(busy):
     for _ in range(8):
         time.sleep(0.02)
         if (child := os.fork()) == 0:
-            for _ in range(3):
+            try:
                 simulation.step(policy.act(observation).numpy())
-            lissajous_env.Simulation(lissajous_env.scenario("experiment", **{{"robot.radius": 0.06}}))
+            except RuntimeError as error:
+                assert "was running in another thread when this process was forked" in str(error)
+            wide = lissajous_env.scenario("experiment", **{{"robot.radius": 0.06}})
+            other = lissajous_env.Simulation(wide, 16, threads=2)
+            other.step(zeros(other))
             os._exit(0)
         statuses.append(ended(child))
         if "hangs" in statuses:
@@ -86,41 +91,9 @@ def test_a_child_forked_while_another_thread_is_busy(busy):
     assert run(code) == "{0}"
 
 
-def test_what_a_child_inherits_is_whole():
-    # Oracle: the same number of steps in a simulation of the child's own, bit for bit.
-    code = """
-    long = lissajous_env.scenario("rough", **{"task.duration": 1e4, "targets.arrival_rate": 0.0})
-    simulation = lissajous_env.Simulation(long, 200, threads=2)
-    stopping = False
-
-    def go_on():
-        while not stopping:
-            simulation.step(zeros(simulation))
-
-    thread = threading.Thread(target=go_on)
-    thread.start()
-    statuses = []
-    for _ in range(2):
-        time.sleep(0.03)
-        if (child := os.fork()) == 0:
-            other = lissajous_env.Simulation(long, 200, threads=1)
-            for _ in range(int(simulation.clock.step.numpy()[0])):
-                other.step(zeros(other))
-            mine, its = simulation.save_state(), other.save_state()
-            os._exit(0 if all(mine[name].tobytes() == its[name].tobytes() for name in mine) else 1)
-        statuses.append(ended(child, 120))
-    stopping = True
-    thread.join()
-    print(statuses)
-    """
-    assert run(code) == "[0, 0]"
-
-
-def test_what_is_still_at_work_when_patience_ends_is_refused_in_the_child():
+def test_what_another_thread_works_on_is_refused_in_the_child():
     # Oracle: the words of the child's error; another simulation works there, and the same one in the parent.
     code = """
-    from lissajous_env.device import turns
-    turns._PATIENCE = 0.2
     entered, leave = threading.Event(), threading.Event()
 
     @lissajous_env.reward_term()
@@ -198,7 +171,7 @@ def test_a_signal_handler_that_steps_what_is_being_stepped():
     assert run(code) == f"True {{'{words}call it'}} True"
 
 
-@pytest.mark.parametrize("call", ["step", "advance", "reset", "load_state"])
+@pytest.mark.parametrize("call", ["step", "reset"])
 def test_an_extension_that_calls_its_own_simulation_is_refused(call):
     # Oracle: the error; afterwards the simulation works as before.
     inside = []
@@ -206,13 +179,12 @@ def test_an_extension_that_calls_its_own_simulation_is_refused(call):
     @lissajous_env.reward_term()
     def nosy(world):
         if inside:
-            arguments = {"step": [np.zeros(simulation.action_shape)], "load_state": [inside[0]]}.get(call, [])
-            getattr(simulation, call)(*arguments)
+            getattr(simulation, call)(*([np.zeros(simulation.action_shape)] if call == "step" else []))
         return np.zeros(world.robots.speed.shape)
 
     simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", extensions=[nosy]))
     action = np.zeros(simulation.action_shape, dtype=np.float32)
-    inside.append(simulation.save_state())
+    inside.append(True)
     with pytest.raises(RuntimeError, match="the simulation is running in this thread"):
         simulation.step(action)
     inside.clear()
@@ -278,19 +250,8 @@ def test_a_users_kernel_on_a_small_stack_is_refused(tmp_path):
     assert second == "taken"
 
 
-def test_helpers_of_many_threads_do_not_recurse():
-    # Oracle: their number, under a limit of recursion that is lower.
-    code = """
-    from lissajous_env.device import work
-    sys.setrecursionlimit(100)
-    print(len(work._helpers(150)), len(set(work._helpers(150))))
-    """
-    assert run(code) == "150 150"
-
-
 def test_two_threads_that_step_one_simulation_take_turns():
     # Oracle: as many steps as both have taken.
-    simulation = lissajous_env.Simulation("experiment", 8)
     code = """
     simulation = lissajous_env.Simulation("experiment", 8)
 
@@ -305,5 +266,4 @@ def test_two_threads_that_step_one_simulation_take_turns():
         thread.join()
     print(int(simulation.clock.step.numpy()[0]))
     """
-    assert simulation.scenario.task.steps >= 300
     assert run(code) == "300"

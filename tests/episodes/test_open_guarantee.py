@@ -13,10 +13,10 @@ from rich.text import Text
 
 import baselines
 import lissajous_env
-from baselines.benchmark import failures, tables
-from baselines.benchmark.comparison import compare
+from baselines.benchmark import ranking, tables
 from baselines.benchmark.shown_columns import SHOWN
 from baselines.benchmark.statistics import summarize_largest
+from baselines.benchmark.table import Table
 from lissajous_env.world.columns import COLUMNS, OPEN
 from lissajous_env.world.score import is_open
 from lissajous_env.world.simulation import Simulation
@@ -39,7 +39,7 @@ def rows(times, policy="a", open_at=()):
 
 
 def cells(*played):
-    return compare([row for each in played for row in each], EVADERS).cells["evaders"]
+    return Table.of([row for each in played for row in each], EVADERS).estimates["evaders"]
 
 
 def words_of(times, **given):
@@ -100,7 +100,7 @@ def test_an_episode_that_ends_at_its_worst_moment_is_not_open():
     assert found
     for row in found:
         assert row[OPEN.name] == 0
-        assert failures.failed(row)[1] is False
+        assert ranking.failed(row)[1] is False
         of = cells([row, *rows([(9.3, 3.6), (12.8, 1.7), (8.4, 2.3)], "random")])["random"]
         assert tables.in_words(of["guaranteed_detection_time"])[0] == "12.8"
 
@@ -113,7 +113,7 @@ def test_where_a_rogue_stays_unseen_since_the_beginning_every_episode_is_open():
         (row,) = lissajous_env.evaluate(baselines.make("still", scenario), scenario, seeds=[3])
         assert row["guaranteed_detection_time"] == pytest.approx(duration - 0.1)
         told.append(row)
-    assert all(row[OPEN.name] == 1 and failures.failed(row)[1] for row in told)
+    assert all(row[OPEN.name] == 1 and ranking.failed(row)[1] for row in told)
 
 
 def test_a_rogue_that_came_later_and_stayed_for_most_of_the_episode_is_open_too():
@@ -154,7 +154,7 @@ def test_where_nothing_is_followed_nothing_is_open():
     scenario = lissajous_env.scenario("experiment", **{"task.duration": 1.0})
     (row,) = lissajous_env.evaluate(baselines.make("still", scenario), scenario, seeds=[0])
     assert math.isnan(row[OPEN.name])
-    assert failures.failed(row)[1] is False
+    assert ranking.failed(row)[1] is False
 
 
 # What a table states.
@@ -165,20 +165,20 @@ def test_an_open_episode_makes_the_largest_a_lower_bound():
     times = [(4.0, 1.0)] * 15 + [(59.9, 59.9)]
     of = cells(rows(times, open_at=(15,)))["a"]["guaranteed_detection_time"]
     assert (of.value, of.at_least, of.open, of.median) == (59.9, True, 1, 4.0)
-    assert tables.in_words(of) == ("> 59.9", "median 4, n = 16, 1 open")
-    assert words_of([(4.0, 1.0)] * 3 + [(2.0, 2.0)], open_at=(3,)) == ("> 4", "median 4, n = 4, 1 open")
+    assert tables.in_words(of) == ("> 59.9", "median 4, 1 of 16 open")
+    assert words_of([(4.0, 1.0)] * 3 + [(2.0, 2.0)], open_at=(3,)) == ("> 4", "median 4, 1 of 4 open")
 
 
 def test_with_half_of_the_episodes_open_there_is_no_median():
-    assert words_of([(4.0, 1.0), (59.9, 59.9)], open_at=(1,)) == ("> 59.9", "median open, n = 2, 1 open")
+    assert words_of([(4.0, 1.0), (59.9, 59.9)], open_at=(1,)) == ("> 59.9", "1 of 2 open")
 
 
 def test_the_largest_is_a_lower_bound_where_only_growing_episodes_have_it():
     # Story: an episode ends at its worst moment, 4.7 s; beside a longer one, or an equal one that ended, that is known.
-    assert words_of([(3.1, 3.1)]) == ("> 3.10", "median 3.10, n = 1")
-    assert words_of(ENDED_AT_ITS_WORST) == ("19.5", "median 11.2, n = 16")
-    assert words_of([(4.7, 4.7), (4.4, 3.2)]) == ("> 4.70", "median 4.55, n = 2")
-    assert words_of([(4.7, 4.7), (4.7, 3.2)]) == ("4.70", "median 4.70, n = 2")
+    assert words_of([(3.1, 3.1)]) == ("> 3.10", "median 3.10 of 1")
+    assert words_of(ENDED_AT_ITS_WORST) == ("19.5", "median 11.2 of 16")
+    assert words_of([(4.7, 4.7), (4.4, 3.2)]) == ("> 4.70", "median 4.55 of 2")
+    assert words_of([(4.7, 4.7), (4.7, 3.2)]) == ("4.70", "median 4.70 of 2")
 
 
 EPISODES = st.lists(st.tuples(st.floats(0.1, 60), st.booleans()), min_size=1, max_size=12)
@@ -202,20 +202,20 @@ def test_what_is_not_decided_seed_by_seed_counts_half():
     # Oracle: by hand. Against 5 s: growing at 4 s is undecided, growing at 6 s worse, open worse, 4 s better.
     ours = rows([(4.0, 4.0), (6.0, 6.0), (40.0, 40.0), (4.0, 1.0)], open_at=(2,))
     theirs = rows([(5.0, 1.0)] * 4, "kuramoto-mpcc")
-    _, policies = compare([*ours, *theirs], EVADERS).against["evaders"]
-    pair = policies["a"]["guaranteed_detection_time"]
+    pair = Table.of([*ours, *theirs], EVADERS).against["evaders"].policies["a"]["guaranteed_detection_time"]
     assert pair.better == (0.5 + 0 + 0 + 1) / 4
     assert math.isnan(pair.difference)  # an episode shows no bound
 
 
 def test_the_table_and_its_legend_show_the_largest_and_the_open_episodes():
     played = [*rows([(4.0, 1.0)] * 15 + [(5.0, 1.0)]), *rows([(59.9, 59.9)] * 16, "lost", range(16))]
-    known = cells(played)
+    table = Table.of(played, EVADERS)
     console = Console(width=200, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
-    tables.print_policies(console, Text("t"), known, SHOWN)
+    tables.print_lines(console, Text("t"), SHOWN, tables.lines_of(table.estimates["evaders"], SHOWN))
     said = console.export_text()
     assert "5*" in said
-    assert said.count("n = 16") == 2
+    assert "median 4 of 16" in said
+    assert "16 of 16 open" in said
     assert "> 59.9" in said
     assert "59.9*" not in said
-    assert any("a lower bound" in words for words in tables._legend({"evaders": known}, {}, 16))
+    assert any("a lower bound" in words for words in tables.legend(table, 16))

@@ -12,7 +12,7 @@ from baselines.benchmark.plot_styles import COLOURS, MARKS, style_at, styles_of
 from baselines.policies.registry import unwrapped
 from baselines.reproduce import drawing
 from lissajous_env.render import palette
-from lissajous_env.replay.bundle import ASSETS
+from lissajous_env.replay.bundle import text_of
 
 # What is seen without one kind of cones, in linear RGB, at full severity. Oracle: G. M. Machado, M. M. Oliveira and
 # L. A. F. Fernandes, "A physiologically-based model for simulation of color vision deficiency", IEEE TVCG 15(6), 2009.
@@ -105,7 +105,7 @@ def test_what_meets_in_a_film_is_told_apart_by_every_reader(seen):
 
 def page_colours(theme):
     """Colours of the robots, and the others by name, of a theme of the replay page."""
-    text = re.search(rf"const {theme} = {{(.*?)}};", (ASSETS / "colours.js").read_text(), re.DOTALL)[1]
+    text = re.search(rf"const {theme} = {{(.*?)}};", text_of("colours.js"), re.DOTALL)[1]
     robots, others = text.split("],", 1)
     return re.findall("#[0-9a-f]{6}", robots), dict(re.findall(r'(\w+): "(#[0-9a-f]{6})"', others))
 

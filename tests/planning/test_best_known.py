@@ -2,19 +2,19 @@
 
 import math
 
+import known
 import pytest
 
 import baselines
 import lissajous_env
 from baselines.benchmark import tables
 from baselines.benchmark.bounds import Bounds, bounds_of
-from baselines.benchmark.comparison import compare
 from baselines.benchmark.standard import as_played
+from baselines.benchmark.table import Table
 from baselines.benchmark.written import latex, table_of
 from baselines.planning import best_known
-from baselines.planning.families.known import Known
 from baselines.planning.plans import SETTLED, WHOLE, Figures, Plan, Planned
-from baselines.planning.playing import Episodes, play
+from baselines.planning.rehearse import Episodes, play
 from baselines.policies.settings import PolicySettings
 
 STORED = [each.name for each in best_known.all_known()]
@@ -26,7 +26,7 @@ def test_the_stored_figures_are_those_of_the_episodes(name):
     (stored,) = (each for each in best_known.all_known() if each.name == name)
     task = as_played(name.removesuffix(f"-{SETTLED}"), {})
     assert task.digest() == stored.scenario.digest()
-    figures = play(Known().plan(task, {"stored": name}), Episodes()).figures
+    figures = play(best_known.best_known(task).plan({"stored": name}), Episodes()).figures
     assert figures.collisions == 0
     assert (figures.worst_case, figures.settled) == (pytest.approx(stored.worst_case), pytest.approx(stored.settled))
     assert stored.command.startswith(f"python benchmarks/known.py {name.removesuffix(f'-{SETTLED}')} --seconds ")
@@ -47,7 +47,7 @@ def test_a_changed_scenario_has_no_best_known_plan():
     for changed in ({"sensing.radius": 0.7}, {"task.duration": 50.0}, {"robot.count": 7}):
         made = lissajous_env.scenario("evaders", **changed)
         assert best_known.known_plans(made) == []
-        assert Known().starts(made) == []
+        assert best_known.best_known(made).starts == []
         assert math.isnan(bounds_of(made).best_known)
 
 
@@ -55,13 +55,13 @@ def test_the_row_stands_below_the_policies():
     """Story: a table in Markdown and one in LaTeX end with the best known worst case, and nothing else in its row."""
     task = lissajous_env.scenario("evaders")
     rows = lissajous_env.evaluate(baselines.make("still", task), task, [0])
-    compared = compare([{"policy": "still"} | row for row in rows], {"evaders": task})
-    table = table_of(compared)
+    results = Table.of([{"policy": "still"} | row for row in rows], {"evaders": task})
+    table = table_of(results)
     last, at = table["rows"][-1], table["columns"].index("guaranteed [s]")
     assert (last[0], last[1]) == ("", "*best known*")
-    assert last[at] == tables.number(compared.bounds["evaders"].best_known)
+    assert last[at] == tables.number(results.bounds["evaders"].best_known)
     assert {cell for k, cell in enumerate(last) if k not in (1, at)} == {""}
-    assert "best known &" in latex(compared)
+    assert "best known &" in latex(results)
     assert "best known 2 s (second halves 1 s)" in tables.bounds_in_words(Bounds(1.0, 1.0, 3.0, 2.0, 1.0))
 
 
@@ -75,11 +75,11 @@ def test_only_better_plans_are_stored(tmp_path, monkeypatch):
     """Story: by hand; of two goals met by one plan one folder is written; a plan that collides is never stored."""
     monkeypatch.setattr(best_known, "FOLDER", tmp_path)
     try:
-        assert best_known.keep("evaders", [planned(0.5, 0.5, 1), planned(math.inf, math.inf)], "c") == []
-        assert best_known.keep("evaders", [planned(3.0, 2.0)], "c") == ["evaders"]
-        assert best_known.keep("evaders", [planned(3.0, 2.0)], "c") == []
-        assert best_known.keep("evaders", [planned(2.5, 2.2), planned(3.0, 2.0)], "d") == ["evaders", "evaders-settled"]
-        found = {each.name: best_known.ranked(each, WHOLE) for each in best_known.all_known()}
+        assert known.keep("evaders", [planned(0.5, 0.5, 1), planned(math.inf, math.inf)], "c") == []
+        assert known.keep("evaders", [planned(3.0, 2.0)], "c") == ["evaders"]
+        assert known.keep("evaders", [planned(3.0, 2.0)], "c") == []
+        assert known.keep("evaders", [planned(2.5, 2.2), planned(3.0, 2.0)], "d") == ["evaders", "evaders-settled"]
+        found = {each.name: known.ranked(each, WHOLE) for each in best_known.all_known()}
         assert found == {"evaders": (2.5, 2.2), "evaders-settled": (3.0, 2.0)}
     finally:
         best_known.all_known.cache_clear()

@@ -14,14 +14,13 @@ from hypothesis import strategies as st
 
 import baselines
 import lissajous_env
-from baselines.planning import folders, tables
-from baselines.planning.families.base import changed
-from baselines.planning.families.lissajous import Lissajous, curves_of
-from baselines.planning.families.shipped import Shipped, default_policies
-from baselines.planning.pareto import dominates, pareto_optimal
+from baselines.planning import report
+from baselines.planning.families.defaults import default_policies, included
+from baselines.planning.families.lissajous import curves_of, formations
+from baselines.planning.family import Family
 from baselines.planning.planner import Outcome
-from baselines.planning.plans import Figures, Plan, Planned, t_interval
-from baselines.planning.playing import Episodes, play
+from baselines.planning.plans import Figures, Plan, Planned, dominates, pareto_optimal, t_interval
+from baselines.planning.rehearse import Episodes, play
 from baselines.planning.request import Request
 from baselines.planning.search import Search
 from baselines.policies.patience import StoppedError, patience
@@ -62,7 +61,7 @@ def planned(
 def test_the_best_plan_is_no_worse_than_any_default(small):
     """Oracle: every included classical policy on the same scenario and seeds, evaluated apart."""
     task = lissajous_env.scenario(small)
-    search = Search(task, Episodes(), (Shipped(),))
+    search = Search(task, Episodes(), [included])
     search.run(600)  # it ends when the defaults have been played
     best = pareto_optimal(search.finals)[0].figures
     assert (search.unplayed, best.collisions) == (0, 0)
@@ -78,7 +77,7 @@ def test_the_best_plan_is_no_worse_than_any_default(small):
 def test_a_slow_machine_finds_a_plan_too(small):
     """A time that is over with the first call of the clock: one plan of each thread is looked at and played."""
     task, hours = lissajous_env.scenario(small), itertools.count(0.0, 3600.0)
-    search = Search(task, Episodes(), (Lissajous(),), clock=lambda: next(hours))
+    search = Search(task, Episodes(), [formations], clock=lambda: next(hours))
     search.run(1)
     assert search.looks
     assert any(not each.fails for each in search.looks) == bool(search.finals)
@@ -94,7 +93,7 @@ def test_the_folders_reproduce_the_printed_figures(small, tmp_path, capsys):
     assert code == 0
     shown = json.loads(said)["plans"]
     assert 1 <= len(shown) <= 3
-    assert (out / folders.PICTURE).read_bytes().startswith(b"\x89PNG")
+    assert (out / report.PICTURE).read_bytes().startswith(b"\x89PNG")
     for k, each in enumerate(shown, start=1):
         rows = evaluated(capsys, out / str(k), "--episodes", 4)
         figures, made = each["figures"], lissajous_env.scenario(str(out / str(k) / "scenario.toml"))
@@ -134,7 +133,7 @@ def test_the_same_plan_has_the_same_figures_again(small):
     """The law of the batch: a plan's figures do not depend on what else was played."""
     outcome = baselines.plan(small, seconds=3, failures=1)
     for each in outcome.plans[:2]:
-        assert repr(play(each.plan, outcome.episodes).figures) == repr(each.figures)
+        assert repr(play(each.plan, outcome.request.episodes).figures) == repr(each.figures)
 
 
 numbers = st.integers(0, 3).map(float)
@@ -220,7 +219,7 @@ def test_a_guarantee_includes_failures_if_they_are_asked_for(failures, fewest):
     # Oracle: plans made by hand.
     finals = [planned(9.0, robots=3), planned(5.0, failed=8.0, robots=4), planned(4.0, failed=5.5, robots=5)]
     finals += [planned(1.0, failed=1.0, robots=2, collisions=1)]
-    outcome = Outcome(Request(lissajous_env.scenario("evaders")), Episodes(failures=failures), 6.0, finals=finals)
+    outcome = Outcome(Request("evaders", failures=failures, guarantee=6.0), finals=finals)
     assert outcome.fewest_robots == fewest
 
 
@@ -240,11 +239,11 @@ def test_points_play_formations_alone(capsys):
 
 def test_the_bounds_of_the_paper_are_printed_for_its_formations(capsys):
     # Oracle: (6), (7), (8) and T_max of curve (16) with five robots, as the paper prints them.
-    tables.print_formations(make_console(), [planned(1.0)])
+    report.print_formations(make_console(), [planned(1.0)])
     assert capsys.readouterr().out == ""
     experiment = lissajous_env.scenario("experiment")
     plan = Plan("Lissajous", experiment, PolicySettings("kuramoto-mpcc"))
-    tables.print_formations(make_console(), [dataclasses.replace(planned(1.0), plan=plan)])
+    report.print_formations(make_console(), [dataclasses.replace(planned(1.0), plan=plan)])
     last = capsys.readouterr().out.split("\n")[-2].split()
     assert last == ["1", "3", ":", "2", "0.15", "1.27", "1.16", "4.19"]
 
@@ -252,7 +251,7 @@ def test_the_bounds_of_the_paper_are_printed_for_its_formations(capsys):
 def test_a_family_without_a_plan_says_why(capsys):
     # Story: bodies that fill the rectangle: (6) allows less than 1.8 m, by its closed form.
     task = Request(width=6.0, height=6.0, robots=(5, 5), robot_radius=1.8, sensor_radius=4.0, speed=1.0).task(5)
-    words = Lissajous().refusal(task)
+    words = formations(task).refusal
     assert "(6), robots must not collide," in words
     assert re.search(r"Bodies must be below [\d.]+ m", words)
     assert curves_of(task) == []
@@ -271,20 +270,19 @@ def test_curves_of_a_formation_leave_room_and_no_gap():
 @pytest.mark.parametrize("robots", [2, 3, 4, 6, 9])
 def test_every_start_of_a_formation_is_a_scenario_whose_robots_part(robots):
     task = Request(**HALL, robots=(robots, robots), turning_radius=1.0).task(robots)
-    family = Lissajous()
-    for start in family.starts(task):
-        made = family.plan(task, start).scenario
+    family = formations(task)
+    for start in family.starts:
+        made = family.plan(start).scenario
         places = np.sort(np.angle(np.exp(1j * made.alpha * made.equilibrium)))
         gaps = np.diff(np.append(places, places[0] + 2 * np.pi))
         np.testing.assert_allclose(gaps, 2 * np.pi / robots, atol=1e-6)
 
 
 def test_changed_settings_stay_within_their_space():
-    space = {"speed": (0.5, 2.0), "lanes": [2, 4], "policy": ["a", "b"]}
+    family = Family("any", Plan, [], {"speed": (0.5, 2.0), "lanes": [2, 4], "policy": ["a", "b"]})
     random, seen = np.random.default_rng(0), {"speed": 1.0, "lanes": 2, "policy": "a"}
     for _ in range(200):
-        after = changed(seen, space, random)
-        assert after != seen or random is not None
+        after = family.changed(seen, random)
         assert 0.5 <= after["speed"] <= 2.0
         assert after["lanes"] in (2, 4)
         seen = after
@@ -330,11 +328,11 @@ def test_bad_input(asked, message):
 
 
 def test_the_out_folder_is_checked_before_the_search(tmp_path, capsys):
-    (tmp_path / folders.FIGURES).write_text("mine")
+    (tmp_path / report.FIGURES).write_text("mine")
     code, _, said = called(capsys, "plan", "evaders", "--out", tmp_path)
     assert code == 2
     assert "plans.json" in said
-    assert (tmp_path / folders.FIGURES).read_text() == "mine"
+    assert (tmp_path / report.FIGURES).read_text() == "mine"
 
 
 def test_planning_of_a_policy_ends_with_the_search():
@@ -365,17 +363,17 @@ def test_four_and_six_robots_begin_apart(robots):
 
 def test_plans_without_a_bound_after_failures_say_why():
     finals = [planned(5.0, failed=math.inf), planned(4.0, settled=2.0, failed=math.inf)]
-    request = Request(lissajous_env.scenario("evaders"))
-    outcome = Outcome(request, Episodes(failures=1), tasks={5: request.task(5)}, finals=finals)
-    (words,) = (each for each in tables.sentences(outcome) if "with 1 removed" in each)
+    outcome = Outcome.of(Request("evaders", failures=1))
+    outcome.finals = finals
+    (words,) = (each for each in report.sentences(outcome) if "with 1 removed" in each)
     assert words.startswith("No plan has a bound with 1 removed: 2 of 2 leave a gap")
     outcome.finals.append(planned(6.0, failed=7.0))
-    assert not any("with 1 removed:" in each for each in tables.sentences(outcome))
+    assert not any("with 1 removed:" in each for each in report.sentences(outcome))
     assert (
-        "and 5 in which 1 robot is removed after a quarter of the episode (each robot" in tables.sentences(outcome)[0]
+        "and 5 in which 1 robot is removed after a quarter of the episode (each robot" in report.sentences(outcome)[0]
     )
-    outcome.episodes = Episodes(failures=2)
-    assert "and 10 in which 2 robots are removed after" in tables.sentences(outcome)[0]
+    outcome.request = Request("evaders", failures=2)
+    assert "and 10 in which 2 robots are removed after" in report.sentences(outcome)[0]
 
 
 def test_a_fixed_start_is_that_of_every_plan(small):

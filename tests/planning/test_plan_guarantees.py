@@ -12,10 +12,10 @@ from rich.console import Console
 from test_plan import SMALL, planned
 
 import lissajous_env
-from baselines.planning import tables
+from baselines.planning import report
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import Plan, worst_case
-from baselines.planning.playing import Episodes, play, remove_early
+from baselines.planning.rehearse import Episodes, play, remove_early
 from baselines.planning.request import Request
 from baselines.planning.search import Search
 from baselines.policies.settings import PolicySettings
@@ -37,7 +37,7 @@ def test_partition_has_no_bound_if_a_robot_fails():
         found = play(Plan("defaults", evaders, PolicySettings("partition")), Episodes(seed, failures=1))
         assert math.isfinite(found.figures.worst_case)
         assert found.figures.worst_case_failed == math.inf
-        assert tables.worst_in_words(math.inf, found.failed_rows).startswith("no bound (median ")
+        assert report.worst_in_words(math.inf, found.failed_rows).startswith("no bound (median ")
 
 
 @pytest.mark.long
@@ -60,8 +60,8 @@ def test_each_combination_of_robots_is_lost_once_or_a_sample_of_them(robots, fai
     assert all(len(set(lost)) == failures and set(lost) <= set(range(robots)) for lost in losses)
     if math.comb(robots, failures) <= 64:
         assert set(losses) == set(itertools.combinations(range(robots), failures))
-    outcome = Outcome(Request(made), Episodes(failures=failures), tasks={robots: made}, finals=[planned(1.0)])
-    is_sample = f"64 of {math.comb(robots, failures)}" in tables.sentences(outcome)[0]
+    outcome = Outcome(Request(made, failures=failures), tasks={robots: made}, finals=[planned(1.0)])
+    is_sample = f"64 of {math.comb(robots, failures)}" in report.sentences(outcome)[0]
     assert is_sample == (math.comb(robots, failures) > 64)
 
 
@@ -97,14 +97,14 @@ def test_a_guarantee_is_the_largest_time_with_the_median_beside_it(rows, words):
     # Oracle: by hand. A time that was still growing is no bound, and ranks as none.
     worst = worst_case(rows)
     assert (worst == math.inf) == any(each["still_growing"] for each in rows)
-    assert tables.worst_in_words(worst, rows) == words
+    assert report.worst_in_words(worst, rows) == words
 
 
 def test_the_number_of_episodes_is_in_the_table(small):
-    request = Request(lissajous_env.scenario(small))
-    outcome = Outcome(request, Episodes(failures=1), tasks={5: request.task(5)}, finals=[planned(1.0, failed=2.0)])
+    outcome = Outcome.of(Request(small, failures=1))
+    outcome.finals.append(planned(1.0, failed=2.0))
     console = Console(width=200, file=io.StringIO(), record=True)
-    tables.print_plans(console, outcome, outcome.plans)
+    report.print_plans(console, outcome, outcome.plans)
     assert re.search(r"4 episodes +4 episodes +5 episodes", console.export_text())
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import baselines
 import lissajous_env
-from baselines.planning import plans, portfolio, rehearse
+from baselines.planning import plans, portfolio
 from baselines.planning.prior import NUMBERS, Layer, Prior, complementary, numbers_of
 from baselines.planning.rehearse import DETECTION, GUARANTEE, Result
 from baselines.policies.base import UnsuitableScenarioError
@@ -71,10 +71,10 @@ def best(monkeypatch, times, objective, count):
 
     def result_of(settings, task, episodes, *_):
         played.append((settings.policy, episodes))
-        return Result(times[settings.policy][episodes > rehearse.EPISODES], 0.0)
+        return Result(times[settings.policy][episodes > portfolio.FEW], 0.0)
 
-    monkeypatch.setattr(rehearse, "result_of", result_of)
-    return rehearse.best_of([PolicySettings(name) for name in times], SCENARIO, objective, count), played
+    monkeypatch.setattr(portfolio, "result_of", result_of)
+    return portfolio.best_of([PolicySettings(name) for name in times], SCENARIO, objective, count), played
 
 
 def test_a_lucky_rehearsal_does_not_decide(monkeypatch):
@@ -90,12 +90,12 @@ def test_a_guarantee_is_rehearsed_until_no_patrol_can_be_better(monkeypatch, obj
     times = {"a": (16.0, 25.8), "b": (16.1, 25.9), "c": (16.3, 16.3), "d": (26.0, 26.0)}
     found, played = best(monkeypatch, times, objective, 4)
     assert found == index
-    assert ("d", rehearse.FINAL_EPISODES) not in played
+    assert ("d", portfolio.MANY) not in played
 
 
 def test_rehearsals_for_detection_play_the_rogues_of_the_scenario():
     hunted = lissajous_env.scenario(SCENARIO, **{"targets.rogues": "flee", "targets.speed_limit": 9.0})
-    stages = [rehearse.stage(hunted, objective) for objective in (DETECTION, GUARANTEE)]
+    stages = [portfolio.stage(hunted, objective) for objective in (DETECTION, GUARANTEE)]
     assert [each.targets.rogues for each in stages] == ["flee", None]
     assert [each.task.contamination is None for each in stages] == [True, False]
 

@@ -6,7 +6,7 @@ import warp as wp
 
 import baselines
 import lissajous_env
-from baselines.planning.families import LINES, PARTITIONS, Lissajous, Patrols
+from baselines.planning.families import formations, lines, partitions, patrols
 from baselines.policies.as_cars import AsCars, scenario_of_cars
 from baselines.policies.settings import PolicySettings
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
@@ -177,13 +177,13 @@ def test_a_plan_for_other_wheels_is_found_among_the_policies_for_cars(evaders):
 def test_the_search_tries_for_other_wheels_what_it_tries_for_cars(evaders):
     # Law: the same settings of every family, and a plan of each on the robots' own scenario.
     cars = scenario_of_cars(evaders.resolve())
-    for family in (PARTITIONS, LINES, Lissajous(), Patrols()):
-        assert not family.refusal(evaders)
-        assert family.starts(evaders) == family.starts(cars)
-        assert family.space(evaders) == family.space(cars)
-        for settings in family.starts(evaders)[:2]:
-            plan = family.plan(evaders, settings)
-            assert plan.settings == family.plan(cars, settings).settings
+    for family_of in (partitions, lines, formations, patrols):
+        family, of_cars = family_of(evaders), family_of(cars)
+        assert not family.refusal
+        assert (family.starts, family.space) == (of_cars.starts, of_cars.space)
+        for settings in family.starts[:2]:
+            plan = family.plan(settings)
+            assert plan.settings == of_cars.plan(settings).settings
             assert plan.scenario.robot.kind == evaders.robot.kind
 
 

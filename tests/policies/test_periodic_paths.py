@@ -8,10 +8,9 @@ import pytest
 
 import baselines
 import lissajous_env
-from baselines.planning.families.known import Known
-from baselines.planning.optimising import loop_of, moved, optimise
+from baselines.planning.best_known import best_known
+from baselines.planning.free_paths import Limits, Teams, loop_of, moved, optimise, violation
 from baselines.planning.plans import SETTLED, WHOLE, Plan
-from baselines.planning.teams import Limits, Teams, violation
 from baselines.policies.periodic_paths import PathParameters, PeriodicPaths, coefficients_of, derivative_of, places_of
 from baselines.policies.settings import PolicySettings
 
@@ -117,7 +116,7 @@ def test_moved_paths_are_moved_stretched_and_delayed():
 
 def test_free_paths_keep_the_limits_of_the_cars():
     pytest.importorskip("cma")
-    start = Known().plan(EVADERS, {"stored": "evaders"})
+    start = best_known(EVADERS).plan({"stored": "evaders"})
     found = optimise({WHOLE: [start], SETTLED: [start]}, 3.0, clock=time.process_time)
     assert len(found) >= 2
     for plan in found:

@@ -15,7 +15,7 @@ import lissajous_env
 from baselines.onboard import Message, Odometry
 from baselines.ros import conversions
 from baselines.ros import library as ros
-from baselines.ros.running import signals_deferred
+from baselines.ros.running import RosProcess
 from baselines.ros.settings import RobotSettings, WorldSettings
 from lissajous_env.console.terminal import CommandError
 from lissajous_env.episodes.recording import record
@@ -54,25 +54,32 @@ def test_a_cloud_whose_fields_are_beyond_its_points_is_refused():
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_within_the_executor_is_handled_after_it(number):
     # Story: Ctrl-C while the executor calls Python, whose error it would turn into a RuntimeError.
-    before = signal.signal(number, signal.default_int_handler)
-    node, executor, ended = ros.Node("interrupted"), ros.make_executor(), []
+    process, ended = RosProcess(interrupts=True), []
+    before = signal.signal(number, process.note)
+    node, executor = ros.Node("interrupted"), ros.make_executor()
     executor.add_node(node)
-    node.create_timer(0.001, lambda: (signal.raise_signal(number), ended.append("the callback")))
+
+    def interrupt():
+        timer.cancel()
+        signal.raise_signal(number)
+        ended.append("the callback")
 
     def spin():
         while len(ended) < 100:
-            with signals_deferred():
-                executor.spin_once(timeout_sec=1.0)
+            executor.spin_once(timeout_sec=1.0)
+            process.check()
 
+    timer = node.create_timer(0.001, interrupt)
     try:
         with pytest.raises(KeyboardInterrupt):
             spin()
-        assert signal.getsignal(number) is signal.default_int_handler
     finally:
         signal.signal(number, before)
         executor.shutdown()
         node.destroy_node()
-    assert ended[0] == "the callback"
+    assert ended == ["the callback"]
+    with pytest.raises(KeyboardInterrupt):
+        process.note(number, None)  # the second one does not wait
 
 
 def test_headings_stamps_and_rows_survive_messages():

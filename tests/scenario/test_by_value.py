@@ -3,7 +3,6 @@
 The tests run programs without a file, as a notebook has none, in folders in which nothing can be imported.
 """
 
-import dataclasses
 import subprocess
 import sys
 
@@ -129,27 +128,30 @@ def test_a_cell_that_is_run_again_replaces_what_it_registered():
         registry._REGISTRY.pop("of-a-cell", None)
 
 
-def test_a_cell_that_is_run_again_replaces_its_scenario_and_its_space():
-    # Story: a cell is edited and run again; a module, and a name of the package, are refused as before.
-    cell = (
-        "made = lissajous_env.scenario('failure', **{'task.duration': DURATION})\n"
-        "made = dataclasses.replace(made, name='of-a-cell', description='d')\n"
-        "lissajous_env.register_scenario(made)\n"
-        "space = lissajous_env.ScenarioSpace('space-of-a-cell', made, {'targets': {'count': {'choices': [1, 2]}}})\n"
-        "lissajous_env.register_scenario_space(space)\n"
-    )
+REGISTERS = """
+import dataclasses, lissajous_env
+for duration in DURATIONS:
+    made = lissajous_env.scenario('failure', **{'task.duration': duration})
+    made = dataclasses.replace(made, name=NAME, description='d')
+    lissajous_env.register_scenario(made)
+    space = lissajous_env.ScenarioSpace('space-of-a-cell', made, {'targets': {'count': {'choices': [1, 2]}}})
+    lissajous_env.register_scenario_space(space)
+    assert lissajous_env.scenario(NAME).task.duration == duration
+    assert lissajous_env.scenario_space('space-of-a-cell').base.task.duration == duration
+"""
 
-    def run(module, duration):
-        names = {"__name__": module, "lissajous_env": lissajous_env, "dataclasses": dataclasses}
-        exec(cell.replace("DURATION", str(duration)), names)
 
-    for duration in (2.0, 3.0):
-        run("__main__", duration)
-        assert lissajous_env.scenario("of-a-cell").task.duration == duration
-        assert lissajous_env.scenario_space("space-of-a-cell").base.task.duration == duration
-    with pytest.raises(ValueError, match="name of a scenario must be new, got of-a-cell"):
-        run("a_module", 4.0)
-    other = dataclasses.replace(lissajous_env.scenario("failure"), name="evaders")
-    for _ in range(2):
-        with pytest.raises(ValueError, match="name of a scenario must be new, got evaders"):
-            exec("lissajous_env.register_scenario(other)", {"__name__": "__main__", **globals(), "other": other})
+def test_a_cell_that_is_run_again_replaces_its_scenario_and_its_space(tmp_path):
+    # Story: a cell is edited and run again; a script, and a name of the package, are refused.
+    source = REGISTERS.replace("DURATIONS", "(2.0, 3.0)")
+    cell = f"import sys\nsys.ps1 = 'In : '\n{source}"
+    script = tmp_path / "script.py"
+    script.write_text(source.replace("NAME", "'mine'"))
+    for program, words in (
+        (["-c", cell.replace("NAME", "'mine'")], ""),
+        (["-c", cell.replace("NAME", "'evaders'")], "name of a scenario must be new, got 'evaders'"),
+        ([script], "name of a scenario must be new, got 'mine'"),
+    ):
+        ended = subprocess.run([sys.executable, *program], capture_output=True, text=True, timeout=60)
+        assert (ended.returncode == 0) == (words == "")
+        assert words in ended.stderr

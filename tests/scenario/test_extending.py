@@ -19,7 +19,6 @@ from baselines.policies import registry
 from lissajous_env.console import cli
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.parameters import named
-from lissajous_env.parameters.shipped import SHIPPED
 from lissajous_env.plugins import import_attribute
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "extending.md"
@@ -68,7 +67,7 @@ def here(home, monkeypatch):
 
 def test_the_docs_keep_what_they_promise():
     # Oracle: one short file for each door, and a command for each that is no package's.
-    assert len(FILES) == sum(language != "bash" for language, _ in BLOCKS) == 19
+    assert len(FILES) == sum(language != "bash" for language, _ in BLOCKS) == 18
     assert {name: len(body.splitlines()) for name, body in FILES.items() if len(body.splitlines()) > 30} == {}
     for name in set(FILES) - {"pyproject.toml", "use_corridor.py"}:
         module = name.removesuffix(".py")
@@ -304,7 +303,7 @@ def test_a_package_brings_both_by_name(home, tmp_path):
     elsewhere.mkdir()
     ended = call("lissajous scenarios --json", elsewhere, PYTHONPATH=str(site))
     names = [each["name"] for each in json.loads(ended.stdout)]
-    assert (ended.returncode, names) == (0, [*(each.name for each in SHIPPED), "corridor"])
+    assert (ended.returncode, names) == (0, [*lissajous_env.scenarios(), "corridor"])
     assert "the scenarios of the entry point broken (my_scenarios:gone) cannot be loaded: Attribute" in ended.stderr
     assert "entry point thief (my_thief:take) cannot be loaded: ValueError: name of a scenario must be" in ended.stderr
     line = "lissajous evaluate corridor my-kuramoto --episodes 1 --json --quiet"

@@ -57,20 +57,18 @@ def here(tmp_path, monkeypatch):
     ("no_such_module:mine", "scenario must be module:attribute that can be loaded, got 'no_such_module:mine': Module"),
     ("broken:mine", r"ZeroDivisionError: division by zero \(broken.py, line 1\)"),
     ("theirs:gone", "has no attribute 'gone'"),
-    ("theirs:", "both must be names"),
     (":mine", "both must be names"),
     ("theirs:number", "scenario theirs:number must be a Scenario, or a function .* that returns one, got 3"),
     ("theirs:nothing", "theirs:nothing must be a Scenario, .* got None"),
     ("theirs:needs_more", "theirs:needs_more must be .*, got TypeError: needs_more"),
     ("theirs:fails", r"theirs:fails must be .*, got RuntimeError: boom \(theirs.py, line 11\)"),
     ("theirs:leaves", "theirs:leaves must be .*, got SystemExit: 0"),
-    ("lissajous_env:Curve", "lissajous_env:Curve must be a Scenario"),
 ])  # fmt: skip
 def test_a_module_without_a_scenario(given, words, capsys):
     with pytest.raises(ValueError, match=words):
         lissajous_env.scenario(given)
     for line in (["scenarios", given], ["run", given, "still"], ["evaluate", given, "kuramoto"],
-                 ["benchmark", "--scenarios", given], ["train", "--scenario", given]):  # fmt: skip
+                 ["benchmark", "--scenarios", given]):  # fmt: skip
         with pytest.raises(SystemExit) as ended:
             cli.main(line)
         said = capsys.readouterr().err
@@ -78,38 +76,28 @@ def test_a_module_without_a_scenario(given, words, capsys):
 
 
 FILES = {
-    "curve = 3": "must contain curve as a table, got int",
-    "name = 3": "must contain name as text, got int",
-    "base = ['failure']": "must contain base as text, got list",
+    "curve = 3": "curve must be a table, got int",
+    "base = ['failure']": "base must be text, got list",
     "[cruve]\na = 3": "'cruve'; did you mean curve",
-    "[curve]\nhalf_widht = 3": "curve.half_widht; did you mean half_width",
+    "[curve]\nhalf_widht = 3": "curve.half_widht; did you mean curve.half_width",
     "[curve]\na = 2": "curve.a must be an odd whole number from 1 to 1023, got 2",
-    "[curve]\na = 'three'": "curve.a must be an odd whole number",
-    "[curve]\na = {b = 3}": "curve.a must be an odd whole number",
     "[curve]\na = 1979-05-27": "curve.a must be an odd whole number",
-    "[curve]\nhalf_width = inf": "curve.half_width must be from",
-    "[curve]\nhalf_width = nan": "curve.half_width must be from",
-    "[faults]\nschedule = [[0, 5.0]]": "faults.schedule must",
     "[faults]\nschedule = [[99, 5.0, inf]]": "faults.schedule must name robots 0 to 4",
     "base = 'falure'": "scenario must be one of .* got 'falure'; did you mean failure",
     "base = 'theirs:scenario'": "scenario must be one of .* got 'theirs:scenario'",
-    "extensions = 'theirs:term'": "must contain extensions as a list, got str",
+    "extensions = 'theirs:term'": "extensions must be a list, got str",
     "extensions = ['theirs:number']": "extension theirs:number must be made by reward_term",
     "extensions = ['theirs:gone']": "has no attribute 'gone'",
     "extensions = [3]": "extensions must be objects or module:name, got 3",
     "extensions = [{weight = 1.0}]": "extensions must contain tables with a place, as module:name, got",
-    "extensions = [{place = 3}]": "extensions must contain tables with a place, as module:name, got",
     "extensions = [{place = 'theirs:term', wight = 1.0}]": "must be of weight, got 'wight'; did you mean weight?",
-    "extensions = [{place = 'theirs:term', weight = 'much'}]": "weight of theirs:term must be a number, got 'much'",
+    "extensions = [{place = 'theirs:term', weight = 'much'}]": "term.weight must be from .*, got 'much'",
     "extensions = [{place = 'theirs:term', name = 'x'}]": "settings of theirs:term must be of weight, got 'name'",
     "base = 'x.toml'": "scenario must be one of .* got 'x.toml'",
     "name = 'two words'": "name of a scenario must be a word",
-    "name = 'other.toml'": "name of a scenario must be a word",
     "'curve.a' = 3": "must contain name, description, base, extensions, curve, .* got 'curve.a'",
     "[curve]\na = 3\na = 5": "Cannot overwrite",
-    "curve": "must be a TOML file",
-    "x = " + "[" * 5000: "must have fewer nested levels",
-    "a." * 501 + "a = 1": "line 1 must contain at most 500 dots, got 501",
+    "x = " + "[" * 5000: "must be a TOML file",
     "x = " + "9" * 5000: "must be a TOML file",
     "#" * 65537: "must be at most 65,536 bytes",
 }
@@ -129,7 +117,7 @@ def test_what_is_no_file(here, capsys):
     (here / "nowhere.toml").symlink_to("gone.toml")
     names = ["folder", "pipe", "bytes", "nowhere", "gone", "no/such", "a" * 999, "/proc/self/mem/x", "\0"]
     for name in [f"{each}.toml" for each in names]:
-        with pytest.raises(ValueError, match=r"scenario .*\.toml must be a TOML file that can be read: "):
+        with pytest.raises(ValueError, match=r"\.toml must be a TOML file that can be read: "):
             lissajous_env.scenario(name)
     for line in (["scenarios", "folder.toml"], ["evaluate", "gone.toml", "still"], ["policies", "pipe.toml"]):
         with pytest.raises(SystemExit) as ended:
@@ -184,7 +172,7 @@ def test_a_name_that_is_taken():
     assert lissajous_env.register_scenario(lissajous_env.scenario("knot")).name == "knot", "the same as ours"
     for name in ("mine", "knot"):
         other = lissajous_env.Scenario(name=name, description="another one")
-        with pytest.raises(ValueError, match=f"name of a scenario must be new, got {name}, which another one has"):
+        with pytest.raises(ValueError, match=f"name of a scenario must be new, got '{name}', which another one has"):
             lissajous_env.register_scenario(other)
     assert lissajous_env.scenario("mine") == mine
 
@@ -292,31 +280,6 @@ class Returning(Policy):
         return self.value
 
 
-@pytest.mark.parametrize(("value", "words"), [
-    (None, "must contain real numbers, got object None"),
-    (np.zeros((2, 5)), r"must have shape \(2, 5, 1\), got \(2, 5\)"),
-    (np.zeros((2, 5, 1), complex), "must contain real numbers"),
-    (np.full((2, 5, 1), "a"), "must contain real numbers"),
-    (wp.zeros((2, 5, 1), dtype=wp.float64, device="cpu"), "must contain float32 if it is a Warp array"),
-    ([[0.0], [1.0, 2.0]], "must contain real numbers, got rows of different lengths"),
-])  # fmt: skip
-def test_a_decision_of_another_form_names_the_policy(value, words):
-    policy = Returning("failure", 2, value=value)
-    with pytest.raises(ValueError, match=f"actions of Returning {words}"):
-        lissajous_env.evaluate(policy, "failure", seeds=range(2))
-
-
-def test_a_decision_that_is_not_finite_is_stopped():
-    policy = Returning("failure", 2, value=np.full((2, 5, 1), 1e300))
-    with pytest.raises(ValueError, match="policy Returning must return finite actions"):
-        lissajous_env.evaluate(policy, "failure", seeds=range(2))
-
-
-def test_a_policy_without_a_decision_says_what_it_lacks():
-    with pytest.raises(NotImplementedError, match=r"Policy must have a method decide\(observation\) that returns"):
-        Policy("failure").act(np.zeros(Policy("failure").observation_shape))
-
-
 @pytest.mark.parametrize("arrays", ["numpy", "torch", "warp"])
 def test_a_policy_gets_the_arrays_that_it_asks_for(arrays):
     # Oracle: the rows themselves; and whoever changes an observation in place changes nobody else's.
@@ -337,12 +300,6 @@ def test_a_kind_of_arrays_that_is_none():
     wrong = type("Wrong", (Returning,), {"arrays": "jax"})
     with pytest.raises(ValueError, match="arrays of Wrong must be one of numpy, torch, warp, got 'jax'"):
         wrong("failure")
-
-
-@pytest.mark.parametrize("policy", [None, 3, "still", Returning])
-def test_what_is_no_policy(policy):
-    with pytest.raises(ValueError, match="policy must have reset, act and num_worlds, or be a function, got"):
-        lissajous_env.evaluate(policy, "failure", seeds=range(1))
 
 
 def test_a_policy_that_was_registered_here_is_made_in_a_process_that_does_not_know_it():

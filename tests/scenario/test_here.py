@@ -101,19 +101,15 @@ def test_a_module_that_cannot_be_imported_says_why(folder, capsys):
 @pytest.mark.parametrize(("line", "words"), [
     (["run", "depot", "kuramoto"], "got 'depot'; did you mean depot.toml?"),
     (["run", "depo.toml", "kuramoto"], "depo.toml is missing; did you mean depot.toml?"),
-    (["benchmark", "--scenarios", "depot"], "got 'depot'; did you mean depot.toml?"),
     (["scenarios", "shrt-one"], "did you mean short-one?"),
     (["evaluate", "failure", "my-stil"], "did you mean my-still?"),
-    (["evaluate", "failure", "kuramto"], "did you mean kuramoto?"),
     (["evaluate", "failure", "kuramoto-mpcc"], "got kuramoto-mpcc, which drives kind car; did you mean kuramoto?"),
     (["evaluate", "failure", "trainde"], "did you mean trained?"),
     (["replay", "epsode.npz"], "there is no file epsode.npz; did you mean episode.npz?"),
     (["evaluate", "failure", "my_policies:MyStil"], "has no attribute 'MyStil'; did you mean MyStill?"),
     (["evaluate", "failure", "my_policy:MyStill"], "No module named 'my_policy'; did you mean my_policies?"),
     (["evaluate", "failure", "still", "--set", "duration=3"], "did you mean task.duration?"),
-    (["evaluate", "failure", "still", "--set", "targts.count=3"], "did you mean targets.count?"),
     (["run", "failure", "still", "--out", "a.pgn"], "got a.pgn; did you mean .png?"),
-    (["reproduce", "figg6"], "did you mean fig6?"),
 ], ids=lambda each: " ".join(each) if isinstance(each, list) else "")  # fmt: skip
 def test_suggestions_are_what_a_user_may_mean(line, words, folder, capsys):
     (folder / "episode.npz").touch()

@@ -24,15 +24,14 @@ def test_an_override_that_is_no_value_is_refused(entry):
 @pytest.mark.parametrize(
     ("text", "value"),
     [("((0,1,inf),)", ((0, 1, math.inf),)), ("-inf", -math.inf), ("[inf, -inf]", [math.inf, -math.inf]), ("+3", 3),
-     ("-(-(2))", 2), ("{'a': inf}", {"a": math.inf}), ("'inf'", "inf"), ("infinite", "infinite"), ("True", True)],
+     ("-(-(2))", 2), ("2 * 30", 60),
+     ("{'a': inf}", {"a": math.inf}), ("'inf'", "inf"), ("infinite", "infinite"), ("True", True)],
 )  # fmt: skip
 def test_infinity_may_stand_inside_a_literal(text, value):
     assert parse_overrides([[f"curve.a={text}"]]) == {"curve.a": value}
 
 
-@pytest.mark.parametrize(
-    "text", ["nan", "-nan", "((0, nan),)", "1j", "b''", "1+1", "-True", "f''", "{**{}}", "...", "{1}"]
-)
+@pytest.mark.parametrize("text", ["nan", "-nan", "((0, nan),)", "1j", "b''", "f''", "{**{}}", "...", "{1}"])
 def test_what_is_no_literal_is_no_value(text):
     with pytest.raises(ValueError, match=r"--set curve\.a must be given"):
         parse_overrides([[f"curve.a={text}"]])

@@ -58,6 +58,9 @@ def test_help_says_what_a_field_means_its_unit_and_range(part, field):
     assert re.sub(r"\s+", " ", source[1].strip()) in words
     assert f"{field.name}: " in words
     assert field.metadata["rule"].removeprefix("must be ") in words
+    unit = re.search(r"\[(.*?)\]$", field.metadata["rule"])
+    if unit is not None:
+        assert f"[{unit[1]}]" in source[1] or (unit[1] == "1/s" and "per second" in source[1])
 
 
 def test_help_without_source_still_says_the_rules():

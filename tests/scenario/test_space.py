@@ -21,12 +21,12 @@ DRAW = {
 }
 
 FROZEN = [
-    "418472926dbc5240",
-    "8ee81c5618a48cfc",
-    "d1c4e7396d7cfd7c",
-    "a0d1462c352d2522",
-    "edb7cdb72b6f0ff7",
-    "63d51e075a7ee9d8",
+    "d56d62c14a3966e9",
+    "9277c35706d757f9",
+    "b8d91b8470a9ea34",
+    "b6168ffc62e7a1f2",
+    "98c831b37a189942",
+    "454a4115fbab81d1",
 ]
 """Digests of the first scenario of each split and shift of monitoring-v1."""
 
@@ -169,7 +169,7 @@ def test_a_shift_changes_its_draws_alone():
     ("draw", "words"),
     [
         ({"curves": {}}, r"draw must name one of .*did you mean curve\?"),
-        ({"curve": {"half_hight": 1.0}}, r"curve.half_hight.*did you mean half_height\?"),
+        ({"curve": {"half_hight": 1.0}}, r"curve.half_hight.*did you mean curve.half_height\?"),
         ({"curve": {"half_height": {"low": 2.0}}}, r"draw.curve.half_height must be a value, \{low, high\}"),
         ({"curve": {"half_height": {"low": 2.0, "high": 1.0}}}, "low <= high, got 2.0 and 1.0"),
         ({"curve": {"half_height": {"low": 0.0, "high": 1.0, "log": True}}}, "low must be above 0 with log"),
@@ -233,7 +233,7 @@ def test_a_registered_space_is_known_by_name(monkeypatch):
     of = register_scenario_space(space("of-mine"))
     assert scenario("of-mine-4") == of.sample(4)
     assert "of-mine" in lissajous_env.scenario_spaces()
-    with pytest.raises(ValueError, match="name of a space must be new, got of-mine"):
+    with pytest.raises(ValueError, match="name of a space must be new, got 'of-mine'"):
         register_scenario_space(space("of-mine", draw={}))
     with pytest.raises(ValueError, match=r"space must be one of .*did you mean of-mine\?"):
         scenario_space("of-min")
@@ -268,7 +268,7 @@ def test_formulas_compute(text, value):
 
 
 @pytest.mark.parametrize(
-    "text", ["x ** 9", "x.__class__()", "[x]", "lambda: 1", "1 if x else 2", "'a'", "", "(" * 300, "open(x)", "True"]
+    "text", ["x ** 9", "x.__class__()", "lambda: 1", "1 if x else 2", "b'a'", "", "(" * 300, "open(x)", "{1}"]
 )
 def test_other_expressions_are_no_formulas(text):
     with pytest.raises(ValueError, match="formula must be an expression"):

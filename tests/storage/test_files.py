@@ -3,7 +3,6 @@
 import errno
 import json
 import os
-from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -12,7 +11,7 @@ from baselines.benchmark.running import run
 from baselines.benchmark.types import Benchmark
 from baselines.commands.reproduce import reproduce
 from lissajous_env.storage import files
-from lissajous_env.storage.files import check_writable_file, parse_json, read_json, replacing, write_atomically
+from lissajous_env.storage.files import check_writable_file, read_json, replacing, write_atomically
 from lissajous_env.storage.folder import LIST, Folder
 from lissajous_env.storage.journal import Journal
 
@@ -58,15 +57,14 @@ def test_files_of_the_user_stay_as_they_are(tmp_path, command):
 
 
 @pytest.mark.parametrize(
-    ("command", "name"),
+    ("command", "name", "kind"),
     [
-        (benchmark, "settings.json"), (benchmark, "episodes.jsonl"), (benchmark, "summary.json"),
-        (benchmark, "episodes.csv"), (benchmark, "report.html"), (theorem, "README.md"), (theorem, "table.csv"),
-        (theorem, "theorem2.png"), (train, "checkpoint.json"), (train, "report.html"), (train, "best"),
-        (train, "tensorboard"),
+        (benchmark, "settings.json", "file"), (benchmark, "episodes.jsonl", "link"),
+        (benchmark, "summary.json", "broken link"), (benchmark, "report.html", "folder"),
+        (theorem, "README.md", "file"), (theorem, "theorem2.png", "folder"), (train, "checkpoint.json", "link"),
+        (train, "report.html", "file"), (train, "best", "broken link"), (train, "tensorboard", "folder"),
     ],
 )  # fmt: skip
-@pytest.mark.parametrize("kind", ["file", "link", "broken link", "folder"])
 def test_a_file_of_the_user_with_the_name_of_a_result_is_refused_at_once(tmp_path, command, name, kind):
     outside, out = tmp_path / "outside", tmp_path / "out"
     out.mkdir()
@@ -110,15 +108,6 @@ def test_a_file_that_grows_must_not_have_a_second_name(tmp_path, name):
     with pytest.raises(ValueError, match=rf"{name} must be a plain file, got a hard link"):
         benchmark(tmp_path / "out")
     assert (tmp_path / "kept").read_bytes() == before
-
-
-def test_a_file_that_is_replaced_may_have_a_second_name(tmp_path):
-    benchmark(tmp_path / "out")
-    os.link(tmp_path / "out" / "summary.json", tmp_path / "kept")
-    before = (tmp_path / "kept").read_bytes()
-    benchmark(tmp_path / "out")
-    assert (tmp_path / "kept").read_bytes() == before
-    assert os.stat(tmp_path / "kept").st_nlink == 1
 
 
 @each_command
@@ -174,19 +163,6 @@ def test_what_a_killed_process_left_is_removed_and_nothing_else(tmp_path):
         assert sorted(path.name for path in tmp_path.iterdir()) == [".lissajous-1.json", LIST, "a.json"]
 
 
-def test_a_kill_while_room_for_names_is_tried_leaves_a_folder_that_can_be_used(tmp_path, monkeypatch):
-    def killed(path, **named):
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "unlink", killed)
-        with pytest.raises(KeyboardInterrupt):
-            Folder(tmp_path / "out")
-    assert len(list((tmp_path / "out").iterdir())) == 2
-    Folder(tmp_path / "out").close()
-    assert [path.name for path in (tmp_path / "out").iterdir()] == [LIST]
-
-
 @pytest.mark.parametrize("torn", ["", '{"lissa', '{"lissajous": 1, "token": "0123456789abcdef"}\n{"wro'])
 def test_a_list_that_a_kill_left_half_written_is_gone_on_with(tmp_path, torn):
     (tmp_path / LIST).write_text(torn)
@@ -211,12 +187,6 @@ def test_replacing_a_link_leaves_its_target(tmp_path):
         temporary.write_text("new")
     assert (tmp_path / "target").read_text() == "mine"
     assert not (tmp_path / "link.csv").is_symlink()
-
-
-def test_a_name_may_be_as_long_as_the_disk_allows(tmp_path):
-    path = tmp_path / ("a" * 251 + ".csv")
-    write_atomically(path, "x")
-    assert path.read_text() == "x"
 
 
 @pytest.mark.parametrize(
@@ -257,7 +227,6 @@ def test_a_folder_that_cannot_be_written_is_found_before_any_work(tmp_path, comm
         ("1e400", "only finite numbers, got 1e400"),
         ("1" + 400 * "0", "only finite numbers, got 1000"),
         ("-" + 5000 * "9", "only finite numbers, got -999"),
-        ('{"a": 1, "b": 2, "a": 3}', "name each entry once, got 'a' twice"),
         (101 * "[" + 101 * "]", "nest at most 100 levels"),
         (100_000 * "[" + 100_000 * "]", "nest at most 100 levels"),
         (100_000 * '{"a":' + "1" + 100_000 * "}", "nest at most 100 levels"),
@@ -269,11 +238,6 @@ def test_json_is_read_strictly(tmp_path, text, words):
     with pytest.raises(ValueError, match=rf"a\.json is damaged: .*{words}") as error:
         read_json(tmp_path / "a.json")
     assert len(str(error.value)) < 300 + len(str(tmp_path))
-
-
-def test_json_is_read():
-    assert parse_json('{"a": [1, 2.5, null, true, "x"], "b": {}}', "") == {"a": [1, 2.5, None, True, "x"], "b": {}}
-    assert parse_json(b"[1e308, 12345678901234567890]", "") == [1e308, 12345678901234567890]
 
 
 def test_what_is_no_plain_file_is_not_read(tmp_path):
@@ -289,7 +253,7 @@ def test_what_is_no_plain_file_is_not_read(tmp_path):
             read_json(tmp_path / name, 99)
 
 
-@pytest.mark.parametrize("line", ['{"a": NaN}', "[1]", "3", 500 * "[", '{"a": 1, "a": 2}'])
+@pytest.mark.parametrize("line", ['{"a": NaN}', "[1]", "3", 500 * "["])
 def test_a_last_line_that_no_kill_can_have_left_is_refused(tmp_path, line):
     (tmp_path / "journal").write_text('{"a": 1}\n' + line + "\n")
     if line.startswith("[["):
@@ -335,25 +299,3 @@ def test_a_full_disk_leaves_the_file_before(tmp_path, monkeypatch, call):
                 folder.write("a.json", "new")
         assert (tmp_path / "a.json").read_text() == "old"
         assert sorted(path.name for path in tmp_path.iterdir()) == before
-
-
-def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path):
-    path = tmp_path / "file.txt"
-    write_atomically(path, "old")
-
-    def half_way():
-        with replacing(path) as temporary:
-            temporary.write_text("half of the new")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        half_way()
-    assert path.read_text() == "old"
-    assert os.listdir(tmp_path) == ["file.txt"]
-
-
-def test_journal_returns_what_was_appended(tmp_path):
-    with Journal(tmp_path / "journal") as journal:
-        journal.append([{"a": 1.1}, {"b": None}])
-    with Journal(tmp_path / "journal") as journal:
-        assert journal.entries == [{"a": 1.1}, {"b": None}]

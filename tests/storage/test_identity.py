@@ -2,8 +2,8 @@
 
 import dataclasses
 import functools
-import json
 import os
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +13,7 @@ import pytest
 from rich.console import Console
 
 import lissajous_env
+from baselines.benchmark import results_folder
 from baselines.benchmark.running import run
 from baselines.benchmark.types import Benchmark
 from baselines.policies import factories
@@ -106,18 +107,14 @@ def test_whatever_makes_a_policy_is_identified_by_its_module():
 
 
 def test_code_of_a_script_is_identified_by_its_own_source(tmp_path):
-    # Oracle: another function of the script changes nothing.
-    program = (
-        "{other}\ndef act(o): return {value} * o\nfrom lissajous_env.identity import parts_of; print(parts_of(act))"
-    )
+    # Oracle: another line of the script changes nothing.
+    def parts(name, *lines):
+        (tmp_path / name).write_text("\n".join(lines))
+        return parts_of(runpy.run_path(str(tmp_path / name), run_name="__main__")["act"])
 
-    def parts(**values):
-        (tmp_path / "script.py").write_text(program.format(**values))
-        command = [sys.executable, "script.py"]
-        environment = os.environ | {"PYTHONPATH": str(Path(lissajous_env.__file__).parents[1])}
-        return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True).stdout
-
-    assert parts(other="", value=1) == parts(other="x = 3", value=1) != parts(other="", value=2)
+    one = parts("one.py", "def act(o): return 1 * o")
+    assert one == parts("more.py", "x = 3", "def act(o): return 1 * o")
+    assert one != parts("other.py", "def act(o): return 2 * o")
 
 
 def test_a_folder_contains_one_version_of_a_model_of_robots(tmp_path, monkeypatch):
@@ -128,21 +125,6 @@ def test_a_folder_contains_one_version_of_a_model_of_robots(tmp_path, monkeypatc
     monkeypatch.setattr(robot_models, "_MODELS", dict(robot_models._MODELS))
     robot_models.register_robot_model(dataclasses.replace(POINT, name="mine"))
     run(settings, still, [scenario()], QUIET)
-    path = tmp_path / "settings.json"
-    held = json.loads(path.read_text())
-    held["played"]["robots of kind mine"]["code"] = "elsewhere:move"
-    path.write_text(json.dumps(held))
+    monkeypatch.setattr(results_folder, "parts_of", lambda kernel: {"code": "elsewhere:move"})
     with pytest.raises(ValueError, match=r"played\.robots of kind mine"):
         run(settings, still, [scenario()], QUIET)
-
-
-def test_settings_without_what_was_played_are_damaged(tmp_path):
-    # Oracle: the message's words.
-    settings = Benchmark(("failure",), ("still",), 1, out=tmp_path, overrides=SHORT, replays=("none",))
-    run(settings, console=QUIET)
-    path = tmp_path / "settings.json"
-    held = json.loads(path.read_text())
-    for wrong in ({}, {"still": 3}, {"still": {"code": 3}}, []):
-        path.write_text(json.dumps(held | {"played": wrong}))
-        with pytest.raises(ValueError, match=r"settings\.json is damaged: played is"):
-            run(settings, console=QUIET)

@@ -51,15 +51,14 @@ assert "speed_min" in (settings.out / "episodes.csv").read_text()
 """
 
 STAGE = """
-import warp as wp
+from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.world.state import Clock, Robots
 
 
-@wp.kernel
-def halve_speeds(first: int, lanes: int, clock: Clock, robots: Robots):
-    tid, lane = wp.tid()
-    for i in range(lane, robots.status.shape[1], lanes):
-        robots.speed[first + tid, i] = 0.5 * robots.speed[first + tid, i]
+@stage(ROBOT, writes="robots: speed")
+def halve_speeds(w: int, i: int, clock: Clock, robots: Robots):
+    \"\"\"Halve the speed of each robot.\"\"\"
+    robots.speed[w, i] = 0.5 * robots.speed[w, i]
 """
 
 EXTRA = """
@@ -103,8 +102,8 @@ assert len(lissajous_env.evaluate(baselines.make("{policy}", made, 2), made, see
             {
                 "lissajous_env/world/stages.py": [
                     (
-                        '        Stage("end", end_episodes, WORLD),',
-                        '        Stage("end", end_episodes, WORLD),\n        Stage("halving", halve_speeds, ROBOT),',
+                        '        Stage("end", end_episodes),',
+                        '        Stage("end", end_episodes),\n        Stage("halving", halve_speeds),',
                     ),
                     (
                         "from lissajous_env.world.robots.faults",
@@ -121,7 +120,7 @@ assert "halving" in str(simulation.stages)
         ),
         (
             {},
-            {"lissajous_env/parameters/shipped.py": [('name="ideal"', 'name="mine"')]},
+            {"lissajous_env/parameters/shipped.toml": [("[ideal]", "[mine]")]},
             'assert lissajous_env.parallel_env("mine").reset(seed=1)',
         ),
         (

@@ -10,7 +10,7 @@ import lissajous_env
 from lissajous_env.device.discs import swept_run
 from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.parameters.spreading import HOPS
-from lissajous_env.world.introduction import introduced_at
+from lissajous_env.world.contamination.labels import introduced_at
 from lissajous_env.world.state import NEVER
 
 POINTS = {

@@ -13,7 +13,7 @@ from baselines.policies.settings import PolicySettings
 from baselines.similarity import motion_scale
 from lissajous_env import Scenario
 from lissajous_env.console.terminal import plain
-from lissajous_env.parameters.plain_scenario import scenario_of
+from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.world.observation import layout
 from training.learned.constants import CONSTANTS
 

@@ -24,7 +24,7 @@ from safetensors.numpy import save as to_safetensors
 from lissajous_env import Scenario
 from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import Extension, load_extension
-from lissajous_env.parameters.plain_scenario import scenario_of
+from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.storage.files import read_bytes, read_json
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import shown

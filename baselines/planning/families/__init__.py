@@ -1,11 +1,14 @@
 """The families of plans."""
 
-from baselines.planning.families.base import Family
-from baselines.planning.families.known import Known
-from baselines.planning.families.lissajous import Lissajous
-from baselines.planning.families.patrols import Patrols
-from baselines.planning.families.shipped import Shipped
-from baselines.planning.families.tuned import LINES, PARTITIONS
+from collections.abc import Callable
 
-FAMILIES: tuple[Family, ...] = (Shipped(), Known(), PARTITIONS, LINES, Lissajous(), Patrols())
-"""Every family; the first has the included classical policies with their defaults."""
+from baselines.planning.best_known import best_known
+from baselines.planning.families.defaults import included
+from baselines.planning.families.lissajous import formations
+from baselines.planning.families.loops import patrols
+from baselines.planning.families.timed import lines, partitions
+from baselines.planning.family import Family
+from lissajous_env.parameters.scenario import Scenario
+
+FAMILIES: tuple[Callable[[Scenario], Family], ...] = (included, best_known, partitions, lines, formations, patrols)
+"""Functions that return each family for a task."""

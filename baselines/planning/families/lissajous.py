@@ -4,14 +4,14 @@ Curves with a + b = N are the paper's, with its bounds (6), (7) and (8). Other c
 spaced robots of the undisturbed formation neither collide nor leave a gap, by `lissajous_env.theory.geometry`.
 """
 
+import itertools
 import math
-from collections.abc import Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 
-from baselines.planning.families.base import FILTERS, Choices, Settings
+from baselines.planning.family import FILTERS, Family, Settings, without_plans
 from baselines.planning.plans import Plan, top_speed
 from baselines.policies.as_cars import like_cars
 from baselines.policies.settings import PolicySettings
@@ -22,6 +22,7 @@ from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.theory import design as theory
 from lissajous_env.theory.candidate import best_formation
 
+NAME = "Lissajous"
 _KURAMOTO = "kuramoto", "arc"
 """Coordinators that require a stable equilibrium (2) with a place for each robot, which 4 and 6 robots do not have."""
 _COORDINATORS = *_KURAMOTO, "consensus", "open-loop", "tracked-reference"
@@ -35,54 +36,52 @@ _ROOM = 1.05
 """Least distance of robots in formation, over the sum of their radii; least sensing radius, over what a lap needs."""
 
 
-class Lissajous:
-    """Formations on Lissajous curves."""
+def formations(task: Scenario) -> Family:
+    """Return formations by curve, coordinator, and shares of the largest phase rate and of the default coupling."""
+    policies = _policies(task)
+    if not policies:
+        return without_plans(NAME, f"no coordinator drives robots of kind {task.robot.kind}")
+    curves, (paper, *others) = curves_of(task), policies
+    if not curves:
+        return without_plans(NAME, _violation(task))
+    # Every curve with the paper's method, then the best ones with other coordinators.
+    starts = [{"curve": k, "policy": paper, "rate": 1.0} for k in range(len(curves))]
+    starts += [{"curve": k, "policy": each, "rate": 1.0} for k in range(len(curves))[:2] for each in others]
+    space = {
+        "curve": list(range(len(curves))),
+        "policy": policies,
+        "rate": (0.3, 1.3),
+        "coupling": (0.2, 5.0),
+        "ring": list(range(4)),
+    }
+    return Family(NAME, partial(_plan, task), starts, space)
 
-    name = "Lissajous"
 
-    def starts(self, task: Scenario) -> Sequence[Settings]:
-        """Return every curve with the paper's method, then the best ones with other coordinators."""
-        if not _policies(task):
-            return []
-        curves = curves_of(task)
-        paper, *others = _policies(task)
-        first = [{"curve": k, "policy": paper, "rate": 1.0} for k in range(len(curves))]
-        return first + [{"curve": k, "policy": each, "rate": 1.0} for k in range(len(curves))[:2] for each in others]
+def _violation(task: Scenario) -> str:
+    """Return which condition of the paper every formation violates, and what would help."""
+    robot = (like_cars(task) or task).robot
+    designs = theory.design(
+        task.curve.half_width, task.curve.half_height, robot.radius, task.sensing_radius, top_speed(task),
+        task.num_robots, None, robot.wheelbase if robot.kind == "car" else None, robot.steering_max,
+        robot.lateral_acceleration_max,
+    )  # fmt: skip
+    return f"{theory.what_fails(designs)}. {theory.what_would_help(designs)}"
 
-    def space(self, task: Scenario) -> dict[str, Choices]:
-        """Return the curve, the policy, and shares of the largest phase rate and of the default coupling."""
-        return {
-            "curve": list(range(len(curves_of(task)))),
-            "policy": _policies(task),
-            "rate": (0.3, 1.3),
-            "coupling": (0.2, 5.0),
-            "ring": list(range(4)),
-        }
 
-    def plan(self, task: Scenario, settings: Settings) -> Plan:
-        """Return the formation at a share of the largest phase rate that its robots can drive, less the headroom."""
-        curve, policy = curves_of(task)[settings["curve"]], settings["policy"]
-        rate = float(f"{settings['rate'] * _largest_rate(task, curve):.6g}")
-        changed = formation_overrides(task, curve, rate, settings.get("ring", 0))
-        if "coupling" in settings:
-            changed["formation.coupling"] = settings["coupling"] * rate / (0.3 * changed["formation.alpha"])
-        given: dict[str, Any] = {}
-        if policy.startswith("arc"):
-            cruise = min(settings["rate"] * (1 - theory.HEADROOM), 1.0) * top_speed(task)
-            given = {"speed": float(f"{cruise:.6g}")}
-        about = f"a:b = {curve.a}:{curve.b}, p = {changed['formation.p']}, omega = {rate:.3g} rad/s"
-        if given:
-            about = f"a:b = {curve.a}:{curve.b}, p = {changed['formation.p']}, {given['speed']:.3g} m/s"
-        return Plan(self.name, named.build(task, **changed), PolicySettings(policy, {}, given), about)
-
-    def refusal(self, task: Scenario) -> str:
-        """Return which condition of the paper every formation violates, and what would help."""
-        if not _policies(task):
-            return f"no coordinator drives robots of kind {task.robot.kind}"
-        if curves_of(task):
-            return ""
-        designs = designs_of(task)
-        return f"{theory.what_fails(designs)}. {theory.what_would_help(designs)}"
+def _plan(task: Scenario, settings: Settings) -> Plan:
+    """Return the formation at a share of the largest phase rate that its robots can drive, less the headroom."""
+    curve, policy = curves_of(task)[settings["curve"]], settings["policy"]
+    rate = float(f"{settings['rate'] * _largest_rate(task, curve):.6g}")
+    fields = formation_overrides(task, curve, rate, settings.get("ring", 0))
+    if "coupling" in settings:
+        fields["formation.coupling"] = settings["coupling"] * rate / (0.3 * fields["formation.alpha"])
+    coordinator, pace = {}, f"omega = {rate:.3g} rad/s"
+    if policy.startswith("arc"):
+        cruise = min(settings["rate"] * (1 - theory.HEADROOM), 1.0) * top_speed(task)
+        coordinator = {"speed": float(f"{cruise:.6g}")}
+        pace = f"{coordinator['speed']:.3g} m/s"
+    about = f"a:b = {curve.a}:{curve.b}, p = {fields['formation.p']}, {pace}"
+    return Plan(NAME, named.build(task, **fields), PolicySettings(policy, {}, coordinator), about)
 
 
 def _policies(task: Scenario) -> list[str]:
@@ -94,42 +93,16 @@ def _policies(task: Scenario) -> list[str]:
     return [f"{each}-mpcc{suffix}" for suffix in FILTERS for each in fitting] if like_cars(task) is not None else []
 
 
-def designs_of(task: Scenario) -> list[theory.Candidate]:
-    """Return the designs with a + b = N for the robots of a task, with their bounds."""
-    robot = (like_cars(task) or task).robot
-    return _designs(
-        task.curve.half_width, task.curve.half_height, robot.radius, task.sensing_radius, top_speed(task),
-        task.num_robots, None, robot.wheelbase if robot.kind == "car" else None, robot.steering_max,
-        robot.lateral_acceleration_max,
-    )  # fmt: skip
-
-
-@lru_cache(maxsize=64)
-def _designs(*given: Any) -> list[theory.Candidate]:
-    return theory.design(*given)
-
-
 @lru_cache(maxsize=64)
 def curves_of(task: Scenario) -> list[Curve]:
     """Return the curves on which the formation of a task may work, those with the shortest laps first."""
-    return _curves(task)
-
-
-def _curves(task: Scenario) -> list[Curve]:
     n = task.num_robots
-    found = []
-    for a in range(1, n + _MORE + 1, 2):
-        for b in range(1, n + _MORE + 1 - a):
-            if math.gcd(a, b) == 1 and (curve := Curve(task.curve.half_width, task.curve.half_height, a, b)):
-                found.append(curve)
-    lap = {curve: 1 / _largest_rate(task, curve) for curve in found}
-    kept: list[Curve] = []
-    for curve in sorted(found, key=lambda each: (each.a + each.b != n, lap[each])):
-        if _may_work(task, curve):
-            kept.append(curve)
-        if len(kept) == _MOST_CURVES:
-            break
-    return sorted(kept, key=lambda each: lap[each])
+    half = task.curve.half_width, task.curve.half_height
+    ratios = ((a, b) for a in range(1, n + _MORE + 1, 2) for b in range(1, n + _MORE + 1 - a) if math.gcd(a, b) == 1)
+    lap = {curve: 1 / _largest_rate(task, curve) for curve in (Curve(*half, a, b) for a, b in ratios)}
+    first = sorted(lap, key=lambda curve: (curve.a + curve.b != n, lap[curve]))
+    usable = itertools.islice((curve for curve in first if _may_work(task, curve)), _MOST_CURVES)
+    return sorted(usable, key=lap.__getitem__)
 
 
 def _may_work(task: Scenario, curve: Curve) -> bool:

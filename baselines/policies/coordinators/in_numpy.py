@@ -8,7 +8,7 @@ import warp as wp
 from baselines.policies.rows import Rows
 from lissajous_env.device.devices import copy_in
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.view import read_only
+from lissajous_env.world.extended import read_only
 
 
 class NumpyCoordinator:

@@ -10,7 +10,7 @@ after it, from the recorded tracks of the sensors:
    result: a lower bound of the worst case, whatever the search assumed.
 
 The replay can compute the bound of `task.conservative`, too, which no rogue exceeds. The worst case lies between the
-two.
+two. Rogues that observe the present alone learn from the same knowledge of the future (`foresight`).
 """
 
 import dataclasses

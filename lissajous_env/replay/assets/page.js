@@ -9,7 +9,6 @@ import { gradientOf, shareScales } from "./ground.js";
 import { Inspector } from "./inspector.js";
 import { Link } from "./link.js";
 import { Player } from "./player.js";
-import { Space } from "./space.js";
 import { shareExtents, Stage } from "./stage.js";
 import { Tiles } from "./tiles.js";
 import { numeral, Timeline } from "./timeline.js";
@@ -70,13 +69,13 @@ export class Page {
   view(episode) {
     const box = byId("episode").content.firstElementChild.cloneNode(true);
     const canvas = box.querySelector("canvas");
-    const stage = stageOf(canvas, episode, this.camera);
+    const stage = new Stage(canvas, episode, this.camera);
     box.querySelector(".policy").textContent = this.named(episode);
     canvas.setAttribute(
       "aria-label",
       `${episode.count} robots in ${episode.about.name}, played by ${episode.raw.policy}`,
     );
-    if (stage instanceof Stage) bindGestures(canvas, stage, () => this.look());
+    bindGestures(canvas, stage, () => this.look());
     const inspector = new Inspector(box.querySelector(".inspector"), episode, (robot) => this.select(robot));
     canvas.addEventListener("click", (event) => {
       const frame = canvas.getBoundingClientRect();
@@ -126,15 +125,14 @@ export class Page {
     this.lay(layers[(layers.indexOf(this.layer) + 1) % layers.length]);
   }
 
-  // Zoom and pan: apply `act` once per camera.
+  // Zoom and pan the camera, which all pictures share.
   steer(act) {
-    const stages = new Map(this.views.map(({ stage }) => [stage.camera, stage]));
-    for (const stage of stages.values()) act(stage);
+    act(this.views[0].stage);
     this.look();
   }
 
   look() {
-    for (const { stage } of this.views) if (stage instanceof Stage) stage.look();
+    for (const { stage } of this.views) stage.look();
     this.draw();
   }
 
@@ -231,16 +229,4 @@ export class Page {
       words = event ? `${this.player.words(event.time)} s: ${event.words}` : "";
     if (byId("event").textContent !== words) byId("event").textContent = words;
   }
-}
-
-// Return a three-dimensional view if the scenario has one and the browser supports it, else the view from above.
-function stageOf(canvas, episode, camera) {
-  if (episode.about.half[2] > 0 && globalThis.THREE) {
-    try {
-      return new Space(canvas, episode);
-    } catch {
-      return new Stage(canvas, episode, camera);
-    }
-  }
-  return new Stage(canvas, episode, camera);
 }

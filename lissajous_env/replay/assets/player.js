@@ -3,7 +3,6 @@
 export class Player {
   constructor(duration, step, onMove) {
     Object.assign(this, { duration, step, onMove, time: 0, speed: 1, playing: false, before: 0 });
-    this.frames = [];
   }
 
   // Format a time with the decimals of the step [s].
@@ -30,11 +29,7 @@ export class Player {
     this.before = now;
     this.time = Math.min(this.time + passed * this.speed, this.duration);
     if (this.time >= this.duration) this.playing = false;
-    const start = performance.now();
     this.onMove(this);
-    // Latest drawing times [ms], for measurements.
-    this.frames.push(performance.now() - start);
-    if (this.frames.length > 600) this.frames.shift();
     if (this.playing) requestAnimationFrame((later) => this.tick(later));
   }
 }

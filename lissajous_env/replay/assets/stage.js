@@ -264,6 +264,6 @@ function extentOf(episode) {
 
 // Give pictures side by side a common scale.
 export function shareExtents(stages) {
-  const extents = stages.map((stage) => stage.extent).filter(Boolean);
-  for (const stage of stages) stage.extent &&= [0, 1].map((axis) => Math.max(...extents.map((each) => each[axis])));
+  const shared = [0, 1].map((axis) => Math.max(...stages.map((stage) => stage.extent[axis])));
+  for (const stage of stages) stage.extent = shared;
 }

@@ -1,7 +1,7 @@
 // Comparison of the policies of a scenario with the reference on the same seeds.
 
 import { interval } from "./ranking.js";
-import { cell, heads, reading, rowName, scrolling, table } from "./tables.js";
+import { heads, reading, rowName, scrolling, table } from "./tables.js";
 import { element } from "./words.js";
 
 const NOTE =
@@ -28,9 +28,9 @@ function pairsOf(report, scenario) {
   ]);
   const rows = policies.map(({ policy, pairs }) => {
     const look = report.policies[policy];
-    const cells = pairs.flatMap((pair, k) => [
-      cell("wide", `${columns[k].title}: better`, null, ...(pair.n ? share(look, pair) : [])),
-      cell("", "difference", null, reading(pair.difference, pair.differences)),
+    const cells = pairs.flatMap((pair) => [
+      element("td", "wide", ...(pair.n ? share(look, pair) : [])),
+      element("td", "", reading(pair.difference, pair.differences)),
     ]);
     const row = element("tr", "", rowName(look), ...cells);
     row.dataset.policy = policy;

@@ -1,12 +1,12 @@
 // The table of all episodes, which can be sorted and filtered; each has a replay or the command for one.
 
-import { isNarrow, reveal } from "./folding.js";
+import { reveal } from "./folding.js";
 import { copied } from "./link.js";
 import { badge } from "./svg.js";
-import { cell, fill, heading, heads, ordered } from "./tables.js";
+import { fill, heading, heads, ordered } from "./tables.js";
 import { button, element, number } from "./words.js";
 
-const FIRST = isNarrow() ? 8 : 50;
+const FIRST = 50;
 const MORE = 250;
 const box = (name) => document.getElementById(name);
 
@@ -124,17 +124,17 @@ export class Episodes {
       policy = report.policies[episodes.policy[k]];
     const kinds = report.kinds.filter((_, bit) => episodes.failed[k] & (1 << bit)).map((kind) => chip(kind, kind.words));
     const values = columns.map((column) => {
-      const { name, title, whole, open } = this.columns.get(column),
+      const { name, whole, open } = this.columns.get(column),
         value = episodes[name][k];
       const words = value === null ? "–" : whole ? String(value) : number(value);
-      return cell("number", title, null, open && episodes[open][k] === 1 ? `> ${words}` : words);
+      return element("td", "number", open && episodes[open][k] === 1 ? `> ${words}` : words);
     });
     const row = element(
       "tr",
       "",
       element("td", "name", scenario.name),
       element("td", "name", badge(policy)),
-      cell("number", "seed", null, String(episodes.seed[k])),
+      element("td", "number", String(episodes.seed[k])),
       element("td", "chips", ...kinds),
       ...values,
       this.actions(k, scenario, policy),

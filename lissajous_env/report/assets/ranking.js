@@ -1,6 +1,5 @@
 // Ranking: mean ranks over the scenarios of a kind of robots, and the scores that are comparable between scenarios.
 
-import { isNarrow } from "./folding.js";
 import { svg } from "./svg.js";
 import { cell, heading, reading, rowName, scrolling, sortable, table } from "./tables.js";
 import { element } from "./words.js";
@@ -18,7 +17,7 @@ function rankingOf(report, ranking) {
   if (ranking.policies.some((policy) => policy.overall.length)) {
     const all = scrolling(`Scores of ${ranking.kind} over all scenarios`, togetherOf(report, ranking));
     const more = element("details", "more-of", element("summary", "", "All episodes of these scenarios together"), all);
-    more.open = !isNarrow();
+    more.open = true;
     box.append(more);
   }
   return box;
@@ -33,7 +32,7 @@ function ranksOf(report, ranking) {
     const cells = of.ranks.map(([mean, low, high], k) => {
       const between = low !== null && low.toFixed(1) !== high.toFixed(1) ? `${low.toFixed(1)}–${high.toFixed(1)}` : "";
       const words = reading(mean.toFixed(1), between, mean === leastRank(ranking, k) ? "best" : "");
-      return cell("", titles[k], mean, words, interval(look, [mean, low, high], 1, ranking.policies.length));
+      return cell("", mean, words, interval(look, [mean, low, high], 1, ranking.policies.length));
     });
     return element("tr", "", name, ...cells);
   });

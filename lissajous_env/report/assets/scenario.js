@@ -18,7 +18,6 @@ export function scenarioSection(report, scenario, s, onPick) {
   box.querySelector(".facts-row").append(...facts(scenario.facts));
   fillPolicies(report, scenario, s, box.querySelector("table"));
   box.querySelector(".scroll").after(...scenario.notes.map((words) => element("p", "note", words)));
-  choosing(scenario, box);
   box.querySelector(".plots").replaceWith(pictures(...plotsOf(report, scenario)));
   if (scenario.against) box.append(comparison(report, scenario));
   box.addEventListener("click", (event) => {
@@ -27,20 +26,6 @@ export function scenarioSection(report, scenario, s, onPick) {
   });
   light(box);
   return box;
-}
-
-// On a phone, a table shows one selected column beside the names.
-function choosing(scenario, box) {
-  const chosen = box.querySelector(".chosen-measure select");
-  const titles = scenario.measures.map((measure) => measure.title);
-  chosen.append(...titles.map((title) => element("option", "", title)));
-  const show = () => {
-    for (const cell of box.querySelectorAll(".policies td"))
-      cell.classList.toggle("chosen", cell.dataset.title === chosen.value);
-  };
-  chosen.value = titles[Math.max(scenario.measures.findIndex((measure) => measure.column === scenario.headline), 0)];
-  chosen.addEventListener("change", show);
-  show();
 }
 
 // Highlight the hovered policy in the whole section.
@@ -121,7 +106,7 @@ function measured(report, s, policy, { measure, scale, best }) {
   const words = reading(of.words, of.between, look.rival && of.words === best ? "best" : "");
   if (of.known < policy.episodes) words.append(element("small", "few", `(${of.known}/${policy.episodes})`));
   const value = of.value !== null && of.words.startsWith(">") ? Number.MAX_VALUE : of.value;
-  const made = cell(measure.strip ? "wide" : "", measure.title, value, words);
+  const made = cell(measure.strip ? "wide" : "", value, words);
   if (measure.strip) made.append(strip(look, of, measure, scale, dotsOf(report, s, policy.policy, measure.column)));
   return made;
 }

@@ -1,4 +1,4 @@
-// SVG elements; the style sheet defines their colours, so themes and print need no redrawing.
+// SVG elements; the style sheet defines their colours, so themes need no redrawing.
 
 const SPACE = "http://www.w3.org/2000/svg";
 

@@ -31,10 +31,9 @@ export function rowName(policy, ...more) {
   return made;
 }
 
-// A cell; narrow pages show the title above it, and sorting compares the value.
-export function cell(name, title, value, ...content) {
+// A cell; sorting compares the value.
+export function cell(name, value, ...content) {
   const made = element("td", name, ...content);
-  made.dataset.title = title;
   if (value !== undefined && value !== null) made.dataset.value = value;
   return made;
 }

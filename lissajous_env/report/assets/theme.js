@@ -1,15 +1,14 @@
-// Light or dark theme: by default that of the system; in print always light.
+// Light or dark theme: by default that of the system.
 
 import { paintTheme } from "./colours.js";
 
 const dark = matchMedia("(prefers-color-scheme: dark)");
-const paper = matchMedia("print");
 const looks = new CSSStyleSheet();
 document.adoptedStyleSheets = [looks];
 let theme = dark.matches ? "dark" : "light";
 
 function paint() {
-  const { policies } = paintTheme(paper.matches ? "light" : theme);
+  const { policies } = paintTheme(theme);
   // Rules of the style sheet that concern marks precede these.
   const rules = policies.map((colour, k) => `:where(.c${k}) { stroke: ${colour}; --look: ${colour}; }`);
   looks.replaceSync(rules.join("\n"));
@@ -31,6 +30,5 @@ export function beginTheme() {
       turn(theme === "dark" ? "light" : "dark");
   });
   dark.addEventListener("change", (event) => turn(event.matches ? "dark" : "light"));
-  paper.addEventListener("change", paint);
   paint();
 }

@@ -109,10 +109,10 @@ function fillEvaluations(training) {
       "tr",
       "",
       element("td", "name", badge(look), isBest ? element("span", "kind best-one", "best") : ""),
-      cell("number", "steps", steps, steps === undefined ? "" : steps.toLocaleString("en")),
-      cell("number", "time [min]", seconds, seconds === undefined ? "" : number(seconds / 60)),
-      ...training.scores.map(({ name, title }) =>
-        cell("number", title, point[name], point[name] === null ? "–" : number(point[name])),
+      cell("number", steps, steps === undefined ? "" : steps.toLocaleString("en")),
+      cell("number", seconds, seconds === undefined ? "" : number(seconds / 60)),
+      ...training.scores.map(({ name }) =>
+        cell("number", point[name], point[name] === null ? "–" : number(point[name])),
       ),
     );
   });
@@ -134,7 +134,7 @@ function fillScenarios(training) {
       "tr",
       "",
       element("td", "name", name),
-      ...columns.map(([title, value]) => cell("number", title, value(policies), number(value(policies) ?? null))),
+      ...columns.map(([, value]) => cell("number", value(policies), number(value(policies) ?? null))),
     ),
   );
   fill(of("scenarios"), [...heads("scenario"), ...columns.map(([title]) => heading(title, "number"))], rows);

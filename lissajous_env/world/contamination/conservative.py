@@ -21,7 +21,7 @@ cells.
   becomes older by either, never younger.
 
 A target that is unseen at the end of step n may be sensed any time later in step n + 1: the age that is stored as the
-longest is that at the end of that step (`lissajous_env.world.contamination.undetected_time`).
+longest is that at the end of that step (`lissajous_env.world.contamination.field`).
 
 The labels are those of `Contamination.labels`, times 256 as there.
 """
@@ -34,7 +34,8 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import TargetStruct
-from lissajous_env.parameters.reaches import Reaches
+from lissajous_env.device.stage import FIELD_ROW, stage
+from lissajous_env.parameters.spreading import Reaches
 from lissajous_env.world.contamination.field import BOUNDARY
 from lissajous_env.world.contamination.labels import MARGIN, NONE, Hops
 from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robots
@@ -47,7 +48,7 @@ _ROUNDING = wp.constant(1e-6)
 
 @wp.struct
 class Reach:
-    """`lissajous_env.parameters.reaches.Reaches` for kernels."""
+    """`lissajous_env.parameters.spreading.Reaches` for kernels."""
 
     period: int
     moved: float
@@ -170,13 +171,11 @@ def forget_covered(
                     contamination.labels[w, slot, row + MARGIN, column + MARGIN] = NONE
 
 
-@wp.kernel
-def reset_bounds(first: int, lanes: int, target: TargetStruct, hops: Hops, clock: Clock, contamination: Contamination):
+@stage(FIELD_ROW, writes="contamination: labels")
+def reset_bounds(
+    w: int, lane: int, lanes: int, target: TargetStruct, hops: Hops, clock: Clock, contamination: Contamination
+):
     """Contaminate the cells in which targets are introduced, where targets are present from the start."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
     rows = contamination.row_ages.shape[1]
     for row in range(lane, rows, lanes):
         for column in range(hops.columns):
@@ -186,9 +185,10 @@ def reset_bounds(first: int, lanes: int, target: TargetStruct, hops: Hops, clock
                 contamination.labels[w, k, row + MARGIN, column + MARGIN] = wp.where(there, 0, NONE)
 
 
-@wp.kernel
+@stage(FIELD_ROW, writes="contamination: labels, row_ages, row_oldest")
 def bound_labels(
-    first: int,
+    w: int,
+    lane: int,
     lanes: int,
     curve: CurveStruct,
     target: TargetStruct,
@@ -199,10 +199,6 @@ def bound_labels(
     contamination: Contamination,
 ):
     """Bound the label of each cell, and clear the cells that a disc covers entirely."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
     now = clock.step[w]
     tick = now / reach.period
     since = now - tick * reach.period

@@ -20,11 +20,13 @@ from lissajous_env.device.bits import half_of, run_of_bits
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.discs import along, mark_disc, mark_way, points_per_metre
-from lissajous_env.device.part_structs import TargetStruct
+from lissajous_env.device.part_structs import TargetStruct, TaskStruct
+from lissajous_env.device.stage import FIELD_ROW, WORLD, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings import parts
 from lissajous_env.world.contamination.labels import MARGIN, Hops, context_of, forget_seen, label_cells, slot_of
 from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robots, planar
+from lissajous_env.world.tally import FAULT_MARGIN, EpisodeTotals, any_failed
 
 wp.set_module_options(OPTIONS)
 
@@ -46,9 +48,10 @@ def is_over(w: int, target: TargetStruct, clock: Clock, contamination: Contamina
     return target.arrival_rate == 0.0 and contamination.cleared_at[w] < clock.step[w] - 1
 
 
-@wp.kernel
+@stage(FIELD_ROW, writes="contamination: sensed, swept, there", idle=True)
 def clear_cells(
-    first: int,
+    w: int,
+    lane: int,
     lanes: int,
     curve: CurveStruct,
     target: TargetStruct,
@@ -59,8 +62,6 @@ def clear_cells(
     contamination: Contamination,
 ):
     """Find the cells that are sensed in a tick, and clear those that were sensed in the tick before."""
-    tid, lane = wp.tid()
-    w = first + tid
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
     slot = slot_of(clock.step[w], tick, hops)
@@ -93,20 +94,11 @@ def clear_cells(
                     start = end
 
 
-@wp.kernel
+@stage(FIELD_ROW, writes="contamination: labels, oldest, row_ages, row_oldest, sensed, settled, swept, there")
 def reset_labels(
-    first: int,
-    lanes: int,
-    target: TargetStruct,
-    hops: Hops,
-    clock: Clock,
-    contamination: Contamination,
+    w: int, lane: int, lanes: int, target: TargetStruct, hops: Hops, clock: Clock, contamination: Contamination
 ):
     """Contaminate the cells in which targets are introduced, where targets are present from the start."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
     rows = contamination.sensed.shape[2]
     for row in range(lane, rows, lanes):
         for word in range(contamination.sensed.shape[1]):
@@ -132,9 +124,10 @@ def reset_labels(
         contamination.oldest[w] = wp.where(target.count > 0, 0, NEVER)
 
 
-@wp.kernel
+@stage(FIELD_ROW, writes="contamination: labels, row_ages, row_oldest, settled, there", idle=True)
 def spread(
-    first: int,
+    w: int,
+    lane: int,
     lanes: int,
     target: TargetStruct,
     hops: Hops,
@@ -143,8 +136,6 @@ def spread(
     contamination: Contamination,
 ):
     """Spread contamination: targets stay, hop and are introduced where no robot senses."""
-    tid, lane = wp.tid()
-    w = first + tid
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
     now = context_of(clock.step[w], tick, contamination.oldest[w], target.arrival_rate > 0.0, hops)
@@ -173,3 +164,63 @@ def spread(
             contamination.settled[w, row, word] = settled
         contamination.row_oldest[w, row] = row_oldest
         contamination.row_ages[w, row] = ages
+
+
+@stage(
+    WORLD,
+    writes=("contamination: age, age_before, age_max, age_reduction, cleared_at, high_at, mean_age, mean_age_sum"),
+)
+def reset_guarantee(w: int, clock: Clock, contamination: Contamination):
+    """Reset the undetected times of a new episode."""
+    contamination.cleared_at[w] = NEVER
+    contamination.age[w] = 0
+    contamination.age_max[w] = 0
+    contamination.age_reduction[w] = 0.0
+    contamination.mean_age[w] = 0.0
+    contamination.mean_age_sum[w] = wp.float64(0.0)
+    contamination.age_before[w] = 0
+    contamination.high_at[w] = -1
+
+
+@stage(
+    WORLD,
+    writes=(
+        "contamination: age, age_before, age_max, age_reduction, cleared_at, high_at, mean_age, mean_age_sum, oldest"
+    ),
+)
+def keep_guarantee(
+    w: int,
+    target: TargetStruct,
+    task: TaskStruct,
+    hops: Hops,
+    clock: Clock,
+    robots: Robots,
+    tally: EpisodeTotals,
+    contamination: Contamination,
+):
+    """Compute how long a target can have been undetected: t - min e, its largest value and its mean over the cells."""
+    now = clock.step[w]
+    oldest = int(NEVER)
+    ages = wp.int64(0)
+    for row in range(contamination.row_oldest.shape[1]):
+        oldest = wp.min(oldest, contamination.row_oldest[w, row])
+        ages += contamination.row_ages[w, row]
+    age = wp.where(oldest == NEVER, 0, now - oldest)
+    mean_age = float(ages) / float(contamination.row_oldest.shape[1] * hops.columns)
+    if task.conservative == 1 and now > 0:
+        # A target that was undetected a step ago, or appeared since then, may have been so until the end of this step.
+        latest = wp.where(target.arrival_rate > 0.0, now - 1, NEVER)
+        before = wp.min(contamination.oldest[w], latest)
+        if before != NEVER:
+            contamination.age_max[w] = wp.max(contamination.age_max[w], now - before)
+    contamination.oldest[w] = oldest
+    contamination.cleared_at[w] = wp.where(oldest == NEVER, wp.min(contamination.cleared_at[w], now), NEVER)
+    contamination.age[w] = age
+    contamination.age_max[w] = wp.max(contamination.age_max[w], age)
+    contamination.age_reduction[w] = contamination.mean_age[w] - mean_age
+    contamination.mean_age[w] = mean_age
+    contamination.mean_age_sum[w] += wp.float64(mean_age)
+    if tally.faulted[w] == 0 and not any_failed(w, robots):
+        contamination.age_before[w] = contamination.age_max[w]
+    elif float(age) >= FAULT_MARGIN * float(contamination.age_before[w]):
+        contamination.high_at[w] = now

@@ -17,6 +17,7 @@ A list is read from the first entry of its bin to an entry without a robot:
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.stage import BIN, ROBOT, stage
 from lissajous_env.world.state import REMOVED, Clock, Robots, planar
 
 wp.set_module_options(OPTIONS)
@@ -138,13 +139,9 @@ def list_robot(w: int, i: int, robots: Robots, bins: Bins) -> bool:
     return True
 
 
-@wp.kernel
-def clear_bins(first: int, lanes: int, clock: Clock, bins: Bins):
+@stage(BIN, writes="bins: entry, everywhere, first, first_seen, seen_used, used")
+def clear_bins(w: int, lane: int, lanes: int, clock: Clock, bins: Bins):
     """Empty the lists."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
     for k in range(lane, bins.first.shape[1], lanes):
         bins.first[w, k] = bins.room
         bins.first_seen[w, k] = -1
@@ -156,16 +153,11 @@ def clear_bins(first: int, lanes: int, clock: Clock, bins: Bins):
         bins.everywhere[w] = 0
 
 
-@wp.kernel
-def list_robots(first: int, lanes: int, clock: Clock, robots: Robots, bins: Bins):
+@stage(ROBOT, writes="bins: entry, everywhere, first, is_everywhere, used")
+def list_robots(w: int, i: int, clock: Clock, robots: Robots, bins: Bins):
     """List the robots that are not removed; those for which there is no room, where all lists end."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    for i in range(lane, robots.status.shape[1], lanes):
-        bins.is_everywhere[w, i] = 0
-        if robots.status[w, i] != REMOVED and not list_robot(w, i, robots, bins):
-            bins.is_everywhere[w, i] = 1
-            last = bins.room + wp.atomic_add(bins.everywhere, w, 1)
-            bins.entry[w, last] = wp.vec2i(i, last + 1)
+    bins.is_everywhere[w, i] = 0
+    if robots.status[w, i] != REMOVED and not list_robot(w, i, robots, bins):
+        bins.is_everywhere[w, i] = 1
+        last = bins.room + wp.atomic_add(bins.everywhere, w, 1)
+        bins.entry[w, last] = wp.vec2i(i, last + 1)

@@ -10,7 +10,6 @@ from lissajous_env.device.abreast import (
     ABREAST,
     Block,
     Floats,
-    block_of,
     coordinates,
     entries,
     floats,
@@ -25,7 +24,7 @@ from lissajous_env.device.car_input import steering_angle, throttle
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.part_structs import FaultsStruct, RobotStruct, TaskStruct
-from lissajous_env.device.program import BLOCKS
+from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
@@ -104,10 +103,9 @@ def take_input(
     return curvature, push
 
 
-@wp.kernel
+@stage(ROBOT, writes="robots: curvature, heading, position, speed, track")
 def move_cars(
-    begin: int,
-    end: int,
+    block: Block,
     curve: CurveStruct,
     robot: RobotStruct,
     task: TaskStruct,
@@ -117,9 +115,6 @@ def move_cars(
     robots: Robots,
 ):
     """Move cars with constant steering and throttle in a step; a failed car stops, or coasts as it steered last."""
-    block = block_of(wp.tid(), begin, end, robots.status.shape[1], clock.active)
-    if block.count == 0:
-        return
     substeps = robots.track.shape[2] - 1
     h = task.step / float(substeps)
     x = coordinates(block, robots.position, 0)
@@ -227,7 +222,6 @@ CAR = register_robot_model(
         actions=("steering", "throttle"),
         table=tuple(itertools.product((-1.0, -0.5, 0.0, 0.5, 1.0), (-1.0, 0.0, 1.0))),
         move=move_cars,
-        layout=BLOCKS,
         meanings=(
             "steering angle, from steering_max to the right to steering_max to the left [rad]",
             "throttle tau, from throttle_min to throttle_max",

@@ -8,6 +8,7 @@ from lissajous_env.device import atomic
 from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.compilation import OPTIONS, module_apart
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
+from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Task
 from lissajous_env.world.robots.bins import Bins, columns_of, rows_of
@@ -142,9 +143,10 @@ def compare_with_listed(
 def _finding_collisions(compare: Any, module: Any = None) -> Any:
     """Make the kernel that finds collisions, for robots that are few or many."""
 
-    @wp.kernel(module=module)
+    @stage(ROBOT, writes="latest: collisions; tally: collisions, contact, contact_steps, min_separation", module=module)
     def find_collisions(
-        first: int,
+        w: int,
+        lane: int,
         lanes: int,
         begin: int,
         end: int,
@@ -157,10 +159,6 @@ def _finding_collisions(compare: Any, module: Any = None) -> Any:
         tally: EpisodeTotals,
     ):
         """Compare each robot with those after it, over the sub-steps of the latest step."""
-        tid, lane = wp.tid()
-        w = first + tid
-        if clock.active[w] == 0:
-            return
         touch = 2.0 * robot.radius
         # A pair this far apart cannot collide, nor be the nearest of the episode. Other threads may lower it meanwhile,
         # to no less than the smallest distance of the episode.
@@ -183,19 +181,14 @@ find_collisions = _finding_collisions(compare_with_all)
 find_listed_collisions = _finding_collisions(compare_with_listed, _LISTED)
 
 
-@wp.kernel
-def take_consequences(first: int, lanes: int, task: TaskStruct, clock: Clock, robots: Robots, latest: StepEvents):
+@stage(ROBOT, writes="latest: terminated; robots: sensor, status, stuck_until")
+def take_consequences(w: int, i: int, task: TaskStruct, clock: Clock, robots: Robots, latest: StepEvents):
     """Stop or remove the robots that collided in this step, by `task.on_collision`."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    for i in range(lane, robots.status.shape[1], lanes):
-        if latest.collisions[w, i] > 0:
-            robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
-            if task.on_collision == _STOP:
-                robots.status[w, i] = STUCK
-                robots.stuck_until[w, i] = NEVER
-            if task.on_collision == _REMOVE:
-                robots.status[w, i] = REMOVED
-                latest.terminated[w, i] = True
+    if latest.collisions[w, i] > 0:
+        robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
+        if task.on_collision == _STOP:
+            robots.status[w, i] = STUCK
+            robots.stuck_until[w, i] = NEVER
+        if task.on_collision == _REMOVE:
+            robots.status[w, i] = REMOVED
+            latest.terminated[w, i] = True

@@ -4,8 +4,8 @@ import warp as wp
 
 from lissajous_env.device.abreast import (
     ABREAST,
+    Block,
     Floats,
-    block_of,
     coordinates,
     is_in,
     put_bits,
@@ -18,10 +18,11 @@ from lissajous_env.device.abreast import (
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_parameter, lissajous, point2
 from lissajous_env.device.part_structs import FormationStruct, RobotStruct, TaskStruct
+from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.task import Task
-from lissajous_env.world.robots.distance import DistanceTable, curve_distances
+from lissajous_env.world.robots.distance import CurvePoints, curve_distances
 from lissajous_env.world.robots.placing import places_of
 from lissajous_env.world.state import NOWHERE, REMOVED, Clock, Robots, StepEvents
 
@@ -30,10 +31,9 @@ wp.set_module_options(OPTIONS)
 _REMOVE = wp.constant(place_of(Task, "boundary", "remove"))
 
 
-@wp.kernel
+@stage(ROBOT, writes="latest: outside, terminated; robots: sensor, status")
 def watch_boundary(
-    begin: int,
-    end: int,
+    block: Block,
     curve: CurveStruct,
     robot: RobotStruct,
     task: TaskStruct,
@@ -43,9 +43,6 @@ def watch_boundary(
 ):
     """Mark the robots whose whole body is outside the rectangle; remove them if `task.boundary` is `remove`."""
     n = robots.status.shape[1]
-    block = block_of(wp.tid(), begin, end, n, clock.active)
-    if block.count == 0:
-        return
     beyond = coordinates(block, robots.position, 0)
     y = coordinates(block, robots.position, 1)
     for k in range(ABREAST):
@@ -72,22 +69,18 @@ def own_distance(curve: CurveStruct, x: float, y: float, alpha: float, phase: wp
     return wp.length(wp.vec2(x - point[0], y - point[1]))
 
 
-@wp.kernel
+@stage(ROBOT, writes="latest: lateral, phase_offset, tracking")
 def find_deviations(
-    begin: int,
-    end: int,
+    block: Block,
     curve: CurveStruct,
     formation: FormationStruct,
-    distances: DistanceTable,
+    curve_points: CurvePoints,
     equilibrium: wp.array(dtype=wp.float64),
     clock: Clock,
     robots: Robots,
     latest: StepEvents,
 ):
     """Find each robot's distance from the curve and from its own point of it, and its phase from the equilibrium."""
-    block = block_of(wp.tid(), begin, end, robots.status.shape[1], clock.active)
-    if block.count == 0:
-        return
     alpha = float(formation.alpha)
     x, y, phase = places_of(block, robots)
     phase_offset = Floats()
@@ -110,7 +103,7 @@ def find_deviations(
             turn = cos_sin(phase_offset[k])
             cos_offset[k] = turn[0]
             sin_offset[k] = turn[1]
-    lateral = curve_distances(distances, curve, x, y, block.count)
+    lateral = curve_distances(curve_points, curve, x, y, block.count)
     put_floats(block, block.active_mask, tracking, latest.tracking)
     put_floats(block, block.active_mask, lateral, latest.lateral)
     put_vectors(block, block.active_mask, phase_offset, cos_offset, sin_offset, latest.phase_offset)

@@ -6,6 +6,7 @@ from lissajous_env.device import randomness
 from lissajous_env.device.abreast import Block, where_equal
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import FaultsStruct, TaskStruct
+from lissajous_env.device.stage import ROBOT, WORLD, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.parts import Faults
 from lissajous_env.world.state import NEVER, REMOVED, STUCK, WORKING, Clock, Robots
@@ -30,9 +31,10 @@ def chance(rate: float, time: float) -> float:
     return 1.0 - wp.exp(-rate * time)
 
 
-@wp.kernel
+@stage(ROBOT, writes="robots: resumed_at, status, stuck_until")
 def update_status(
-    first: int,
+    w: int,
+    lane: int,
     lanes: int,
     faults: FaultsStruct,
     task: TaskStruct,
@@ -41,10 +43,6 @@ def update_status(
     robots: Robots,
 ):
     """Update which robots fail, resume and are removed in the step that ends now."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
     now = clock.step[w]
     for i in range(lane, robots.status.shape[1], lanes):
         if robots.status[w, i] == REMOVED or robots.removed_at[w, i] < now:
@@ -65,14 +63,9 @@ def update_status(
             robots.status[w, i] = status
 
 
-@wp.kernel
-def reset_losses(
-    first: int, faults: FaultsStruct, removals: wp.array(dtype=int), steps: int, clock: Clock, robots: Robots
-):
+@stage(WORLD, writes="robots: removed_at, stuck_until")
+def reset_losses(w: int, faults: FaultsStruct, removals: wp.array(dtype=int), steps: int, clock: Clock, robots: Robots):
     """Draw which robots are removed in this episode, and when: those of the schedule, then `lost` more at random."""
-    w = first + wp.tid()
-    if clock.active[w] == 0:
-        return
     n = robots.status.shape[1]
     draw = randomness.stream(randomness.step_key(clock.seed[w], 0), 0, randomness.LOSS)
     for i in range(n):

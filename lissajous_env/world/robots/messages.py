@@ -8,32 +8,24 @@ import warp as wp
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import NoiseStruct
+from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.world.state import REMOVED, WORKING, Clock, Links, Messages, Robots
 
 wp.set_module_options(OPTIONS)
 
 
-@wp.kernel
-def reset_messages(first: int, lanes: int, clock: Clock, links: Links):
+@stage(ROBOT, writes="links: heard_at, sending")
+def reset_messages(w: int, i: int, clock: Clock, links: Links):
     """Clear every message."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    for i in range(lane, links.sending.shape[1], lanes):
-        for slot in range(links.sending.shape[2]):
-            links.sending[w, i, slot] = 0
-        for side in range(2):
-            links.heard_at[w, i, side] = -1
+    for slot in range(links.sending.shape[2]):
+        links.sending[w, i, slot] = 0
+    for side in range(2):
+        links.heard_at[w, i, side] = -1
 
 
-@wp.kernel
-def send(first: int, lanes: int, clock: Clock, robots: Robots, links: Links):
+@stage(ROBOT, writes="links: sending, sent")
+def send(w: int, lane: int, lanes: int, clock: Clock, robots: Robots, links: Links):
     """Send measured phase and position to both neighbours; a removed robot sends nothing."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
     slot = clock.step[w] % links.sent.shape[2]
     for i in range(lane, robots.status.shape[1], lanes):
         links.sending[w, i, slot] = wp.where(robots.status[w, i] == REMOVED, 0, 1)
@@ -42,13 +34,11 @@ def send(first: int, lanes: int, clock: Clock, robots: Robots, links: Links):
         links.sent[w, i, slot] = wp.vec4(turn[0], turn[1], pose[0], pose[1])
 
 
-@wp.kernel
-def hear(first: int, lanes: int, noise: NoiseStruct, neighbours: wp.array2d(dtype=int), clock: Clock, links: Links):
+@stage(ROBOT, writes="links: heard, heard_at")
+def hear(
+    w: int, lane: int, lanes: int, noise: NoiseStruct, neighbours: wp.array2d(dtype=int), clock: Clock, links: Links
+):
     """Receive the neighbours' messages that arrive now, unless they are lost."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
     now = clock.step[w]
     slots = links.sent.shape[2]
     sent_at = now - (slots - 1)
@@ -69,31 +59,22 @@ def hear(first: int, lanes: int, noise: NoiseStruct, neighbours: wp.array2d(dtyp
                 links.heard_at[w, i, side] = sent_at
 
 
-@wp.kernel
-def reset_policy_messages(first: int, lanes: int, clock: Clock, messages: Messages):
+@stage(ROBOT, writes="messages: heard, sending, sent")
+def reset_policy_messages(w: int, i: int, clock: Clock, messages: Messages):
     """Set every message to zeros."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    for i in range(lane, messages.sending.shape[1], lanes):
-        for m in range(messages.sending.shape[2]):
-            messages.sending[w, i, m] = 0.0
-            for slot in range(messages.sent.shape[2]):
-                messages.sent[w, i, slot, m] = 0.0
-            for side in range(2):
-                messages.heard[w, i, side, m] = 0.0
+    for m in range(messages.sending.shape[2]):
+        messages.sending[w, i, m] = 0.0
+        for slot in range(messages.sent.shape[2]):
+            messages.sent[w, i, slot, m] = 0.0
+        for side in range(2):
+            messages.heard[w, i, side, m] = 0.0
 
 
-@wp.kernel
+@stage(ROBOT, writes="messages: sending, sent")
 def send_policy_messages(
-    first: int, lanes: int, taken: wp.array3d(dtype=float), clock: Clock, robots: Robots, messages: Messages
+    w: int, lane: int, lanes: int, taken: wp.array3d(dtype=float), clock: Clock, robots: Robots, messages: Messages
 ):
     """Send the last components of each action; a failed robot repeats its last message, a removed one is silent."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
     size = messages.sending.shape[2]
     moving = taken.shape[2] - size
     slot = clock.step[w] % messages.sent.shape[2]
@@ -107,9 +88,10 @@ def send_policy_messages(
             messages.sent[w, i, slot, m] = messages.sending[w, i, m]
 
 
-@wp.kernel
+@stage(ROBOT, writes="messages: heard; observation_out")
 def hear_policy_messages(
-    first: int,
+    w: int,
+    lane: int,
     lanes: int,
     start: int,
     neighbours: wp.array2d(dtype=int),
@@ -120,10 +102,6 @@ def hear_policy_messages(
     observation_out: wp.array3d(dtype=float),
 ):
     """Receive a neighbour's message where its phase message arrives now, and observe the latest, from entry `start`."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
     size = messages.heard.shape[3]
     slots = messages.sent.shape[2]
     sent_at = clock.step[w] - (slots - 1)

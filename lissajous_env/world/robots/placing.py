@@ -8,7 +8,6 @@ from lissajous_env.device.abreast import (
     Block,
     Doubles,
     Floats,
-    block_of,
     coordinates,
     doubles,
     put_doubles,
@@ -27,6 +26,7 @@ from lissajous_env.device.curve import (
     wrap_phase,
 )
 from lissajous_env.device.part_structs import FaultsStruct, FormationStruct, NoiseStruct, RobotStruct
+from lissajous_env.device.stage import ROBOT, WORLD, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.parts import Formation
@@ -106,20 +106,11 @@ def places_of(block: Block, robots: Robots) -> tuple[Floats, Floats, Doubles]:
     return x, y, doubles(block, robots.phase)
 
 
-@wp.kernel
+@stage(ROBOT, writes="robots: phase")
 def follow_curve(
-    begin: int,
-    end: int,
-    curve: CurveStruct,
-    formation: FormationStruct,
-    faults: FaultsStruct,
-    clock: Clock,
-    robots: Robots,
+    block: Block, curve: CurveStruct, formation: FormationStruct, faults: FaultsStruct, clock: Clock, robots: Robots
 ):
     """Let the phase of a robot that is not bound to the curve follow it along its branch."""
-    block = block_of(wp.tid(), begin, end, robots.status.shape[1], clock.active)
-    if block.count == 0:
-        return
     alpha = float(formation.alpha)
     x, y, phase = places_of(block, robots)
     if curve.harmonics.shape[0] == 0:
@@ -137,9 +128,10 @@ def follow_curve(
     put_doubles(block, block.active_mask & moving, phase, robots.phase)
 
 
-@wp.kernel
+@stage(ROBOT, writes="robots: curvature, drive, heading, phase, position, resumed_at, speed, status, track, wheelbase")
 def reset_robots(
-    first: int,
+    w: int,
+    lane: int,
     lanes: int,
     curve: CurveStruct,
     formation: FormationStruct,
@@ -153,10 +145,6 @@ def reset_robots(
     robots: Robots,
 ):
     """Place the robots on the curve at the formation's speed or their top speed, and draw each one's own constants."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
     key = randomness.step_key(clock.seed[w], 0)
     for i in range(lane, robots.status.shape[1], lanes):
         phase = start_phase(w, i, 0, formation, equilibrium, displaced, clock)
@@ -186,9 +174,9 @@ def collides_at_once(w: int, i: int, time: float, radius: float, places: wp.arra
     return False
 
 
-@wp.kernel(module=_HEADWAY)
+@stage(WORLD, writes="robots: heading, phase, position, speed, track", module=_HEADWAY)
 def draw_apart(
-    first: int,
+    w: int,
     curve: CurveStruct,
     formation: FormationStruct,
     robot: RobotStruct,
@@ -200,9 +188,6 @@ def draw_apart(
     robots: Robots,
 ):
     """Draw the start of a robot again while it would collide within the headway, one robot after another."""
-    w = first + wp.tid()
-    if clock.active[w] == 0:
-        return
     for i in range(1, robots.status.shape[1]):
         for draw in range(1, _DRAWS):
             if not collides_at_once(w, i, formation.start_headway, robot.radius, places, robots):

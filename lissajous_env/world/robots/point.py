@@ -5,7 +5,7 @@ import warp as wp
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, curve_parameter, point, wrap_phase
 from lissajous_env.device.part_structs import FormationStruct, RobotStruct, TaskStruct
-from lissajous_env.device.program import PARTS
+from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
 from lissajous_env.theory.geometry import top_speed
 from lissajous_env.world.robots.placing import place_on_curve
@@ -14,9 +14,10 @@ from lissajous_env.world.state import WORKING, Clock, Robots
 wp.set_module_options(MOTION)
 
 
-@wp.kernel
+@stage(ROBOT, writes="robots: heading, phase, position, speed, track")
 def move_points(
-    first: int,
+    w: int,
+    lane: int,
     lanes: int,
     begin: int,
     end: int,
@@ -32,10 +33,6 @@ def move_points(
 
     Differs from the paper: (1) is continuous; with a rate that is constant in a step, this is Euler's method on (1).
     """
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
     alpha = float(formation.alpha)
     substeps = robots.track.shape[2] - 1
     for i in range(begin + lane, end, lanes):
@@ -56,7 +53,6 @@ POINT = register_robot_model(
         actions=("phase rate",),
         table=((-1.0,), (-0.5,), (-0.1,), (0.0,), (0.1,), (0.5,), (1.0,)),
         move=move_points,
-        layout=PARTS,
         meanings=("rate of the phase theta, from -phase_rate_max to phase_rate_max [rad/s]",),
         speed_unit=lambda curve, formation, robot: top_speed(curve, formation.phase_rate),
         keeps_to_curve=True,

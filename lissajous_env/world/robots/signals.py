@@ -6,8 +6,8 @@ import warp as wp
 from lissajous_env.device import randomness
 from lissajous_env.device.abreast import (
     ABREAST,
+    Block,
     Floats,
-    block_of,
     entries,
     floats,
     is_in,
@@ -23,6 +23,7 @@ from lissajous_env.device.abreast import (
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, curve_parameter, project, wrap_phase
 from lissajous_env.device.part_structs import FormationStruct, NoiseStruct
+from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.robots.placing import LARGEST_CORRECTION, places_of
 from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Robots, StepEvents
@@ -48,10 +49,9 @@ def disturb_command(w: int, i: int, noise: NoiseStruct, clock: Clock, command_ou
         command_out[w, i, entry] = wp.clamp(command_out[w, i, entry] + noise.actuator * wp.randn(draw), -1.0, 1.0)
 
 
-@wp.kernel
+@stage(ROBOT, writes="clock: invalid, invalid_at; command_out; latest: change, effort; taken")
 def take_commands(
-    begin: int,
-    end: int,
+    block: Block,
     noise: NoiseStruct,
     action: wp.array3d(dtype=float),
     clock: Clock,
@@ -66,9 +66,6 @@ def take_commands(
     """
     n = action.shape[1]
     size = command_out.shape[2]
-    block = block_of(wp.tid(), begin, end, n, clock.active)
-    if block.count == 0:
-        return
     invalid = Floats()
     for entry in range(action.shape[2]):
         given = entries(block, action, entry)
@@ -126,21 +123,12 @@ def disturb_pose(
     return pose, wrap_phase(phase + wp.float64((seen - gamma) / alpha))
 
 
-@wp.kernel
+@stage(ROBOT, writes="robots: measured, measured_turn, sensor")
 def measure(
-    begin: int,
-    end: int,
-    curve: CurveStruct,
-    formation: FormationStruct,
-    noise: NoiseStruct,
-    clock: Clock,
-    robots: Robots,
+    block: Block, curve: CurveStruct, formation: FormationStruct, noise: NoiseStruct, clock: Clock, robots: Robots
 ):
     """Measure each robot's pose and phase, and place its sensor; measurements of a removed robot are frozen."""
     n = robots.status.shape[1]
-    block = block_of(wp.tid(), begin, end, n, clock.active)
-    if block.count == 0:
-        return
     alpha = float(formation.alpha)
     x, y, phase = places_of(block, robots)
     heading = floats(block, robots.heading)

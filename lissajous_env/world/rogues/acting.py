@@ -7,6 +7,7 @@ from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
+from lissajous_env.device.stage import TARGET, stage
 from lissajous_env.device.trig import atan2
 from lissajous_env.world.observing import comes_before, far, velocity
 from lissajous_env.world.robots.signals import flag
@@ -53,12 +54,10 @@ def held(place: wp.vec2, curve: CurveStruct) -> wp.vec2:
     return wp.vec2(x, y)
 
 
-@wp.kernel
+@stage(TARGET, writes="clock: invalid, invalid_at; rogues: velocity; targets: heading, position", split=True)
 def move_rogues(
-    first: int,
-    lanes: int,
-    begin: int,
-    end: int,
+    w: int,
+    t: int,
     curve: CurveStruct,
     target: TargetStruct,
     task: TaskStruct,
@@ -67,30 +66,26 @@ def move_rogues(
     rogues: Rogues,
 ):
     """Move each undetected rogue by its action; walls stop it, and an action that is not finite counts as zero."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    for t in range(begin + lane, end, lanes):
-        moved = wp.vec2(0.0, 0.0)
-        if targets.stage[w, t] == PRESENT:
-            x = rogues.action[w, t, 0]
-            y = rogues.action[w, t, 1]
-            place = targets.position[w, t]
-            if is_command(x, y):
-                after = held(place + target.speed_limit * task.step * commanded(x, y), curve)
-                moved = after - place
-                targets.position[w, t] = after
-            else:
-                flag(w, clock)
-            if wp.length_sq(moved) > 0.0:
-                targets.heading[w, t] = atan2(moved[1], moved[0])
-        rogues.velocity[w, t] = moved / task.step
+    moved = wp.vec2(0.0, 0.0)
+    if targets.stage[w, t] == PRESENT:
+        x = rogues.action[w, t, 0]
+        y = rogues.action[w, t, 1]
+        place = targets.position[w, t]
+        if is_command(x, y):
+            after = held(place + target.speed_limit * task.step * commanded(x, y), curve)
+            moved = after - place
+            targets.position[w, t] = after
+        else:
+            flag(w, clock)
+        if wp.length_sq(moved) > 0.0:
+            targets.heading[w, t] = atan2(moved[1], moved[0])
+    rogues.velocity[w, t] = moved / task.step
 
 
-@wp.kernel
+@stage(TARGET, writes="rogues: action")
 def choose_action(
-    first: int,
+    w: int,
+    lane: int,
     lanes: int,
     begin: int,
     end: int,
@@ -101,10 +96,6 @@ def choose_action(
     rogues: Rogues,
 ):
     """Let a member of a mixture move the rogues whose draw, which depends on the world's seed alone, is its own."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
     key = randomness.step_key(clock.seed[w], 0)
     for t in range(begin + lane, end, lanes):
         draw = randomness.uniform(key, t, randomness.MEMBER)
@@ -113,9 +104,10 @@ def choose_action(
                 rogues.action[w, t, k] = decided[w, t, k]
 
 
-@wp.kernel
+@stage(TARGET, writes="rogues: present, reward, terminated, truncated", idle=True)
 def reward_rogues(
-    first: int,
+    w: int,
+    lane: int,
     lanes: int,
     begin: int,
     end: int,
@@ -125,8 +117,6 @@ def reward_rogues(
     rogues: Rogues,
 ):
     """Reward each rogue with the time of this step for which it was undetected [s]; a detection terminates it."""
-    tid, lane = wp.tid()
-    w = first + tid
     for t in range(begin + lane, end, lanes):
         reward = float(0.0)
         stage = targets.stage[w, t]
@@ -143,17 +133,12 @@ def reward_rogues(
         rogues.reward[w, t] = reward
 
 
-@wp.kernel
-def reset_rogues(first: int, lanes: int, clock: Clock, rogues: Rogues):
+@stage(TARGET, writes="rogues: action, velocity")
+def reset_rogues(w: int, t: int, clock: Clock, rogues: Rogues):
     """Let the rogues of a new episode be at rest."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    for t in range(lane, rogues.reward.shape[1], lanes):
-        rogues.velocity[w, t] = wp.vec2(0.0, 0.0)
-        for k in range(2):
-            rogues.action[w, t, k] = 0.0
+    rogues.velocity[w, t] = wp.vec2(0.0, 0.0)
+    for k in range(2):
+        rogues.action[w, t, k] = 0.0
 
 
 @wp.func
@@ -222,9 +207,10 @@ def observe_robot(
     rogues.observation[w, t, start + 6] = wp.clamp(wp.length(away) / radius - 1.0, -1.0, _FAR)
 
 
-@wp.kernel
+@stage(TARGET, writes="rogues: observation")
 def fill_rows(
-    first: int,
+    w: int,
+    lane: int,
     lanes: int,
     begin: int,
     end: int,
@@ -239,10 +225,6 @@ def fill_rows(
     rogues: Rogues,
 ):
     """Fill the row of each rogue, in the step of its detection for the last time."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
     size = rogues.observation.shape[2]
     now = clock.step[w]
     for t in range(begin + lane, end, lanes):

@@ -5,7 +5,6 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
-from lissajous_env.device.program import PARTS
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.rogues import Rogue, register_rogue
 from lissajous_env.world.contamination.labels import MARGIN, NONE, Hops, slot_of
@@ -150,5 +149,5 @@ def hide(
 
 
 register_rogue(
-    Rogue("hide", hide, "goes where a target can have been undetected for longest", PARTS, needs_contamination=True)
+    Rogue("hide", hide, "goes where a target can have been undetected for longest", needs_contamination=True)
 )

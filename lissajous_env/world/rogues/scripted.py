@@ -8,7 +8,7 @@ from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
-from lissajous_env.device.program import PARTS
+from lissajous_env.device.stage import TARGET, stage
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters.rogues import Rogue, register_rogue
 from lissajous_env.world.rogues.rows import ROBOT, ROBOTS
@@ -170,9 +170,10 @@ def follow_gap(w: int, t: int, key: int, rules: Rules, rogues: Rogues) -> wp.vec
 def _deciding(rule: Any) -> Any:
     """Make the kernel of a rule."""
 
-    @wp.kernel
+    @stage(TARGET, writes="rogues: action")
     def decide(
-        first: int,
+        w: int,
+        lane: int,
         lanes: int,
         begin: int,
         end: int,
@@ -185,10 +186,6 @@ def _deciding(rule: Any) -> Any:
         rogues: Rogues,
     ):
         """Decide for each rogue by its row."""
-        tid, lane = wp.tid()
-        w = first + tid
-        if clock.active[w] == 0:
-            return
         rules = rules_of(curve, sensing, target, task, speed_unit)
         key = randomness.step_key(clock.seed[w], clock.step[w])
         for t in range(begin + lane, end, lanes):
@@ -202,7 +199,7 @@ def _deciding(rule: Any) -> Any:
 
 WANDER, FLEE, SHADOW, FOLLOW_GAP = map(_deciding, (wander, flee, shadow, follow_gap))
 
-register_rogue(Rogue("wander", WANDER, "goes straight, turning at random", PARTS))
-register_rogue(Rogue("flee", FLEE, "goes away from the nearest working robot", PARTS))
-register_rogue(Rogue("shadow", SHADOW, "stays just outside the nearest disc", PARTS))
-register_rogue(Rogue("follow-gap", FOLLOW_GAP, "stays in the largest gap between discs", PARTS))
+register_rogue(Rogue("wander", WANDER, "goes straight, turning at random"))
+register_rogue(Rogue("flee", FLEE, "goes away from the nearest working robot"))
+register_rogue(Rogue("shadow", SHADOW, "stays just outside the nearest disc"))
+register_rogue(Rogue("follow-gap", FOLLOW_GAP, "stays in the largest gap between discs"))

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.program import PARTS, TARGET, Stage
+from lissajous_env.device.program import Stage
+from lissajous_env.device.stage import TARGET
 from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.rogues import Rogue, rogue_of
 from lissajous_env.parameters.scenario import Scenario
@@ -27,7 +28,7 @@ def rogue_motion(scenario: Scenario, rogues: Any) -> list[Stage]:
         decides = _mixed_decisions(rogue.members, scenario, rogues)
     else:
         decides = [_decision(rogue, scenario, rogues)]
-    return [*decides, Stage("rogues", move_rogues, TARGET, PARTS)]
+    return [*decides, Stage("rogues", move_rogues)]
 
 
 def _mixed_decisions(members: Sequence[Rogue], scenario: Scenario, rogues: Any) -> list[Stage]:
@@ -42,7 +43,7 @@ def _mixed_decisions(members: Sequence[Rogue], scenario: Scenario, rogues: Any) 
         decision = _decision(same[0], scenario, apart)
         stages.append(dataclasses.replace(decision, own={"rogues": apart}))
         own = {"low": before / len(members), "high": after / len(members), "decided": apart.action}
-        stages.append(Stage(f"choice of {decision.name}", choose_action, TARGET, PARTS, own=own))
+        stages.append(Stage(f"choice of {decision.name}", choose_action, own=own))
         before = after
     return stages
 
@@ -53,7 +54,7 @@ def _decision(rogue: Rogue, scenario: Scenario, rogues: Any) -> Stage:
     if rogue.bind is not None:
         return Stage(name, rogue.bind(scenario, rogues))
     if isinstance(rogue.decide, wp.Kernel):
-        return Stage(name, rogue.decide, TARGET, rogue.layout)
+        return Stage(name, rogue.decide, TARGET)
 
     def decide() -> None:
         action = np.asarray(rogue.decide(rogues.observation.numpy().copy()))
@@ -72,7 +73,7 @@ def rogue_results(scenario: Scenario, resets: bool = False) -> list[Stage]:
     own = {"bounds_per_step": scenario.task.step / scenario.detection_time_bound}
     is_on = scenario.targets.rogues is not None
     return [
-        Stage("rogue rest", reset_rogues, TARGET, when=is_on and resets),
-        Stage("rogue reward", reward_rogues, TARGET, PARTS, when=is_on),
-        Stage("rogue observation", fill_rows, TARGET, PARTS, barrier=False, when=is_on, own=own),
+        Stage("rogue rest", reset_rogues, when=is_on and resets),
+        Stage("rogue reward", reward_rogues, when=is_on),
+        Stage("rogue observation", fill_rows, barrier=False, when=is_on, own=own),
     ]

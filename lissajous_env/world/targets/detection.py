@@ -13,6 +13,7 @@ from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
 from lissajous_env.device.compilation import MOTION, module_apart
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
+from lissajous_env.device.stage import TARGET, stage
 from lissajous_env.world.robots.bins import Bins, bin_of
 from lissajous_env.world.robots.sight import (
     first_sight,
@@ -49,9 +50,10 @@ def list_none(w: int, t: int, place: wp.vec2, bins: Bins):
 def _placing(nearest_to: Any, module: Any = None) -> Any:
     """Make the kernel that places targets out of sight, for robots that are few or many."""
 
-    @wp.kernel(module=module)
+    @stage(TARGET, writes="targets: position", module=module)
     def place_unseen(
-        first: int,
+        w: int,
+        lane: int,
         lanes: int,
         begin: int,
         end: int,
@@ -63,10 +65,6 @@ def _placing(nearest_to: Any, module: Any = None) -> Any:
         bins: Bins,
     ):
         """Put each target that appears now at the first of `PLACES` random places out of sight, or at the last."""
-        tid, lane = wp.tid()
-        w = first + tid
-        if clock.active[w] == 0:
-            return
         now = clock.step[w]
         key = randomness.step_key(clock.seed[w], now)
         for t in range(begin + lane, end, lanes):
@@ -268,9 +266,17 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module
                 waiting -= detect(w, t, now, at_end, sight, radius, targets, latest)
         return wp.vec2i(waiting, sighted)
 
-    @wp.kernel(module=module)
+    @stage(
+        TARGET,
+        writes=(
+            "bins: first_seen, seen, seen_used; latest: detections, in_sight, waiting; targets: before, "
+            "found_at, found_early, heading, in_sight, position, stage"
+        ),
+        module=module,
+    )
     def move_and_detect(
-        first: int,
+        w: int,
+        lane: int,
         lanes: int,
         begin: int,
         end: int,
@@ -288,10 +294,6 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module
 
         A target appears at the end of its step: it is detected then or, on its way, from the next step on.
         """
-        tid, lane = wp.tid()
-        w = first + tid
-        if clock.active[w] == 0:
-            return
         now = clock.step[w]
         key = randomness.step_key(clock.seed[w], now)
         way, radius = max_displacement(w, robots), sensing.radius

@@ -6,6 +6,7 @@ from lissajous_env.device import randomness
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.part_structs import TargetStruct, TaskStruct
+from lissajous_env.device.stage import TARGET, WORLD, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.settings import parts
@@ -40,9 +41,10 @@ def boundary_point(curve: CurveStruct, share: float) -> wp.vec2:
     return wp.vec2(along - 2.0 * height - width, -height)
 
 
-@wp.kernel
+@stage(TARGET, writes="targets: appears_at, before, found_at, found_early, heading, in_sight, motion, position, stage")
 def reset_targets(
-    first: int,
+    w: int,
+    lane: int,
     lanes: int,
     begin: int,
     end: int,
@@ -55,10 +57,6 @@ def reset_targets(
 
     The place of a target that appears outside all discs is drawn anew at that moment.
     """
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
     key = randomness.step_key(clock.seed[w], 0)
     for t in range(begin + lane, end, lanes):
         draw = randomness.stream(key, t, randomness.ENTRY)
@@ -88,12 +86,9 @@ def reset_targets(
         targets.in_sight[w, t] = 0
 
 
-@wp.kernel
-def reset_arrivals(first: int, target: TargetStruct, task: TaskStruct, clock: Clock, targets: Targets):
+@stage(WORLD, writes="targets: appears_at")
+def reset_arrivals(w: int, target: TargetStruct, task: TaskStruct, clock: Clock, targets: Targets):
     """Draw the arrival times of the targets after those of the start, by a Poisson process."""
-    w = first + wp.tid()
-    if clock.active[w] == 0:
-        return
     draw = randomness.stream(randomness.step_key(clock.seed[w], 0), 0, randomness.ARRIVAL)
     time = float(0.0)
     for t in range(target.count, targets.stage.shape[1]):

@@ -1,0 +1,111 @@
+"""Families of plans: what a search may try on a task, and what it knows of it."""
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from baselines.planning.plans import Plan
+from baselines.planning.rehearse import Look
+from lissajous_env.parameters.scenario import Scenario
+
+Settings = Mapping[str, Any]
+"""The settings of a plan within its family, by name."""
+Choices = tuple[float, float] | list[Any]
+"""A range of positive numbers, or a list of values."""
+FILTERS = "", "-safe"
+"""Suffixes of a policy of cars: without and with the collision filter."""
+_ELITE = 4
+"""Best plans of a family that are changed."""
+
+
+@dataclass
+class Family:
+    """A family of plans for a task: each of its plans is made of settings, which a search may change."""
+
+    name: str
+    plan: Callable[[Settings], Plan]
+    """Function that returns the plan of some settings, or raises ValueError if there is no such plan."""
+    starts: Sequence[Settings]
+    """Settings that are tried first, the most promising ones first; none if the family does not fit the task."""
+    space: Mapping[str, Choices] = field(default_factory=dict)
+    """Values that the settings may have; empty for a family whose plans are not changed."""
+    refusal: str = ""
+    """Reason why the family has no plan for the task; "" if it may have some."""
+    looks: list[tuple[Settings, Look]] = field(default_factory=list)
+    """Plans that were looked at."""
+    unmade: list[str] = field(default_factory=list)
+    """Reasons of settings of which there is no plan."""
+
+    @property
+    def alive(self) -> list[tuple[Settings, Look]]:
+        """Return the plans that were looked at and are not out."""
+        return [each for each in self.looks if not each[1].fails]
+
+    @property
+    def best(self) -> float:
+        """Return the least worst-case undetected time [s]."""
+        return min((look.worst_case for _, look in self.alive), default=math.inf)
+
+    def elite(self) -> list[Settings]:
+        """Return the settings of the best plans, alternately without and with failures."""
+        by_worst = sorted(self.alive, key=lambda each: each[1].by_worst_case)
+        by_failed = sorted(self.alive, key=lambda each: each[1].by_failed)
+        mixed = itertools.chain.from_iterable(zip(by_worst, by_failed, strict=True))
+        return [settings for settings, _ in itertools.islice(mixed, 2 * _ELITE)]
+
+    def changed(self, settings: Settings, random: np.random.Generator) -> dict[str, Any]:
+        """Return settings of which about a third differ, by a factor of about 1.25 where they are numbers."""
+        child, names = dict(settings), list(self.space)
+        for name in random.permutation(names)[: 1 + random.binomial(len(names) - 1, 0.33)]:
+            child[name] = _drawn(self.space[name], child.get(name), random)
+        return child
+
+    def why(self) -> str:
+        """Return the reason why the family has no plan, with numbers."""
+        if self.refusal:
+            return self.refusal
+        looks = [look for _, look in self.looks]
+        collided = [look for look in looks if look.collisions]
+        refusals = [*self.unmade, *(look.refusal for look in looks if look.refusal)]
+        if not (looks or self.unmade):
+            return "there was no time to try one"
+        words = [f"{len(looks)} plans were looked at"]
+        if collided:
+            fewest = min(collided, key=lambda look: look.collisions)
+            words.append(f"{len(collided)} collide, for example {fewest.plan.settings.policy} ({fewest.plan.about})")
+        if refusals:
+            words.append(f"{len(refusals)} cannot be made: {refusals[0]}")
+        if self.alive:
+            words.append(f"{len(self.alive)} remain, but none of them was played to the end")
+        return "; ".join(words)
+
+
+def _drawn(choices: Choices, near: Any, random: np.random.Generator) -> Any:
+    """Draw a value; a number of a range is drawn near another one if there is one."""
+    if isinstance(choices, list):
+        return choices[int(random.integers(len(choices)))]
+    low, high = choices
+    if near is None:
+        value = math.exp(random.uniform(math.log(low), math.log(high)))
+    else:
+        value = near * math.exp(0.22 * random.standard_normal())
+    return float(f"{min(max(value, low), high):.4g}")
+
+
+def without_plans(name: str, refusal: str) -> Family:
+    """Return a family that has no plan for a task, for a reason."""
+
+    def plan(settings: Settings) -> Plan:
+        raise ValueError(refusal)
+
+    return Family(name, plan, [], refusal=refusal)
+
+
+def of_cars_alone(name: str, policies: str, task: Scenario) -> Family:
+    """Return a family of policies of cars for robots of another kind."""
+    words = f"{policies} drive cars, and the robots are of kind {task.robot.kind} (give a turning radius)"
+    return without_plans(name, words)

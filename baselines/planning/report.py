@@ -1,0 +1,285 @@
+"""Reports of planning: tables for the terminal, folders of plans that commands play, and a picture of the best ones."""
+
+import dataclasses
+import json
+import math
+import statistics
+from collections.abc import Sequence
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.patches import Circle
+
+from baselines.benchmark.tables import between
+from baselines.planning.best_known import NAME as KNOWN
+from baselines.planning.planner import Outcome
+from baselines.planning.plans import SETTLED_TIME, Figures, Planned, bounds_of
+from baselines.planning.rehearse import Episodes, quietly
+from baselines.policies import registry, stored
+from baselines.policies.combinations import COMBINATIONS
+from baselines.reproduce.drawing import GREY, SERIES, Sheet
+from lissajous_env.console.terminal import Column, plain, print_table
+from lissajous_env.parameters.scenario_file import as_toml
+from lissajous_env.storage.folder import Folder
+from lissajous_env.world.columns import OPEN, WORST_CASE
+from lissajous_env.world.simulation import Simulation
+
+FIGURES, PICTURE = "plans.json", "plans.png"
+"""Files of a folder of plans."""
+_DRAWN = 3
+"""Plans in a picture."""
+_SHARE = 0.3
+"""Share of an episode whose paths are drawn, its end."""
+
+
+def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> list[str]:
+    """Print a table of plans; return the names of the columns that do not fit."""
+    failures = outcome.request.failures
+    columns = [
+        Column("", name="number"),
+        Column("plan", left=True),
+        Column("N") if len(outcome.tasks) > 1 else None,
+        Column(f"worst case [s]\n{outcome.request.episodes.count} episodes"),
+        Column(f"second half [s]\n{outcome.request.episodes.count} episodes"),
+        Column(f"with {failures} lost [s]\n{_losses(outcome)} episodes") if failures else None,
+        Column("lower\nbound [s]", rank=1),
+        Column("detected in\nmean [s]", rank=1),
+        Column("least gap\n[m]", rank=2),
+        Column("driven\n[m/min]", rank=2),
+        Column("messages", left=True, rank=3),
+        Column("details", prose=True, rank=4),
+    ]
+    rows = []
+    for k, each in enumerate(plans, start=1):
+        figures = each.figures
+        rows.append([
+            str(k),
+            each.plan.settings.policy,
+            str(each.plan.scenario.num_robots) if len(outcome.tasks) > 1 else None,
+            worst_in_words(figures.worst_case, each.rows),
+            worst_in_words(figures.settled, each.rows, SETTLED_TIME),
+            _failed(each) if failures else None,
+            _number(each.limit),
+            _detection(figures),
+            _number(figures.clearance),
+            _number(figures.distance),
+            figures.messages,
+            each.plan.about,
+        ])  # fmt: skip
+    kept = [k for k, column in enumerate(columns) if column is not None]
+    return print_table(console, [c for c in columns if c is not None], [[row[k] or "" for k in kept] for row in rows])
+
+
+def print_formations(console: Any, plans: Sequence[Planned]) -> list[str]:
+    """Print the paper's bounds of the plans that are formations on its curves; return columns that do not fit."""
+    rows = []
+    for k, each in enumerate(plans, start=1):
+        made = each.plan.scenario
+        coordinated = registry.unwrapped(each.plan.settings.policy)[0] in COMBINATIONS
+        if coordinated and not made.curve.harmonics and made.num_robots == made.curve.a + made.curve.b:
+            bounds = (made.robot_radius_bound, made.coverage_radius, made.detection_radius, made.detection_time_bound)
+            rows.append([str(k), f"{made.curve.a} : {made.curve.b}", *(f"{bound:.3g}" for bound in bounds)])
+    if not rows:
+        return []
+    console.print("Bounds of the paper for these formations of points", style="italic", highlight=False)
+    titles = "", "a : b", "r below (6)\n[m]", "r_s above (7)\n[m]", "r_s from (8)\n[m]", "T_max\n[s]"
+    return print_table(console, [Column(title) for title in titles], rows)
+
+
+def untried_in_words(outcome: Outcome) -> str:
+    """Return a warning that names the families of which no plan was tried; "" if there is none."""
+    names = list(dict.fromkeys(name for families in outcome.untried.values() for name in families))
+    if not names:
+        return ""
+    return f"Not tried for lack of time: {', '.join(names)}. Their plans may be better: more --seconds are needed."
+
+
+def sentences(outcome: Outcome) -> list[str]:
+    """Return what was played, what the figures mean, and the reasons of the families that have no plan."""
+    episodes = outcome.request.episodes
+    words = [
+        f"{outcome.looks} plans were tried, {len(outcome.finals)} simulated to the end: {episodes.count} episodes each"
+    ]
+    if episodes.failures:
+        lost = "1 robot is removed" if episodes.failures == 1 else f"{episodes.failures} robots are removed"
+        all_or_some = "each combination of robots once" if episodes.failures > 1 else "each robot once"
+        if "of" in _losses(outcome):
+            all_or_some = "of as many combinations of robots, drawn at random"
+        words[0] += f", and {_losses(outcome)} in which {lost} after a quarter of the episode ({all_or_some})"
+    words[0] += ". A guarantee is the largest time of these episodes; the median is in brackets where it differs."
+    if outcome.unplayed:
+        words.append(f"{outcome.unplayed} defaults were not simulated: more --seconds are needed.")
+    if outcome.broken:
+        words.append(f"{len(outcome.broken)} plans failed when they were simulated to the end: {outcome.broken[0]}.")
+    if outcome.plans and all(math.isinf(each.figures.worst_case) for each in outcome.plans):
+        words.append("No plan has a bound on the time for which such a target can stay undetected.")
+    elif outcome.plans and episodes.failures:
+        words += _of_failures(outcome)
+    words.append("Detected in mean: mean detection time, with its 95 % interval over the episodes (Student's t).")
+    if outcome.request.guarantee is not None:
+        words += _of_guarantee(outcome)
+    for number, refusals in outcome.refusals.items():
+        at = f" ({number} robots)" if len(outcome.tasks) > 1 else ""
+        refusals = {family: reason.removesuffix(".") for family, reason in refusals.items() if family != KNOWN}
+        words += [f"No plan of {family}{at}: {reason}." for family, reason in refusals.items()]
+    return words
+
+
+def _of_failures(outcome: Outcome) -> list[str]:
+    """Return the reasons why no plan has a bound with removed robots, and a remedy; nothing if one has."""
+    if any(each.figures.worst_case_failed < math.inf for each in outcome.plans):
+        return []
+    lost, collide = outcome.request.failures, sum(each.figures.collisions_failed > 0 for each in outcome.plans)
+    open_ones = len(outcome.plans) - collide
+    words = (
+        f"No plan has a bound with {lost} removed: {open_ones} of {len(outcome.plans)} leave a gap where a target can"
+    )
+    words += " stay undetected" + (f", {collide} collide" if collide else "")
+    return [f"{words}. More robots or longer sensors are needed, or more --seconds."]
+
+
+def _of_guarantee(outcome: Outcome) -> list[str]:
+    """Return the fewest robots that guarantee the requested time, and the numbers that cannot."""
+    asked = f"{outcome.request.guarantee:g} s"
+    below = [n for n, limit in outcome.limits.items() if limit > (outcome.request.guarantee or 0)]
+    words = [f"{n} robots cannot: the lower bound for every policy is {outcome.limits[n]:.3g} s." for n in below]
+    fewest = outcome.fewest_robots
+    if fewest is None:
+        return [*words, f"No plan was found that guarantees {asked}."]
+    return [*words, f"{fewest} robots are the fewest with which a plan was found that guarantees {asked}."]
+
+
+def _losses(outcome: Outcome) -> str:
+    """Return the number of episodes with failures, and the number of all combinations where these are a sample."""
+    counts = []
+    for task in outcome.tasks.values():
+        played, all_of_them = len(outcome.request.episodes.losses(task)), outcome.request.episodes.combinations(task)
+        counts.append(str(played) if played == all_of_them else f"{played} of {all_of_them}")
+    return " to ".join(dict.fromkeys([counts[0], counts[-1]]))
+
+
+def _failed(each: Planned) -> str:
+    if each.figures.collisions_failed:
+        count = each.figures.collisions_failed
+        return "1 collision" if count == 1 else f"{count} collisions"
+    return worst_in_words(each.figures.worst_case_failed, each.failed_rows)
+
+
+def worst_in_words(worst: float, rows: Sequence[dict[str, Any]], name: str = WORST_CASE.name) -> str:
+    """Return the largest time of some episodes, with the median where it differs.
+
+    A time that was still growing at the end of an episode, for less than half of it, is a lower bound.
+
+    Args:
+        worst: The largest time [s].
+        rows: Score rows of the episodes.
+        name: Column of the time.
+    """
+    words = _time(worst)
+    if math.isinf(worst) and rows and not any(row[OPEN.name] for row in rows):
+        words = f"> {_number(max(row[name] for row in rows))}"
+    median = _time(statistics.median(bounds_of(rows, name))) if rows else words
+    return words if median in (words, "no bound") else f"{words} (median {median})"
+
+
+def _time(seconds: float) -> str:
+    return "no bound" if math.isinf(seconds) else _number(seconds)
+
+
+def _detection(figures: Figures) -> str:
+    """Return the mean detection time with its interval; a time is not negative."""
+    ends = between(max(figures.detection_low, 0.0), figures.detection_high)
+    return f"{_number(figures.detection_time)} ({ends})" if ends else _number(figures.detection_time)
+
+
+def _number(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+
+
+def open_folder(path: Path) -> Folder:
+    """Open a folder for plans, to test before the search whether it can be written to.
+
+    Raises:
+        ValueError: it cannot be written to, or a file of a user has the name of one of the plans.
+    """
+    return Folder(path, [FIGURES, PICTURE, *(f"{k}/" for k in range(1, 10))])
+
+
+def write(folder: Folder, plans: Sequence[Planned], episodes: Episodes) -> None:
+    """Write plans as folders 1, 2 ..., their figures and a picture; remove the plans of an earlier call."""
+    for name in folder.written:
+        if "/" in name and not name.endswith("/"):
+            folder.remove(name)
+    for k, each in enumerate(plans, start=1):
+        folder.make_folder(str(k))
+        made = each.plan.named(f"{each.plan.scenario.name[:80]}-{k}")
+        folder.write(f"{k}/{stored.HOME}", as_toml(made.scenario))
+        folder.write(f"{k}/{stored.FILE}", stored.as_toml(each.plan.settings))
+    folder.write(FIGURES, json.dumps(plain({"episodes": episodes, "plans": as_rows(plans)}), indent=2) + "\n")
+    folder.write(PICTURE, draw(plans, episodes.seed))
+
+
+def as_rows(plans: Sequence[Planned]) -> list[dict[str, Any]]:
+    """Return plans with their figures and their score rows as plain values."""
+    return [
+        {
+            "family": each.plan.family,
+            "policy": each.plan.settings.policy,
+            "about": each.plan.about,
+            "robots": each.plan.scenario.num_robots,
+            "figures": dataclasses.asdict(each.figures),
+            "lower_bound": each.limit,
+            "parameters": dict(each.plan.settings.parameters),
+            "coordinator": dict(each.plan.settings.coordinator),
+            "rows": each.rows,
+            "failed_rows": each.failed_rows,
+        }
+        for each in plans
+    ]
+
+
+def draw(plans: Sequence[Planned], seed: int) -> bytes:
+    """Return a PNG of the first plans: the first episode of each."""
+    shown = plans[:_DRAWN]
+    with Sheet("plans", "The best plans", 3.4 * max(len(shown), 1) + 0.6, 3.1) as sheet:
+        for k, each in enumerate(shown):
+            axes = sheet.figure.add_subplot(1, len(shown), k + 1)
+            _draw_plan(axes, each, seed)
+            words = f"worst case in {len(each.rows)} episodes [s]: {worst_in_words(each.figures.worst_case, each.rows)}"
+            axes.set_title(f"{k + 1}: {each.plan.settings.policy}\n{words}", fontsize=8)
+        return sheet.picture(
+            "Paths of the robots in the last third of an episode; discs: bodies and sensing ranges at its end."
+        ).content
+
+
+def _draw_plan(axes, each: Planned, seed: int) -> None:
+    scenario = each.plan.scenario
+    path = _paths(each, seed)
+    A, B = scenario.curve.half_width, scenario.curve.half_height
+    axes.plot([-A, A, A, -A, -A], [-B, -B, B, B, -B], color=GREY, lw=0.8)
+    for robot, colour in zip(range(scenario.num_robots), cycle(SERIES)):
+        axes.plot(*path[:, robot].T, color=colour, lw=1)
+        at = tuple(path[-1, robot])
+        axes.add_patch(Circle(at, scenario.sensing_radius, color=colour, alpha=0.12, lw=0))
+        axes.add_patch(Circle(at, scenario.robot.radius, color=colour))
+    axes.set_aspect("equal")
+    axes.set_xlim(-1.05 * A, 1.05 * A)
+    axes.set_ylim(-1.08 * B, 1.08 * B)
+    axes.set_axis_off()
+
+
+def _paths(each: Planned, seed: int) -> np.ndarray:
+    """Return the positions (steps, N, 2) of the robots in the last part of the first episode [m]."""
+    scenario = each.plan.scenario
+    with quietly():
+        policy, simulation = each.plan.settings.make(scenario), Simulation(scenario, seed=seed, threads=1)
+    steps = scenario.task.steps
+    first = steps - max(round(_SHARE * steps), 1)
+    found = []
+    for step in range(steps):
+        simulation.step(policy.act(simulation.observation))
+        if step >= first:
+            found.append(simulation.robots.position.numpy()[0, :, :2].copy())
+    return np.array(found)

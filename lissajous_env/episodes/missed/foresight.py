@@ -1,0 +1,176 @@
+"""Actions of a rogue with foresight from all positions, as labels for a rogue that observes the present alone.
+
+`search` computes one path, exactly. For a training, the time for which a target at any position can still stay
+undetected follows from the recorded positions of the sensors, by dynamic programming:
+
+    V(t, x) = 0 where a disc senses x at t, else step + max over |y - x| <= speed * step of V(t + 1, y)
+
+on a grid, backward in time. The action with foresight leads to the y of the maximum. It is computed for the positions
+that the learner visited: S. Ross, G. Gordon and D. Bagnell, "A Reduction of Imitation Learning and Structured
+Prediction to No-Regret Online Learning" (AISTATS 2011). Discs are enlarged by `MARGIN`, and V is blurred by `BLUR`
+cells in each step, so that labels lead away from positions at which a small error is the end.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import ndimage
+
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.simulation import Simulation
+from lissajous_env.world.state import NOWHERE
+
+MARGIN = 1 / 30
+"""Distance by which discs are enlarged [sensing radius]."""
+BLUR = 0.5
+"""Standard deviation of the blur in each step [cells]."""
+REACH = 2.0
+"""Distance that a rogue moves in a stage of the recursion [cells]."""
+MOST_CELLS = 320
+"""Largest number of cells along the longer side; where cells would be smaller, a stage has several control steps."""
+HORIZON = 6.0
+"""Time for which a rogue that is undetected at the end of an episode is assumed to stay undetected [s]."""
+_DIRECTIONS = 16
+
+
+@dataclass
+class Visits:
+    """Recorded episodes: positions of the sensors, and rows and positions of the rogues. W worlds, V visits."""
+
+    sensors: list[np.ndarray] = field(default_factory=list)
+    """For each moment (W, N, 2) positions of the robots [m]."""
+    works: list[np.ndarray] = field(default_factory=list)
+    """For each moment (W, N) bool: robots that sense."""
+    rows: list[np.ndarray] = field(default_factory=list)
+    """For each moment but the last the rows of the live rogues (V, D)."""
+    worlds: list[np.ndarray] = field(default_factory=list)
+    """Their worlds (V,)."""
+    places: list[np.ndarray] = field(default_factory=list)
+    """Their positions (V, 2) [m]."""
+
+    def look(self, simulation: Simulation) -> None:
+        """Record a moment."""
+        robots = simulation.robots
+        self.sensors.append(robots.position.numpy()[..., :2].copy())
+        self.works.append(robots.sensor.numpy()[..., 0] < 0.5 * NOWHERE)
+        worlds, slots = np.nonzero(simulation.rogue_present.numpy())
+        self.rows.append(simulation.rogue_observation.numpy()[worlds, slots])
+        self.worlds.append(worlds)
+        self.places.append(simulation.targets.position.numpy()[worlds, slots])
+
+
+class Labels(NamedTuple):
+    """Rows (V, D), actions with foresight (V, 2), and the time that the best action gains over the mean one (V,)."""
+
+    rows: np.ndarray
+    actions: np.ndarray
+    gains: np.ndarray
+
+
+class Foresight:
+    """The recursion for the rogues of a scenario.
+
+    Args:
+        scenario: The scenario.
+        margin: Distance by which discs are enlarged [sensing radius].
+        blur: Standard deviation of the blur in each step [cells].
+    """
+
+    def __init__(self, scenario: Scenario, margin: float = MARGIN, blur: float = BLUR):
+        curve, self._step = scenario.curve, scenario.task.step
+        self._half = np.array([curve.half_width, curve.half_height])
+        self._radius, self._blur = (1 + margin) * scenario.sensing_radius, blur
+        self._speed = scenario.rogue_speed
+        longest = 2 * self._half.max()
+        cell = max(self._speed * self._step / REACH, longest / MOST_CELLS)
+        self.stage = max(round(REACH * cell / (self._speed * self._step)), 1)
+        """Control steps of a stage."""
+        self._counts = np.maximum(np.ceil(2 * self._half / cell - 1e-6), 2).astype(int)
+        self._cell = 2 * self._half / self._counts
+        self._centres = [
+            (np.arange(n) + 0.5) * d - h for n, d, h in zip(self._counts, self._cell, self._half, strict=True)
+        ]
+        reach = self.stage * self._speed * self._step
+        offsets = [np.arange(-int(reach / d + 1e-6), int(reach / d + 1e-6) + 1) * d for d in self._cell]
+        self._near = np.hypot(offsets[1][:, None], offsets[0][None]) <= reach * (1 + 1e-6)
+        turn = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+        ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        self._choices = np.concatenate([np.zeros((1, 2)), ring, ring / 2]).astype(np.float32)
+
+    def sensed(self, sensors: np.ndarray, works: np.ndarray) -> np.ndarray:
+        """Return (W, rows, columns) True for the cells that a disc senses at a moment."""
+        x, y = self._centres
+        sensed = np.zeros((len(sensors), len(y), len(x)), dtype=bool)
+        for w, i in zip(*np.nonzero(works), strict=True):
+            away = (y[:, None] - sensors[w, i, 1]) ** 2 + (x[None] - sensors[w, i, 0]) ** 2
+            sensed[w] |= away <= self._radius**2
+        return sensed
+
+    def label(self, visits: Visits) -> Labels:
+        """Return the labels of all visits of episodes of one length, in order of time.
+
+        Raises:
+            ValueError: the episodes are shorter than a stage.
+        """
+        last = len(visits.rows) - 1
+        if last < self.stage:
+            least, got = self.stage * self._step, last * self._step
+            raise ValueError(f"task.duration must be at least {least:g} s for rogues to learn, got {got:g} s")
+        labels = []
+        for end, value in self.values(visits, HORIZON):
+            # Rogues of the moments of a stage head for the best place at its end.
+            for moment in range(end - self.stage, end) if end >= self.stage else ():
+                places, worlds = visits.places[moment], visits.worlds[moment]
+                labels.append((visits.rows[moment], *self.best_actions(places, worlds, end - moment, value)))
+        rows, actions, gains = zip(*reversed(labels), strict=True)
+        return Labels(np.concatenate(rows), np.concatenate(actions), np.concatenate(gains))
+
+    def values(self, visits: Visits, horizon: float = 0.0) -> Iterator[tuple[int, np.ndarray]]:
+        """Yield the moment at the end of each stage, and V then (W, rows, columns) [s], the last one first.
+
+        Args:
+            visits: Episodes of one length.
+            horizon: Time for which a rogue that is undetected at the end is assumed to stay undetected [s].
+        """
+        last = len(visits.rows) - 1
+        value = np.where(self.sensed(visits.sensors[last], visits.works[last]), 0.0, horizon).astype(np.float32)
+        for now in range(last, -1, -self.stage):
+            yield now, value
+            if now >= self.stage:
+                value = self._before(value, visits, now - self.stage)
+
+    def _before(self, after: np.ndarray, visits: Visits, now: int) -> np.ndarray:
+        """Return the values at the beginning of a stage from those at its end."""
+        moments = range(now + 1, now + self.stage + 1)
+        blocked = np.any([self.sensed(visits.sensors[k], visits.works[k]) for k in moments], axis=0)
+        value = ndimage.gaussian_filter(after, (0, self._blur, self._blur), mode="nearest", truncate=3.0)
+        value = np.where(blocked, 0.0, value + self.stage * self._step).astype(np.float32)
+        for w in range(len(value)):
+            value[w] = ndimage.maximum_filter(value[w], footprint=self._near, mode="constant")
+        value[self.sensed(visits.sensors[now], visits.works[now])] = 0.0
+        return value
+
+    def best_actions(
+        self, places: np.ndarray, worlds: np.ndarray, steps: int, value: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the actions with foresight (V, 2), and the times that they gain over the mean action (V,) [s].
+
+        Args:
+            places: Positions of rogues (V, 2) [m].
+            worlds: Their worlds (V,).
+            steps: Control steps until the end of the stage.
+            value: V at the end of the stage.
+        """
+        reach = self._speed * self._step * steps
+        aims = np.clip(places[:, None] + reach * self._choices, -self._half, self._half)
+        at = np.clip((aims + self._half) / self._cell - 0.5, 0, self._counts - 1.001)
+        low = at.astype(int)
+        part, worlds = at - low, worlds[:, None]
+        column, row, across, up = low[..., 0], low[..., 1], part[..., 0], part[..., 1]
+        lower = value[worlds, row, column] * (1 - across) + value[worlds, row, column + 1] * across
+        upper = value[worlds, row + 1, column] * (1 - across) + value[worlds, row + 1, column + 1] * across
+        times: Any = lower * (1 - up) + upper * up
+        best = times.argmax(axis=1)
+        return self._choices[best], (times.max(axis=1) - times.mean(axis=1)).astype(np.float32)

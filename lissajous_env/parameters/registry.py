@@ -1,0 +1,58 @@
+"""Registries: dictionaries from names to scenarios, spaces, robot models and rogues; and ids of environments."""
+
+import re
+import sys
+from collections.abc import Container
+from typing import Any
+
+import gymnasium
+import pettingzoo
+
+from lissajous_env.wording import shown
+
+
+def register(
+    registry: dict[str, Any],
+    thing: str,
+    new: Any,
+    names: tuple[str, str],
+    taken: Container[str] = (),
+    replaces: bool = False,
+) -> None:
+    """Add an object to a registry under its attribute `name`.
+
+    Args:
+        registry: Objects by name.
+        thing: Kind of the object, for messages.
+        new: The object.
+        names: Regular expression of valid names, and the rule in words.
+        taken: Names that are not in the registry but belong to other objects.
+        replaces: True if the object may replace a different one that has its name.
+
+    Raises:
+        ValueError: the name is invalid, or a different object has it.
+    """
+    name, (pattern, rule) = new.name, names
+    if not (isinstance(name, str) and re.fullmatch(pattern, name)):
+        raise ValueError(f"name of a {thing} must be {rule}, got {shown(name)}")
+    if name in taken or (registry.get(name, new) != new and not replaces):
+        raise ValueError(f"name of a {thing} must be new, got {shown(name)}, which another one has")
+    registry[name] = new
+
+
+def is_notebook() -> bool:
+    """Return True in a notebook or at a prompt, where a cell that is run again registers its objects anew."""
+    return hasattr(sys, "ps1")  # IPython sets it too
+
+
+def register_ids(name: str, is_space: bool = False) -> None:
+    """Register `lissajous/NAME-v0` with Gymnasium and PettingZoo; environments look up the scenario when made.
+
+    Batches of a space of scenarios are made by Gymnasium itself.
+    """
+    identifier, settings, making = f"lissajous/{name}-v0", {"scenario": name}, "lissajous_env.envs.making"
+    vector = None if is_space else "lissajous_env.envs.gymnasium_vector:LissajousVectorEnv"
+    if identifier not in gymnasium.registry:
+        gymnasium.register(identifier, f"{making}:gymnasium_env", kwargs=settings, vector_entry_point=vector)
+        pettingzoo.register("parallel", identifier, f"{making}:parallel_env", kwargs=settings)
+        pettingzoo.register("aec", identifier, f"{making}:env", kwargs=settings)
