@@ -11,8 +11,8 @@ from baselines.policies.coordinators.in_numpy import NumpyCoordinator
 from baselines.policies.patrol import Laps, RandomWaypoint, Still, Sweep
 from baselines.policies.registry import make, names, register, register_filter, register_opener
 from baselines.policies.rows import Rows
-from baselines.safety.filter import Safe
-from baselines.safety.proved import Proved
+from baselines.policies.safety.filter import Safe
+from baselines.policies.safety.proved import Proved
 
 __all__ = [
     "NumpyCoordinator",

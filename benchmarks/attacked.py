@@ -15,7 +15,7 @@ import warp as wp
 import lissajous_env
 from baselines.benchmark.tables import number
 from baselines.policies.base import Policy
-from baselines.safety.proved import Proved, ProvedParameters, unmet_conditions
+from baselines.policies.safety.proved import Proved, ProvedParameters, unmet_conditions
 
 WORKING, REMOVED = 0, 2
 FAULTS = ("none", "stop dead", "coast", "stop dead, by schedule", "coast, by schedule")

@@ -18,7 +18,7 @@ import lissajous_env
 from baselines.benchmark.tables import number
 from baselines.policies.partition_plan import PartitionParameters
 from baselines.policies.partition_repair import PartitionRepair
-from baselines.safety.proved import Proved
+from baselines.policies.safety.proved import Proved
 from lissajous_env.episodes.guarantee import worst_undetected_times
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import COLLISIONS, WORST_CASE

@@ -18,7 +18,7 @@ import lissajous_env
 from baselines.benchmark.statistics import summarize_largest
 from baselines.benchmark.tables import in_words, number
 from baselines.policies.base import Policy
-from baselines.safety.proved import Proved, ProvedParameters
+from baselines.policies.safety.proved import Proved, ProvedParameters
 
 FILTERS = ("", "-safe", "-proved")
 TIMED = (

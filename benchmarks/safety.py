@@ -14,8 +14,8 @@ import baselines
 import lissajous_env
 from baselines.benchmark.tables import number
 from baselines.policies import registry
-from baselines.safety.filter import Safe
-from baselines.safety.proved import Proved
+from baselines.policies.safety.filter import Safe
+from baselines.policies.safety.proved import Proved
 
 POLICIES = ("kuramoto-mpcc", "open-loop-mpcc", "tracked-reference-mpcc", "consensus-gvf", "sweep", "random")
 FILTERS = ("-safe", "-proved")

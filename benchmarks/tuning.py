@@ -47,8 +47,8 @@ from baselines.policies.partition_plan import PartitionParameters
 from baselines.policies.partition_repair import PartitionRepair, RepairParameters
 from baselines.policies.patrol import Laps, Sweep
 from baselines.policies.patrol_path import SweepParameters, cruising_speed
+from baselines.policies.safety.filter import Safe, SafetyParameters
 from baselines.policies.trackers.vector_field import FieldParameters, WithVectorField
-from baselines.safety.filter import Safe, SafetyParameters
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.folder import Folder
 from lissajous_env.storage.journal import Journal

@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import linprog
 
-from baselines.safety.filter import SafetyParameters
-from baselines.safety.quadratic_program import TOLERANCE
+from baselines.policies.safety.filter import SafetyParameters
+from baselines.policies.safety.quadratic_program import TOLERANCE
 
 QUIET = {"print_iter": False, "print_header": False, "print_info": False, "print_time": False, "error_on_fail": False}
 WEIGHT = SafetyParameters().throttle_weight

@@ -8,7 +8,7 @@ import numpy as np
 from baselines.benchmark.types import Cell
 from baselines.policies import registry
 from baselines.policies.base import Policy
-from baselines.safety.proved import Proved, ProvedParameters, unmet_conditions
+from baselines.policies.safety.proved import Proved, ProvedParameters, unmet_conditions
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.simulation import Simulation
 

@@ -22,9 +22,9 @@ from baselines.policies.partition_plan import PartitionParameters, Plan, car_of,
 from baselines.policies.path_tables import PathTables, path_tables
 from baselines.policies.patrol import Still
 from baselines.policies.registry import register
+from baselines.policies.safety.filter import Safe, SafetyParameters
 from baselines.policies.timed_paths import STEPS, TimedPaths, TrackingParameters
 from baselines.policies.transit import formation_starts, start_is_known, transit
-from baselines.safety.filter import Safe, SafetyParameters
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Faults

@@ -30,6 +30,7 @@ from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.patrol import Still
 from baselines.policies.registry import register
 from baselines.policies.repair_plan import OFFSETS, SHAPES, Takeover, slowed, takeover
+from baselines.policies.safety.filter import Safe
 from baselines.policies.taking_over import (
     FINER,
     SEEN,
@@ -41,7 +42,6 @@ from baselines.policies.taking_over import (
 )
 from baselines.policies.timed_paths import TimedPaths, TrackingParameters
 from baselines.policies.transit import start_is_known
-from baselines.safety.filter import Safe
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole

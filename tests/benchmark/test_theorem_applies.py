@@ -12,7 +12,7 @@ from baselines.benchmark.theorem import about_theorem, compatible_starts
 from baselines.benchmark.types import Cell
 from baselines.policies.base import Policy
 from baselines.policies.factories import as_factory, named
-from baselines.safety.proved import ProvedParameters, unmet_conditions
+from baselines.policies.safety.proved import ProvedParameters, unmet_conditions
 from lissajous_env.console.cli import main
 from lissajous_env.parameters import named as named_scenarios
 from lissajous_env.parameters.assumptions import AssumptionWarning, violations

@@ -13,7 +13,7 @@ import baselines
 import lissajous_env
 from baselines.policies import own_row
 from baselines.policies.registry import make
-from baselines.safety.filter import Safe
+from baselines.policies.safety.filter import Safe
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.world.observation import layout, message_start
 from lissajous_env.world.robots.point import POINT

@@ -8,7 +8,7 @@ import warp as wp
 
 import lissajous_env
 from baselines.policies.base import Policy
-from baselines.safety.proved import Proved, ProvedParameters, unmet_conditions
+from baselines.policies.safety.proved import Proved, ProvedParameters, unmet_conditions
 
 EXACT = {"faults.schedule": (), "faults.rate": 0.0, "targets.count": 0, "targets.arrival_rate": 0.0, "task.grid": None}
 RANDOM_STARTS = {"formation.start": "random", "formation.start_noise": 1.0}

@@ -6,8 +6,8 @@ import warp as wp
 from test_proved import FIVE, Idle, driven, towards_the_nearest
 
 import lissajous_env
-from baselines.safety.compatibility import GONE
-from baselines.safety.proved import Proved, integration_error, unmet_conditions
+from baselines.policies.safety.compatibility import GONE
+from baselines.policies.safety.proved import Proved, integration_error, unmet_conditions
 from benchmarks import attacked
 from lissajous_env.parameters.assumptions import violations
 from lissajous_env.world.observation import layout

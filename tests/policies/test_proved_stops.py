@@ -6,8 +6,8 @@ import warp as wp
 from test_proved import FIVE, PAIR, Idle, driven, towards_the_nearest
 
 import lissajous_env
-from baselines.safety.proved import Proved, ProvedParameters
-from baselines.safety.swept import gap
+from baselines.policies.safety.proved import Proved, ProvedParameters
+from baselines.policies.safety.swept import gap
 
 FAILING = {"faults.rate": 1e-9, "faults.mean_duration": 1.0, "task.duration": 30.0}
 """Robots can fail, and the test chooses when."""

@@ -12,10 +12,10 @@ from baselines.policies import registry, stored
 from baselines.policies.coordinators.arc_length import ArcParameters, KuramotoByArc
 from baselines.policies.patrol import Sweep
 from baselines.policies.patrol_path import SweepParameters
+from baselines.policies.safety.filter import Safe
 from baselines.policies.settings import PolicySettings, parameters_class
 from baselines.policies.trackers.mpcc import WithMpcc
 from baselines.policies.trackers.vector_field import FieldParameters
-from baselines.safety.filter import Safe
 from lissajous_env.parameters.scenario_file import as_toml
 
 SHORT = lissajous_env.scenario("evaders", **{"task.duration": 2.0})

@@ -1,13 +1,13 @@
 """Compatible plans: the distance of a robot's plan from the plans of the others, over the times that matter.
 
-`baselines.safety.proved` states the theorem, whose conditions this module enforces.
+`baselines.policies.safety.proved` states the theorem, whose conditions this module enforces.
 """
 
 import warp as wp
 
-from baselines.safety.own_motion import Bounds
-from baselines.safety.swept import swept_room
-from baselines.safety.tails import POINTS, room_between
+from baselines.policies.safety.own_motion import Bounds
+from baselines.policies.safety.swept import swept_room
+from baselines.policies.safety.tails import POINTS, room_between
 from lissajous_env.device.compilation import OPTIONS
 
 wp.set_module_options(OPTIONS)
@@ -27,7 +27,7 @@ class Plans:
     """Plans of the robots (W, N, PLANS) for one step."""
 
     points: wp.array4d(dtype=wp.vec3)
-    """(W, N, PLANS, POINTS) as `baselines.safety.tails.lay_out` writes them."""
+    """(W, N, PLANS, POINTS) as `baselines.policies.safety.tails.lay_out` writes them."""
     reach: wp.array3d(dtype=wp.float32)
     """Largest distance of the plan from the position of the robot [m]."""
     decided: wp.array2d(dtype=wp.int32)

@@ -14,8 +14,8 @@ from baselines.policies.own_row import (
     sees,
     velocity_seen,
 )
-from baselines.safety.parameters import SafetyStruct
-from baselines.safety.quadratic_program import TOLERANCE, into_box, solve_quadratic_program
+from baselines.policies.safety.parameters import SafetyStruct
+from baselines.policies.safety.quadratic_program import TOLERANCE, into_box, solve_quadratic_program
 from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.car_input import car_action, steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS

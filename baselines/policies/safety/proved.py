@@ -2,7 +2,7 @@
 
 docs/proved.md has the theorem with its proof; in short:
 
-* The **tail** of a car is its path to rest with the motor off and constant steering (`baselines.safety.tails`).
+* The **tail** of a car is its path to rest with the motor off and constant steering (`tails.py`).
 * Two tails are **compatible** if the cars stay 2 r + margin apart for ever, wherever each is within its error bounds,
   and wherever on its tail a car that can stop dead stands from any time on.
 * In every step each robot in its turn applies the wanted action only if the tail after it is compatible with the
@@ -45,10 +45,10 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import Policy, clear_worlds
-from baselines.safety.commitment import Memory, commit
-from baselines.safety.compatibility import PLANS, Plans
-from baselines.safety.own_motion import Bounds
-from baselines.safety.tails import POINTS
+from baselines.policies.safety.commitment import Memory, commit
+from baselines.policies.safety.compatibility import PLANS, Plans
+from baselines.policies.safety.own_motion import Bounds
+from baselines.policies.safety.tails import POINTS
 from baselines.similarity import motion_scale
 from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.part_structs import RobotStruct

@@ -1,13 +1,24 @@
 """The decisions of the proved filter: each robot in its turn applies an action only if a tail remains after it.
 
-`baselines.safety.proved` states the theorem, whose conditions this module enforces.
+`baselines.policies.safety.proved` states the theorem, whose conditions this module enforces.
 """
 
 import warp as wp
 
 from baselines.policies.own_row import has_heard, own_heading, own_key, own_position, own_speed, own_works
-from baselines.safety.compatibility import FAILED, FAR, GONE, NEW, OLD, THERE, UNHEARD, Plans, is_compatible, room_of
-from baselines.safety.own_motion import (
+from baselines.policies.safety.compatibility import (
+    FAILED,
+    FAR,
+    GONE,
+    NEW,
+    OLD,
+    THERE,
+    UNHEARD,
+    Plans,
+    is_compatible,
+    room_of,
+)
+from baselines.policies.safety.own_motion import (
     Bounds,
     average,
     averaged,
@@ -18,7 +29,7 @@ from baselines.safety.own_motion import (
     tail_from,
     within_limits,
 )
-from baselines.safety.tails import arc_end, lay_out, roll_on
+from baselines.policies.safety.tails import arc_end, lay_out, roll_on
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
@@ -32,7 +43,7 @@ class Memory:
     """Memory of robots (W, N) and worlds (W,) from step to step; zeros before the first step of an episode."""
 
     tail: wp.array2d(dtype=wp.vec4)
-    """Committed tail at the beginning of the step: `baselines.safety.tails`."""
+    """Committed tail at the beginning of the step: `baselines.policies.safety.tails`."""
     tube: wp.array2d(dtype=wp.vec4)
     """Its tube."""
     old_tail: wp.array2d(dtype=wp.vec4)
@@ -44,7 +55,7 @@ class Memory:
     known: wp.array2d(dtype=wp.vec4)
     """Bounds of the robot's own curvature and drive as factors of the nominal: least, most; least, most."""
     sums: wp.array2d(dtype=wp.vec4)
-    """Sums from which these bounds follow where commands are noisy: `baselines.safety.own_motion.average`."""
+    """Sums from which these bounds follow where commands are noisy: `baselines.policies.safety.own_motion.average`."""
     last: wp.array2d(dtype=wp.vec4)
     """Measured heading [rad], speed [m/s] and the action of the latest step."""
     presence: wp.array2d(dtype=wp.int32)

@@ -6,7 +6,7 @@ its plan is compared with the places of the other one's plan at the same time an
 
 import warp as wp
 
-from baselines.safety.tails import PIECES
+from baselines.policies.safety.tails import PIECES
 from lissajous_env.device.approach import closest_approach
 
 BLOCK = wp.constant(4)

@@ -7,7 +7,7 @@ each step: to what the step allows (`learn`) or, where commands are noisy, to th
 
 import warp as wp
 
-from baselines.safety.tails import arc_end, error_tube
+from baselines.policies.safety.tails import arc_end, error_tube
 from lissajous_env.device.car_input import steering_angle, throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import RobotStruct

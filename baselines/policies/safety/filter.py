@@ -43,8 +43,8 @@ from typing import Any
 import warp as wp
 
 from baselines.policies.base import Policy
-from baselines.safety.kernel import MANOEUVRES, NEAREST, Scales, keep_clear
-from baselines.safety.parameters import SafetyParameters, SafetyStruct
+from baselines.policies.safety.kernel import MANOEUVRES, NEAREST, Scales, keep_clear
+from baselines.policies.safety.parameters import SafetyParameters, SafetyStruct
 from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
