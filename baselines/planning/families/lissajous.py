@@ -20,7 +20,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.theory import design as theory
-from lissajous_env.theory.candidate import best_formation
+from lissajous_env.theory.design import best_formation
 
 _KURAMOTO = "kuramoto", "arc"
 """Coordinators that require a stable equilibrium (2) with a place for each robot, which 4 and 6 robots do not have."""
