@@ -11,13 +11,10 @@ from lissajous_env.world import robots as _robots  # noqa: F401
 from lissajous_env.world import rogues as _rogues  # noqa: F401
 
 # isort: split
-from lissajous_env.envs.gymnasium_env import LissajousEnv, SampledEnv
+from lissajous_env.envs.gymnasium_env import LissajousEnv
 from lissajous_env.envs.gymnasium_vector import LissajousVectorEnv, vector_env
 from lissajous_env.envs.making import env, parallel_env
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
-from lissajous_env.envs.rogue_env import LissajousRogueEnv
-from lissajous_env.envs.sampled_env import SampledParallelEnv
-from lissajous_env.envs.two_sided import TwoSidedParallelEnv
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.episodes.policies import BASES as _BASES
 from lissajous_env.episodes.policies import base as _base
@@ -56,7 +53,6 @@ __all__ = [
     "Formation",
     "LissajousEnv",
     "LissajousParallelEnv",
-    "LissajousRogueEnv",
     "LissajousVectorEnv",
     "Messages",
     "Mixture",
@@ -64,15 +60,12 @@ __all__ = [
     "Robot",
     "RobotModel",
     "Rogue",
-    "SampledEnv",
-    "SampledParallelEnv",
     "Scenario",
     "ScenarioSpace",
     "Sensing",
     "Simulation",
     "Targets",
     "Task",
-    "TwoSidedParallelEnv",
     "env",
     "evaluate",
     "load",

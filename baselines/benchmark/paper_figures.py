@@ -219,7 +219,8 @@ def _aggregates(policies: Mapping[str, Mapping[str, Estimate]], styles: Mapping[
                 axes.text(0.98, place, "no bound" if estimate.n_finite else "", ha="right", va="center", **words)
         _scaled(axes, column, np.array(shown))
         counted = max(of[column.name].n_finite for of in policies.values())
-        axes.set_title(column.heading + (f"\nlargest of {counted}" if column.summary == LARGEST else ""))
+        title = column.heading.replace("T_max", "$T_{max}$")
+        axes.set_title(title + (f"\nlargest of {counted}" if column.summary == LARGEST else ""))
     return figure
 
 

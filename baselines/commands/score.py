@@ -108,7 +108,7 @@ def _report_of(scored: Scored) -> str:
 
     scenario, first = scored.scenario, scored.rows[0]
     name, policy = scenario.name, first["policy"]
-    curves = {name: {policy: share_detected(scored.found, scored.unfound)}}
+    curves = {name: {policy: share_detected(scored.detected_after, scored.undetected_for)}}
     table = Table.of(scored.rows, {name: scenario}, curves=curves)
     report = Report(table, written.provenance("cpu"), nameless=frozenset((policy,)))
     played = {(name, policy, first["seed"]): Played(contents(scored.recording, BRIEF), True)}

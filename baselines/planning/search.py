@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,7 @@ _CUTOFF = 3.0
 """A first look ends where the worst-case undetected time is beyond that of the best plan by this factor."""
 _FEWEST_FINALS = 3
 """Plans that are played to the end after Ctrl-C."""
+_STOPPED = "there was no time to play it to the end"
 _TICK = 0.2
 """Time between two calls of `on_progress` [s]."""
 
@@ -155,51 +157,67 @@ class Search:
             return
         self._known |= {plan.key for plan in plans}
         until, waiting = _DEFAULTS * self._seconds, in_turn([plans, [look.plan for look in self.ranked()]])
-        running: dict[Future, tuple[Plan, float]] = {}
         # A default that is worse without failures may be better with them.
         slack = _CUTOFF if self.episodes.failures else 1.0
 
-        while True:
-            while len(running) < cores() and self._clock() < until and not self._is_met:
-                if (plan := next(waiting, None)) is None:
-                    break
-                running[self._begun(threads, plan, _LATEST, lambda: slack * self.best)] = plan, self._clock()
-            if not running:
-                break
-            for each in self._ended(running):
-                plan, began = running.pop(each)
-                look = self._finished(each, plan, began)
-                for family in self._of(plan.family) if plan.family == DEFAULTS else ():
-                    family.looks.append(({"policy": plan.settings.policy}, look))
+        def may_begin() -> bool:
+            return self._clock() < until and not self._is_met
+
+        for look in self._play(threads, waiting, may_begin, _LATEST, lambda: slack * self.best):
+            for family in self._of(DEFAULTS) if look.plan.family == DEFAULTS else ():
+                family.looks.append(({"policy": look.plan.settings.policy}, look))
         self.unplayed = sum(plan.family == DEFAULTS for plan in waiting)
 
     def _of(self, name: str) -> list[Family]:
         """Return the family of a name, if the search has it."""
         return [family for family in self.families if family.name == name]
 
-    def _finished(self, ended: Future, plan: Plan, began: float) -> Look:
-        """Add a plan to the final ones if it was played to the end, and return what is known of it."""
-        refusal = ""
-        try:
-            found = ended.result()
-            if found is not None:
-                self.finals.append(found)
-                self._longest = max(self._longest, self._clock() - began)
-                of = found.figures
-                return Look(plan, of.collisions, of.worst_case, of.worst_case_failed, of.settled)
-            refusal = "another default is better"
-        except StoppedError:
-            refusal = "there was no time to play it to the end"
-        except Exception as error:  # one policy that fails must not end the search
-            refusal = reason_of(error)
-        return Look(plan, 0, math.inf, math.inf, refusal=refusal)
+    def _play(
+        self,
+        threads: ThreadPoolExecutor,
+        waiting: Iterator[Plan],
+        may_begin: Callable[[], bool],
+        share: float,
+        cutoff: Callable[[], float] = lambda: math.inf,
+    ) -> Iterator[Look]:
+        """Play the final episodes of plans, and yield what is known of each.
 
-    def _begun(
-        self, threads: ThreadPoolExecutor, plan: Plan, share: float, cutoff: Callable[[], float] = lambda: math.inf
-    ) -> Future:
-        """Begin the final episodes of a plan, which end when some share of the time is over."""
-        self._played.add(plan.key)
-        return threads.submit(play, plan, self.episodes, lambda: self._is_met or self._is_late(share), cutoff)
+        Args:
+            threads: Threads that play them.
+            waiting: The plans.
+            may_begin: Returns whether one more may begin.
+            share: Share of the time at which the episodes end.
+            cutoff: Returns the worst-case undetected time [s] of which a plan is not played to the end.
+        """
+        running: dict[Future, tuple[Plan, float]] = {}
+        while True:
+            while len(running) < cores() and may_begin() and (plan := next(waiting, None)) is not None:
+                self._played.add(plan.key)
+                stopped = partial(self._has_to_end, share)
+                running[threads.submit(play, plan, self.episodes, stopped, cutoff)] = plan, self._clock()
+            if not running:
+                return
+            for each in self._ended(running):
+                yield self._outcome_of(each, *running.pop(each))
+
+    def _has_to_end(self, share: float) -> bool:
+        """Return whether final episodes end: a plan is good enough, or a share of the time is over."""
+        return self._is_met or self._is_late(share)
+
+    def _outcome_of(self, ended: Future, plan: Plan, began: float) -> Look:
+        """Add a plan to the final ones if it was played to the end, and return what is known of it."""
+        try:
+            planned = ended.result()
+        except StoppedError:
+            return Look(plan, 0, math.inf, math.inf, refusal=_STOPPED)
+        except Exception as error:  # one policy that fails must not end the search
+            return Look(plan, 0, math.inf, math.inf, refusal=reason_of(error))
+        if planned is None:
+            return Look(plan, 0, math.inf, math.inf, refusal="another default is better")
+        self.finals.append(planned)
+        self._longest = max(self._longest, self._clock() - began)
+        figures = planned.figures
+        return Look(plan, figures.collisions, figures.worst_case, figures.worst_case_failed, figures.settled)
 
     def _ended(self, running: Iterable[Future]) -> set[Future]:
         """Wait for a moment, report the progress, and return those that have ended."""
@@ -308,23 +326,9 @@ class Search:
         waiting = [plan for plan in waiting if plan.key not in self._played]
         if self.interrupted:
             waiting = waiting[:_FEWEST_FINALS]
-        running: dict[Future, float] = {}
-        while waiting or running:
-            while waiting and len(running) < cores() and self._may_begin():
-                share = math.inf if self.interrupted else 1.0
-                running[self._begun(threads, waiting.pop(0), share)] = self._clock()
-            if not running:
-                return
-            for each in self._ended(running):
-                self._longest = max(self._longest, self._clock() - running.pop(each))
-                try:
-                    found = each.result()
-                except StoppedError:
-                    continue
-                except Exception as error:  # one policy that fails must not end the search
-                    self.broken.append(reason_of(error))
-                    continue
-                self.finals += [] if found is None else [found]
+        share = math.inf if self.interrupted else 1.0
+        looks = list(self._play(threads, iter(waiting), self._may_begin, share))
+        self.broken += [look.refusal for look in looks if look.refusal not in ("", _STOPPED)]
 
     def _may_begin(self) -> bool:
         """Return whether there is time for final episodes of the longest duration so far."""

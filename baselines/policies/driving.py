@@ -16,6 +16,8 @@ from lissajous_env.world.state import Robots
 
 wp.set_module_options(OPTIONS)
 
+SPREAD_MAX = 3.0
+"""Deviations at which the spread of a car's constants is clipped."""
 EAGERNESS = 4.0
 """Rate at which a car of the paper's experiment that drives towards a place makes up for a wrong speed [1/s]."""
 
@@ -33,6 +35,13 @@ def driving_of(scenario: Scenario) -> Any:
     driving = Driving()
     driving.eagerness, driving.near = motor_rate(scenario, EAGERNESS), motion_scale(scenario).length
     return driving
+
+
+def slowest_top_speed(scenario: Scenario) -> float:
+    """Return the top speed of the slowest car that the spread of the drive allows [m/s]."""
+    robot = scenario.robot
+    drive = robot.drive * (1 - SPREAD_MAX * scenario.noise.drive_spread)
+    return max((drive * robot.full_throttle - robot.offset) / robot.drag, 0.0)
 
 
 def motor_rate(scenario: Scenario, rate: float) -> float:

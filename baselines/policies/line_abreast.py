@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from baselines.policies.driving import slowest_top_speed
 from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.line_closing import close_up, closes_up, closing_of
 from baselines.policies.line_path import (
@@ -15,8 +16,6 @@ from baselines.policies.line_path import (
     check,
     line_path,
     line_plan,
-    rogue_speed,
-    slowest_top_speed,
 )
 from baselines.policies.line_transit import Effort, Pace, angle_steps, effort_of, transit
 from baselines.policies.neighbour_watch import WATCH
@@ -75,7 +74,7 @@ def ideal_worst_case(scenario: Scenario, plan: LinePlan) -> float:
     """Return the worst-case undetected time [s] of lines that have formed and follow their path without error."""
     half = plan.half_length, plan.half_span
     loop = loops_of(plan, plan.starts, plan.lanes)[..., :2]
-    return worst_undetected_time(loop, half, scenario.sensing_radius, rogue_speed(scenario), plan.step)
+    return worst_undetected_time(loop, half, scenario.sensing_radius, scenario.rogue_speed, plan.step)
 
 
 def loops_of(plan: LinePlan, starts: np.ndarray, lanes: np.ndarray) -> np.ndarray:

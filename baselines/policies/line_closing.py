@@ -10,7 +10,7 @@ from typing import Any
 
 import warp as wp
 
-from baselines.policies.line_path import LinePlan, largest_spacing, rogue_speed
+from baselines.policies.line_path import LinePlan, largest_spacing
 from baselines.policies.neighbour_watch import AGE, STATE, STILL, note_message
 from baselines.policies.own_row import hears, message_age, offset_heard, own_heading, own_position, own_works
 from baselines.policies.timed_paths import STEPS
@@ -57,7 +57,7 @@ def closes_up(scenario: Scenario, plan: LinePlan) -> bool:
     Several lines are interleaved: the lanes between those of a line belong to other lines.
     """
     cars = scenario.num_robots
-    spacing = largest_spacing(plan.speed, scenario.sensing_radius, rogue_speed(scenario), plan.step)
+    spacing = largest_spacing(plan.speed, scenario.sensing_radius, scenario.rogue_speed, plan.step)
     return plan.line_of.max() == 0 and cars > 3 and (cars - 1) * spacing >= 2 * plan.half_span
 
 

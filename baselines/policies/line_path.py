@@ -13,13 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.policies.base import UnsuitableScenarioError
+from baselines.policies.driving import SPREAD_MAX, slowest_top_speed
 from baselines.policies.patrol_path import fastest_speed
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.theory.geometry import turning_radius
 
-SPREAD_MAX = 3.0
-"""Deviations at which the spread of a car's constants is clipped."""
 _CRUISE, _FASTEST = 0.96, 0.98
 """Speeds of a line in the top speed of the slowest car: by default, and at most; the rest is for catching up."""
 _GRIP = 0.92
@@ -128,19 +127,6 @@ def largest_spacing(speed: float, radius: float, rogue_speed: float, step: float
     return 2 * math.sqrt(max(radius**2 - ((rogue_speed + speed) * step / 2) ** 2, 0.0))
 
 
-def rogue_speed(scenario: Scenario) -> float:
-    """Return the largest speed of a rogue [m/s]."""
-    limit = scenario.targets.speed_limit
-    return scenario.targets.speed_max if limit is None else limit
-
-
-def slowest_top_speed(scenario: Scenario) -> float:
-    """Return the top speed of the slowest car that the spread of the drive allows [m/s]."""
-    robot = scenario.robot
-    drive = robot.drive * (1 - SPREAD_MAX * scenario.noise.drive_spread)
-    return max((drive * robot.full_throttle - robot.offset) / robot.drag, 0.0)
-
-
 def lanes_of(scenario: Scenario, lines: int) -> tuple[float, np.ndarray, np.ndarray]:
     """Return how m lines share the span 2 B: pitch of their lanes [m], places across [m] and line of each car.
 
@@ -163,7 +149,7 @@ def spacing_of(scenario: Scenario, lines: int) -> float:
 def can_span(scenario: Scenario, lines: int) -> bool:
     """Return whether that many lines can span the rectangle, with room for cars of two lines to pass each other."""
     spacing, pitch = spacing_of(scenario, lines), lanes_of(scenario, lines)[0]
-    fits = speed_limit(spacing, scenario.sensing_radius, rogue_speed(scenario), scenario.task.step) > 0
+    fits = speed_limit(spacing, scenario.sensing_radius, scenario.rogue_speed, scenario.task.step) > 0
     return fits and (lines == 1 or pitch >= _PASSING * 2 * scenario.robot.radius)
 
 
@@ -182,7 +168,7 @@ def check(scenario: Scenario, parameters: LineParameters) -> None:
 
 def _what_fails(scenario: Scenario, lines: int) -> str:
     """Return the reason why that many lines cannot span the rectangle."""
-    spacing, moving, radius = spacing_of(scenario, lines), rogue_speed(scenario), scenario.sensing_radius
+    spacing, moving, radius = spacing_of(scenario, lines), scenario.rogue_speed, scenario.sensing_radius
     if spacing >= 2 * radius:
         return f"the cars of a line would be {spacing:.3g} m apart, and not less than {2 * radius:.3g} m"
     fastest = speed_limit(spacing, radius, 0.0, scenario.task.step)
@@ -228,7 +214,7 @@ def line_plan(scenario: Scenario, parameters: LineParameters, lines: int) -> Lin
     A, B = max(curve.half_width, curve.half_height), min(curve.half_width, curve.half_height)
     _, lanes, line_of = lanes_of(scenario, lines)
     fastest = min(_CRUISE * slowest_top_speed(scenario), fastest_speed(scenario))
-    limit = speed_limit(spacing_of(scenario, lines), scenario.sensing_radius, rogue_speed(scenario), step)
+    limit = speed_limit(spacing_of(scenario, lines), scenario.sensing_radius, scenario.rogue_speed, step)
     speed = min(parameters.speed or fastest, limit, _FASTEST * slowest_top_speed(scenario))
     base = robot.wheelbase * (1 + SPREAD_MAX * scenario.noise.wheelbase_spread)
     sharpest = 1 / turning_radius(base, robot.steering_max)

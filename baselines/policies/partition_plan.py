@@ -15,6 +15,7 @@ import numpy as np
 
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.cells import closed_loop, divisions, evenly_spaced, length_of
+from baselines.policies.driving import SPREAD_MAX, slowest_top_speed
 from baselines.policies.ideal_motion import coverage, worst_undetected_time
 from baselines.policies.transit import Car
 from lissajous_env.parameters.scenario import Scenario
@@ -125,7 +126,7 @@ def partition_plan(scenario: Scenario, parameters: PartitionParameters | None = 
 
 def turning_radius_of(scenario: Scenario) -> float:
     """Return the radius that all cars of a scenario can turn on, the one of the longest wheelbase included [m]."""
-    spread = 1 + 3 * scenario.noise.wheelbase_spread
+    spread = 1 + SPREAD_MAX * scenario.noise.wheelbase_spread
     return _ROOM * spread * turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
 
 
@@ -146,12 +147,10 @@ def slowest_speed(scenario: Scenario) -> float:
 def car_of(scenario: Scenario, parameters: PartitionParameters) -> Car:
     """Return the constants of the cars of a scenario for a transit: those of the weakest car."""
     robot, turning, step = scenario.robot, turning_radius_of(scenario), scenario.task.step
-    drive = robot.drive * (1 - 3 * scenario.noise.drive_spread)
-    weakest = (drive * robot.full_throttle - robot.offset) / robot.drag
     speed = parameters.speed or _RESERVE * robot.top_speed
     speed = min(speed, _TURN * turning / step, math.sqrt(_RESERVE * robot.lateral_acceleration_max * turning))
     slowest = max(1.02 * slowest_speed(scenario), 0.15 * robot.top_speed)
-    return Car(turning, max(speed, slowest), slowest, weakest, robot.drag)
+    return Car(turning, max(speed, slowest), slowest, slowest_top_speed(scenario), robot.drag)
 
 
 def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:

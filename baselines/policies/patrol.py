@@ -239,14 +239,6 @@ def act_at_random(observation: wp.array3d(dtype=float), action_out: wp.array3d(d
         action_out[w, i, k] = 2.0 * draw - 1.0
 
 
-def _neighbours(scenario: Scenario) -> np.ndarray:
-    """Return the robots before and after each robot on the ring, (N, 2)."""
-    ring = np.array(scenario.ring)
-    neighbours = np.empty((len(ring), 2), dtype=np.int32)
-    neighbours[ring] = np.stack([np.roll(ring, 1), np.roll(ring, -1)], axis=1)
-    return neighbours
-
-
 class _Patrol(Policy):
     """Robots that patrol, with a memory of their own, if they are cars by `driving`."""
 
@@ -277,7 +269,7 @@ class Sweep(_Patrol):
         loop = patrol_loop(self.scenario, parameters=self.parameters)
         self._alpha = float(self.scenario.alpha)
         self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
-        self._ring = wp.array(_neighbours(self.scenario), dtype=wp.vec2i, device=self.device)
+        self._ring = wp.array(self.scenario.neighbours, dtype=wp.vec2i, device=self.device)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
         self._cruise = self.parameters.cruise or cruising_speed(self.scenario)
         self._spacing = loop_spacing(loop)

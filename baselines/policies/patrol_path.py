@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from baselines.policies.cells import length_of
 from baselines.similarity import motion_scale
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, flag, number, whole
@@ -79,7 +80,7 @@ def lookahead(scenario: Scenario, cruise: float, parameters: SweepParameters) ->
 
 def loop_spacing(loop: np.ndarray) -> float:
     """Return the distance between the points of a loop [m]."""
-    return float(np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum()) / len(loop)
+    return length_of(loop) / len(loop)
 
 
 def file_by_phase(scenario: Scenario, loop: np.ndarray) -> tuple[float, float]:

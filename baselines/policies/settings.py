@@ -29,7 +29,7 @@ class PolicySettings:
     """The settings of a registered policy."""
 
     policy: str
-    """Name of the policy, with the suffix of a wrapper if there is one."""
+    """Name of the policy, with the suffix of a filter if there is one."""
     parameters: Mapping[str, Any] = field(default_factory=dict)
     """Parameters of the policy, or of its tracker."""
     coordinator: Mapping[str, Any] = field(default_factory=dict)

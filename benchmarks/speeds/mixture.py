@@ -42,7 +42,7 @@ def tables(options: Options) -> dict[str, Table]:
         for env in sides.values():
             env.reset()
         calls = 3 if options.quick else 30
-        steps = {name: (partial(env.step_rows, given[name]), calls) for name, env in sides.items()}
+        steps = {name: (partial(env.step, given[name]), calls) for name, env in sides.items()}
         times = by_turns(steps, options.rounds)
         each = {name: [1e3 * took / sides[name].num_envs for took in of] for name, of in times.items()}
         middle = {name: np.median(of) for name, of in each.items()}

@@ -1,4 +1,4 @@
-"""The Gymnasium environments of one world in which the whole team of robots is one agent."""
+"""The Gymnasium environment of one world, whose agent is a whole team: the robots, or the rogues."""
 
 import os
 from typing import Any
@@ -7,171 +7,113 @@ import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from lissajous_env.envs.actions import action_table, on_host
-from lissajous_env.envs.agents import NEEDS_RESET, Around, Timed
-from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
-from lissajous_env.envs.sampled_env import SampledParallelEnv
-from lissajous_env.parameters.rogues import AGENTS
+from lissajous_env.envs.batch import Batch
+from lissajous_env.envs.one_world import METADATA, NEEDS_RESET, OneWorld, Timed
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.space import ScenarioSpace
-from lissajous_env.wording import shown
-from lissajous_env.world.observation import layout
 
 
-def team_spaces(scenario: Scenario, num_robots: int, discrete: bool, flat: bool) -> tuple[Any, Any]:
-    """Return the spaces of a team of N robots.
+class LissajousEnv(OneWorld, Timed, gymnasium.Env):
+    """One world as a `gymnasium.Env`; the agent is the team of robots, as in `LissajousVectorEnv`.
 
-    The observation space is a `Box` (N, D); the action space is `Box(-1, 1, (N, action_size))`, flattened if `flat`,
-    or `MultiDiscrete` (N,).
-    """
-    row, size = layout(scenario), scenario.action_size
-    low, high = np.tile(row.low, (num_robots, 1)), np.tile(row.high, (num_robots, 1))
-    observation = gymnasium.spaces.Box(low, high, dtype=np.float32)
-    if discrete:
-        return observation, gymnasium.spaces.MultiDiscrete([len(action_table(scenario))] * num_robots)
-    shape = (num_robots * size,) if flat else (num_robots, size)
-    return observation, gymnasium.spaces.Box(-1.0, 1.0, shape, np.float32)
+    The observation is (N, D), the reward the mean over the robots. The info contains `robot_reward` (N,),
+    `reward_terms` (N, terms) in the order of `lissajous_env.world.reward.TERMS`, and `score`, the numbers that
+    `score_names` names, infinite until the episode ends. The episode is terminated when all robots are removed.
 
+    **With `robots`**, a policy, the agent is the team of rogues. The observation is (N, D), a row of
+    `lissajous_env.world.rogues.rows` per target slot, the action (N, 2) velocities [`targets.speed_limit`]. Rows of
+    slots without a live rogue are zero, and their actions have no effect. The reward is the time of the step for which
+    rogues were undetected, summed over the rogues [s]. The episode is terminated when all rogues that it can have are
+    detected. The info contains `rogue_reward` (N,) and `score`.
 
-class TeamEnv(Around, Timed, gymnasium.Env):
-    """Environment of one world whose agent is the team, padded to the N robots of the largest team.
+    **Of a space of scenarios**, each reset draws one, as in `LissajousParallelEnv`. Rows are padded to the N robots of
+    the largest team with zeros, and actions of these rows have no effect. The info also contains `mask` (N,), True for
+    the robots of the scenario.
 
     Args:
-        parallel: Environment of the robots.
-        discrete: True if their actions are discrete.
-        flat: True for actions (N * action_size,) instead of (N, action_size).
+        scenario: As for `LissajousParallelEnv`.
+        render_mode: None, `rgb_array`, or `human` for a window.
+        robots: Policy that drives the robots: a name, a policy, or a function; see `lissajous_env.envs.drivers`. The
+            rogues are then the agent, and `rogues` is `agents`.
+        discrete_actions: True for actions (N,) that are indices of the table in `lissajous_env.envs.actions`.
+        flat_actions: True for actions (N * action_size,) instead of (N, action_size).
+        max_cycles: Number of steps of an episode, instead of `task.duration`.
+        device: Warp device.
+        record: True to record episodes for `replay`.
+        **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`.
+
+    Raises:
+        UnknownSettingError: an unknown keyword (a `ValueError` and a `TypeError`).
+        ValueError: an invalid setting, or scenarios of a space with rows or actions of different sizes.
     """
 
-    metadata = LissajousParallelEnv.metadata
+    metadata = METADATA
 
-    def __init__(self, parallel: LissajousParallelEnv | SampledParallelEnv, discrete: bool, flat: bool):
-        self.inner, self.render_mode = parallel, parallel.render_mode
-        n = len(parallel.possible_agents)
-        self.observation_space, self.action_space = team_spaces(self.scenario, n, discrete, flat)
-        self._is_flat, self._shape = flat and not discrete, (n, self.scenario.action_size)
-
-    @property
-    def scenario(self) -> Scenario:
-        """Scenario of the episode."""
-        return self.inner.scenario
+    def __init__(
+        self,
+        scenario: str | os.PathLike | Scenario | ScenarioSpace = "experiment",
+        render_mode: str | None = None,
+        *,
+        robots: Any = None,
+        discrete_actions: bool = False,
+        flat_actions: bool = False,
+        max_cycles: int | None = None,
+        device: Any = "cpu",
+        record: bool = False,
+        **overrides: Any,
+    ):
+        batch = Batch(
+            scenario,
+            roles="robots" if robots is None else "rogues",
+            robots=robots,
+            discrete_actions=discrete_actions,
+            max_cycles=max_cycles,
+            device=device,
+            overrides=overrides,
+        )
+        (self._side,) = batch.sides
+        self.observation_space, self.action_space = self._side.team_spaces(flat_actions)
+        self._steps = batch.scenario.task.steps if batch.space is None else max_cycles
+        self._running = False
+        self._start(batch, render_mode, record)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
-        """Begin an episode, as the `reset` of the environment of the robots."""
-        _, infos = self.inner.reset(seed, options)
+        """Begin an episode, as `LissajousParallelEnv.reset`."""
+        self._begin(seed)
         super().reset(seed=None if seed is None else int(seed))
-        return self._observed(), self._info({}, infos)
+        self._running = True
+        rows = self.batch.rows(self._side)
+        if self.render_mode == "human":
+            self.render()
+        return rows.observation[0].copy(), self._info(np.zeros(self._side.places, np.float32), rows.mask)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict]:
-        """Take one control step with the actions of all robots.
+        """Take one control step with the actions of the team; numbers outside [-1, 1] are clipped.
 
         Raises:
             ResetNeeded: before the first reset, or after the end of an episode.
             ValueError: an action has a wrong shape or is not finite; the state is unchanged.
         """
-        inner, action = self.inner, on_host(action)
-        shape = np.shape(action)
-        if shape != self.action_space.shape and (self._is_flat or shape[:1] != self._shape[:1]):
-            raise ValueError(f"action must have shape {self.action_space.shape}, got {shown(action)}")
-        if not inner.agents:
+        given = self._side.read(action, self.action_space.shape)  # type: ignore[arg-type]
+        if not self._running:
             raise ResetNeeded(NEEDS_RESET)
-        rows = np.reshape(action, self._shape) if self._is_flat else action
-        of_robots = dict(zip(inner.possible_agents, rows, strict=True))
-        _, rewards, _, _, infos = inner.step({agent: of_robots[agent] for agent in inner.agents})
-        info, over = self._info(rewards, infos), not inner.agents
-        terminated = bool(inner.simulation.terminated.numpy().all())
-        reward = float(info["robot_reward"][: self.scenario.num_robots].mean())
-        return self._observed(), reward, terminated, over and not terminated, info
+        self.batch.step({self._side.agent: given})
+        if self._follower is not None:
+            self._follower.look()
+        rows = self.batch.rows(self._side)
+        reward = rows.reward[0].copy()
+        terminated, over = bool(rows.terminated.all()), bool(self.batch.over[0])
+        self._running = not (terminated or over)
+        if self.render_mode == "human":
+            self.render()
+        total = reward[: self.scenario.num_robots].mean() if self._side.is_robots else reward.sum()
+        info = self._info(reward, rows.mask)
+        return rows.observation[0].copy(), float(total), terminated, over and not terminated, info
 
-    def _observed(self) -> np.ndarray:
-        return self.inner.simulation.observation.numpy()[0].copy()
-
-    def _info(self, rewards: dict[str, float], infos: dict[str, dict]) -> dict[str, Any]:
-        agents = self.inner.possible_agents
-        nothing = np.zeros(len(self.inner.simulation.reward_term_names), np.float32)
-        terms = [infos[agent]["reward_terms"] if agent in infos else nothing for agent in agents]
-        score = self.inner.simulation.score_numbers([] if self.inner.agents else [0])[0]
-        reward = np.array([rewards.get(agent, 0.0) for agent in agents], dtype=np.float32)
-        return {"robot_reward": reward, "reward_terms": np.stack(terms), "score": score}
-
-
-def refuse_rogue_agents(scenario: Scenario) -> None:
-    """Raise ValueError for a scenario whose rogues are agents."""
-    if scenario.targets.rogues == AGENTS:
-        rule = "must be None or a scripted rogue if the team of robots is the agent"
-        raise ValueError(f"targets.rogues {rule}, got {AGENTS}; robots=POLICY makes an environment of the rogues")
-
-
-class LissajousEnv(TeamEnv):
-    """One world as a `gymnasium.Env`; the agent is the team, as in `LissajousVectorEnv`.
-
-    The observation is (N, D), the reward the mean over the robots. The info contains `robot_reward` (N,),
-    `reward_terms` (N, terms) in the order of `lissajous_env.world.reward.TERMS`, and `score`, the numbers that
-    `score_names` names, infinite until the episode ends.
-
-    Args:
-        scenario: Name of a scenario, or a `Scenario`.
-        render_mode: None, `rgb_array`, or `human` for a window.
-        flat_actions: True for actions (N * action_size,) instead of (N, action_size). Discrete actions (N,) are always
-            flat.
-        **settings: Settings of `LissajousParallelEnv`, and fields of the scenario.
-
-    Raises:
-        UnknownSettingError: an unknown keyword (a `ValueError` and a `TypeError`).
-        ValueError: an invalid setting.
-    """
-
-    def __init__(
-        self,
-        scenario: str | Scenario = "experiment",
-        render_mode: str | None = None,
-        *,
-        flat_actions: bool = False,
-        **settings: Any,
-    ):
-        parallel = LissajousParallelEnv(scenario, render_mode, **settings)
-        refuse_rogue_agents(parallel.scenario)
-        self._steps = parallel.scenario.task.steps
-        super().__init__(parallel, settings.get("discrete_actions", False), flat_actions)
-
-
-class SampledEnv(TeamEnv):
-    """Scenarios drawn from a space as a `gymnasium.Env`; the agent is the team, padded to N robots, the largest team.
-
-    A `SampledParallelEnv` draws the scenarios. The observation is (N, D), with rows of zeros where the scenario has no
-    robot; actions of these rows have no effect. The reward is the mean over the robots. The info contains `mask` (N,),
-    True for the robots of the scenario, `robot_reward` (N,), `reward_terms` (N, terms) in the order of
-    `lissajous_env.world.reward.TERMS`, and `score`, the numbers that `score_names` names, infinite until the episode
-    ends.
-
-    Args:
-        space: As for `SampledParallelEnv`.
-        render_mode: None, `rgb_array`, or `human` for a window.
-        flat_actions: True for actions (N * action_size,) instead of (N, action_size). Discrete actions (N,) are always
-            flat.
-        **settings: Settings of `SampledParallelEnv`, and fields of all scenarios.
-
-    Raises:
-        UnknownSettingError: an unknown keyword (a `ValueError` and a `TypeError`).
-        ValueError: an invalid setting, or scenarios with rows or actions of different sizes.
-    """
-
-    def __init__(
-        self,
-        space: str | os.PathLike | ScenarioSpace,
-        render_mode: str | None = None,
-        *,
-        flat_actions: bool = False,
-        **settings: Any,
-    ):
-        parallel = SampledParallelEnv(space, render_mode, **settings)
-        self._steps = settings.get("max_cycles")
-        super().__init__(parallel, settings.get("discrete_actions", False), flat_actions)
-
-    def _observed(self) -> np.ndarray:
-        observed = np.zeros(self.observation_space.shape, dtype=np.float32)  # type: ignore[arg-type]
-        observed[: self.scenario.num_robots] = self.inner.simulation.observation.numpy()[0]
-        return observed
-
-    def _info(self, rewards: dict[str, float], infos: dict[str, dict]) -> dict[str, Any]:
-        mask = np.arange(len(self.inner.possible_agents)) < self.scenario.num_robots
-        return {"mask": mask} | super()._info(rewards, infos)
+    def _info(self, reward: np.ndarray, mask: np.ndarray) -> dict[str, Any]:
+        info: dict[str, Any] = {f"{self._side.agent}_reward": reward}
+        if self._side.is_robots:
+            info["reward_terms"] = self.batch.reward_terms()[0].copy()
+        if self.batch.space is not None:
+            info["mask"] = mask[0].astype(bool)
+        return info | {"score": self.simulation.score_numbers([] if self._running else [0])[0]}

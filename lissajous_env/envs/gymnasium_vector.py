@@ -9,17 +9,14 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from lissajous_env.envs.actions import action_space, action_table, on_host
-from lissajous_env.envs.agents import NEEDS_RESET, Timed
-from lissajous_env.envs.gymnasium_env import refuse_rogue_agents, team_spaces
-from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
-from lissajous_env.envs.recorded import followed, replay_of
+from lissajous_env.envs.actions import on_host
+from lissajous_env.envs.batch import Batch
+from lissajous_env.envs.one_world import METADATA, NEEDS_RESET, Timed, followed, replay_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import shown
-from lissajous_env.world.selection import drawn_seeds
-from lissajous_env.world.simulation import Simulation, fold_seed
+from lissajous_env.world.selection import world_mask
 
 if TYPE_CHECKING:
     from lissajous_env.replay import Replay
@@ -90,26 +87,22 @@ class LissajousVectorEnv(Timed, VectorEnv):
         made = named.with_cycles(named.scenario(scenario, **overrides), max_cycles)
         if max_episode_steps is not None and whole_number("max_episode_steps", max_episode_steps) < made.task.steps:
             made = named.with_cycles(made, max_episode_steps)
-        refuse_rogue_agents(made)
         self._steps = made.task.steps
-        self.simulation = Simulation(made, num_envs, device=device, threads=threads)
-        self.scenario = self.simulation.scenario
-        rows_each = self.simulation.num_robots if agents_as_rows else 1
+        settings: dict[str, Any] = {"discrete_actions": discrete_actions, "device": device, "threads": threads}
+        self.batch = Batch(made, num_envs, roles="robots", **settings)
+        (self._side,) = self.batch.sides
+        self.simulation, self.scenario = self.batch.simulation, self.batch.scenario
+        rows_each = self._side.places if agents_as_rows else 1
         self.num_envs = num_envs * rows_each
         self.metadata = {
             "autoreset_mode": self.autoreset_mode,
             "render_modes": ["rgb_array"],
-            "render_fps": LissajousParallelEnv.metadata["render_fps"],
+            "render_fps": METADATA["render_fps"],
         }
-        self._table = action_table(self.scenario) if discrete_actions else None
         if agents_as_rows:
-            layout = self.simulation.layout
-            self.single_observation_space = gymnasium.spaces.Box(layout.low, layout.high, dtype=np.float32)
-            self.single_action_space = action_space(self.scenario, discrete_actions)
+            self.single_observation_space, self.single_action_space = self._side.row_space(), self._side.action_space()
         else:
-            n = self.simulation.num_robots
-            spaces = team_spaces(self.scenario, n, discrete_actions, flat_actions)
-            self.single_observation_space, self.single_action_space = spaces
+            self.single_observation_space, self.single_action_space = self._side.team_spaces(flat_actions)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._rows_each, self._agents_as_rows = rows_each, agents_as_rows
@@ -131,20 +124,11 @@ class LissajousVectorEnv(Timed, VectorEnv):
             ValueError: an invalid seed or mask, or a mask with only some of the rows of a world.
         """
         worlds = self._masked(options)
-        if isinstance(seed, (int, np.integer)):
-            self.simulation.reset(worlds, [fold_seed(int(seed) + int(k)) for k in worlds])
-        elif seed is not None:
-            if np.shape(seed) != self._begun.shape:
-                raise ValueError(
-                    f"seed must be a number or one for each of {len(self._begun)} worlds, got {shown(seed)}"
-                )
-            self.simulation.reset(worlds, [fold_seed(seed[k]) for k in worlds])
-        else:
-            first = worlds[~self._begun[worlds]]
-            if len(first):
-                self.simulation.reset(first, drawn_seeds(len(first)))
-            if len(first) < len(worlds):
-                self.simulation.reset(worlds[self._begun[worlds]])
+        alone = seed is None or isinstance(seed, (int, np.integer))
+        if not alone and np.shape(seed) != self._begun.shape:
+            raise ValueError(f"seed must be a number or one for each of {len(self._begun)} worlds, got {shown(seed)}")
+        self.batch.seed(seed if alone else [seed[k] for k in worlds], worlds)
+        self.batch.reset(world_mask(worlds, len(self._begun)))
         if seed is not None:
             super().reset(seed=int(np.ravel(seed)[0]))  # checked above
         self._ended[worlds], self._begun[worlds], self._gone[worlds] = False, True, False
@@ -166,7 +150,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
         self._look()
         if begins.any():
             # A world that ended did not move in the step above; it returns its first observation.
-            sim.reset(begins)
+            self.batch.reset(begins)
             self._gone[begins] = False
             self._look()
         robot_reward, ended = sim.reward.numpy().copy(), sim.over
@@ -235,12 +219,8 @@ class LissajousVectorEnv(Timed, VectorEnv):
     def _of_robots(self, actions: Any) -> Any:
         """Convert actions to shape (W, N, action_size); tensors of floats remain where they are."""
         due, shape = self.simulation.action_shape, self.action_space.shape
-        if self._table is not None:
-            rows, last = np.asarray(on_host(actions)), len(self._table) - 1
-            if rows.shape != shape or rows.dtype.kind not in "iu" or rows.min() < 0 or rows.max() > last:
-                rule = f"whole numbers from 0 to {last} of shape {shape}"
-                raise ValueError(f"actions must be {rule}, got {shown(actions)}")
-            return self._table[rows].reshape(due)
+        if self._side.table is not None:
+            return self._side.read(actions, shape)  # type: ignore[arg-type]
         if isinstance(actions, np.ndarray) or not hasattr(actions, "reshape"):
             actions = np.asarray(on_host(actions))
             if actions.dtype.kind not in "fiu":
@@ -276,7 +256,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
         if not done.any():
             return
         last = self._observed()
-        self.simulation.reset(newly)
+        self.batch.reset(newly)
         self._look()
         self._ended[:] = False
         self._gone[newly] = False

@@ -44,7 +44,7 @@ def actions_of(robot: Robot, inputs: np.ndarray) -> np.ndarray:
 
 def _converted(kernel: Any, robot: Robot, values: np.ndarray) -> np.ndarray:
     given = wp.array(values.reshape(-1, 2), dtype=wp.vec2, device=as_device("cpu"))
-    made = wp.zeros_like(given)
+    converted = wp.zeros_like(given)
     with compile_quietly():
-        wp.launch(kernel, len(given), [to_struct(RobotStruct, robot), given], [made], device="cpu")
-    return made.numpy().reshape(values.shape)
+        wp.launch(kernel, len(given), [to_struct(RobotStruct, robot), given], [converted], device="cpu")
+    return converted.numpy().reshape(values.shape)

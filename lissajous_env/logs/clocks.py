@@ -63,17 +63,17 @@ class Clock:
     def __init__(self, poses: Sequence[Recorded], log: Log):
         self.notes: list[str] = []
         called = self._called = log.called
-        ordered = [each.rows(np.lexsort((each.stamp, each.logged, each.bag))) for each in poses]
-        stamped = [k for k, each in enumerate(ordered) if np.ptp(each.stamp) > 0] or list(range(len(ordered)))
-        without = [k for k, each in enumerate(ordered) if not np.ptp(each.stamp) > 0]
+        ordered = [robot.rows(np.lexsort((robot.stamp, robot.logged, robot.bag))) for robot in poses]
+        stamped = [k for k, robot in enumerate(ordered) if np.ptp(robot.stamp) > 0] or list(range(len(ordered)))
+        without = [k for k, robot in enumerate(ordered) if not np.ptp(robot.stamp) > 0]
         if without and len(without) == len(ordered):
-            ordered = [each._replace(stamp=each.logged) for each in ordered]
+            ordered = [robot._replace(stamp=robot.logged) for robot in ordered]
         if without and any(len(poses[k].stamp) > 1 for k in without):
             self.notes.append(f"the poses of {called(without)} have no stamps; their times are the recorder's")
         self.poses = ordered
         self._leave_out_strays(log)
         self._parts: dict[int, tuple[float, float]] = {}
-        for bag in np.unique(np.concatenate([each.bag for each in self.poses])).tolist():
+        for bag in np.unique(np.concatenate([robot.bag for robot in self.poses])).tolist():
             self._choose_part(bag, stamped)
         self._pairs = self._paired(self._agreeing(stamped))
         if len(without) < len(ordered):
@@ -172,15 +172,15 @@ class Clock:
     def _paired(self, robots: Sequence[int]) -> dict[int, tuple[np.ndarray, np.ndarray]]:
         """Return pairs of the recorder's times and stamps for each file, and at -1 for all of them."""
         poses = [self.poses[k] for k in robots]
-        bags = np.unique(np.concatenate([each.bag for each in poses])).tolist()
-        pairs = {bag: _pairs_of([each.rows(each.bag == bag) for each in poses]) for bag in bags}
+        bags = np.unique(np.concatenate([robot.bag for robot in poses])).tolist()
+        pairs = {bag: _pairs_of([robot.rows(robot.bag == bag) for robot in poses]) for bag in bags}
         return pairs | {-1: _pairs_of(poses)}
 
 
 def _pairs_of(poses: Sequence[Recorded]) -> tuple[np.ndarray, np.ndarray]:
     """Return increasing times of the recorder, and the latest stamp of a pose that was recorded until then."""
-    logged = np.concatenate([each.logged for each in poses])
-    stamp = np.concatenate([each.stamp for each in poses])
+    logged = np.concatenate([robot.logged for robot in poses])
+    stamp = np.concatenate([robot.stamp for robot in poses])
     order = np.lexsort((stamp, logged))
     last = np.append(np.diff(logged[order]) > 0, True)
     return logged[order][last], np.maximum.accumulate(stamp[order])[last]

@@ -113,14 +113,14 @@ class _Fit:
             raise ValueError("log must be of a car whose steering and speed change")
         segment = ((time - time[0]) / _SEGMENT).astype(int)
         failed = np.zeros(count, bool) if status is None else status.before(time) != int(WORKING)
-        kept = np.setdiff1d(segment, segment[failed])
-        if not len(kept):
+        used = np.setdiff1d(segment, segment[failed])
+        if not len(used):
             raise ValueError(f"log must have {_SEGMENT:g} s in which the car works, got none")
-        if len(kept) > _MOST_SEGMENTS:
-            kept = kept[np.linspace(0, len(kept) - 1, _MOST_SEGMENTS).astype(int)]
-        chosen = np.isin(segment, kept)
+        if len(used) > _MOST_SEGMENTS:
+            used = used[np.linspace(0, len(used) - 1, _MOST_SEGMENTS).astype(int)]
+        chosen = np.isin(segment, used)
         self._time = time[chosen]
-        self._segment = np.searchsorted(kept, segment[chosen])
+        self._segment = np.searchsorted(used, segment[chosen])
         self._measured = measured[chosen]
         # A speed that was computed from positions is no second measurement, and lags behind the car's.
         logged = np.isfinite(track.speed) & (track.measured and motion.derived in ("", SOME))
@@ -155,7 +155,7 @@ class _Fit:
             "heading": float(deviations[2]),
             "speed": float(deviations[3]) if self._known[:, 3].any() else math.nan,
         }
-        values, deviations = (dict(zip(CONSTANTS, map(float, each), strict=True)) for each in (constants, errors))
+        values, deviations = (dict(zip(CONSTANTS, map(float, numbers), strict=True)) for numbers in (constants, errors))
         return Identified(values, deviations, residual, len(self._measured), self._misfits(residual))
 
     def _misfits(self, residual: dict[str, float]) -> tuple[str, ...]:
@@ -191,10 +191,10 @@ class _Fit:
         sets = np.repeat(constants[None], len(values), axis=0)
         sets[:, which] = values
         begun, fits = self._starts, []
-        for each in sets:
+        for constants in sets:
             # A bad value leads the starts astray, from where the next value would not find back.
             self._starts = begun
-            fitted = self._fit(each, evaluations=4)[0]
+            fitted = self._fit(constants, evaluations=4)[0]
             fits.append(((self._from_best_starts(fitted) ** 2).sum(), fitted, self._starts))
         _, best, self._starts = min(fits, key=lambda fit: fit[0])
         return best
@@ -217,28 +217,28 @@ class _Fit:
         """Fit the smooth constants, each segment's start among them; return them and their standard errors."""
         unit = np.maximum(np.abs(constants[_SMOOTH]), _LEAST_UNIT)
 
-        def made(x: np.ndarray) -> np.ndarray:
+        def constants_of(x: np.ndarray) -> np.ndarray:
             given = constants.copy()
             given[_SMOOTH] = x * unit
             return given
 
         def residuals(x: np.ndarray) -> np.ndarray:
-            return self._from_best_starts(made(x)).ravel()
+            return self._from_best_starts(constants_of(x)).ravel()
 
         def jacobian(x: np.ndarray) -> np.ndarray:
-            return self._slopes(made(x), unit)
+            return self._slopes(constants_of(x), unit)
 
         self._from_best_starts(constants, _FIRST_STEPS)
         low = _LEAST / unit
         begin: Any = np.maximum(constants[_SMOOTH] / unit, low)
         slopes: Any = jacobian
-        found = least_squares(residuals, begin, slopes, (low, np.inf), max_nfev=evaluations)
-        free = max(int(self._known.sum()) - len(found.x) - self._starts.size, 1)
-        covariance = np.linalg.pinv(found.jac.T @ found.jac) * (2 * found.cost / free)
+        solution = least_squares(residuals, begin, slopes, (low, np.inf), max_nfev=evaluations)
+        free = max(int(self._known.sum()) - len(solution.x) - self._starts.size, 1)
+        covariance = np.linalg.pinv(solution.jac.T @ solution.jac) * (2 * solution.cost / free)
         errors = np.full(len(CONSTANTS), np.nan)
         errors[_SMOOTH] = np.sqrt(np.diag(covariance)) * unit
-        self._from_best_starts(made(found.x))
-        return made(found.x), errors
+        self._from_best_starts(constants_of(solution.x))
+        return constants_of(solution.x), errors
 
     def _from_best_starts(self, constants: np.ndarray, steps: int = 2) -> np.ndarray:
         """Return the residuals (K, 4) from the best start of each segment, which some Gauss-Newton steps find.

@@ -31,7 +31,7 @@ _UNIT = 0.01
 """Difference from 1 up to which the square of a quaternion's length is rounded."""
 
 
-class Found(NamedTuple):
+class RobotPoses(NamedTuple):
     """Poses of a robot in the messages of a log."""
 
     recorded: Recorded
@@ -46,7 +46,7 @@ class Found(NamedTuple):
     """Number of speeds that are no measurements, with a first covariance of -1."""
 
 
-class Sightings:
+class PoseRows:
     """Poses that are being collected."""
 
     def __init__(self) -> None:
@@ -65,11 +65,11 @@ class Sightings:
         stamp = header.stamp.sec + header.stamp.nanosec / 1e9
         self._rows.append((message.bag, message.logged, stamp, place.x, place.y, place.z, heading, speed))
 
-    def found(self) -> Found:
+    def poses(self) -> RobotPoses:
         """Return the poses so far."""
         rows = np.array(self._rows, dtype=float).reshape(-1, 8)
         recorded = Recorded(rows[:, 0].astype(int), rows[:, 1], rows[:, 2], rows[:, 3:])
-        return Found(recorded, frozenset(self._frames), self._broken, self._turned)
+        return RobotPoses(recorded, frozenset(self._frames), self._broken, self._turned)
 
 
 def heading_of(x: float, y: float, z: float, w: float) -> tuple[float, float]:
@@ -85,7 +85,7 @@ class Poses:
 
     def __init__(self, bags: Bags):
         self._bags = bags
-        self._shared: dict[str, dict[str, Found]] = {}
+        self._shared: dict[str, dict[str, RobotPoses]] = {}
 
     @property
     def topics(self) -> list[str]:
@@ -109,7 +109,7 @@ class Poses:
         for part in parts:
             if re.search(r"\d", part):
                 patterns.setdefault(re.sub(r"\d+", "{}", part, count=1), []).append(part)
-        likely = [each for each in patterns if each.endswith(_BODIES)] or list(patterns)
+        likely = [pattern for pattern in patterns if pattern.endswith(_BODIES)] or list(patterns)
         if len(likely) != 1:
             got = few_of(likely) or few_of(parts) or "none"
             rule = f"topics must name the robots' frames in {topic}, such as {topic}:robot_{{}}/base_link"
@@ -120,11 +120,11 @@ class Poses:
         """Return the names of all parts of a shared topic."""
         return list(self._of_topic(topic))
 
-    def of(self, topic: str, part: str | None, bag: int | None = None) -> Found | None:
+    def of(self, topic: str, part: str | None, bag: int | None = None) -> RobotPoses | None:
         """Return the poses of a robot, of one file alone if it is given; None if there are none."""
         if part is not None:
             return self._of_topic(topic).get(part)
-        sightings, unmeasured = Sightings(), 0
+        rows, unmeasured = PoseRows(), 0
         for message in self._bags.of(topic, tuple(SINGLE)):
             if bag is None or message.bag == bag:
                 content = message.content
@@ -132,36 +132,36 @@ class Poses:
                 if message.kind == ODOMETRY:
                     speed = content.twist.twist.linear.x
                     unmeasured += content.twist.covariance[0] == -1
-                sightings.add(message, content.header, *SINGLE[message.kind](content), speed)
-        return sightings.found()._replace(unmeasured=int(unmeasured))
+                rows.add(message, content.header, *SINGLE[message.kind](content), speed)
+        return rows.poses()._replace(unmeasured=int(unmeasured))
 
-    def _of_topic(self, topic: str) -> dict[str, Found]:
+    def _of_topic(self, topic: str) -> dict[str, RobotPoses]:
         if topic not in self._shared:
             kinds = self._bags.kinds.get(topic, set())
             self._shared[topic] = self._transforms(topic) if TRANSFORMS in kinds else self._array(topic)
         return self._shared[topic]
 
-    def _array(self, topic: str) -> dict[str, Found]:
-        places: list[Sightings] = []
+    def _array(self, topic: str) -> dict[str, RobotPoses]:
+        places: list[PoseRows] = []
         for message in self._bags.of(topic, (ARRAY,)):
             poses = message.content.poses
             if places and len(poses) != len(places):
                 words = f"must have as many poses in every message, got {len(places)} and {len(poses)}"
                 raise ValueError(f"topic {topic} {words} at {message.logged:.3f} s")
-            places = places or [Sightings() for _ in poses]
-            for sightings, pose in zip(places, poses, strict=True):
-                sightings.add(message, message.content.header, pose.position, pose.orientation)
-        return {str(k): sightings.found() for k, sightings in enumerate(places)}
+            places = places or [PoseRows() for _ in poses]
+            for rows, pose in zip(places, poses, strict=True):
+                rows.add(message, message.content.header, pose.position, pose.orientation)
+        return {str(k): rows.poses() for k, rows in enumerate(places)}
 
-    def _transforms(self, topic: str) -> dict[str, Found]:
-        edges: dict[str, Sightings] = {}
+    def _transforms(self, topic: str) -> dict[str, RobotPoses]:
+        edges: dict[str, PoseRows] = {}
         for message in self._both(topic):
-            for each in message.content.transforms:
-                child = each.child_frame_id.strip("/")
-                sightings = edges.setdefault(child, Sightings())
-                sightings.add(message, each.header, each.transform.translation, each.transform.rotation)
-        found = {child: sightings.found() for child, sightings in edges.items()}
-        return {child: _in_root(child, found) for child in found}
+            for edge in message.content.transforms:
+                child = edge.child_frame_id.strip("/")
+                rows = edges.setdefault(child, PoseRows())
+                rows.add(message, edge.header, edge.transform.translation, edge.transform.rotation)
+        frames = {child: rows.poses() for child, rows in edges.items()}
+        return {child: _in_root(child, frames) for child in frames}
 
     def _both(self, topic: str) -> Iterator[Message]:
         for name in (topic, topic + _STATIC):
@@ -169,17 +169,17 @@ class Poses:
                 yield from self._bags.of(name, (TRANSFORMS,))
 
 
-def _in_root(child: str, edges: dict[str, Found]) -> Found:
+def _in_root(child: str, edges: dict[str, RobotPoses]) -> RobotPoses:
     """Return the poses of a frame in the root of the tree of frames, in the plane and in height."""
-    found, above = edges[child], {child} | {frame for frame, each in edges.items() if not len(each.recorded.stamp)}
-    while len(found.frames) == 1 and (parent := next(iter(found.frames))) in edges.keys() - above:
+    own, above = edges[child], {child} | {frame for frame, edge in edges.items() if not len(edge.recorded.stamp)}
+    while len(own.frames) == 1 and (parent := next(iter(own.frames))) in edges.keys() - above:
         above.add(parent)
-        outer, pose = edges[parent], found.recorded.pose.copy()
+        outer, pose = edges[parent], own.recorded.pose.copy()
         order = np.argsort(outer.recorded.stamp, kind="stable")
-        latest = np.searchsorted(outer.recorded.stamp[order], found.recorded.stamp, side="right") - 1
+        latest = np.searchsorted(outer.recorded.stamp[order], own.recorded.stamp, side="right") - 1
         x, y, z, turn, _ = outer.recorded.pose[order[np.maximum(latest, 0)]].T
-        pose[:, 0] = x + np.cos(turn) * found.recorded.pose[:, 0] - np.sin(turn) * found.recorded.pose[:, 1]
-        pose[:, 1] = y + np.sin(turn) * found.recorded.pose[:, 0] + np.cos(turn) * found.recorded.pose[:, 1]
+        pose[:, 0] = x + np.cos(turn) * own.recorded.pose[:, 0] - np.sin(turn) * own.recorded.pose[:, 1]
+        pose[:, 1] = y + np.sin(turn) * own.recorded.pose[:, 0] + np.cos(turn) * own.recorded.pose[:, 1]
         pose[:, 2], pose[:, 3] = z + pose[:, 2], turn + pose[:, 3]
-        found = found._replace(recorded=found.recorded._replace(pose=pose), frames=outer.frames)
-    return found
+        own = own._replace(recorded=own.recorded._replace(pose=pose), frames=outer.frames)
+    return own

@@ -36,31 +36,6 @@ class Paths:
     """(M, N) 1 where nothing is known of the robot in the step to a moment."""
 
 
-@wp.func
-def put_on_path(w: int, i: int, moment: int, paths: Paths, robots: Robots):
-    """Move a robot along its path to a moment."""
-    last = robots.track.shape[2] - 1
-    for s in range(last + 1):
-        robots.track[w, i, s] = paths.track[moment, i, s]
-    robots.position[w, i] = paths.track[moment, i, last]
-    robots.heading[w, i] = wrap(paths.heading[moment, i])
-    robots.speed[w, i] = paths.speed[moment, i]
-    if not wp.isnan(paths.phase[moment, i]):
-        robots.phase[w, i] = wrap_phase(paths.phase[moment, i])
-
-
-@wp.kernel
-def begin_paths(first: int, lanes: int, paths: Paths, clock: Clock, robots: Robots):
-    """Place the robots where their paths begin."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 1:
-        for i in range(lane, robots.status.shape[1], lanes):
-            put_on_path(w, i, 0, paths, robots)
-            if paths.hidden[0, i] == 1:
-                robots.status[w, i] = STUCK
-
-
 @wp.kernel
 def hide(first: int, lanes: int, paths: Paths, clock: Clock, robots: Robots):
     """Take robots of which nothing is known for removed, so that none collides with them and no column counts them."""
@@ -86,16 +61,27 @@ def unhide(first: int, paths: Paths, clock: Clock, robots: Robots, tally: Episod
 
 @wp.kernel
 def follow_paths(first: int, lanes: int, paths: Paths, clock: Clock, robots: Robots):
-    """Move the robots along their paths; a removed robot stays where it was."""
+    """Move the robots along their paths, or place them where these begin; a removed robot stays where it was."""
     tid, lane = wp.tid()
     w = first + tid
-    if clock.active[w] == 1:
-        for i in range(lane, robots.status.shape[1], lanes):
-            if robots.status[w, i] != REMOVED:
-                put_on_path(w, i, clock.step[w], paths, robots)
-            else:
-                for s in range(robots.track.shape[2]):
-                    robots.track[w, i, s] = robots.position[w, i]
+    if clock.active[w] == 0:
+        return
+    moment = clock.step[w]
+    last = robots.track.shape[2] - 1
+    for i in range(lane, robots.status.shape[1], lanes):
+        if robots.status[w, i] == REMOVED:
+            for s in range(last + 1):
+                robots.track[w, i, s] = robots.position[w, i]
+        else:
+            for s in range(last + 1):
+                robots.track[w, i, s] = paths.track[moment, i, s]
+            robots.position[w, i] = paths.track[moment, i, last]
+            robots.heading[w, i] = wrap(paths.heading[moment, i])
+            robots.speed[w, i] = paths.speed[moment, i]
+            if not wp.isnan(paths.phase[moment, i]):
+                robots.phase[w, i] = wrap_phase(paths.phase[moment, i])
+            if moment == 0 and paths.hidden[0, i] == 1:
+                robots.status[w, i] = STUCK
 
 
 class PrescribedSimulation(Simulation):
@@ -125,8 +111,8 @@ class PrescribedSimulation(Simulation):
     ):
         m, n, places, _ = track.shape
         paths: Any = allocate(Paths, {"track": (m, n, places)}, (m, n), as_device("cpu"))
-        given = {"track": track, "heading": heading, "speed": speed, "phase": phase, "hidden": hidden.astype(np.int32)}
-        for name, values in given.items():
+        named = {"track": track, "heading": heading, "speed": speed, "phase": phase, "hidden": hidden.astype(np.int32)}
+        for name, values in named.items():
             getattr(paths, name).assign(values)
         self._paths, self._follows = paths, bool(np.isnan(phase).any())
         super().__init__(scenario, num_worlds, seed=seed)
@@ -134,9 +120,8 @@ class PrescribedSimulation(Simulation):
     def _own_stages(self) -> tuple[list[Stage], list[Stage]]:
         at_reset, at_step = super()._own_stages()
         own = {"paths": self._paths}
-        begins = Stage("paths", begin_paths, ROBOT, own=own)
         place = [stage.name for stage in at_reset].index("robots") + 1
-        at_reset.insert(place, begins)
+        at_reset.insert(place, Stage("paths", follow_paths, ROBOT, own=own))
         # Paths are followed robot by robot, so that the stage after them waits for all.
         motion = Stage("motion", follow_paths, ROBOT, own=own)
         follow = Stage("phase", follow_curve, when=self._follows)

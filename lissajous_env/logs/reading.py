@@ -13,7 +13,7 @@ import numpy as np
 from lissajous_env.logs.clocks import SAME, Clock, Recorded
 from lissajous_env.logs.log import Log, Series, Track
 from lissajous_env.logs.messages import Bags, Message
-from lissajous_env.logs.poses import Found, Poses
+from lissajous_env.logs.poses import Poses, RobotPoses
 from lissajous_env.logs.robots import ODOMETRY, Robot, robots_of
 from lissajous_env.settings.checks import is_whole
 from lissajous_env.wording import few_of, shown
@@ -56,7 +56,7 @@ def read(
     """
     if len(origin) != 3 or not all(map(math.isfinite, origin)):
         raise ValueError(f"origin must be three finite numbers, x, y [m] and heading [rad], got {shown(origin)}")
-    paths = [Path(path)] if isinstance(path, (str, Path)) else [Path(each) for each in path]
+    paths = [Path(path)] if isinstance(path, (str, Path)) else [Path(part) for part in path]
     if not paths:
         raise ValueError("path must name at least one log, got none")
     name = paths[0].name if len(paths) == 1 else f"{paths[0].name} and {len(paths) - 1} more"
@@ -74,14 +74,16 @@ class _Reading:
         self._labels = tuple(robot.label for robot in self._robots)
         self._blank = Log(name, (), labels=self._labels)
         self._called = self._blank.called
-        found = [self._poses(robot, poses) for robot in self._robots]
-        words = [(k, f"has {each.broken} poses that are not finite and are left out") for k, each in enumerate(found)]
-        self._notes += self._blank.grouped([each for each in words if found[each[0]].broken])
-        words = [(k, f"has {each.turned} quaternions that are not of length 1") for k, each in enumerate(found)]
-        self._notes += self._blank.grouped([each for each in words if found[each[0]].turned])
-        self._measured = [not each.unmeasured for each in found]
-        self._check_frames(found)
-        self._clock = Clock([each.recorded for each in found], self._blank)
+        collected = [self._poses(robot, poses) for robot in self._robots]
+        words = [
+            (k, f"has {robot.broken} poses that are not finite and are left out") for k, robot in enumerate(collected)
+        ]
+        self._notes += self._blank.grouped([word for word in words if collected[word[0]].broken])
+        words = [(k, f"has {robot.turned} quaternions that are not of length 1") for k, robot in enumerate(collected)]
+        self._notes += self._blank.grouped([word for word in words if collected[word[0]].turned])
+        self._measured = [not robot.unmeasured for robot in collected]
+        self._check_frames(collected)
+        self._clock = Clock([robot.recorded for robot in collected], self._blank)
         self._notes += self._clock.notes
         self._ignored: dict[str, Counter[str]] = {}
 
@@ -102,23 +104,25 @@ class _Reading:
             self._ignored.setdefault(reason, Counter())[topic] += count
         for reason, topics in self._ignored.items():
             self._notes.append(f"{topics.total()} messages of {few_of(topics)} are ignored: {reason}")
-        phases, statuses = ({k: Series(s.time, s.value[:, 0]) for k, s in each.items()} for each in (phases, statuses))
+        phases, statuses = (
+            {k: Series(s.time, s.value[:, 0]) for k, s in series.items()} for series in (phases, statuses)
+        )
         notes = tuple(self._notes)
         return Log(self._name, tuple(tracks), given, phases, statuses, episode, begin, self._labels, notes)
 
-    def _poses(self, robot: Robot, poses: Poses) -> Found:
-        found = poses.of(robot.topic, robot.part, robot.bag)
+    def _poses(self, robot: Robot, poses: Poses) -> RobotPoses:
+        own = poses.of(robot.topic, robot.part, robot.bag)
         name = robot.topic if robot.part is None else f"{robot.topic}:{robot.part}"
-        if found is None or len(found.recorded.stamp) < _FEWEST:
-            count = 0 if found is None else len(found.recorded.stamp)
-            broken = f" and {found.broken} that are not finite" if found is not None and found.broken else ""
+        if own is None or len(own.recorded.stamp) < _FEWEST:
+            count = 0 if own is None else len(own.recorded.stamp)
+            broken = f" and {own.broken} that are not finite" if own is not None and own.broken else ""
             raise ValueError(f"topic {name} of {self._name} must have at least {_FEWEST} poses, got {count}{broken}")
-        return found
+        return own
 
-    def _check_frames(self, found: Sequence[Found]) -> None:
+    def _check_frames(self, robots: Sequence[RobotPoses]) -> None:
         frames: dict[str, list[int]] = {}
-        for k, each in enumerate(found):
-            for frame in each.frames:
+        for k, robot in enumerate(robots):
+            for frame in robot.frames:
                 frames.setdefault(frame, []).append(k)
         if len(frames) > 1:
             got = "; ".join(f"{frame or 'no name'} of {self._called(those)}" for frame, those in sorted(frames.items()))
@@ -164,7 +168,7 @@ class _Reading:
 
     def _others(self, pattern: str, kinds: Sequence[str], value_of: Callable[[Any], Values | str]) -> dict[int, Series]:
         """Return the values of the robots that have any on the topics of a pattern."""
-        found = {}
+        series = {}
         for k, robot in enumerate(self._robots):
             topic = pattern.replace("{}", robot.label)
             if topic not in self._bags.kinds:
@@ -178,8 +182,8 @@ class _Reading:
                 values = np.array([values for _, (_, values) in rows], dtype=float)
                 order = np.argsort(times, kind="stable")
                 order = order[np.append(np.diff(times[order]) > 0, True)]
-                found[k] = Series(times[order], values[order], rows[0][1][0])
-        return found
+                series[k] = Series(times[order], values[order], rows[0][1][0])
+        return series
 
     def _understood(
         self, topic: str, messages: Sequence[Message], value_of: Callable[[Any], Values | str]
@@ -206,7 +210,7 @@ class _Reading:
         logged = np.array([message.logged for message in messages])
         if all(hasattr(message.content, "header") for message in messages):
             stamps = [message.content.header.stamp for message in messages]
-            stamp = np.array([each.sec + each.nanosec / 1e9 for each in stamps])
+            stamp = np.array([moment.sec + moment.nanosec / 1e9 for moment in stamps])
             ahead = self._clock.differs(bag, logged, stamp)
             if ahead == 0:
                 return stamp

@@ -65,17 +65,17 @@ def _numbered(bags: Bags, poses: Poses, pattern: str, name: str) -> list[Robot]:
         names = list(bags.kinds)
     begin, end = (part or topic).split("{}")
     number = re.compile(re.escape(begin) + r"(\d+)" + re.escape(end))
-    found = sorted((int(match[1]), match[1], each) for each in names if (match := number.fullmatch(each)))
-    for _, _, each in found:
-        _require(bags, poses, topic if part else each, name)
-    return [Robot(label, topic if part else each, each if part else None) for _, label, each in found]
+    matches = sorted((int(match[1]), match[1], name) for name in names if (match := number.fullmatch(name)))
+    for *_, numbered in matches:
+        _require(bags, poses, topic if part else numbered, name)
+    return [Robot(label, topic if part else named, named if part else None) for _, label, named in matches]
 
 
 def _named(bags: Bags, poses: Poses, topics: Sequence[str], name: str) -> list[Robot]:
     """Return the robots of some topics in their order."""
     robots: list[Robot] = []
-    for each in topics:
-        topic, _, part = each.partition(":")
+    for given in topics:
+        topic, _, part = given.partition(":")
         _require(bags, poses, topic, name)
         holders = bags.holders(topic)
         if part:

@@ -49,9 +49,9 @@ class Scored:
     """Time of the log at which the episode begins [s]."""
     notes: tuple[str, ...]
     """Remarks for readers of the scores."""
-    found: np.ndarray
+    detected_after: np.ndarray
     """Times until the virtual targets were detected, of all rows [s]."""
-    unfound: np.ndarray
+    undetected_for: np.ndarray
     """Times for which the others were present [s]."""
 
 
@@ -97,28 +97,28 @@ def score(
     given = named.scenario(scenario) if scenario is not None else own
     if given is None:
         raise ValueError(f"scenario must be given, because the log {log.name} has none")
-    made = given.resolve()
-    if len(log.tracks) != made.num_robots:
+    scenario = given.resolve()
+    if len(log.tracks) != scenario.num_robots:
         got = f"{len(log.tracks)}: {log.called(range(len(log.tracks)))}"
         got = "; ".join((got, *log.notes))
-        raise ValueError(f"log {log.name} must have the {made.num_robots} robots of {made.name}, got {got}")
-    if not gap >= made.task.step:
-        raise ValueError(f"gap must be at least the control step of {made.task.step:g} s, got {shown(gap)}")
-    times = _moments(log, made.task.step, gap)
-    motions = _motions(log, made, gap)
-    hidden = np.stack([motion.blind(times, made.task.step) for motion in motions], axis=1)
+        raise ValueError(f"log {log.name} must have the {scenario.num_robots} robots of {scenario.name}, got {got}")
+    if not gap >= scenario.task.step:
+        raise ValueError(f"gap must be at least the control step of {scenario.task.step:g} s, got {shown(gap)}")
+    times = _moments(log, scenario.task.step, gap)
+    motions = _motions(log, scenario, gap)
+    hidden = np.stack([motion.blind(times, scenario.task.step) for motion in motions], axis=1)
     hidden[0] = [motion.unknown(times[:1])[0] for motion in motions]
     status = _statuses(log, times, hidden)
-    made = _as_logged(made, times, status)
+    scenario = _as_logged(scenario, times, status)
     if seeds is None:
         seeds = [int(log.episode["seed"]) if log.episode else 0]
-    simulation = _simulation(log, made, motions, times, hidden, len(seeds))
+    simulation = _simulation(log, scenario, motions, times, hidden, len(seeds))
     simulation.reset(seeds=np.array(list(seeds)))
-    actions, refused = _actions(log, made, times)
-    notes = [*log.notes, *remarks(log, made, motions, times, status), *refused]
+    actions, refused = _actions(log, scenario, times)
+    notes = [*log.notes, *remarks(log, scenario, motions, times, status), *refused]
     recorder = Recorder(simulation)
     recorder.take()
-    _check_length(log, made.task.step, len(times) - 1, recorder.most_moments - 1)
+    _check_length(log, scenario.task.step, len(times) - 1, recorder.most_moments - 1)
     for moment in range(1, len(times)):
         action = np.zeros(simulation.action_shape[1:], np.float32) if actions is None else actions[moment - 1]
         simulation.step(np.broadcast_to(action, simulation.action_shape).astype(np.float32))
@@ -136,8 +136,10 @@ def score(
     blanks = _unknown(motions, times, actions is None)
     recording = dataclasses.replace(recording, score=recording.score | unknown, unknown=blanks)
     waited = [simulation.detection_times(world) for world in range(len(seeds))]
-    found, unfound = (np.concatenate([each[known == kept] for each, known in waited]) for kept in (True, False))
-    return Scored(made, rows, recording, float(times[0]), tuple(notes), found, unfound)
+    detected, undetected = (
+        np.concatenate([times[known == outcome] for times, known in waited]) for outcome in (True, False)
+    )
+    return Scored(scenario, rows, recording, float(times[0]), tuple(notes), detected, undetected)
 
 
 def _unknown(motions: Sequence[Motion], times: np.ndarray, commands: bool) -> tuple[Unknown, ...]:

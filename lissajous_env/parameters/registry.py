@@ -42,7 +42,7 @@ def register(
 
 def is_notebook() -> bool:
     """Return True in a notebook or at a prompt, where a cell that is run again registers its objects anew."""
-    return not hasattr(sys.modules["__main__"], "__file__")
+    return hasattr(sys, "ps1")  # IPython sets it too
 
 
 def register_ids(name: str, is_space: bool = False) -> None:

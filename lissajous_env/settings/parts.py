@@ -27,25 +27,20 @@ def _as_place(entry: Any) -> int | None:
     return entry if is_whole(entry) and 0 <= entry < 1024 else None
 
 
-def _as_displacement(entry: Any) -> tuple[int, float] | None:
-    robot, angle = entry
-    return (as_robot(robot), float(angle)) if abs(float(angle)) <= 100 else None
+def _robot_and(low: float, high: float) -> Callable[[Any], tuple[int, float] | None]:
+    """Return the function that converts pairs of a robot and a number of a range."""
 
+    def convert(entry: Any) -> tuple[int, float] | None:
+        robot, value = entry
+        return (as_robot(robot), float(value)) if low <= value <= high else None
 
-def _as_factor(entry: Any) -> tuple[int, float] | None:
-    robot, factor = entry
-    return (as_robot(robot), float(factor)) if 0.01 <= float(factor) <= 10 else None
+    return convert
 
 
 def _as_fault(entry: Any) -> tuple[int, float, float] | None:
     robot, start, end = entry
     holds = 0 <= start < end and start <= _LONGEST and (end <= _LONGEST or end == math.inf)
     return (as_robot(robot), float(start), float(end)) if holds else None
-
-
-def _as_removal(entry: Any) -> tuple[int, float] | None:
-    robot, time = entry
-    return (as_robot(robot), float(time)) if 0 <= time <= _LONGEST else None
 
 
 def _as_harmonic(entry: Any) -> tuple[float, ...] | None:
@@ -139,7 +134,10 @@ class Formation(Checked):
     start_noise: float = number(0.0, 0, 100, "rad")
     """Standard deviation of a random displacement of each robot's phase at reset [rad]."""
     displaced: tuple[tuple[int, float], ...] = rows(
-        (), "must contain pairs of a robot and an angle from -100 to 100 [rad]", _as_displacement, units=("", "rad")
+        (),
+        "must contain pairs of a robot and an angle from -100 to 100 [rad]",
+        _robot_and(-100, 100),
+        units=("", "rad"),
     )
     """Robots displaced along the phase at reset, each as (robot, angle [rad])."""
     start_headway: float = number(0.0, 0, 1e3, "s")
@@ -198,7 +196,7 @@ class Robot(Checked):
     lateral_acceleration_max: float = number(math.inf, 1e-6, 1e6, "m/s^2", or_infinite=True)
     """Largest lateral acceleration (grip) [m/s^2]; the yaw rate is limited to it divided by the speed."""
     drive_factors: tuple[tuple[int, float], ...] = rows(
-        (), "must contain pairs of a robot and a factor from 0.01 to 10", _as_factor, units=("", "")
+        (), "must contain pairs of a robot and a factor from 0.01 to 10", _robot_and(0.01, 10), units=("", "")
     )
     """Cars with a weaker or stronger motor, each as (robot, factor on `drive`); model-based controllers ignore it."""
 
@@ -319,7 +317,10 @@ class Faults(Checked):
     )
     """Robots that fail for a time, each as (robot, start [s], end [s]); with an infinite end, they never resume."""
     removed: tuple[tuple[int, float], ...] = rows(
-        (), "must contain pairs of a robot and a time from 0 to 1000000000 [s]", _as_removal, units=("", "s")
+        (),
+        "must contain pairs of a robot and a time from 0 to 1000000000 [s]",
+        _robot_and(0, _LONGEST),
+        units=("", "s"),
     )
     """Robots that are removed, each as (robot, time [s])."""
     rate: float = number(0.0, 0, 1e3, "1/s")

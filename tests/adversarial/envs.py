@@ -57,7 +57,7 @@ def _hostile_step(draw: np.random.Generator) -> str | None:
             _name(draw), 2, flat_actions=bool(draw.integers(2)), agents_as_rows=kind == 3, **made
         )
     env.reset(seed=int(draw.integers(1000)))
-    simulation = env.inner.simulation if kind == 1 else env.simulation
+    simulation = env.simulation
     for _ in range(8):
         before = simulation.save_state()
         action = _odd(draw)

@@ -70,8 +70,6 @@ def test_an_unknown_scenario_is_one_clear_line_and_exit_code_2(tmp_path):
     ("arguments", "words"),
     [
         (["benchmrk"], "did you mean benchmark?"),
-        (["benchmark", "--policies", "kuramto"], "did you mean kuramoto?"),
-        (["evaluate", "failure", "kuramoto", "--set", "task.duraton=3"], "did you mean task.duration?"),
         (
             ["evaluate", "failure", "kuramoto", "--set", "task.duration=-3"],
             "must be from 0.001 to 100000000 [s], got -3",
@@ -81,22 +79,17 @@ def test_an_unknown_scenario_is_one_clear_line_and_exit_code_2(tmp_path):
         (["evaluate", "failure", "kuramoto", "--set", "curve.a=" + "[" * 100_000], "--set curve.a must be given"),
         (["evaluate", "failure", "kuramoto", "--set", "faults.schedule=((0,1,nan),)"], "without nan"),
         (["evaluate", "failure", "kuramoto", "--episodes", "0"], "episodes must be at least 1, got 0"),
-        (["evaluate", "failure", "kuramoto", "--episodes", "1000000000"], "episodes must be at most 1,000,000"),
-        (["evaluate", "failure", "kuramoto", "--batch", "0"], "batch must be at least 1, got 0"),
         (["evaluate", "failure", "kuramoto", "--seed", "99999999999"], "seed must be from 0 to 2147483647"),
         (
             ["evaluate", "failure", "kuramoto", "--out", "nowhere/rows.csv"],
             "out must be in an existing folder",
         ),
         (["evaluate", "failure", "kuramoto", "--out", "."], "out must end in .csv, got ."),
-        (["evaluate", "failure", "kuramoto", "--out", "rows.json"], "out must end in .csv"),
         (["evaluate", "failure", ""], "got ''"),
         (["evaluate", "failure", "failure", "kuramoto"], "scenarios must contain each entry once"),
         (["evaluate", "failure", "x\udcff"], "got 'x"),
         (["evaluate", "failure", "nowhere:Policy"], "got 'nowhere:Policy': ModuleNotFoundError"),
-        (["evaluate", "failure", "os:nothing"], "has no attribute 'nothing'"),
         (["evaluate", "failure", "os:sep"], "policy os:sep must be a policy or factory(scenario, num_worlds, device)"),
-        (["evaluate", "failure", "os:"], "policy must be module:factory that can be loaded, got 'os:'"),
         (["evaluate", "failure", "x[/b]"], "got 'x[/b]'"),
         (["run", "failure", "kuramoto", "--device", "tpu"], "device must be one of"),
         (["plan", "evaders", "--width", "nan"], "width must be from 0.01 to 10000 [m], got nan"),
@@ -222,9 +215,9 @@ def test_run_and_replay_make_files_and_need_no_display(tmp_path, capsys):
         (["run"], "--help"),
         (["scenarios", "--episodes"], "--episodes"),
         (["evaluate", "failure", "still", "--episodes", "few"], "'few'"),
-        (["train", "--learning-rate", "1000"], "learning_rate must be at most 1, got 1000.0"),
+        (["train", "--learning-rate", "1000"], "learning_rate must be from 1e-12 to 1, got 1000.0"),
         (["train", "--log-std", "nan"], "log_std must be from -20 to 2, got nan"),
-        (["train", "--worlds", "1000000000"], "worlds must be at most 1,000,000"),
+        (["train", "--worlds", "1000000000"], "worlds must be from 1 to 1,000,000"),
     ],
 )
 def test_an_invalid_command_line_ends_with_exit_code_2_and_names_the_option(arguments, words, capsys):

@@ -17,7 +17,7 @@ import lissajous_env
 pytest.importorskip("stable_baselines3")
 pytest.importorskip("torchrl")
 
-from training.sb3.mixed_vec_env import MixedVecEnv
+from training.sb3 import MixedVecEnv
 from training.sb3.vec_env import RobotVecEnv
 from training.torchrl.env import LissajousTorchEnv
 
@@ -37,10 +37,10 @@ MADE: dict[str, Callable[[int], Any]] = {
     "vector": lambda threads: lissajous_env.vector_env("intruders", num_envs=3, threads=threads, **SHORT),
     "parallel": lambda threads: lissajous_env.parallel_env("intruders", **SHORT),
     "turns": lambda threads: lissajous_env.env("intruders", **SHORT),
-    "sampled": lambda threads: lissajous_env.SampledParallelEnv(SPACE, **SHORT),
-    "sampled team": lambda threads: lissajous_env.SampledEnv(SPACE, **SHORT),
+    "sampled": lambda threads: lissajous_env.LissajousParallelEnv(SPACE, **SHORT),
+    "sampled team": lambda threads: lissajous_env.LissajousEnv(SPACE, **SHORT),
     "team": lambda threads: lissajous_env.LissajousEnv("intruders", **SHORT),
-    "rogues": lambda threads: lissajous_env.LissajousRogueEnv("intruders", **SHORT),
+    "rogues": lambda threads: lissajous_env.LissajousEnv("intruders", robots="kuramoto-mpcc", **SHORT),
     "two sides": lambda threads: lissajous_env.parallel_env("intruders", rogues="agents", **SHORT),
     "rows": lambda threads: RobotVecEnv("intruders", 3, threads=threads, seed=2, **SHORT),
     "rows with all of the world": lambda threads: RobotVecEnv("intruders", 3, threads=threads, central=True, **SHORT),

@@ -322,14 +322,12 @@ def test_steps_outside_an_episode():
 def test_a_team_of_another_size(action):
     env = lissajous_env.LissajousEnv("failure")
     env.reset(seed=1)
-    before = state_of(env.inner.simulation)
-    with pytest.raises(ValueError, match=r"action must have shape \(5, 1\), got"):
+    before = state_of(env.simulation)
+    with pytest.raises(ValueError, match=r"actions must be numbers of shape \(5, 1\), got"):
         env.step(action)
-    with pytest.raises(ValueError, match="action of robot_0 must be numbers"):
-        env.step(np.zeros((5, 2)))
-    with pytest.raises(ValueError, match="action of robot_1 must be finite"):
+    with pytest.raises(ValueError, match="action of robot_1 in world 0 must be finite"):
         env.step(np.array([[0.0], [np.nan], [0.0], [0.0], [0.0]]))
-    assert_untouched(env.inner.simulation, before)
+    assert_untouched(env.simulation, before)
 
 
 @pytest.mark.parametrize("seed", [-1, [1, 2], [1, 2, -3], [1.5, 2.5, 3.5], "abc", 1.5])
@@ -368,6 +366,6 @@ def test_discrete_actions_of_a_vector(actions):
     env = lissajous_env.vector_env("failure", 3, discrete_actions=True)
     env.reset(seed=1)
     before = state_of(env.simulation)
-    with pytest.raises(ValueError, match=r"actions must be whole numbers from 0 to 6 of shape \(3, 5\), got"):
+    with pytest.raises(ValueError, match=r"whole numbers? (of shape \(3, 5\)|from 0 to 6), got"):
         env.step(actions)
     assert_untouched(env.simulation, before)

@@ -41,12 +41,12 @@ def test_the_first_episode_alone_is_drawn():
     assert other.reset()[0].tobytes() == one.reset()[0].tobytes()
     single = lissajous_env.LissajousEnv()
     single.reset()
-    single.inner.simulation.step(np.zeros((1, 5, 2), np.float32))
+    single.simulation.step(np.zeros((1, 5, 2), np.float32))
     # What was drawn is told, so that the episode can be played again.
     again = lissajous_env.LissajousEnv()
-    again.reset(seed=single.inner.score()["seed"])
-    again.inner.simulation.step(np.zeros((1, 5, 2), np.float32))
-    assert single._observed().tobytes() == again._observed().tobytes()
+    again.reset(seed=single.score()["seed"])
+    again.simulation.step(np.zeros((1, 5, 2), np.float32))
+    assert (single.simulation.observation.numpy() == again.simulation.observation.numpy()).all()
 
 
 def test_every_world_must_be_reset_first():
@@ -113,7 +113,7 @@ def test_flat_actions_are_the_same_actions():
             action = rows.action_space.sample()
             got, expected = flat.step(action.reshape(flat.action_space.shape)), rows.step(action)
             assert got[0].tobytes() == expected[0].tobytes()
-        with pytest.raises(ValueError, match="must have shape"):
+        with pytest.raises(ValueError, match=r"must (have|be numbers of) shape"):
             flat.step(action)
     # Discrete actions, a number for each robot, are flat as they are.
     space = lissajous_env.LissajousEnv(flat_actions=True, discrete_actions=True).action_space

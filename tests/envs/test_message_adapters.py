@@ -194,7 +194,7 @@ def test_discrete_actions_send_what_the_table_says(agents_as_rows):
 
 SMALL = {
     "scenario": "failure", "worlds": 16, "rollout": 16, "batch_size": 320, "steps": 3840, "evaluate_every": 3840,
-    "evaluation_episodes": 2, "layers": (8,), "threads": 1, "rivals": (), "imitation_batch": 320,
+    "evaluation_episodes": 2, "layers": (8,), "threads": 1, "rivals": (),
     "overrides": {"messages.size": 2, "task.duration": 3.0, "targets.arrival_rate": 2.0},
 }  # fmt: skip
 

@@ -75,7 +75,7 @@ def episode(env, seed, steps=300):
     for _ in range(steps):
         if not env.agents:
             break
-        if env._discrete_actions:
+        if env.batch.sides[0].table is not None:
             actions = {agent: int(draw.integers(env.action_space(agent).n)) for agent in env.agents}
         else:
             actions = {agent: draw.uniform(-1, 1, env.action_space(agent).shape) for agent in env.agents}
@@ -161,7 +161,7 @@ def test_it_is_the_simulation(kind):
             break
         rows = draw.uniform(-1, 1, simulation.action_shape[1:]).astype(np.float32)
         actions = dict(zip(env.possible_agents, rows, strict=True))
-        if env._discrete_actions:
+        if env.batch.sides[0].table is not None:
             table = action_table(env.scenario)
             chosen = draw.integers(len(table), size=len(rows))
             rows, actions = table[chosen], dict(zip(env.possible_agents, chosen, strict=True))

@@ -139,13 +139,13 @@ def test_one_sided_environments_refuse_two_sides():
         with pytest.raises(ValueError, match="rogues must be None or a scripted rogue"):
             make("experiment", rogues="agents")
     with pytest.raises(ValueError, match=r"targets.rogues must be agents"):
-        lissajous_env.LissajousRogueEnv("experiment", "still", rogues="flee")
+        lissajous_env.LissajousEnv("experiment", robots="still", rogues="flee")
 
 
 def test_a_rogue_team_plays_until_all_are_detected():
     # Story: two rogues rest while a sweep goes over them; the episode ends with the second detection.
     settings = {"targets.count": 2, "targets.arrival_rate": 0.0, "targets.entry": "unseen"}
-    env = lissajous_env.LissajousRogueEnv("experiment", "sweep", **settings)
+    env = lissajous_env.LissajousEnv("experiment", robots="sweep", **settings)
     env.reset(seed=1)
     total, over = 0.0, False
     while not over:

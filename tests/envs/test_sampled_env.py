@@ -135,7 +135,7 @@ def test_scenarios_are_of_the_split(split):
     env = lissajous_env.parallel_env(f"monitoring-v1:{split}", **SHORT)
     for seed in range(3):
         env.reset(seed=seed)
-        assert env.space.split_of(int(env.scenario.name.rpartition("-")[2])) == split
+        assert env.batch.space.split_of(int(env.scenario.name.rpartition("-")[2])) == split
         assert env.scenario.task.duration == pytest.approx(10 * env.scenario.task.step)
 
 
@@ -187,7 +187,7 @@ def test_gymnasiums_checker_passes(settings):
 
 
 def test_the_team_as_one_agent_is_padded():
-    env, robots = lissajous_env.SampledEnv(SMALL), make()
+    env, robots = lissajous_env.LissajousEnv(SMALL), make()
     for seed in range(6):
         observation, info = env.reset(seed=seed)
         rows, _ = robots.reset(seed=seed)
@@ -243,19 +243,19 @@ def test_what_differs_in_size_or_has_rogues_that_are_agents_is_refused_by_name()
         make(hue=3)
     with pytest.raises(ValueError, match="agent must be one of robot_0 to robot_4, got 'robot_5'"):
         make().observation_space("robot_5")
-    with pytest.raises(ValueError, match="robots must be None in an environment of a space"):
+    with pytest.raises(ValueError, match=r"targets.rogues must be agents if the rogues are agents"):
         gymnasium.make("lissajous/monitoring-v1-v0", robots="sweep")
     with pytest.raises(ValueError, match="seed must be a whole number of at least 0, got -1"):
         make().reset(seed=-1)
-    env = lissajous_env.SampledEnv(SMALL)
+    env = lissajous_env.LissajousEnv(SMALL)
     env.reset(seed=0)
-    with pytest.raises(ValueError, match=r"action must have shape \(5, 2\)"):
+    with pytest.raises(ValueError, match=r"actions must be numbers of shape \(5, 2\)"):
         env.step(np.zeros((3, 2)))
 
 
 def test_a_larger_team_than_any_of_the_first_scenarios_is_skipped(monkeypatch):
     # Story: one scenario is looked at; larger teams than its own never play.
-    monkeypatch.setattr("lissajous_env.envs.sampler.LOOKED_AT", 1)
+    monkeypatch.setattr("lissajous_env.envs.batch.LOOKED_AT", 1)
     small = [made.num_robots for made in map(SMALL.sample, range(12))]
     first = next(SMALL.scenarios("train")).num_robots
     env = make()

@@ -78,7 +78,6 @@ def shifted(robot, t):
 
 
 FIXED = {
-    "header stamps from zero": (of_robots(lambda k, t: odometry(t, *circle(k, t))), ()),
     "stamps are never set": (of_robots(lambda k, t: odometry(0, *circle(k, t))), ("have no stamps",)),
     "a twist is never filled": (of_robots(lambda k, t: odometry(EPOCH + t, *circle(k, t), 0.0)), ("computed from",)),
     "robots reverse": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h + math.pi, -SPEED)), ()),
@@ -87,7 +86,6 @@ FIXED = {
     "quaternions are zero": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h, length=0.0)), ("not of length 1",)),
     "quaternions are long": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h, length=2.0)), ("not of length 1",)),
     "poses without speeds": (shrunk(make=stamped), ("were not logged",)),
-    "heights": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h, z=math.sin(9 * t))), ()),
     "one pose is NaN": (
         of_robots(lambda k, t: odometry(EPOCH + t, math.nan if k == 0 and 1.9 < t < 1.95 else circle(k, t)[0],
                                         *circle(k, t)[1:])),
@@ -248,10 +246,7 @@ def test_noise_of_positions_does_not_become_speed(tmp_path):
 
 def test_several_bags_are_one_log(tmp_path):
     bags = [[each for each in shrunk() if each[0][7] == str(k)] for k in range(5)]
-    right(scored(tmp_path / "each", *bags))
-    right(scored(tmp_path / "all", *([("/odom", *rest) for _, *rest in bag] for bag in bags), topics=["/odom"]))
-    split = [[each for each in shrunk() if (each[2] < EPOCH + 2) == first] for first in (True, False)]
-    right(scored(tmp_path / "split", *split))
+    right(scored(tmp_path, *([("/odom", *rest) for _, *rest in bag] for bag in bags), topics=["/odom"]))
 
 
 def test_frames_and_arrays_are_named_with_a_part(tmp_path):

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from command_line import called
+from log_messages import EPOCH, stamped, write
 
 import baselines
 import lissajous_env
@@ -21,7 +22,6 @@ pytest.importorskip("rosbags")
 from rosbags.highlevel import AnyReader
 
 from lissajous_env.logs.reading import read
-from lissajous_env.logs.ros_types import rosbags, type_store
 from lissajous_env.logs.writing import START, save_mcap
 
 SHORT = {"task.duration": 12.0, "faults.schedule": ((0, 4.0, 7.0), (4, 4.0, 8.0))}
@@ -104,30 +104,14 @@ def test_standard_tools_read_a_log(logged):
     assert {each.header.frame_id for each in first.markers} == {"map"}
 
 
-def write_poses(path, tracks, topic, moved=(0.0, 0.0, 0.0)):
-    """Write PoseStamped messages alone, of robots in a frame where the rectangle's middle is at `moved`."""
-    rosbag2 = rosbags()
-    store = type_store()
-    types, kind = store.types, "geometry_msgs/msg/PoseStamped"
-    with rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
-        for robot, track in enumerate(tracks):
-            connection = writer.add_connection(topic.format(robot + 1), kind, typestore=store)
-            for time, place, heading in zip(track.time, track.position, track.heading, strict=True):
-                turn, whole = moved[2], round((time + 1e9) * 1e9)
-                x = moved[0] + math.cos(turn) * place[0] - math.sin(turn) * place[1]
-                y = moved[1] + math.sin(turn) * place[0] + math.cos(turn) * place[1]
-                half = (heading + turn) / 2
-                stamp = types["builtin_interfaces/msg/Time"](sec=whole // 10**9, nanosec=whole % 10**9)
-                message = types[kind](
-                    header=types["std_msgs/msg/Header"](stamp=stamp, frame_id="lab"),
-                    pose=types["geometry_msgs/msg/Pose"](
-                        position=types["geometry_msgs/msg/Point"](x=x, y=y, z=0.0),
-                        orientation=types["geometry_msgs/msg/Quaternion"](
-                            x=0.0, y=0.0, z=math.sin(half), w=math.cos(half)
-                        ),
-                    ),
-                )
-                writer.write(connection, whole, store.serialize_cdr(message, kind))
+def poses_of(tracks, topic, moved):
+    """Messages of poses alone, of robots in a frame where the rectangle's middle is at `moved`."""
+    x0, y0, turn = moved
+    cos, sin = math.cos(turn), math.sin(turn)
+    for robot, track in enumerate(tracks):
+        for time, (x, y, _), heading in zip(track.time + EPOCH, track.position, track.heading, strict=True):
+            place = x0 + cos * x - sin * y, y0 + sin * x + cos * y
+            yield topic.format(robot + 1), stamped(time, *place, heading + turn), time
 
 
 def test_a_log_of_a_lab_scores_as_the_motion_it_is_of(logged, tmp_path):
@@ -139,7 +123,7 @@ def test_a_log_of_a_lab_scores_as_the_motion_it_is_of(logged, tmp_path):
         times = np.sort(np.concatenate([track.time[[0, -1]], random.uniform(track.time[0], track.time[-1], 480)]))
         position, heading, speed = motion_of(track).at(times)
         tracks.append(Track(times, position, heading, speed))
-    write_poses(tmp_path / "lab", tracks, "/car{}/pose", moved=(3.0, -2.0, 0.7))
+    write(tmp_path / "lab", poses_of(tracks, "/car{}/pose", moved=(3.0, -2.0, 0.7)))
     log = read(tmp_path / "lab", ["/car{}/pose"], origin=(3.0, -2.0, 0.7))
     assert log.episode is None
     scored = score(log, dataclasses.replace(scenario, name="lab"), seeds=[5])

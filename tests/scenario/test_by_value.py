@@ -144,11 +144,12 @@ for duration in DURATIONS:
 def test_a_cell_that_is_run_again_replaces_its_scenario_and_its_space(tmp_path):
     # Story: a cell is edited and run again; a script, and a name of the package, are refused.
     source = REGISTERS.replace("DURATIONS", "(2.0, 3.0)")
+    cell = f"import sys\nsys.ps1 = 'In : '\n{source}"
     script = tmp_path / "script.py"
     script.write_text(source.replace("NAME", "'mine'"))
     for program, words in (
-        (["-c", source.replace("NAME", "'mine'")], ""),
-        (["-c", source.replace("NAME", "'evaders'")], "name of a scenario must be new, got 'evaders'"),
+        (["-c", cell.replace("NAME", "'mine'")], ""),
+        (["-c", cell.replace("NAME", "'evaders'")], "name of a scenario must be new, got 'evaders'"),
         ([script], "name of a scenario must be new, got 'mine'"),
     ):
         ended = subprocess.run([sys.executable, *program], capture_output=True, text=True, timeout=60)

@@ -118,15 +118,3 @@ def test_overrides_of_the_environment_of_stable_baselines3():
     assert worlds.scenario.task.duration == 1.0
     with pytest.raises(ValueError, match=r"did you mean task\.duration\?"):
         training.sb3.RobotVecEnv("failure", duration=5.0)
-
-
-@pytest.mark.parametrize("make", [lissajous_env.parallel_env, lissajous_env.env])
-@pytest.mark.parametrize("name", ["robot_9", 3, None, ["robot_0"]])
-def test_a_name_that_is_no_agents(make, name):
-    # Story: a bare KeyError: 'robot_9'.
-    env = make("failure")
-    env.reset(seed=0)
-    asked = [env.observation_space, env.action_space, *([env.observe] if hasattr(env, "observe") else [])]
-    for ask in asked:
-        with pytest.raises(ValueError, match="agent must be one of robot_0 to robot_4, got "):
-            ask(name)

@@ -25,25 +25,6 @@ def test_a_module_in_the_current_folder_is_found(tmp_path):
     assert json.loads(ended.stdout)["policy"] == "mine:policy"
 
 
-@pytest.mark.parametrize(
-    ("source", "words"),
-    [
-        ("raise RuntimeError('[/b] boom')", "RuntimeError: [/b] boom (mine.py, line 1)"),
-        ("import sys; sys.exit(0)", "SystemExit: 0 (mine.py, line 1)"),
-        ("policy =", "SyntaxError"),
-        ("policy = 3", "policy mine:policy must be a policy or factory"),
-        ("other = 3", "has no attribute 'policy'"),
-    ],
-)
-def test_a_module_that_cannot_be_used_is_one_line(source, words, tmp_path, monkeypatch, capsys):
-    (tmp_path / "mine.py").write_text(source + "\n")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delitem(sys.modules, "mine", raising=False)
-    code, out, error = called(capsys, "run", "failure", "mine:policy")
-    assert (code, out, len(error.splitlines())) == (2, "", 1)
-    assert words in error
-
-
 BROKEN = """
 import numpy as np
 class Broken:

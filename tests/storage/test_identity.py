@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import os
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -106,18 +107,14 @@ def test_whatever_makes_a_policy_is_identified_by_its_module():
 
 
 def test_code_of_a_script_is_identified_by_its_own_source(tmp_path):
-    # Oracle: another function of the script changes nothing.
-    program = (
-        "{other}\ndef act(o): return {value} * o\nfrom lissajous_env.identity import parts_of; print(parts_of(act))"
-    )
+    # Oracle: another line of the script changes nothing.
+    def parts(name, *lines):
+        (tmp_path / name).write_text("\n".join(lines))
+        return parts_of(runpy.run_path(str(tmp_path / name), run_name="__main__")["act"])
 
-    def parts(**values):
-        (tmp_path / "script.py").write_text(program.format(**values))
-        command = [sys.executable, "script.py"]
-        environment = os.environ | {"PYTHONPATH": str(Path(lissajous_env.__file__).parents[1])}
-        return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True).stdout
-
-    assert parts(other="", value=1) == parts(other="x = 3", value=1) != parts(other="", value=2)
+    one = parts("one.py", "def act(o): return 1 * o")
+    assert one == parts("more.py", "x = 3", "def act(o): return 1 * o")
+    assert one != parts("other.py", "def act(o): return 2 * o")
 
 
 def test_a_folder_contains_one_version_of_a_model_of_robots(tmp_path, monkeypatch):

@@ -11,7 +11,7 @@ from stable_baselines3 import PPO
 
 from lissajous_env import ScenarioSpace, scenario
 from lissajous_env.parameters.assumptions import AssumptionWarning
-from training.sb3.mixed_vec_env import MixedVecEnv
+from training.sb3 import MixedVecEnv
 from training.sb3.vec_env import RobotVecEnv
 
 DRAW = {

@@ -137,14 +137,14 @@ def test_staggered_worlds_are_at_all_moments_of_an_episode():
     env = RobotVecEnv(lissajous_env.scenario("intruders", **SHORT), 20, staggered=True, seed=0)
     env.reset()
     for _ in range(20):
-        env.step_rows(np.zeros((100, 2)))
+        env.step(np.zeros((100, 2)))
     moments = env.simulation.clock.step.numpy()
     assert len(set(moments)) >= 16
     # So are the first half of the worlds, which a teacher may drive; and later episodes have their whole time.
     assert len(set(moments[:10] // 4)) == 5
     ended = np.zeros(20)
     for _ in range(40):
-        ended += env.step_rows(np.zeros((100, 2))).dones.reshape(20, 5).all(axis=1)
+        ended += env.step(np.zeros((100, 2)))[2].reshape(20, 5).all(axis=1)
     assert (ended == 2).all()
 
 
@@ -155,9 +155,9 @@ def test_staggered_worlds_go_on_where_they_were():
     for env in (first, second):
         env.reset()
     for _ in range(8):
-        first.step_rows(np.full((30, 2), 0.1))
+        first.step(np.full((30, 2), 0.1))
     second.load_state(first.save_state())
     for _ in range(30):
-        ours, theirs = (env.step_rows(np.full((30, 2), 0.1)) for env in (first, second))
-        assert (ours.rows == theirs.rows).all()
-        assert (ours.dones == theirs.dones).all()
+        ours, theirs = (env.step(np.full((30, 2), 0.1)) for env in (first, second))
+        assert (ours[0] == theirs[0]).all()
+        assert (ours[2] == theirs[2]).all()

@@ -52,20 +52,6 @@ def test_agents_and_spaces_are_constant_and_in_order():
     assert env.get_observation_space("robot_3") is env.observation_spaces["robot_3"]
 
 
-def test_it_is_the_simulation_of_the_same_seed():
-    # Oracle: `Simulation`, to the last bit.
-    env, draw = LissajousMultiAgentEnv(SHORT), np.random.default_rng(5)
-    simulation = Simulation(lissajous_env.scenario("failure", **{"task.duration": 3.0}), seed=5)
-    observations, _ = env.reset(seed=5)
-    for _ in range(30):
-        assert (np.stack(list(observations.values())) == simulation.observation.numpy()[0]).all()
-        actions = draw.uniform(-1, 1, simulation.action_shape).astype(np.float32)
-        observations, rewards, *_ = env.step(dict(zip(env.agents, actions[0], strict=True)))
-        simulation.step(actions)
-        assert list(rewards.values()) == simulation.reward.numpy()[0].tolist()
-    assert str(env.score()) == str(simulation.score()[0])
-
-
 def test_an_episode_repeats_and_processes_of_rllib_play_other_worlds():
     env = LissajousMultiAgentEnv(SHORT)
     assert (
@@ -79,13 +65,6 @@ def test_an_episode_repeats_and_processes_of_rllib_play_other_worlds():
         # RLlib seeds world k of a worker with the seed plus both numbers.
         firsts |= {env.reset(seed=9 + worker + k)[0]["robot_0"].tobytes() for k in range(4)}
     assert len(firsts) == 8
-
-
-def test_fresh_environments_without_a_seed_begin_differently():
-    drawn = [LissajousMultiAgentEnv(SHORT) for _ in range(4)]
-    assert len({env.reset()[0]["robot_0"].tobytes() for env in drawn}) == 4
-    assert len({env.reset(seed=3)[0]["robot_0"].tobytes() for env in drawn}) == 1
-    assert len({env.reset()[0]["robot_0"].tobytes() for env in drawn}) == 1  # drawn from the seed before
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,11 @@ pytest.importorskip("ray.rllib")
 
 from ray.rllib.utils.pre_checks.env import check_multiagent_environments  # noqa: E402
 
-from training.rllib import LissajousMultiAgentEnv  # noqa: E402
-from training.rllib.two_sided import policy_mapping_fn, two_sided_config  # noqa: E402
+from training.rllib import (  # noqa: E402
+    LissajousMultiAgentEnv,
+    policy_mapping_fn,
+    two_sided_config,
+)
 
 FEW = {"targets.count": 2, "targets.arrival_rate": 1.0, "targets.entry": "unseen", "sensing.radius": 0.4}
 SHORT = FEW | {"task.duration": 3.0}

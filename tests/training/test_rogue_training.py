@@ -20,32 +20,6 @@ FEW = {"targets.count": 3, "targets.arrival_rate": 0.0, "targets.entry": "unseen
 SHORT = FEW | {"task.duration": 4.0}
 
 
-def test_rows_are_the_rogues_of_the_simulation_bit_for_bit():
-    # Oracle: the simulation and the policy, stepped by hand, over the ends of episodes.
-    env = RogueVecEnv("experiment", 3, "still", seed=5, **SHORT)
-    simulation = lissajous_env.Simulation("experiment", 3, seed=5, rogues="agents", **SHORT)
-    driver = lissajous_env.policy("still", simulation.scenario, 3)
-    draw, rows, ends = np.random.default_rng(0), env.reset(), set()
-    simulation.reset()
-    for _ in range(90):
-        assert (rows == simulation.rogue_observation.numpy().reshape(9, -1)).all()
-        actions = draw.uniform(-1.5, 1.5, (9, 2)).astype(np.float32)
-        present = simulation.rogue_present.numpy().reshape(-1).copy()
-        rows, rewards, dones, infos = env.step(actions)
-        simulation.step(driver.act(simulation.observation), np.clip(actions, -1, 1).reshape(3, 3, 2))
-        assert (rewards == simulation.rogue_reward.numpy().reshape(-1)).all()
-        assert (dones == (present & ~simulation.rogue_present.numpy().reshape(-1))).all()
-        for k in np.flatnonzero(dones):
-            ends.add(infos[k]["TimeLimit.truncated"])
-            assert (infos[k]["terminal_observation"] == simulation.rogue_observation.numpy().reshape(9, -1)[k]).all()
-        over = simulation.over | simulation.rogue_terminated.numpy().all(axis=1)
-        if over.any():
-            simulation.reset(over)
-            driver.reset(over)
-    assert ends == {True, False}
-    assert len(env.scores) > 3
-
-
 def test_discrete_actions_are_rows_of_the_table():
     # Oracle: the same environments with the actions of the table. Story: DQN learns from these rows.
     chosen = RogueVecEnv("experiment", 2, "still", seed=5, discrete_actions=True, **SHORT)
@@ -59,8 +33,8 @@ def test_discrete_actions_are_rows_of_the_table():
     assert len(chosen.scores) > 0
     DQN("MlpPolicy", chosen, learning_starts=60, buffer_size=600).learn(120)
     for wrong, words in (([0] * 5, r"whole numbers of shape \(6,\)"), ([0.0] * 6, "whole numbers"),
-                         ([0, 9, 0, 0, 0, 0], "rogue_1 in world 0 must be from 0 to 8, got 9"),
-                         ([0, 0, 0, 0, -1, 0], "rogue_1 in world 1 must be from 0 to 8, got -1")):  # fmt: skip
+                         ([0, 9, 0, 0, 0, 0], "rogue_1 in world 0 must be a whole number .*, got 9"),
+                         ([0, 0, 0, 0, -1, 0], "rogue_1 in world 1 must be a whole number .*, got -1")):  # fmt: skip
         with pytest.raises(ValueError, match=words):
             chosen.step(np.array(wrong))
 
@@ -97,18 +71,3 @@ def test_ppo_trains_both_sides_in_turn_within_the_proved_bound():
     scores = lissajous_env.evaluate(lissajous_env.policy("sweep", scenario, 8), scenario, seeds=range(8))
     for score in [*rogues.scores, *scores]:
         assert score["detection_time_max"] <= score["guaranteed_detection_time"] + 1e-6
-
-
-def test_bad_input_is_refused_by_name():
-    # Story: each error names the parameter, the rule and the value.
-    with pytest.raises(ValueError, match=r"targets.rogues must be agents to be trained, got flee"):
-        RogueVecEnv("experiment", rogues="flee")
-    still = lissajous_env.policy("still", "experiment", 2)
-    with pytest.raises(ValueError, match="robots must be driven by a policy for 3 worlds, got 2"):
-        RogueVecEnv("experiment", 3, still)
-    env = RogueVecEnv("experiment", 1, "still", **SHORT)
-    env.reset()
-    with pytest.raises(ValueError, match=r"actions must be numbers of shape \(3, 2\)"):
-        env.step(np.zeros((2, 2)))
-    with pytest.raises(ValueError, match="action of rogue_1 in world 0 must be finite"):
-        env.step(np.array([[0, 0], [np.nan, 0], [0, 0]]))

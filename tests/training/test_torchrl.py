@@ -138,41 +138,6 @@ def test_resetting_one_world_leaves_the_others_alone():
         )
 
 
-def test_seeds():
-    # Oracle: an environment that was made with the seed; and worlds of one seed are one world, wherever they stand.
-    fresh = make(seed=11).rollout(3, lambda td: td.set(("robot", "action"), torch.zeros(4, 5, 2)))
-    env = make(seed=0)
-    env.rollout(5)
-    env.set_seed(11)
-    again = env.rollout(3, lambda td: td.set(("robot", "action"), torch.zeros(4, 5, 2)))
-    np.testing.assert_array_equal(fresh["robot", "observation"], again["robot", "observation"])
-    assert not torch.equal(again["robot", "observation"][0], again["robot", "observation"][1])
-    np.testing.assert_array_equal(make(seed=12).reset()["robot", "observation"][0], again["robot", "observation"][1, 0])
-    # The seed waits for the worlds that are not reset at once.
-    env.set_seed(11)
-    begun = env.reset().set("_reset", torch.tensor([[True], [False], [True], [True]]))
-    env.set_seed(30)
-    env.reset(begun)
-    env.reset(begun.set("_reset", torch.tensor([[False], [True], [False], [False]])))
-    np.testing.assert_array_equal(begun["robot", "observation"], make(seed=30).reset()["robot", "observation"])
-    # Without a seed the worlds are always others, though torch's generator be the same.
-    drawn = []
-    for _ in range(2):
-        torch.manual_seed(1)
-        drawn.append(LissajousTorchEnv("rough", 4).reset()["robot", "observation"])
-    assert not torch.equal(*drawn)
-
-
-@pytest.mark.parametrize("value", [float("nan"), float("inf")])
-def test_an_action_that_is_not_finite_is_refused_by_name(value):
-    env = make()
-    data = env.reset()
-    action = torch.zeros(4, 5, 2)
-    action[2, 3, 1] = value
-    with pytest.raises(ValueError, match=r"action of robot_3 in world 2 must be finite, got \[0.0, (nan|inf)\]"):
-        env.step(data.set(("robot", "action"), action))
-
-
 @pytest.mark.parametrize("name", lissajous_env.scenarios())
 def test_the_specs_contain_what_is_returned(name):
     # Oracle: the library's own containment, entry by entry, for each named scenario.
@@ -220,19 +185,6 @@ def test_no_robot_is_dropped():
         after = play(make(), steered)["next", "robot", "observation"][0, -1]
         moved = (after[:, :4] != before[:, :4]).any(-1)
         assert moved.tolist() == [k == robot for k in range(5)]
-
-
-def test_the_end_of_the_time_is_a_truncation():
-    # Oracle: one second has ten steps; nothing was terminated; the last observation is of the old episode.
-    data = play(make(), actions_of(make(), 25))
-    after = data["next"]
-    assert after["truncated"][:, :, 0].nonzero()[:, 1].unique().tolist() == [9, 19]
-    assert torch.equal(after["truncated"], after["done"])
-    assert torch.equal(after["robot", "truncated"], after["done"].unsqueeze(2).expand(4, 25, 5, 1))
-    assert not after["terminated"].any()
-    assert not after["robot", "terminated"].any()
-    assert (after["robot", "observation"][:, 9] != data["robot", "observation"][:, 10]).any(-1).all()
-    assert torch.equal(after["robot", "observation"][:, 8], data["robot", "observation"][:, 9])
 
 
 def test_a_world_that_ended_waits_for_its_reset():

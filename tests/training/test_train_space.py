@@ -22,7 +22,7 @@ from training.learned.constants import CONSTANTS, constants_of
 from training.learned.history import RELATIVE, History, summarize_scenarios
 from training.learned.network import Network
 from training.learned.policy import Learned
-from training.sb3.mixed_vec_env import MixedVecEnv
+from training.sb3 import MixedVecEnv
 from training.sb3.trainer import Trainer, train
 from training.settings import TrainingSettings
 
@@ -131,12 +131,12 @@ def test_a_restored_batch_goes_on_as_the_one_that_was_saved():
     actions = [rng.uniform(-1, 1, (made[0].num_envs, 2)).astype(np.float32) for _ in range(24)]
     made[0].reset()
     for each in actions[:13]:
-        made[0].step_rows(each)
+        made[0].step(each)
     made[1].load_state(made[0].save_state())
     assert made[1].scenarios == made[0].scenarios
     for each in actions[13:]:
-        one, other = (env.step_rows(each) for env in made)
-        for mine, theirs in zip(one[:-1], other[:-1], strict=True):
+        one, other = (env.step(each)[:3] for env in made)
+        for mine, theirs in zip(one, other, strict=True):
             assert (mine == theirs).all()
     with pytest.raises(ValueError, match="state must be that of 1 groups, got 2"):
         MixedVecEnv(SPACE, 1, 2).load_state(made[0].save_state())

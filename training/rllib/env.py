@@ -1,44 +1,48 @@
-"""Environment for RLlib: a `MultiAgentEnv` of its new API stack."""
+"""RLlib: a `MultiAgentEnv` of its new API stack, and the configuration of PPO for robots and rogues.
+
+from training.rllib import two_sided_config
+
+algorithm = two_sided_config("intruders", **{"task.duration": 30.0}).env_runners(num_env_runners=4).build_algo()
+algorithm.train()
+"""
 
 from collections.abc import Mapping
 from typing import Any
 
+from ray.rllib.algorithms.ppo import PPOConfig
+from ray.rllib.core.rl_module.multi_rl_module import MultiRLModuleSpec
+from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from ray.rllib.env.multi_agent_env import MultiAgentEnv
 
-from lissajous_env import Scenario, parallel_env
-from lissajous_env.envs.agents import Around
+from lissajous_env import LissajousParallelEnv, Scenario
+from lissajous_env.parameters.rogues import AGENTS
 
+MODULES = "robots", "rogues"
+"""Names of the modules: one that all robots share, and one that all rogues share."""
 _APART = 100_000
 """Difference between the seeds of two processes that collect episodes."""
 
 
-class LissajousMultiAgentEnv(Around, MultiAgentEnv):
-    """Environment whose agents are `robot_0`, `robot_1` ... in every episode of a scenario.
+class LissajousMultiAgentEnv(MultiAgentEnv):
+    """The environment `inner`, a `LissajousParallelEnv`, for RLlib.
 
         config.environment(LissajousMultiAgentEnv, env_config={"scenario": "intruders", "task.duration": 60.0})
 
-    Of a space of scenarios, such as `monitoring-v1`, each reset draws one, and the agents of an episode are its robots;
-    `possible_agents` are those of the largest team, as in `SampledParallelEnv`.
-    With `rogues` = `agents` the rogues are agents too, `rogue_0` ..., each from its appearance to its detection, which
-    terminates it; `training.rllib.two_sided` has the two modules and their mapping.
-    A failed robot continues to observe and act, without effect. A removed robot (`task.on_collision` or `task.boundary`
-    set to `remove`) terminates: its last observation is that of the step in which it is removed.
-    At the time limit, only `truncateds["__all__"]` is set. With a flag for each robot, RLlib would treat the episode as
-    terminated and assign zero value to its last states. `terminateds["__all__"]` is set when the last robot has been
-    removed earlier. Seeds and observations are those of `LissajousParallelEnv`; infos are empty.
+    A failed robot continues to observe and act, without effect. An agent that is terminated has its last observation in
+    that step. At the time limit, only `truncateds["__all__"]` is set. With a flag for each agent, RLlib would treat the
+    episode as terminated and assign zero value to its last states. `terminateds["__all__"]` is set when the last robot
+    has been removed earlier. Infos are empty.
 
     Args:
-        config: `scenario` (name or object, also of a space), `render_mode`, and further arguments of
-            `LissajousParallelEnv`, including fields of the scenario. Each of RLlib's processes adds its own offset to
-            the seeds, so that no two of them play the same episodes.
+        config: Arguments of `LissajousParallelEnv`, including fields of the scenario. Each of RLlib's processes adds
+            its own offset to the seeds, so that no two of them play the same episodes.
 
     Raises:
         ValueError: the scenario or an action is invalid.
     """
 
     def __init__(self, config: Mapping[str, Any] | None = None):
-        given = dict(config or {})
-        self.inner = parallel_env(given.pop("scenario", "experiment"), given.pop("render_mode", None), **given)
+        self.inner = LissajousParallelEnv(**dict(config or {}))
         self.possible_agents = list(self.inner.possible_agents)
         self.agents = list(self.possible_agents)
         super().__init__()
@@ -60,7 +64,7 @@ class LissajousMultiAgentEnv(Around, MultiAgentEnv):
         return observations, {}
 
     def step(self, action_dict: dict[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
-        """Take a control step with an action for each robot that has not been removed."""
+        """Take a control step with an action for each live agent."""
         acted = set(self.agents)
         observations, rewards, terminated, truncated, _ = self.inner.step(action_dict)
         self.agents = list(self.inner.agents)
@@ -69,3 +73,47 @@ class LissajousMultiAgentEnv(Around, MultiAgentEnv):
         if len(observations) > len(acted):  # a rogue that has just appeared has no reward yet
             rewards, terminated = ({a: of[a] for a in of if a in acted} for of in (rewards, terminated))
         return observations, rewards, terminated | {"__all__": gone}, {"__all__": timed_out}, {}
+
+    def render(self) -> Any:
+        """Draw the world, as `LissajousParallelEnv.render`."""
+        return self.inner.render()
+
+    def score(self) -> dict[str, Any]:
+        """Return the score of the episode so far, with the columns of `lissajous_env.world.columns.NAMES`."""
+        return self.inner.score()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        self.inner.close()
+
+
+def policy_mapping_fn(agent: Any, *_: Any, **__: Any) -> str:
+    """Return the module of an agent: `robots` for robot_0 ..., `rogues` for rogue_0 ...
+
+    Raises:
+        ValueError: it is neither a robot nor a rogue.
+    """
+    module = f"{str(agent).partition('_')[0]}s"
+    if module not in MODULES:
+        raise ValueError(f"agent must be a robot or a rogue, got {agent!r}")
+    return module
+
+
+def two_sided_config(scenario: str | Scenario = "experiment", **settings: Any) -> PPOConfig:
+    """Return RLlib's configuration of PPO for both sides of a scenario; its other settings are RLlib's defaults.
+
+    Args:
+        scenario: Scenario, or its name; `rogues` is `agents`.
+        **settings: Further arguments of `LissajousParallelEnv`, and fields of the scenario.
+    """
+    config = PPOConfig().environment(
+        LissajousMultiAgentEnv,
+        env_config={"scenario": scenario, "rogues": AGENTS} | settings,
+        disable_env_checking=True,
+        # The environment clips actions.
+        normalize_actions=False,
+        clip_actions=False,
+    )
+    config.multi_agent(policies=set(MODULES), policy_mapping_fn=policy_mapping_fn)
+    config.rl_module(rl_module_spec=MultiRLModuleSpec(rl_module_specs={name: RLModuleSpec() for name in MODULES}))
+    return config

@@ -2,7 +2,6 @@
 
 from training.sb3.mixed_vec_env import MixedVecEnv
 from training.sb3.model_policy import ModelPolicy
-from training.sb3.rogue_env import RogueVecEnv
-from training.sb3.vec_env import RobotVecEnv
+from training.sb3.vec_env import RobotVecEnv, RogueVecEnv
 
 __all__ = ["MixedVecEnv", "ModelPolicy", "RobotVecEnv", "RogueVecEnv"]

@@ -14,11 +14,10 @@ from lissajous_env.settings.checks import whole_number
 from lissajous_env.world.mixture import Together
 from training.learned.card import Card
 from training.learned.named_arrays import prefixed, within
-from training.sb3.batch_env import RECENT, BatchVecEnv, Step
-from training.sb3.vec_env import GOLDEN, RobotVecEnv
+from training.sb3.vec_env import GOLDEN, RECENT, RobotVecEnv, RowsVecEnv, Stepped
 
 
-class MixedVecEnv(BatchVecEnv):
+class MixedVecEnv(RowsVecEnv):
     """Groups of worlds, each a `RobotVecEnv` with a scenario of its own, as one `VecEnv` with shared parameters.
 
     The rows of group g follow those of group g - 1. When all episodes of a group have ended in the same step, it
@@ -105,26 +104,22 @@ class MixedVecEnv(BatchVecEnv):
             raise ValueError(f"actions must be numbers of shape {shape}, got {actions.shape}")
         self._actions = actions
 
-    def _step(self) -> Step:
-        for each, rows in zip(self.groups, self._rows, strict=True):
-            each.step_async(self._actions[rows])
-            each.take_actions()
-        self._together.advance([each.simulation for each in self.groups])
-        steps = [each.finish_step() for each in self.groups]
-        for group, each in enumerate(self.groups):
-            self.scores.extend({"scenario": each.scenario.name} | score for score in each.scores)
-            each.scores.clear()
-            if each.all_over:
-                self.groups[group] = self._group(*self._draws.next(group))
-                self._check(self.groups[group])
-                steps[group] = steps[group]._replace(rows=self.groups[group].reset())
-        episodes = {
-            of.start + k: each for of, step in zip(self._rows, steps, strict=True) for k, each in step.episodes.items()
-        }
-        rows, rewards, dones, truncated, last = (
-            np.concatenate([getattr(step, name) for step in steps]) for name in Step._fields[:-1]
-        )
-        return Step(rows, rewards, dones, truncated, last, episodes)
+    def step_wait(self) -> Stepped:
+        """Take the step with the stored actions; groups whose episodes have all ended draw their next scenario."""
+        for group, rows in zip(self.groups, self._rows, strict=True):
+            group.step_async(self._actions[rows])
+            group.take_actions()
+        self._together.advance([group.simulation for group in self.groups])
+        parts = [group.finish_step() for group in self.groups]
+        for k, group in enumerate(self.groups):
+            self.scores.extend({"scenario": group.scenario.name} | score for score in group.scores)
+            group.scores.clear()
+            if group.all_over:
+                self.groups[k] = self._group(*self._draws.next(k))
+                self._check(self.groups[k])
+                parts[k] = self.groups[k].reset(), *parts[k][1:]
+        rows, rewards, dones, infos = zip(*parts, strict=True)
+        return np.concatenate(rows), np.concatenate(rewards), np.concatenate(dones), [i for part in infos for i in part]
 
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy everything that changes during steps, by name."""

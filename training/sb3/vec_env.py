@@ -1,30 +1,212 @@
-"""The batch of worlds as a `VecEnv` of Stable-Baselines3: one row for each robot of each world."""
+"""Batches as `VecEnv`s of Stable-Baselines3: a row for each robot, or for each rogue, of each world."""
 
 import time
+from collections import deque
 from typing import Any
 
 import gymnasium
 import numpy as np
+from stable_baselines3.common.vec_env import VecEnv
 
-from lissajous_env import Scenario, Simulation
-from lissajous_env.envs.actions import action_space, action_table
+from lissajous_env import Scenario
+from lissajous_env.envs.batch import Batch
+from lissajous_env.envs.one_world import METADATA
+from lissajous_env.wording import shown
 from training.learned.card import Card
 from training.learned.named_arrays import prefixed, within
 from training.learned.wiring import Wiring
-from training.sb3.batch_env import Step, WorldsVecEnv
 from training.sb3.critic_view import CriticView
 
 GOLDEN = (5**0.5 - 1) / 2
 """Golden ratio, whose multiples are spread evenly modulo 1."""
+RECENT = 256
+"""Number of latest episodes whose scores are stored."""
+
+Stepped = tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]
+"""Rows, rewards, dones and infos."""
 
 
-class RobotVecEnv(WorldsVecEnv):
-    """`Simulation` as a `VecEnv` with shared parameters: row k N + i is robot i of world k.
+class RowsVecEnv(VecEnv):
+    """`VecEnv` in which several rows share a world, and rows have no attributes or methods of their own."""
 
-    A world whose robots are all done is reset in the same step. At a time limit, a robot's info contains the final
-    observation as `terminal_observation`, and `TimeLimit.truncated`. A removed robot terminates, and its row is
-    constant until its world is reset. `seed` seeds world k with seed + k N at the next reset: the N rows of a world use
-    the seed of the first.
+    def close(self) -> None:
+        """Do nothing: there is nothing to close."""
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return an attribute of the batch, repeated for each requested row."""
+        return [getattr(self, attr_name) for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Set an attribute of the whole batch; rows have no attributes of their own."""
+        if indices is not None and len(list(self._get_indices(indices))) != self.num_envs:
+            raise ValueError(f"{attr_name} must be set for all rows at once, got indices {indices!r}")
+        setattr(self, attr_name, value)
+
+    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
+        """Call a method of the batch once; return its result, repeated for each requested row."""
+        result = getattr(self, method_name)(*method_args, **method_kwargs)
+        return [result for _ in self._get_indices(indices)]
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        """Return False for each row: rows are not wrapped."""
+        return [False for _ in self._get_indices(indices)]
+
+
+class BatchVecEnv(RowsVecEnv):
+    """`VecEnv` of a batch of one side of a scenario: row k N + i is agent i of world k.
+
+    A world whose episode is over is reset in the same step, which ends the episodes of all of its rows. The row of an
+    agent that ended earlier has ended then; it is constant, with reward 0 and actions without effect. Infos contain
+    `TimeLimit.truncated` and, where a row is done, `terminal_observation`; they report the episodes of agents as
+    `Monitor` does.
+    """
+
+    def __init__(self, batch: Batch, render_mode: str | None, rows: gymnasium.Space | None = None):
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode must be None or rgb_array, got {shown(render_mode)}")
+        self.batch, self.simulation, self.scenario = batch, batch.simulation, batch.scenario
+        (self._side,) = batch.sides
+        self.scores: deque[dict[str, Any]] = deque(maxlen=RECENT)
+        """Scores of the latest episodes."""
+        self.render_mode, self._gallery = render_mode, None
+        self._began = time.monotonic()
+        count = batch.num_worlds * self._side.places
+        self._acts, self._returns = np.zeros(count, dtype=bool), np.zeros(count)
+        self._lengths = np.zeros(count, dtype=np.int64)
+        self._table = self._side.table
+        super().__init__(count, rows or self._side.row_space(), self._side.action_space())
+        self.metadata["render_fps"] = METADATA["render_fps"]
+
+    def get_images(self) -> list[np.ndarray]:
+        """Return a picture of each world, for `render` and `VecVideoRecorder`."""
+        if self._gallery is None:
+            from lissajous_env.render import Gallery
+
+            self._gallery = Gallery(self.scenario, self.simulation.num_worlds)
+        return self._gallery.draw(self.simulation)
+
+    def seed(self, seed: int | None = None) -> Any:
+        """Seed world k with seed + k N at the next reset: the N rows of a world use the seed of the first."""
+        return super().seed(seed)
+
+    def reset(self) -> np.ndarray:
+        """Begin an episode in every world; return the rows (W N, inputs)."""
+        if self._seeds[0] is not None:
+            self.batch.seed([seed % 2**31 for seed in self._seeds[:: self._side.places]])  # type: ignore[operator]
+        self._reset_seeds()
+        self._reset_options()
+        self.batch.reset()
+        self._returns[:], self._lengths[:] = 0.0, 0
+        self._acts = self._side.acting(self.simulation).reshape(-1)
+        return self._rows()
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Store the actions of the next step: (W N, action_size), clipped to [-1, 1], or (W N,) indices of the table.
+
+        Raises:
+            ValueError: actions have another shape, are not finite, or are no indices.
+        """
+        shape = (self.num_envs,) if self._table is not None else (self.num_envs, self._side.action_size)
+        self._actions = self._side.read(actions, shape)
+
+    def step_wait(self) -> Stepped:
+        """Take the step with the stored actions; begin new episodes in the worlds whose episode is over."""
+        self.batch.step({self._side.agent: self._actions})
+        return self.finish_step()
+
+    def finish_step(self) -> Stepped:
+        """Return the results of the step that the simulation made, and begin new episodes where they are over."""
+        side, simulation = self._side, self.simulation
+        arrays = side.arrays(simulation)
+        rewards = arrays.reward.numpy().reshape(-1).copy()
+        terminated = arrays.terminated.numpy().astype(bool).reshape(-1)
+        over = self._over()
+        ended_worlds = np.repeat(over, side.places)
+        dones = self._acts & terminated | ended_worlds
+        truncated = dones & self._acts & ~terminated
+        infos: list[dict[str, Any]] = [{"TimeLimit.truncated": late} for late in truncated.tolist()]
+        if dones.any():
+            for k, row in zip(np.flatnonzero(dones), self._last_rows(dones), strict=True):
+                infos[k]["terminal_observation"] = row
+        self._report(rewards, dones, infos)
+        if over.any():
+            self._begin_again(over)
+        self._acts = side.acting(simulation).reshape(-1)
+        return self._rows(), rewards, dones, infos
+
+    def _report(self, rewards: np.ndarray, dones: np.ndarray, infos: list[dict[str, Any]]) -> None:
+        """Count a step, and report the episodes that ended with it: return, length [steps], time since the start [s].
+
+        The episode of a removed robot ends with its removal, so that it has none at the end of its world's episode.
+        """
+        self._returns += rewards
+        self._lengths += self._acts
+        at = round(time.monotonic() - self._began, 6)
+        for k in np.flatnonzero(dones & self._acts):
+            infos[k]["episode"] = {"r": float(self._returns[k]), "l": int(self._lengths[k]), "t": at}
+        self._returns[dones], self._lengths[dones] = 0.0, 0
+
+    def _over(self) -> np.ndarray:
+        """Return (W,) True for the worlds whose episode is over."""
+        return self.batch.over
+
+    def _begin_again(self, over: np.ndarray) -> None:
+        self.scores.extend(self.batch.score(over))
+        self.batch.reset(over)
+
+    def _rows(self) -> np.ndarray:
+        """Return a copy of the rows (W N, inputs)."""
+        return self._side.arrays(self.simulation).observation.numpy().reshape(self.num_envs, -1).copy()
+
+    def _last_rows(self, dones: np.ndarray) -> np.ndarray:
+        """Return a copy of the rows of the episodes that have just ended."""
+        return self._rows()[dones]
+
+
+class RogueVecEnv(BatchVecEnv):
+    """Rogues against robots of any policy as a `VecEnv`: row k N + t is the rogue in target slot t of world k.
+
+    The episode of a row ends when its rogue is detected, or at the time limit. A row without a live rogue is zero. A
+    world whose rogues are all detected, or whose time is over, is reset in the same step. Returns are in seconds.
+
+    Args:
+        scenario: Scenario, or its name; `rogues` is `agents`.
+        num_worlds: W; there are W N rows, for N target slots.
+        robots: Policy that drives the robots: a name, a policy for W worlds, or a function of the observation.
+        device: Warp device.
+        seed: Seed of world 0; world k has seed + k, and draws its next seeds from it. Without a seed here or by
+            `seed`, the first reset draws seeds from the operating system.
+        threads: CPU threads; all cores by default.
+        discrete_actions: True for actions that are indices of `lissajous_env.envs.actions.rogue_table`: rest, or one
+            of eight directions at full speed.
+        render_mode: None, or `rgb_array` for pictures of the worlds.
+        **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
+
+    Raises:
+        ValueError: an invalid setting, or rogues that are no agents.
+    """
+
+    def __init__(
+        self,
+        scenario: str | Scenario,
+        num_worlds: int = 1,
+        robots: Any = "kuramoto-mpcc",
+        device: Any = "cpu",
+        seed: int | None = None,
+        threads: int | None = None,
+        discrete_actions: bool = False,
+        render_mode: str | None = None,
+        **overrides: Any,
+    ):
+        settings: dict[str, Any] = {"discrete_actions": discrete_actions, "device": device, "seed": seed}
+        settings |= {"threads": threads, "overrides": overrides}
+        super().__init__(Batch(scenario, num_worlds, roles="rogues", robots=robots, **settings), render_mode)
+
+
+class RobotVecEnv(BatchVecEnv):
+    """Robots as a `VecEnv` with shared parameters: row k N + i is robot i of world k.
+
+    A removed robot terminates, and its row is constant until its world is reset.
 
     Args:
         scenario: Scenario, or its name.
@@ -46,8 +228,6 @@ class RobotVecEnv(WorldsVecEnv):
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
     """
 
-    agent = "robot"
-
     def __init__(
         self,
         scenario: str | Scenario,
@@ -65,34 +245,29 @@ class RobotVecEnv(WorldsVecEnv):
         render_mode: str | None = None,
         **overrides: Any,
     ):
-        simulation = Simulation(scenario, num_worlds, device=device, seed=seed or 0, threads=threads, **overrides)
-        made = simulation.scenario
+        settings: dict[str, Any] = {"discrete_actions": discrete_actions, "device": device, "seed": seed}
+        batch = Batch(scenario, num_worlds, roles="robots", threads=threads, overrides=overrides, **settings)
+        made, steps = batch.scenario, batch.scenario.task.steps
         self.card = card or Card.of(made)
         self._wiring = Wiring(self.card, made, num_worlds, device)
-        self._view = CriticView(simulation, critic_places) if central else None
-        steps = made.task.steps
+        self._view = CriticView(batch.simulation, critic_places) if central else None
         self._last_step = np.full(num_worlds, steps)
         self._last_step[: round(short * num_worlds)] = min(max(round(short_time / made.task.step), 1), steps)
         # Multiples of the golden ratio are spread evenly also over the first worlds only.
         spread = np.arange(num_worlds) * GOLDEN % 1.0 if staggered else np.ones(num_worlds)
         self._first_end = np.ceil(np.maximum(spread, 1 / steps) * self._last_step).astype(np.int64)
         self._end = self._first_end.copy()
-        self._began = time.monotonic()
         self.all_over = False
         """True if the episodes of all worlds ended in the latest step."""
         more = np.full(0 if self._view is None else self._view.size, np.inf, dtype=np.float32)
         low, high = np.concatenate([self._wiring.low, -more]), np.concatenate([self._wiring.high, more])
-        rows, actions = gymnasium.spaces.Box(low, high), action_space(made, discrete_actions)
-        table = action_table(made) if discrete_actions else None
-        super().__init__(simulation, seed is not None, made.num_robots, rows, actions, table, render_mode)
+        super().__init__(batch, render_mode, gymnasium.spaces.Box(low, high))
 
     def reset(self) -> np.ndarray:
         """Begin an episode in every world; return the rows (W N, inputs)."""
-        self._reset_worlds()
-        self._done = np.zeros(self.num_envs, dtype=bool)
         self._end = self._first_end.copy()
         self._wiring.reset()
-        return self._rows(self._wiring.read(self.simulation.observation.numpy()))
+        return super().reset()
 
     def end_first_after(self, share: float) -> None:
         """End the first episodes of all worlds after a share of their steps, above 0 and at most 1.
@@ -101,29 +276,8 @@ class RobotVecEnv(WorldsVecEnv):
         """
         self._first_end[:] = np.maximum(np.ceil(share * self._last_step), 1)
 
-    def save_state(self) -> dict[str, np.ndarray]:
-        """Copy everything that changes during steps, by name."""
-        own = {"end": self._end, "returns": self._returns, "lengths": self._lengths}
-        return prefixed("world", self.simulation.save_state()) | self._wiring.save_state() | own
-
-    def load_state(self, saved: dict[str, np.ndarray]) -> None:
-        """Resume from what `save_state` returned."""
-        self.simulation.load_state(within("world", saved))
-        self._seeded = True
-        self._done = self.simulation.terminated.numpy().astype(bool).reshape(-1)
-        self._end = saved["end"].copy()
-        self._returns, self._lengths = saved["returns"].copy(), saved["lengths"].copy()
-        self._wiring.load_state(saved)
-
-    def step_async(self, actions: np.ndarray) -> None:
-        """Store the actions of the next step: (W N, action_size), clipped to [-1, 1], or (W N,) indices of the table.
-
-        Raises:
-            ValueError: actions have another shape, are not finite, or are no indices.
-        """
-        self._actions = self._read(actions, self.scenario.action_size)
-
-    def _step(self) -> Step:
+    def step_wait(self) -> Stepped:
+        """Take the step with the stored actions; begin new episodes in the worlds whose episode is over."""
         self.take_actions()
         self.simulation.advance()
         return self.finish_step()
@@ -132,46 +286,39 @@ class RobotVecEnv(WorldsVecEnv):
         """Pass the stored actions on to the simulation, whose `advance` makes the step."""
         self.simulation.take(self._wiring.actions(self._actions))
 
-    def finish_step(self) -> Step:
-        """Return the rows of the step that the simulation made, and begin new episodes where they are over."""
-        simulation, wiring = self.simulation, self._wiring
-        rewards = simulation.reward.numpy().reshape(-1).copy()
-        terminated = simulation.terminated.numpy().astype(bool).reshape(-1)
-        over = simulation.over | (simulation.clock.step.numpy() >= self._end)
+    def save_state(self) -> dict[str, np.ndarray]:
+        """Copy everything that changes during steps, by name."""
+        own = {"end": self._end, "returns": self._returns, "lengths": self._lengths}
+        return prefixed("world", self.batch.save_state()) | self._wiring.save_state() | own
+
+    def load_state(self, saved: dict[str, np.ndarray]) -> None:
+        """Resume from what `save_state` returned."""
+        self.batch.load_state(within("world", saved))
+        self._acts = self._side.acting(self.simulation).reshape(-1)
+        self._end = saved["end"].copy()
+        self._returns, self._lengths = saved["returns"].copy(), saved["lengths"].copy()
+        self._wiring.load_state(saved)
+
+    def _over(self) -> np.ndarray:
+        over = self.simulation.over | (self.simulation.clock.step.numpy() >= self._end)
         self.all_over = bool(over.all())
-        ended = terminated | np.repeat(over, simulation.num_robots)
-        dones = ended & ~self._done | np.repeat(over, simulation.num_robots)
+        return over
+
+    def _begin_again(self, over: np.ndarray) -> None:
+        # Episodes that were ended early have no score.
+        self.scores.extend(self.simulation.score(self.simulation.over))
+        self.batch.reset(over)
+        self._wiring.reset(over)
+        self._end[over] = self._last_step[over]
+
+    def _rows(self) -> np.ndarray:
+        rows = self._wiring.read(self.simulation.observation.numpy()).reshape(self.num_envs, -1)
+        return rows.copy() if self._view is None else np.concatenate([rows, self._view.rows()], axis=1)
+
+    def _last_rows(self, dones: np.ndarray) -> np.ndarray:
         # The base's action is that of the previous step: a final observation is used for its value only.
-        last = self._rows(wiring.rows(simulation.observation.numpy()), dones)
-        episodes = self._finished(rewards, dones)
-        if over.any():
-            self.scores.extend(simulation.score(simulation.over))
-            simulation.reset(over)
-            wiring.reset(over)
-            self._end[over] = self._last_step[over]
-            ended = simulation.terminated.numpy().astype(bool).reshape(-1)
-        self._done = ended
-        rows = self._rows(wiring.read(simulation.observation.numpy()))
-        return Step(rows, rewards, dones, dones & ~terminated, last, episodes)
-
-    def _finished(self, rewards: np.ndarray, dones: np.ndarray) -> dict[int, dict[str, float]]:
-        """Count a step, and return the episodes that ended with it."""
-        self._returns += rewards
-        self._lengths += 1
-        at = round(time.monotonic() - self._began, 6)
-        ended = np.flatnonzero(dones & ~self._done)
-        found = {int(k): {"r": float(self._returns[k]), "l": int(self._lengths[k]), "t": at} for k in ended}
-        self._returns[dones], self._lengths[dones] = 0.0, 0
-        return found
-
-    def _rows(self, rows: np.ndarray, chosen: np.ndarray | None = None) -> np.ndarray:
-        """Return a copy (W N, inputs) of the rows (W, N, ...), or of the chosen ones (W N,), with the `CriticView`."""
-        flat = rows.reshape(self.num_envs, -1)
-        if chosen is None:
-            return flat.copy() if self._view is None else np.concatenate([flat, self._view.rows()], axis=1)
+        rows = self._wiring.rows(self.simulation.observation.numpy()).reshape(self.num_envs, -1)[dones]
         if self._view is None:
-            return flat[chosen]
-        if not chosen.any():
-            return np.zeros((0, flat.shape[1] + self._view.size), np.float32)
-        worlds = np.asarray(chosen.reshape(self.simulation.num_worlds, -1).any(axis=1))
-        return np.concatenate([flat[chosen], self._view.rows(worlds)[chosen]], axis=1)
+            return rows
+        worlds = dones.reshape(self.batch.num_worlds, -1).any(axis=1)
+        return np.concatenate([rows, self._view.rows(worlds)[dones]], axis=1)

@@ -10,9 +10,8 @@ task as well:
 
     task = LissajousTaskClass("two cars", {"scenario": my_scenario})
 
-With `{"rogues": "agents"}` the rogues are trained too, in the groups `adversary` (robots) and `agent` (rogues) of
-`training.torchrl.two_sided`. `examples/benchmarl_mappo.py` trains on a task. Actions are continuous or discrete, as the
-algorithm requires.
+With `{"rogues": "agents"}` the rogues are trained too, as a group beside the robots.
+`examples/benchmarl_mappo.py` trains on a task. Actions are continuous or discrete, as the algorithm requires.
 """
 
 from __future__ import annotations
@@ -28,9 +27,7 @@ from torchrl.envs import EnvBase
 
 from lissajous_env import Scenario
 from lissajous_env.parameters import named
-from lissajous_env.parameters.rogues import AGENTS
 from training.torchrl.env import SCORES, LissajousTorchEnv
-from training.torchrl.two_sided import TwoSidedTorchEnv
 
 _OF_ENVIRONMENT = ("state", "threads")
 _FILM = 480, 320
@@ -66,8 +63,7 @@ class LissajousTaskClass(TaskClass):
         settings = {key: self.config[key] for key in _OF_ENVIRONMENT if key in self.config}
         settings |= {"discrete_actions": not continuous_actions, "seed": seed, "device": device}
         scenario = self.scenario
-        kind = TwoSidedTorchEnv if scenario.targets.rogues == AGENTS else LissajousTorchEnv
-        return lambda: kind(scenario, num_envs, **settings)
+        return lambda: LissajousTorchEnv(scenario, num_envs, **settings)
 
     def supports_continuous_actions(self) -> bool:
         """Return True."""
@@ -86,7 +82,7 @@ class LissajousTaskClass(TaskClass):
         return True
 
     def group_map(self, env: EnvBase) -> dict[str, list[str]]:
-        """Return the only group, which contains every robot, or with rogues that are agents both groups."""
+        """Return the group of the robots and, if rogues are agents, that of the rogues."""
         return env.group_map  # pyright: ignore[reportReturnType]
 
     def observation_spec(self, env: EnvBase) -> Composite:
@@ -94,7 +90,7 @@ class LissajousTaskClass(TaskClass):
         return _of_groups(env, "observation")
 
     def info_spec(self, env: EnvBase) -> Composite:
-        """Return the spec of the infos: the terms of the robots' reward, and 1 for present rogues, (N, 1) each."""
+        """Return the spec of the infos: the terms of the robots' reward, (N, 1) each."""
         return _of_groups(env, "info")
 
     def state_spec(self, env: EnvBase) -> Composite | None:
@@ -168,6 +164,6 @@ def _of_groups(env: EnvBase, name: str) -> Composite:
     """Return the spec of an entry that the environment returns for each agent."""
     whole = env.full_observation_spec_unbatched
     group_map: Any = env.group_map
-    groups = {group: whole[group] for group in group_map}
+    groups = {group: whole[group] for group in group_map if name in whole[group]}
     specs = {group: Composite({name: of[name]}, shape=of.shape, device=env.device) for group, of in groups.items()}
     return Composite(specs, device=env.device)

@@ -20,7 +20,7 @@ from lissajous_env.episodes.missed.played import Played, resolution
 
 wp.set_module_options(OPTIONS)
 
-LATTICES = (4, 8), (8, 6), (16, 4)
+LATTICES = (2, 8), (4, 8), (8, 6), (16, 4)
 """Nodes of the lattices along a cell of the contamination grid, and the least number of them in the distance of a move.
 Finer lattices are searched where coarser ones have no path that is undetected for as long as the stage reports."""
 _ROGUES = 3
@@ -63,6 +63,10 @@ class Lattice:
     """Distance of columns and of rows [m]."""
     moves: wp.array(dtype=wp.vec2i)
     """(H,) columns and rows of the moves."""
+    middle: wp.array(dtype=wp.vec2)
+    """(N,) positions around which the robots are during the moves [m]."""
+    near: wp.array(dtype=float)
+    """(N,) distances from these beyond which no end of a move is that of a detected one [m]."""
     block: int
     """Rows and columns of a block of nodes; no move is longer."""
 
@@ -78,8 +82,10 @@ def is_undetected(start: wp.vec2, end: wp.vec2, first: int, last: int, lattice: 
     """Return whether a straight move from the end of step `first` to that of step `last` stays out of all discs."""
     pieces = lattice.track.shape[2] - 1
     count = float((last - first) * pieces)
-    for step in range(first + 1, last + 1):
-        for i in range(lattice.track.shape[1]):
+    for i in range(lattice.track.shape[1]):
+        if wp.length_sq(lattice.middle[i] - end) > lattice.near[i] * lattice.near[i]:
+            continue
+        for step in range(first + 1, last + 1):
             if not lattice.works[step, i]:
                 continue
             for s in range(pieces):
@@ -189,10 +195,11 @@ def longest_path(played: Played) -> Path | None:
         wp.load_module(__name__, device="cpu")
     with wp.ScopedDevice("cpu"):
         for since, until in played.oldest_rogues()[:_ROGUES]:
-            for fineness, least in LATTICES:
+            for k, (fineness, least) in enumerate(LATTICES):
+                wanted = until - since - (enough if k != 1 else 0)  # a path of the coarsest lattice must be as long
                 search = _Search(played, fineness, least)
-                is_large = search.nodes * (until - since) / search.period > _MOST and fineness > LATTICES[0][0]
-                if is_large or (longest is not None and longest.steps >= until - since - enough):
+                is_large = k > 0 and search.nodes * (until - since) / search.period > _MOST
+                if is_large or (longest is not None and longest.steps >= wanted):
                     break
                 paths = [path for path in (longest, search.path(since)) if path is not None]
                 longest = max(paths, key=lambda path: path.steps, default=None)
@@ -237,7 +244,8 @@ class _Search:
         ends, reached, steps = [since], [_packed(there[0])], self.period
         while ends[-1] < played.steps and steps > 0:
             steps = min(steps, played.steps - ends[-1])
-            lattice.moves, after = wp.array(self.moves[steps], dtype=wp.vec2i), self._empty()
+            after = self._empty()
+            self._prepare(ends[-1], ends[-1] + steps)
             wp.launch(move, dim=self.shape, inputs=[ends[-1], ends[-1] + steps, lattice, *there, *after])
             if not after[1].numpy().any():
                 steps //= 2  # to less than a step, after which the rogue is detected wherever it goes
@@ -246,6 +254,16 @@ class _Search:
             reached.append(_packed(after[0]))
             there, steps = after, self.period
         return self._traced(ends, reached)
+
+    def _prepare(self, first: int, last: int) -> None:
+        """Set what the moves from the end of step `first` to that of step `last` have in common."""
+        moves, track = self.moves[last - first], self.played.track[first + 1 : last + 1]
+        middle = (track.max(axis=(0, 2)) + track.min(axis=(0, 2))) / 2
+        away = np.linalg.norm(track - middle[:, None], axis=-1).max(axis=(0, 2))
+        longest = (1 + _ROUNDING) * (last - first) * self.moved
+        self.lattice.moves = wp.array(moves, dtype=wp.vec2i)
+        self.lattice.middle = wp.array(middle, dtype=wp.vec2)
+        self.lattice.near = wp.array(away + longest + 1.001 * self.lattice.radius, dtype=float)
 
     def _empty(self) -> tuple[wp.array, wp.array]:
         """Return an array for the nodes that are reached, and one for the blocks of them."""
@@ -264,7 +282,8 @@ class _Search:
         path = [nodes[np.min(away, axis=0).argmax() if away else 0]]
         for k in range(len(ends) - 1, 0, -1):
             moves, (column, row) = self.moves[ends[k] - ends[k - 1]], path[-1].tolist()
-            self.lattice.moves, leads = wp.array(moves, dtype=wp.vec2i), wp.zeros(len(moves), dtype=wp.bool)
+            leads = wp.zeros(len(moves), dtype=wp.bool)
+            self._prepare(ends[k - 1], ends[k])
             before = wp.array(there(k - 1), dtype=wp.bool)
             moment = ends[k - 1], ends[k], row, column, self.lattice, before, leads
             wp.launch(trace_back, dim=len(moves), inputs=moment)

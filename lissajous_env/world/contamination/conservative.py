@@ -35,7 +35,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import TargetStruct
 from lissajous_env.device.stage import FIELD_ROW, stage
-from lissajous_env.parameters.reaches import Reaches
+from lissajous_env.parameters.spreading import Reaches
 from lissajous_env.world.contamination.field import BOUNDARY
 from lissajous_env.world.contamination.labels import MARGIN, NONE, Hops
 from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robots
@@ -48,7 +48,7 @@ _ROUNDING = wp.constant(1e-6)
 
 @wp.struct
 class Reach:
-    """`lissajous_env.parameters.reaches.Reaches` for kernels."""
+    """`lissajous_env.parameters.spreading.Reaches` for kernels."""
 
     period: int
     moved: float

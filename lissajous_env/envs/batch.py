@@ -1,0 +1,330 @@
+"""The batch behind every environment: worlds of one scenario or of a space, with agents in padded places.
+
+An environment for another library is a shell around a `Batch`. It declares the spaces of `Batch.sides`, calls `reset`
+and `step`, and converts the arrays of `rows` into what the library expects.
+"""
+
+import itertools
+import os
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+import warp as wp
+from gymnasium.error import ResetNeeded
+
+from lissajous_env.envs.drivers import driver_of
+from lissajous_env.envs.sides import Side, sides_of
+from lissajous_env.envs.true_state import padded_rows, state_size
+from lissajous_env.parameters import named
+from lissajous_env.parameters.draws import Draws
+from lissajous_env.parameters.rogues import AGENTS
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.parameters.space import ScenarioSpace
+from lissajous_env.settings.checks import whole_number
+from lissajous_env.world.mixture import Together
+from lissajous_env.world.observation import layout
+from lissajous_env.world.selection import drawn_seeds
+from lissajous_env.world.simulation import Simulation, fold_seed
+from lissajous_env.world.state import ENDED
+
+LOOKED_AT = 64
+"""Number of scenarios of a split, its first ones, whose largest team is the largest of a batch."""
+_FROM_SYSTEM, _NEXT = -2, -1
+"""Seeds of a world's next episode: one of the operating system, or the one that follows from the latest."""
+
+
+class Rows(NamedTuple):
+    """One side of a batch of W worlds with N places: NumPy arrays, or torch tensors on the device.
+
+    Places that a scenario does not have are terminated, with rows and rewards of zeros. They are views of the
+    simulation's memory, which the next step overwrites, or copies.
+    """
+
+    observation: Any
+    """(W, N, D) rows."""
+    mask: Any
+    """(W, N) True for robots that the scenario has, and for rogues that act in the next step."""
+    reward: Any
+    """(W, N) rewards."""
+    terminated: Any
+    """(W, N) True from the end of an agent on: a robot was removed, a rogue detected."""
+    truncated: Any
+    """(W, N) True where the time is over."""
+
+
+class Batch:
+    """W worlds in groups of one scenario each.
+
+    Without a space all worlds are one group. Of a space, each group draws its first scenario at its first reset, and
+    its next one whenever all of its worlds are reset together. Scenarios, and the episodes in them, depend on the seed
+    and on the number of the group alone. Scenarios with more robots or more target slots than the first `LOOKED_AT` of
+    the split have are skipped.
+
+    Attributes:
+        sides: Sides whose agents act.
+        simulations: The simulation of each group.
+        space: Space of scenarios, or None.
+
+    Args:
+        scenario: Name of a scenario, or a `Scenario`; a space of scenarios, its file, or SPACE:SPLIT, where SPLIT is a
+            split or a shift, by default `train`.
+        num_worlds: W.
+        num_groups: Number of groups of a space, which divides W.
+        roles: `any`: robots act, and rogues where `targets.rogues` is `agents`; `robots` or `rogues` for one side.
+        robots: Policy that drives the robots if only the rogues act: a name, a policy, or a function; see `driver_of`.
+        discrete_actions: True for actions that are indices of a table.
+        max_cycles: Number of steps of an episode, instead of `task.duration`.
+        device: Warp device.
+        threads: CPU threads; all cores by default.
+        seed: Seed of world 0, where world k has seed + k, or of the draws from a space; by default that of the first
+            episode comes from the operating system.
+        overrides: Fields of the scenario, or of all scenarios of the space.
+
+    Raises:
+        UnknownSettingError: an unknown keyword (a `ValueError` and a `TypeError`).
+        ValueError: an invalid setting, or scenarios of a space with rows or actions of different sizes.
+    """
+
+    def __init__(
+        self,
+        scenario: str | os.PathLike | Scenario | ScenarioSpace,
+        num_worlds: int = 1,
+        *,
+        num_groups: int = 1,
+        roles: str = "any",
+        robots: Any = None,
+        discrete_actions: bool = False,
+        max_cycles: int | None = None,
+        device: Any = "cpu",
+        threads: int | None = None,
+        seed: int | None = None,
+        overrides: Mapping[str, Any] = MappingProxyType({}),
+    ):
+        self.num_worlds = whole_number("num_worlds", num_worlds)
+        self.group_size, rest = divmod(self.num_worlds, whole_number("num_groups", num_groups))
+        if rest or self.group_size == 0:
+            raise ValueError(f"num_worlds must be a multiple of num_groups ({num_groups}), got {num_worlds}")
+        self._device, self._together = device, Together(num_groups, threads)
+        self._threads = threads if num_groups == 1 else self._together.threads
+        self._max_cycles = max_cycles
+        space = named.space_and_split(scenario)
+        if space is None:
+            self.space, self.split = None, None
+            if num_groups != 1:
+                raise ValueError(f"num_groups must be 1 without a space of scenarios, got {num_groups}")
+            given = {"rogues": AGENTS} | dict(overrides) if roles == "rogues" else overrides
+            plain = isinstance(scenario, Scenario) and not given  # variants made by the program pass without a warning
+            first = largest = self._changed(scenario if plain else named.scenario(scenario, **given))  # type: ignore[arg-type]
+            self._most_targets = first.target_capacity
+        else:
+            self.space, self.split = space[0].overridden(overrides), space[1]
+            seen = [self._changed(made) for made in itertools.islice(self.space.scenarios(self.split), LOOKED_AT)]
+            first, largest = seen[0], max(seen, key=lambda made: made.num_robots)
+            self._first, self._most_targets = first, max(made.target_capacity for made in seen)
+            for made in seen:
+                self._check(made)
+        self._most_robots = largest.num_robots
+        self.sides = sides_of(first, largest.num_robots, discrete_actions, roles)
+        # Of a space, the first scenario of the split is shown until the first reset.
+        self.simulations = [self._simulation(first)] * num_groups
+        self.driver = None if robots is None else driver_of(robots, self.scenario, num_worlds, device)
+        self._draws: Draws | None = None
+        self._seeds = np.full(self.num_worlds, _FROM_SYSTEM, dtype=np.int64)
+        self.seed(seed)
+
+    @property
+    def scenario(self) -> Scenario:
+        """Scenario of the first group."""
+        return self.simulations[0].scenario
+
+    @property
+    def simulation(self) -> Simulation:
+        """Simulation of the first group."""
+        return self.simulations[0]
+
+    def worlds_of(self, group: int) -> slice:
+        """Return the worlds of a group."""
+        return slice(group * self.group_size, (group + 1) * self.group_size)
+
+    def seed(self, seed: Any, worlds: Any = slice(None)) -> None:
+        """Set the seeds of the next episode of some worlds, in ascending order; None leaves them as they are.
+
+        Args:
+            seed: A number, where world k has seed + k, or a number for each of these worlds. Of a space, a number from
+                which the sequence of its scenarios follows.
+            worlds: Indices of the worlds; all by default.
+
+        Raises:
+            ValueError: a seed is not a whole number of at least 0.
+        """
+        if seed is None:
+            return
+        if self.space is not None:
+            self._draws = None
+            self._seeds[:] = fold_seed(seed)
+            return
+        chosen = np.arange(self.num_worlds)[worlds]
+        if not np.ndim(seed):
+            fold_seed(seed)  # refuses what is no number
+            seed = [int(seed) + int(k) for k in chosen]
+        self._seeds[chosen] = [fold_seed(number) for number in seed]
+
+    def reset(self, worlds: Any = None) -> None:
+        """Begin an episode in some worlds, with the seeds that `seed` has set, or those that follow from the latest.
+
+        Args:
+            worlds: (W,) mask of the worlds; all by default.
+        """
+        chosen = np.ones(self.num_worlds, dtype=bool) if worlds is None else np.asarray(worlds)
+        if self.space is not None:
+            self._reset_groups(chosen)
+            return
+        simulation = self.simulations[0]
+        unseeded = chosen & (self._seeds == _FROM_SYSTEM)
+        if unseeded.any():
+            self._seeds[unseeded] = drawn_seeds(int(unseeded.sum()))
+        seeded = chosen & (self._seeds != _NEXT)
+        if seeded.any():
+            simulation.reset(seeded, self._seeds[seeded])
+        if (rest := chosen & ~seeded).any():
+            simulation.reset(rest)
+        self._seeds[chosen] = _NEXT
+        if self.driver is not None:
+            self.driver.reset(chosen)
+
+    def _reset_groups(self, chosen: np.ndarray) -> None:
+        """Begin episodes in the worlds of a space; groups that are reset as a whole draw their next scenario."""
+        if self._draws is None:
+            seed = int(drawn_seeds(1)[0]) if self._seeds[0] == _FROM_SYSTEM else int(self._seeds[0])
+            self._draws, chosen = Draws(self.space, self.split, seed, self._changed), np.ones_like(chosen)  # type: ignore[arg-type]
+        for group, simulation in enumerate(self.simulations):
+            of_group = chosen[self.worlds_of(group)]
+            if of_group.all():
+                made, seed = self._draws.next(group, self._fits)
+                self._check(made)
+                self.simulations[group] = self._simulation(made, seed)
+            elif of_group.any():
+                simulation.reset(of_group)
+
+    def step(self, actions: Mapping[str, Any]) -> None:
+        """Advance every world whose episode is running by one control step.
+
+        Args:
+            actions: For each side, by its name `robot` or `rogue`, actions (W, N, action_size) that `Side.read`
+                returned, or a tensor on the device; those of places without an agent have no effect.
+
+        Raises:
+            ResetNeeded: the worlds of a space have not been reset yet.
+        """
+        if self.space is not None and self._draws is None:
+            raise ResetNeeded("step needs a running episode: call reset first")
+        for group, simulation in enumerate(self.simulations):
+            of_robots = self.driver.act(simulation.observation) if self.driver is not None else actions["robot"]
+            if self.space is not None:
+                of_robots = of_robots[self.worlds_of(group), : simulation.num_robots]
+                of_robots = np.ascontiguousarray(of_robots) if isinstance(of_robots, np.ndarray) else of_robots
+            simulation.take(of_robots, actions.get("rogue"))
+        if len(self.simulations) == 1:
+            self.simulations[0].advance()
+        else:
+            self._together.advance(self.simulations)
+
+    def rows(self, side: Side, library: Any = np) -> Rows:
+        """Return the rows of a side; `library` is `numpy`, or `torch` for tensors on the device."""
+        read = wp.array.numpy if library is np else wp.to_torch
+        parts = []
+        for simulation in self.simulations:
+            observation, reward, terminated, truncated = (read(array) for array in side.arrays(simulation))
+            mask = library.ones_like(terminated) if side.is_robots else read(simulation.rogue_present)
+            missing = side.places - observation.shape[1]
+            if missing:
+                observation, mask, reward, terminated, truncated = (
+                    padded(array, missing, library) for array in (observation, mask, reward, terminated, truncated)
+                )
+                terminated[:, -missing:] = True
+            parts.append((observation, mask, reward, terminated, truncated))
+        columns = [column[0] if len(parts) == 1 else library.concatenate(column) for column in zip(*parts, strict=True)]
+        return Rows(*columns)
+
+    def reward_terms(self, library: Any = np) -> Any:
+        """Return (W, N, terms) the terms of the robots' reward, whose names are `simulation.reward_term_names`."""
+        read = wp.array.numpy if library is np else wp.to_torch
+        parts = [read(simulation.reward_terms) for simulation in self.simulations]
+        parts = [padded(part, self._most_robots - part.shape[1], library) for part in parts]
+        return parts[0] if len(parts) == 1 else library.concatenate(parts)
+
+    @property
+    def over(self) -> np.ndarray:
+        """(W,) True on the host for worlds whose episode has ended; if only rogues act, also when none is left."""
+        parts = [simulation.over for simulation in self.simulations]
+        over = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        if self.driver is not None:
+            over = over | self.simulation.rogue_terminated.numpy().astype(bool).all(axis=1)
+        return over
+
+    @property
+    def just_ended(self) -> np.ndarray:
+        """(W,) True on the host for worlds whose episode the latest step ended."""
+        parts = [simulation.clock.stage.numpy() == int(ENDED) for simulation in self.simulations]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def score(self, worlds: np.ndarray) -> list[dict[str, Any]]:
+        """Return the score row of the latest episode of the masked worlds so far, of a space with its `scenario`."""
+        rows = []
+        for group, simulation in enumerate(self.simulations):
+            name = {} if self.space is None else {"scenario": simulation.scenario.name}
+            rows += [name | row for row in simulation.score(worlds[self.worlds_of(group)])]
+        return rows
+
+    def state(self, library: Any = np) -> Any:
+        """Return (W, S) the true state of each world; see `lissajous_env.envs.true_state`.
+
+        It contains the numbers of the largest team and of the largest number of target slots; those of robots and
+        target slots that a scenario does not have are 0.
+        """
+        most = self._most_robots, self._most_targets
+        parts = [padded_rows(simulation, *most, library) for simulation in self.simulations]
+        return parts[0] if len(parts) == 1 else library.concatenate(parts)
+
+    def save_state(self) -> dict[str, np.ndarray]:
+        """Copy everything that changes during steps, without a space of scenarios, by name."""
+        return self.simulation.save_state()
+
+    def load_state(self, saved: dict[str, np.ndarray]) -> None:
+        """Resume from what `save_state` returned."""
+        self.simulation.load_state(saved)
+        self._seeds[:] = _NEXT
+
+    @property
+    def state_size(self) -> int:
+        """S."""
+        return state_size(self._most_robots, self._most_targets, self.scenario.messages.size)
+
+    def _simulation(self, made: Scenario, seed: int = 0) -> Simulation:
+        return Simulation(made, self.group_size, device=self._device, seed=seed, threads=self._threads)
+
+    def _changed(self, made: Scenario) -> Scenario:
+        """Return a scenario with the number of steps of an episode, and every derived field."""
+        return named.with_cycles(made, self._max_cycles).resolve()
+
+    def _fits(self, made: Scenario) -> bool:
+        return made.num_robots <= self._most_robots and made.target_capacity <= self._most_targets
+
+    def _check(self, made: Scenario) -> None:
+        """Raise ValueError for a scenario of a space whose rows or actions differ in size from those of the others."""
+        if made.targets.rogues == AGENTS:
+            rule = "must be None or a scripted rogue in an environment of a space"
+            raise ValueError(f"targets.rogues {rule}, got {AGENTS} in {made.name}")
+        sizes = [(layout(other).names, other.action_names) for other in (self._first, made)]
+        if sizes[0] != sizes[1]:
+            rule = "must have rows and actions of one size"
+            raise ValueError(f"scenarios of a space {rule}, got others in {self._first.name} and {made.name}")
+
+
+def padded(array: Any, missing: int, library: Any) -> Any:
+    """Return an array (W, n, ...) with more places (W, n + missing, ...), which are zero."""
+    if not missing:
+        return array
+    return library.concatenate([array, *[library.zeros_like(array[:, :1])] * missing], 1)

@@ -1,0 +1,173 @@
+"""The two sides of a batch, robots and rogues: names, rows, actions and ends of their agents."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+import warp as wp
+
+from lissajous_env.envs.actions import action_table, on_host, rogue_table
+from lissajous_env.parameters.rogues import AGENTS
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import shown
+from lissajous_env.world.observation import layout
+from lissajous_env.world.rogues.rows import rogue_layout
+from lissajous_env.world.simulation import Simulation
+
+LARGE = 1e30
+"""Sum of squares above which actions are checked one by one."""
+
+
+class Arrays(NamedTuple):
+    """Warp arrays of one side of a simulation of W worlds, with n agents each."""
+
+    observation: wp.array
+    """(W, n, D) rows."""
+    reward: wp.array
+    """(W, n) rewards."""
+    terminated: wp.array
+    """(W, n) True from the end of an agent on: a robot was removed, a rogue detected."""
+    truncated: wp.array
+    """(W, n) True where the time is over."""
+
+
+class Side:
+    """One side: `robot` or `rogue` agents, which share their spaces.
+
+    Args:
+        agent: `robot` or `rogue`, which begins the names of the agents.
+        scenario: A scenario of the batch.
+        places: Number of agents for which arrays have room, N: those of the largest team, or the target slots.
+        discrete: True for actions that are indices of a table.
+    """
+
+    def __init__(self, agent: str, scenario: Scenario, places: int, discrete: bool = False):
+        self.agent, self.places, self.is_robots = agent, places, agent == "robot"
+        self.names = [f"{agent}_{i}" for i in range(places)]
+        self.layout = layout(scenario) if self.is_robots else rogue_layout(scenario)
+        self.action_size = scenario.action_size if self.is_robots else 2
+        table = action_table(scenario) if self.is_robots else rogue_table()
+        self.table = table if discrete else None
+        """(K, action_size) actions from which a discrete action selects; None for continuous actions."""
+
+    def row_space(self) -> gymnasium.spaces.Box:
+        """Return the space of one agent's observation, (D,)."""
+        return gymnasium.spaces.Box(self.layout.low, self.layout.high, dtype=np.float32)
+
+    def action_space(self) -> gymnasium.Space:
+        """Return the space of one agent's action: `Box(-1, 1, (action_size,))`, or `Discrete` over the table."""
+        if self.table is not None:
+            return gymnasium.spaces.Discrete(len(self.table))
+        return gymnasium.spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
+
+    def team_spaces(self, flat: bool = False) -> tuple[gymnasium.spaces.Box, gymnasium.Space]:
+        """Return the spaces of all agents together: rows (N, D), and actions (N, action_size).
+
+        Actions are flattened if `flat`; discrete ones are `MultiDiscrete` (N,).
+        """
+        low, high = (np.tile(end, (self.places, 1)) for end in (self.layout.low, self.layout.high))
+        rows = gymnasium.spaces.Box(low, high, dtype=np.float32)
+        if self.table is not None:
+            return rows, gymnasium.spaces.MultiDiscrete([len(self.table)] * self.places)
+        shape = (self.places * self.action_size,) if flat else (self.places, self.action_size)
+        return rows, gymnasium.spaces.Box(-1.0, 1.0, shape, np.float32)
+
+    def arrays(self, simulation: Simulation) -> Arrays:
+        """Return the arrays of this side of a simulation."""
+        if self.is_robots:
+            return Arrays(simulation.observation, simulation.reward, simulation.terminated, simulation.truncated)
+        return Arrays(
+            simulation.rogue_observation,
+            simulation.rogue_reward,
+            simulation.rogue_terminated,
+            simulation.rogue_truncated,
+        )
+
+    def acting(self, simulation: Simulation) -> np.ndarray:
+        """Return (W, n) True for the agents that act in the next step, unless the episode is over: on the host."""
+        if self.is_robots:
+            return ~simulation.terminated.numpy().astype(bool)
+        return simulation.rogue_present.numpy().astype(bool)
+
+    def read(self, actions: Any, shape: tuple[int, ...]) -> np.ndarray:
+        """Return actions of a shape, those of all places of some worlds, as float32 (W, N, action_size) in [-1, 1].
+
+        Raises:
+            ValueError: another shape, a number that is not finite, or an index outside the table.
+        """
+        given = np.asarray(on_host(actions))
+        kinds, words = ("fiu", "numbers") if self.table is None else ("iu", "whole numbers")
+        if given.shape != shape or given.dtype.kind not in kinds:
+            raise ValueError(f"actions must be {words} of shape {shape}, got {given.shape} of {given.dtype}")
+        if self.table is not None:
+            last = len(self.table) - 1
+            self._require(((given >= 0) & (given <= last)).reshape(-1), f"a whole number from 0 to {last}", given)
+            return self.table[given].reshape(-1, self.places, self.action_size)
+        rows = given.reshape(-1, self.places, self.action_size)
+        if not np.vdot(rows, rows) < LARGE:  # it is not finite if any number is not
+            self._require(np.isfinite(rows).all(axis=2).reshape(-1), "finite", rows)
+        return np.clip(rows, -1.0, 1.0).astype(np.float32, copy=False)
+
+    def _require(self, right: np.ndarray, rule: str, actions: np.ndarray) -> None:
+        """Raise ValueError for the first agent whose action is not right."""
+        if not right.all():
+            world, place = divmod(int(np.flatnonzero(~right)[0]), self.places)
+            action = actions.reshape(len(right), -1)[world * self.places + place].tolist()
+            got = action[0] if self.table is not None else action
+            raise ValueError(f"action of {self.names[place]} in world {world} must be {rule}, got {got}")
+
+    def read_one(self, agent: str, action: Any, row_out: np.ndarray) -> None:
+        """Write the action of one agent into its row.
+
+        Raises:
+            ValueError: a wrong shape, an index outside the table, or a number that is not finite.
+        """
+        action = on_host(action)
+        if self.table is not None:
+            index = action.item() if isinstance(action, np.ndarray) and action.size == 1 else action
+            is_whole = isinstance(index, (int, np.integer)) and not isinstance(index, bool)
+            if not is_whole or not 0 <= index < len(self.table):
+                last = len(self.table) - 1
+                raise ValueError(f"action of {agent} must be a whole number from 0 to {last}, got {shown(action)}")
+            row_out[:] = self.table[index]
+            return
+        values, size = np.asarray(action), self.action_size
+        # Some libraries squeeze an action with one component to a number.
+        fits = values.shape == (size,) or (values.shape == () and size == 1)
+        if not fits or values.dtype.kind not in "fiu":
+            raise ValueError(f"action of {agent} must be numbers of shape {(size,)}, got {shown(action)}")
+        if not np.isfinite(values).all():
+            raise ValueError(f"action of {agent} must be finite, got {np.ravel(values).tolist()}")
+        row_out[:] = np.clip(values, -1.0, 1.0)  # float32 has a smaller range than float64
+
+
+def sides_of(scenario: Scenario, robots: int, discrete: bool, roles: str = "any") -> list[Side]:
+    """Return the sides of a batch: robots, and rogues where these are agents.
+
+    Args:
+        scenario: A scenario of the batch.
+        robots: Number of robots of the largest team.
+        discrete: True for discrete actions.
+        roles: `any`; or `robots` or `rogues` for an environment of one side.
+
+    Raises:
+        ValueError: the rogues of the scenario do not fit the roles.
+    """
+    are_agents, rule = scenario.targets.rogues == AGENTS, "must be None or a scripted rogue"
+    if roles == "robots" and are_agents:
+        raise ValueError(f"targets.rogues {rule} if the robots alone are agents, got {AGENTS}")
+    if roles == "rogues" and not are_agents:
+        raise ValueError(f"targets.rogues must be {AGENTS} if the rogues are agents, got {scenario.targets.rogues}")
+    rogues = [Side("rogue", scenario, scenario.target_capacity, discrete)] if are_agents else []
+    return rogues if roles == "rogues" else [Side("robot", scenario, robots, discrete), *rogues]
+
+
+def check_agents(actions: Any, live: Sequence[str]) -> None:
+    """Raise ValueError unless actions are a mapping that names each live agent once."""
+    if not isinstance(actions, Mapping):
+        raise ValueError(f"actions must be a dict of agents and their actions, got {shown(actions)}")
+    if len(actions) != len(live) or not all(agent in actions for agent in live):
+        missing = [agent for agent in live if agent not in actions]
+        unknown = [agent for agent in actions if agent not in live]
+        raise ValueError(f"actions must name each live agent once: missing {missing}, unknown or not live {unknown}")
