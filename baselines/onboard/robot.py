@@ -16,7 +16,7 @@ from baselines.policies.base import Policy
 from lissajous_env import scenario as make_scenario
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
-from lissajous_env.theory.locating import locate
+from lissajous_env.theory.geometry import locate
 from lissajous_env.wording import shown
 from lissajous_env.world.row_outside import RowOutside
 

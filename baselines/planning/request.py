@@ -20,7 +20,7 @@ from lissajous_env.settings.parts import Formation, Robot, Targets
 from lissajous_env.settings.task import Task
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory import design as theory
-from lissajous_env.theory.candidate import Candidate
+from lissajous_env.theory.design import Candidate
 from lissajous_env.theory.geometry import largest_speed
 from lissajous_env.wording import shown
 

@@ -83,23 +83,6 @@ def series(curve: CurveStruct, gamma: float, order: int) -> wp.vec2:
 
 
 @wp.func
-def series_around(curve: CurveStruct, gamma: float) -> tuple[wp.vec2, wp.vec2, wp.vec2]:
-    """Return `series` and both of its derivatives."""
-    place = wp.vec2(0.0, 0.0)
-    tangent = wp.vec2(0.0, 0.0)
-    bend = wp.vec2(0.0, 0.0)
-    for k in range(curve.harmonics.shape[0]):
-        row = curve.harmonics[k]
-        n = float(k + 1)
-        turn = cos_sin(n * gamma)
-        wave = wp.vec2(row[0] * turn[0] + row[1] * turn[1], row[2] * turn[0] + row[3] * turn[1])
-        place += wave
-        tangent += n * wp.vec2(row[1] * turn[0] - row[0] * turn[1], row[3] * turn[0] - row[2] * turn[1])
-        bend -= n * n * wave
-    return place, tangent, bend
-
-
-@wp.func
 def lissajous(curve: CurveStruct, gamma: float) -> wp.vec2:
     """r = (A cos(a gamma), B sin(b gamma)) [m], equation (3)."""
     across = cos_sin(float(curve.a) * gamma)

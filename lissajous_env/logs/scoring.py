@@ -19,7 +19,7 @@ from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.theory.closed_forms import curve_derivatives
-from lissajous_env.theory.locating import locate
+from lissajous_env.theory.geometry import locate
 from lissajous_env.wording import few_of, shown
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
 

@@ -12,7 +12,7 @@ from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.contamination.conservative import as_reach
 from lissajous_env.world.contamination.labels import as_hops
-from lissajous_env.world.robots.distance import points_of
+from lissajous_env.world.robots.deviations import points_of
 from lissajous_env.world.robots.faults import removal_steps, schedule_steps
 
 

@@ -10,7 +10,7 @@ import lissajous_env
 from baselines.onboard import Limits, Message, Odometry, inputs_of
 from baselines.policies import patrol
 from lissajous_env.theory.closed_forms import curve_point
-from lissajous_env.theory.locating import locate
+from lissajous_env.theory.geometry import locate
 from lissajous_env.world.state import REMOVED
 
 CARS = [name for name in lissajous_env.scenarios() if lissajous_env.scenario(name).robot.kind == "car"]

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 import lissajous_env
 from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms, geometry
-from lissajous_env.theory.candidate import MOST_TIGHT, best_formation
-from lissajous_env.theory.design import design, in_words, what_fails, what_would_help
+from lissajous_env.theory.design import MOST_TIGHT, best_formation, design, in_words, what_fails, what_would_help
 
 
 def test_finds_the_experiment_of_the_paper():

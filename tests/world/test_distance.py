@@ -12,7 +12,7 @@ from lissajous_env.device.abreast import Floats
 from lissajous_env.device.curve import CurveStruct, curve_struct
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory.closed_forms import curve_point
-from lissajous_env.world.robots.distance import CurvePoints, curve_distances, points_of
+from lissajous_env.world.robots.deviations import CurvePoints, curve_distances, points_of
 
 
 @wp.kernel

@@ -20,7 +20,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.theory import design as theory
-from lissajous_env.theory.candidate import best_formation
+from lissajous_env.theory.design import best_formation
 
 NAME = "Lissajous"
 _KURAMOTO = "kuramoto", "arc"

@@ -1,5 +1,18 @@
-"""Robots off the rectangle, and their removal; distances from the curve, and from the positions in the formation."""
+"""Robots off the rectangle, and their removal; distances from the curve, and from the positions in the formation.
 
+The distance from the plane curve is Newton's step from the nearest of many points of the curve. A robot's own parameter
+moves only along its branch, but the nearest point may be on any other branch. So all points are compared, each with the
+parabola that continues the curve to both sides of it. A Lissajous curve is symmetric to both axes, because its a is
+odd, so the points of a quarter suffice.
+
+On random places in the rectangle the largest error is 1.3e-3 m on the experiment and 8e-3 m in the hall, and the median
+1e-6 m; it is larger outside, and where the curve turns within the distance of two points.
+"""
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
 import warp as wp
 
 from lissajous_env.device.abreast import (
@@ -16,17 +29,103 @@ from lissajous_env.device.abreast import (
     width,
 )
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct, curve_parameter, lissajous, point2
+from lissajous_env.device.curve import (
+    CurveStruct,
+    curve_parameter,
+    lissajous,
+    point2,
+    project,
+    project_lissajous,
+    series,
+)
 from lissajous_env.device.part_structs import FormationStruct, RobotStruct, TaskStruct
 from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
+from lissajous_env.settings.parts import Curve
 from lissajous_env.settings.task import Task
-from lissajous_env.world.robots.distance import CurvePoints, curve_distances
+from lissajous_env.theory.closed_forms import curve_derivatives, curve_point
 from lissajous_env.world.robots.placing import places_of
 from lissajous_env.world.state import NOWHERE, REMOVED, Clock, Robots, StepEvents
 
 wp.set_module_options(OPTIONS)
+
+_PER_WINDING, _PER_HARMONIC = 12, 24
+"""Points of a lap of a Lissajous curve, by a + b, and of a curve of harmonics."""
+_FEWEST = 64
+
+CurvePoint = wp.types.vector(length=7, dtype=wp.float32)
+"""x, y [m], tangent [m/rad], half the second derivative [m/rad^2], and parameter [rad]."""
+
+
+@wp.struct
+class CurvePoints:
+    """Points of a curve at equal distances of its parameter; none for robots that are always on it."""
+
+    points: wp.array(dtype=CurvePoint)
+    half: wp.float32
+    """Half of their distance [rad]: the extent of a parabola to both sides, and Newton's largest step."""
+
+
+@wp.func
+def curve_distances(sampled: CurvePoints, curve: CurveStruct, x: Floats, y: Floats, count: int) -> Floats:
+    """Return the distance of the robots of a block from the curve [m]; 0 for robots that are always on it."""
+    distance = Floats()
+    if sampled.points.shape[0] > 0:
+        distance = Floats(1.0e30)
+        most = sampled.half
+        is_series = curve.harmonics.shape[0] > 0
+        across = Floats()
+        up = Floats()
+        gamma = Floats()
+        for k in range(ABREAST):
+            if k < width():
+                across[k] = wp.where(is_series, x[k], wp.abs(x[k]))
+                up[k] = wp.where(is_series, y[k], wp.abs(y[k]))
+        for n in range(sampled.points.shape[0]):
+            p = sampled.points[n]
+            inverse = 1.0 / wp.max(p[2] * p[2] + p[3] * p[3], 1.0e-30)
+            for k in range(ABREAST):
+                if k < width():
+                    away_x = across[k] - p[0]
+                    away_y = up[k] - p[1]
+                    step = wp.clamp((away_x * p[2] + away_y * p[3]) * inverse, -most, most)
+                    away_x -= step * (p[2] + step * p[4])
+                    away_y -= step * (p[3] + step * p[5])
+                    square = away_x * away_x + away_y * away_y
+                    gamma[k] = wp.where(square < distance[k], p[6] + step, gamma[k])
+                    distance[k] = wp.min(square, distance[k])
+        if is_series:
+            for k in range(count):
+                place = wp.vec2(x[k], y[k])
+                nearest = series(curve, project(curve, place, gamma[k], most), 0)
+                distance[k] = wp.length(place - nearest)
+        else:
+            for k in range(ABREAST):
+                if k < width():
+                    nearest = lissajous(curve, project_lissajous(curve, across[k], up[k], gamma[k], most))
+                    away_x = across[k] - nearest[0]
+                    away_y = up[k] - nearest[1]
+                    distance[k] = wp.sqrt(away_x * away_x + away_y * away_y)
+    return distance
+
+
+@lru_cache(maxsize=32)
+def points_of(curve: Curve | None, device: str) -> Any:
+    """Return points of a curve on a device, for a Lissajous curve those of a quarter; none without a curve."""
+    sampled: Any = CurvePoints()
+    rows = np.zeros((0, 7))
+    if curve is not None:
+        windings = _PER_HARMONIC * len(curve.harmonics) if curve.harmonics else _PER_WINDING * (curve.a + curve.b)
+        sampled.half = np.pi / max(windings, _FEWEST)
+        gamma = np.arange(sampled.half, 2 * np.pi, 2 * sampled.half)
+        tangents, seconds = curve_derivatives(curve, gamma)
+        rows = np.column_stack([curve_point(curve, gamma), tangents, seconds / 2, gamma])
+        if not curve.harmonics:  # a point beyond an axis has a parabola that may reach into the quarter
+            rows = rows[(rows[:, :2] > -sampled.half * np.abs(tangents)).all(axis=1)]
+    sampled.points = wp.array(rows, dtype=CurvePoint, device=device)
+    return sampled
+
 
 _REMOVE = wp.constant(place_of(Task, "boundary", "remove"))
 
