@@ -153,7 +153,7 @@ class Display:
         history = self._history
         if history.best is None:
             return
-        point = history.best["scores"]
+        point = history.best
         gain = "training has not improved it" if point["steps"] == 0 else self._gain(point)
         self.say(
             f"best policy, after {_million(point['steps'])}: {_words(point)}" + (f" ({escape(gain)})" if gain else "")

@@ -80,7 +80,7 @@ class TrainingReport:
                 {"name": name, **{score["name"]: of[score["name"]] for score in scores}}
                 for name, of in history.rivals.items()
             ],
-            "best": history.best["counters"]["steps"] if history.best else None,
+            "best": history.best["steps"] if history.best else None,
             "settings": _sorted_settings(settings),
             "replays": {name: entry for name, (entry, _) in self._replays.items()},
         }

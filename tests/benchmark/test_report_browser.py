@@ -211,7 +211,7 @@ def test_a_training_shows_its_curve_its_rivals_and_the_latest_episode(browser, f
     scores = {"detection_time": 3.0, "collisions": 0.0, "return": -1.0, "detected_fraction": 0.8}
     points = [{"steps": 1000 * k, "seconds": 60.0 * k, **scores, "detection_time": 9.0 / k} for k in (1, 2, 3)]
     history = History(steps=3000, seconds=180.0, curve=points, rivals={"laps": scores, "sweep": scores})
-    history.best = {"counters": {"steps": 2000}}
+    history.best = {"steps": 2000}
     with Folder(tmp_path) as held:
         written = training.report.TrainingReport(held, settings, scenario, 20_000)
         written.write(history, baselines.make("kuramoto-mpcc", scenario), last=True)

@@ -129,7 +129,7 @@ def test_a_rogue_fits_scenarios_with_fewer_and_more_robots():
     small = rogue_card(three)
     fitted, columns = fit_network(make_network(len(small.inputs)), small, five)
     assert [card.inputs[k] for k in columns] == list(small.inputs)
-    lacking = rogue_card(five).__class__("x", "rogue", ("present", "scent"), 2)
+    lacking = rogue_card(five).__class__("x", "rogue", ("present", "scent"), 2, {})
     with pytest.raises(ValueError, match="rows of rogues on evaders must contain scent, which they lack"):
         fit_network(make_network(2), lacking, five)
 

@@ -11,6 +11,7 @@ from stable_baselines3 import PPO
 
 from lissajous_env import ScenarioSpace, scenario
 from lissajous_env.parameters.assumptions import AssumptionWarning
+from training.learned.card import Card
 from training.sb3 import MixedVecEnv
 from training.sb3.vec_env import RobotVecEnv
 
@@ -57,10 +58,10 @@ def test_a_learner_of_another_library_takes_it():
     assert any((now != then).any() for now, then in zip(model.policy.parameters(), before, strict=True))
 
 
-def test_rows_of_different_sizes_and_wrong_actions_are_refused():
-    draw = {"sensing": {"targets_seen": {"low": 0, "high": 8}}}
-    with pytest.raises(ValueError, match="scenarios must have rows and actions of one size"):
-        MixedVecEnv(ScenarioSpace("sizes", scenario("evaders"), draw), num_groups=4)
+def test_rows_that_a_scenario_lacks_and_wrong_actions_are_refused():
+    space = ScenarioSpace("sizes", scenario("evaders"), {"sensing": {"targets_seen": {"low": 0, "high": 8}}})
+    with pytest.raises(ValueError, match=r"observation of .* must contain 54 entries"):
+        MixedVecEnv(space, num_groups=4, card=Card.of(scenario("evaders", **{"sensing.targets_seen": 8})))
     env = MixedVecEnv(SPACE, num_groups=1, group_size=1)
     env.reset()
     with pytest.raises(ValueError, match=r"actions must be numbers of shape \([35], 2\), got \(2,\)"):

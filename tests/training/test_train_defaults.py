@@ -155,7 +155,7 @@ def scores(detection, collisions):
 )  # fmt: skip
 def test_what_the_best_policy_loses_is_said(ours, theirs, worse):
     history = History(rivals={"rival": theirs})
-    history.best = {"scores": {"steps": 1000} | ours}
+    history.best = {"steps": 1000} | ours
     assert history.losses("rival") == worse
     out = io.StringIO()
     settings = TrainingSettings(base="none", rivals=())

@@ -126,7 +126,8 @@ def test_first_episodes_of_groups_end_one_after_another_and_then_after_equal_tim
 
 def test_a_restored_batch_goes_on_as_the_one_that_was_saved():
     # Oracle: the batch that was not interrupted. The first episode is over when it is saved.
-    made = [MixedVecEnv(SPACE, 2, 2, central=True, card_of=of, staggered=True) for of in 2 * [_card]]
+    card = Card.of(SPACE.sample(0), base="sweep", constants=tuple(CONSTANTS))
+    made = [MixedVecEnv(SPACE, 2, 2, central=True, card=card, staggered=True) for _ in range(2)]
     rng = np.random.default_rng(0)
     actions = [rng.uniform(-1, 1, (made[0].num_envs, 2)).astype(np.float32) for _ in range(24)]
     made[0].reset()
@@ -140,10 +141,6 @@ def test_a_restored_batch_goes_on_as_the_one_that_was_saved():
             assert (mine == theirs).all()
     with pytest.raises(ValueError, match="state must be that of 1 groups, got 2"):
         MixedVecEnv(SPACE, 1, 2).load_state(made[0].save_state())
-
-
-def _card(made):
-    return Card.of(made, base="sweep", constants=tuple(CONSTANTS))
 
 
 def test_a_group_does_not_depend_on_the_others():
@@ -175,7 +172,7 @@ def test_constants_are_inputs_that_do_not_change():
     inputs = np.concatenate([seen, constants], axis=2)
     wanted = np.tanh(inputs @ weights[0].T + network.biases[0]) @ weights[1].T
     assert np.abs(Learned(network, card, made, 2).act(seen) - wanted.clip(-1, 1)).max() < 1e-5
-    assert Card.from_dict(json.loads(json.dumps(card.to_dict())), {}).constants == card.constants
+    assert Card.from_dict(json.loads(json.dumps(card.to_dict())), {}, card.home).constants == card.constants
     with pytest.raises(ValueError, match="constants must be some of team"):
         Card.of(made, constants=("weather",))
 

@@ -37,6 +37,8 @@ class Card:
     """Names of the observation's entries that the network reads, in order."""
     action_size: int
     """Number of components of a robot's action."""
+    home: Mapping[str, Any]
+    """Scenario of the training as plain values of `Scenario.to_dict`, including derived fields."""
     base: str | None = None
     """Name of the classical policy to whose action the network's output is added; None: the output is the action.
 
@@ -50,9 +52,6 @@ class Card:
     """Names of the scenario's numbers (`training.learned.constants`) that the network reads after `inputs`."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Settings of the training."""
-    home: Mapping[str, Any] | None = None
-    """Scenario of the training as plain values of `Scenario.to_dict`, including derived fields; None: the registered
-    scenario of that name."""
 
     def __post_init__(self) -> None:
         for name in ("scenario", "kind"):
@@ -76,21 +75,16 @@ class Card:
         number = type(self.residual) in (int, float) and math.isfinite(self.residual)
         require("residual", number and 0 <= self.residual <= LARGEST_RESIDUAL, "must be from 0 to 2", self.residual)
         require("settings", isinstance(self.settings, Mapping), "must be an object", self.settings)
-        overrides = self.settings.get("overrides", {})
-        require("overrides", isinstance(overrides, Mapping), "must be an object", overrides)
-        require("scenario", self.home is None or isinstance(self.home, Mapping), "must be an object", self.home)
 
     @classmethod
     def of(cls, scenario: Scenario, inputs: tuple[str, ...] = (), **more: Any) -> "Card":
         """Return the card of a policy for a scenario that reads `inputs`, by default the whole observation."""
         names = inputs or layout(scenario).names
         home = plain(scenario.resolve().to_dict())
-        return cls(scenario.name, scenario.robot.kind, tuple(names), scenario.action_size, home=home, **more)
+        return cls(scenario.name, scenario.robot.kind, tuple(names), scenario.action_size, home, **more)
 
     @classmethod
-    def from_dict(
-        cls, policy: Mapping[str, Any], settings: Mapping[str, Any], home: Mapping[str, Any] | None = None
-    ) -> "Card":
+    def from_dict(cls, policy: Mapping[str, Any], settings: Mapping[str, Any], home: Mapping[str, Any]) -> "Card":
         """Return the card that `to_dict` converted.
 
         Raises:
@@ -124,7 +118,7 @@ class Card:
         if self.base is None:
             return None
         settings = PolicySettings(self.base, self.base_parameters)
-        if self.base_parameters and self.home is not None:
+        if self.base_parameters:
             home, here = motion_scale(scenario_of(self.home)), motion_scale(scenario)
             settings = settings.scaled(here.length / home.length, here.time / home.time)
         return settings.make(scenario, num_worlds, device)
@@ -133,11 +127,6 @@ class Card:
     def network_inputs(self) -> int:
         """Number of inputs of the network."""
         return len(self.inputs) + len(self.constants) + (self.action_size if self.base else 0)
-
-    @property
-    def overrides(self) -> Mapping[str, Any]:
-        """Overrides of the scenario in the training."""
-        return self.settings.get("overrides", {})
 
     def columns(self, scenario: Scenario, or_silent: bool = False) -> np.ndarray:
         """Return the indices of `inputs` in the observation of a scenario.

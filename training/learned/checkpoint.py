@@ -1,8 +1,8 @@
 """Checkpoints: folders with `checkpoint.json` and the safetensors files that it names.
 
 `checkpoint.json` is the commit point. It is replaced atomically after the files that it names, with their SHA-256, have
-been written; so a kill at any moment leaves the previous or the new checkpoint. It also names the best policy so far,
-from which the checkpoint in the folder `best` is made. No pickle is read, and inconsistent files are rejected.
+been written; so a kill at any moment leaves the previous or the new checkpoint. The best policy so far is a checkpoint
+of its own in the folder `best`. No pickle is read, and inconsistent files are rejected.
 """
 
 import contextlib
@@ -22,7 +22,6 @@ from safetensors.numpy import load as from_safetensors
 from safetensors.numpy import save as to_safetensors
 
 from lissajous_env import Scenario
-from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import Extension, load_extension
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.storage.files import read_bytes, read_json
@@ -35,30 +34,25 @@ from training.learned.network import ACTIVATIONS, Network
 FILE = "checkpoint.json"
 REHEARSAL = "rehearsal.jsonl"
 """Results of the rehearsal before a training, from which it is resumed."""
+BEST = "best/"
+"""Folder of the checkpoint of the best policy, inside that of the training."""
 FORMAT = 1
 LARGEST = 1 << 31
 """Largest size of a file of arrays [bytes]."""
-_BEST = "best"
 _PACKAGES = ("lissajous-env", "warp-lang", "numpy", "torch", "stable-baselines3", "ray", "gymnasium")
 _NAME = r"-[0-9a-f]{12}\.safetensors"
 
 
 def hold(folder: str | Path) -> Folder:
-    """Lock the folder of a training, and complete what a killed process left unfinished.
+    """Lock the folder of a training.
 
     Args:
         folder: Folder, which is created if it does not exist.
 
     Raises:
-        ValueError: it is in use, contains files of a user under these names, or is damaged.
+        ValueError: it is in use, or contains files of a user under these names.
     """
-    held = Folder(folder, (FILE, _BEST + "/", "report.html", REHEARSAL, "tensorboard/"))
-    try:
-        settle(held)
-    except BaseException:
-        held.close()
-        raise
-    return held
+    return Folder(folder, (FILE, BEST, "report.html", REHEARSAL, "tensorboard/"))
 
 
 def save(
@@ -68,63 +62,37 @@ def save(
     *,
     state: Mapping[str, np.ndarray] | None = None,
     notes: Mapping[str, Any] | None = None,
+    place: str = "",
 ) -> None:
-    """Replace the checkpoint of a folder.
+    """Replace the checkpoint of a folder, and remove the files of the earlier one.
 
     Args:
         folder: Path, which is locked while this writes, or a locked folder.
         network: Network of the policy.
         card: Card of the policy.
         state: Arrays from which the training can be resumed.
-        notes: Further entries of `checkpoint.json`: scores, counters; `best` as returned by `best_of`.
+        notes: Further entries of `checkpoint.json`: scores, counters.
+        place: `BEST` for the checkpoint of the best policy, inside the folder.
     """
-    with _held(folder) as held:
-        files = {"weights": _write(held, "weights", to_bytes(network.to_arrays()))}
-        if state is not None:
-            files["state"] = _write(held, "state", to_bytes(state))
+    with contextlib.nullcontext(folder) if isinstance(folder, Folder) else hold(folder) as held:
+        if place:
+            held.make_folder(place.rstrip("/"))
+        arrays = {"weights": network.to_arrays()} | ({} if state is None else {"state": state})
+        files = {stem: _write(held, place, stem, to_bytes(named)) for stem, named in arrays.items()}
         text = {
             "format": FORMAT,
             "policy": card.to_dict() | {"activation": network.activation},
             "settings": dict(card.settings),
-            **({} if card.home is None else {"scenario": card.home}),
+            "scenario": card.home,
             "versions": _versions(),
             "files": files,
             **(notes or {}),
         }
-        held.write(FILE, _as_json(text))
-        settle(held)
-
-
-def best_of(network: Network, counters: Mapping[str, Any], point: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entry `best` of the `notes` of `save`, for a policy that has just become the best.
-
-    Args:
-        network: Network of the policy, which the next checkpoint also contains.
-        counters: Counters of the training.
-        point: Its evaluation, the latest point of the curve.
-    """
-    entry = _entry("weights", to_bytes(network.to_arrays()))
-    return {"counters": dict(counters), "scores": dict(point), "files": {"weights": entry}}
-
-
-def settle(folder: Folder) -> None:
-    """Update `best` to the checkpoint of a locked folder, and remove our files that no checkpoint names.
-
-    Raises:
-        ValueError: the checkpoint is damaged.
-    """
-    named: set[str] = set()
-    if (folder.path / FILE).exists():
-        text = read_text(folder.path)
-        named = {entry["name"] for entry in text["files"].values()}
-        best = text.get("best")
-        if best is not None:
-            entry = best["files"]["weights"]
-            named |= {entry["name"], f"{_BEST}/{entry['name']}"}
-            _publish(folder, text, best)
-    for name in folder.written:
-        if re.fullmatch(rf"({_BEST}/)?(weights|state){_NAME}", name) and name not in named:
-            folder.remove(name)
+        held.write(place + FILE, json.dumps(text, indent=1, allow_nan=False) + "\n")
+        current = {place + entry["name"] for entry in files.values()}
+        for name in held.written:
+            if re.fullmatch(rf"{place}(weights|state){_NAME}", name) and name not in current:
+                held.remove(name)
 
 
 def read(folder: str | Path) -> tuple[Network, Card, dict[str, Any]]:
@@ -136,7 +104,7 @@ def read(folder: str | Path) -> tuple[Network, Card, dict[str, Any]]:
     text = read_text(folder)
     path = Path(folder) / FILE
     with _naming(path):
-        card = Card.from_dict(text["policy"], text["settings"], text.get("scenario"))
+        card = Card.from_dict(text["policy"], text["settings"], text["scenario"])
     weights = Path(folder) / text["files"]["weights"]["name"]
     arrays = _read(Path(folder), text["files"]["weights"])
     with _naming(weights):
@@ -163,14 +131,12 @@ def read_text(folder: str | Path) -> dict[str, Any]:
         require("it", isinstance(text, dict), "must be an object", text)
         there = text.get("format")
         require("format", type(there) is int and there == FORMAT, f"must be {FORMAT}", there)
-        for name in ("policy", "settings", "files"):
+        for name in ("policy", "settings", "scenario", "files"):
             require(name, isinstance(text.get(name), dict), "must be an object", text.get(name))
         activation = text["policy"].get("activation")
         require("activation", activation in ACTIVATIONS, f"must be one of {', '.join(ACTIVATIONS)}", activation)
-        _check_files(text["files"], {"weights", "state"})
+        _check_files(text["files"])
         check_notes(text)
-        if text.get("best") is not None:
-            _check_files(text["best"].get("files"), {"weights"})
     return text
 
 
@@ -219,21 +185,12 @@ def home_scenario(card: Card) -> Scenario:
     imported by the program.
 
     Raises:
-        ValueError: the values are invalid, the module of an extension has not been imported, or, if the folder contains
-            only the name of the scenario, that is not registered or lacks an overridden field.
+        ValueError: the values are invalid, or the module of an extension has not been imported.
     """
-    if card.home is not None:
-        extensions = card.home.get("extensions") or ()
-        if not isinstance(extensions, (list, tuple)):
-            raise ValueError(f"extensions of a scenario must be a list, got {shown(extensions)}")
-        return scenario_of(card.home, [_brought(each, card) for each in extensions])
-    if "extensions" in card.overrides:
-        rule = f"must be given with the extensions that the policy was trained with, {card.overrides['extensions']}"
-        raise ValueError(f"scenario {rule}: loading a folder never imports their modules")
-    try:
-        return named.scenario(named.registered_scenario(card.scenario), **card.overrides)
-    except TypeError as error:
-        raise ValueError(f"overrides must be fields of {card.scenario}, got {dict(card.overrides)}") from error
+    extensions = card.home.get("extensions") or ()
+    if not isinstance(extensions, (list, tuple)):
+        raise ValueError(f"extensions of a scenario must be a list, got {shown(extensions)}")
+    return scenario_of(card.home, [_brought(entry, card) for entry in extensions])
 
 
 def _brought(entry: Any, card: Card) -> Extension:
@@ -249,28 +206,6 @@ def _brought(entry: Any, card: Card) -> Extension:
     return load_extension(str(place))
 
 
-def _publish(folder: Folder, text: dict[str, Any], best: dict[str, Any]) -> None:
-    """Write the checkpoint of the best policy from the entry in the training's; unchanged files are not rewritten."""
-    entry = best["files"]["weights"]
-    home = folder.make_folder(_BEST)
-    if not (home / entry["name"]).exists():
-        folder.write(f"{_BEST}/{entry['name']}", _read_file(folder.path, entry))
-    curve = [point for point in text.get("curve") or () if point["steps"] <= best["scores"]["steps"]]
-    wanted = _as_json({name: value for name, value in (text | best | {"curve": curve}).items() if name != "best"})
-    path = home / FILE
-    if not path.exists() or path.read_bytes() != wanted.encode():
-        folder.write(f"{_BEST}/{FILE}", wanted)
-
-
-@contextlib.contextmanager
-def _held(folder: str | Path | Folder) -> Iterator[Folder]:
-    if isinstance(folder, Folder):
-        yield folder
-    else:
-        with hold(folder) as held:
-            yield held
-
-
 @contextlib.contextmanager
 def _naming(path: Path) -> Iterator[None]:
     """Add the name of the file to the error about a value."""
@@ -280,12 +215,8 @@ def _naming(path: Path) -> Iterator[None]:
         raise ValueError(f"{path} is damaged: {error}") from None
 
 
-def _as_json(text: Mapping[str, Any]) -> str:
-    return json.dumps(text, indent=1, allow_nan=False) + "\n"
-
-
-def _check_files(files: Any, known: set[str]) -> None:
-    names = isinstance(files, dict) and {"weights"} <= set(files) <= known
+def _check_files(files: Mapping[str, Any]) -> None:
+    names = {"weights"} <= set(files) <= {"weights", "state"}
     require("files", names, "must name weights, and no others but state", files)
     for stem, entry in files.items():
         holds = isinstance(entry, dict) and all(isinstance(entry.get(key), str) for key in ("name", "sha256"))
@@ -295,15 +226,11 @@ def _check_files(files: Any, known: set[str]) -> None:
         require(f"SHA-256 of {stem}", re.fullmatch("[0-9a-f]{64}", digest), "must be 64 hexadecimal digits", digest)
 
 
-def _entry(stem: str, data: bytes) -> dict[str, str]:
+def _write(folder: Folder, place: str, stem: str, data: bytes) -> dict[str, str]:
     digest = hashlib.sha256(data).hexdigest()
-    return {"name": f"{stem}-{digest[:12]}.safetensors", "sha256": digest}
-
-
-def _write(folder: Folder, stem: str, data: bytes) -> dict[str, str]:
-    entry = _entry(stem, data)
-    folder.write(entry["name"], data)
-    return entry
+    name = f"{stem}-{digest[:12]}.safetensors"
+    folder.write(place + name, data)
+    return {"name": name, "sha256": digest}
 
 
 def _read(folder: Path, entry: Mapping[str, str]) -> dict[str, np.ndarray]:

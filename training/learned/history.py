@@ -27,6 +27,7 @@ fraction of the variance of the returns that the critic explains."""
 MOST_UPDATES = 400
 """Largest number of stored updates, spread over the training."""
 
+_WHEN = ("steps", "seconds")
 _SHORTEST = 1e-9
 """Smallest value in a geometric mean, for targets that are detected when they appear."""
 OFTEN = 0.02
@@ -93,7 +94,7 @@ class History:
     rivals: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Scores of the rivals, by name."""
     best: dict[str, Any] | None = None
-    """Best policy according to `add`, as returned by `checkpoint.best_of`."""
+    """Evaluation of the best policy according to `add`."""
 
     @classmethod
     def read(cls, text: Mapping[str, Any]) -> "History":
@@ -114,9 +115,9 @@ class History:
 
     @property
     def notes(self) -> dict[str, Any]:
-        """Entries of a checkpoint."""
+        """Entries of a checkpoint of the current policy."""
         scores = self.curve[-1] if self.curve else None
-        more = {"curve": self.curve, "learning": self.learning, "rivals": self.rivals, "best": self.best}
+        more = {"curve": self.curve, "learning": self.learning, "rivals": self.rivals}
         return {"counters": self.counters, "scores": scores, **more}
 
     def learned(self, values: Mapping[str, float]) -> None:
@@ -128,14 +129,17 @@ class History:
             del self.learning[1::2]
 
     def add(self, point: dict[str, Any]) -> bool:
-        """Add an evaluation to the curve; return True if it is the best so far.
+        """Add an evaluation to the curve; return True if it is the best so far, which is stored as `best`.
 
         A policy that exceeds the collisions of every rival by at most `OFTEN` is better than one that does not;
         otherwise the higher return decides or, on several scenarios, the smaller detection time relative to a rival's.
         """
         before = max(map(self._rank, self.curve), default=None)
         self.curve.append(point)
-        return (before is None and point["return"] is not None) or (before is not None and self._rank(point) > before)
+        is_best = point["return"] is not None if before is None else self._rank(point) > before
+        if is_best:
+            self.best = point
+        return is_best
 
     def first_better(self, rival: str, after: int = -1) -> dict[str, Any] | None:
         """Return the first evaluation after a number of steps that detects faster than a rival and is equally safe."""
@@ -149,7 +153,7 @@ class History:
 
     def losses(self, rival: str) -> list[str]:
         """Return the scores in which the best policy is worse than a rival, and by how much, in words."""
-        ours, theirs = (self.best or {}).get("scores", {}), self.rivals[rival]
+        ours, theirs = self.best or {}, self.rivals[rival]
         found, here, there = [], ours.get("detection_time"), theirs["detection_time"]
         if there is not None and (here is None or here > there):
             by = "none" if here is None else f"{here:.4g} s, {here - there:.2g} s more"
@@ -177,46 +181,32 @@ def check_notes(text: Mapping[str, Any]) -> None:
     Raises:
         ValueError: a value has another type.
     """
-    curve, rivals, best = text.get("curve"), text.get("rivals"), text.get("best")
-    _check_counters("counters", text.get("counters"))
-    require("curve", curve is None or isinstance(curve, list), "must be a list", curve)
-    for k, point in enumerate(curve or ()):
-        _check_point(f"point {k} of the curve", point)
-    require("rivals", rivals is None or isinstance(rivals, dict), "must be an object", rivals)
-    learning = text.get("learning")
-    require("learning", learning is None or isinstance(learning, list), "must be a list", learning)
-    for point in learning or ():
-        numbers = isinstance(point, dict) and all(type(value) in (int, float) for value in point.values())
-        require("learning", numbers and "steps" in point, "must be numbers by name, with steps", point)
-    for name, scores in (rivals or {}).items():
-        _check_scores(f"rival {name[:40]}", scores)
-    if best is not None:
-        require("best", isinstance(best, dict), "must be an object", best)
-        _check_counters("counters of best", best.get("counters"))
-        _check_point("scores of best", best.get("scores"))
+    for name, kind in {"counters": dict, "curve": list, "learning": list, "rivals": dict, "best": dict}.items():
+        rule = "must be an object" if kind is dict else "must be a list"
+        require(name, text.get(name) is None or isinstance(text[name], kind), rule, text.get(name))
+    if text.get("counters") is not None:
+        _check_numbers("counters", text["counters"], ("steps",))
+    for point in text.get("learning") or ():
+        _check_numbers("learning", point, ("steps",), [name for name in LEARNING if name in point])
+    for k, point in enumerate(text.get("curve") or ()):
+        _check_numbers(f"point {k} of the curve", point, _WHEN, SCORES)
+    for name, scores in (text.get("rivals") or {}).items():
+        _check_numbers(f"rival {name[:40]}", scores, (), SCORES)
+    if text.get("best") is not None:
+        _check_numbers("best", text["best"], _WHEN, SCORES)
 
 
-def _check_counters(name: str, counters: Any) -> None:
-    require(name, counters is None or isinstance(counters, dict), "must be an object", counters)
-    for key, value in (counters or {}).items():
-        kinds = (int, float) if key == "seconds" else (int,)
-        require(f"{key[:40]} of {name}", type(value) in kinds and value >= 0, "must be a number of at least 0", value)
-
-
-def _check_point(name: str, point: Any) -> None:
-    _check_scores(name, point)
-    for key in ("steps", "seconds"):
-        kinds = (int, float) if key == "seconds" else (int,)
-        require(f"{key} of {name}", type(point.get(key)) in kinds, "must be a number", point.get(key))
-
-
-def _check_scores(name: str, scores: Any) -> None:
-    require(name, isinstance(scores, dict), "must be an object", scores)
-    for key in (*SCORES, RELATIVE):
-        number = key in scores and (scores[key] is None or type(scores[key]) in (int, float))
-        left_out = key == RELATIVE and key not in scores
-        require(f"{key} of {name}", number or left_out, "must be a number or null", scores.get(key))
-    each = scores.get("scenarios", {})
-    require(f"scenarios of {name}", isinstance(each, dict), "must be an object", each)
-    for made, theirs in each.items():
-        _check_scores(f"{name} on {made[:60]}", theirs)
+def _check_numbers(name: str, values: Any, counts: Iterable[str], numbers: Iterable[str] = ()) -> None:
+    """Validate an object with `counts`, which are at least 0, and `numbers` or null, also those of its scenarios."""
+    require(name, isinstance(values, dict), "must be an object", values)
+    for key in counts:
+        value = values.get(key)
+        number = type(value) in (int, float) and value >= 0
+        require(f"{key} of {name}", number, "must be a number of at least 0", value)
+    for key in (*numbers, *([RELATIVE] if RELATIVE in values else [])):
+        number = key in values and (values[key] is None or type(values[key]) in (int, float))
+        require(f"{key} of {name}", number, "must be a number or null", values.get(key))
+    scenarios = values.get("scenarios", {})
+    require(f"scenarios of {name}", isinstance(scenarios, dict), "must be an object", scenarios)
+    for scenario, scores in scenarios.items():
+        _check_numbers(f"{name} on {scenario[:60]}", scores, (), numbers)

@@ -27,7 +27,7 @@ KIND = "rogue"
 def rogue_card(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> Card:
     """Return the card of a rogue that reads the whole row of a scenario."""
     home, names = plain(scenario.resolve().to_dict()), rogue_layout(scenario).names
-    return Card(scenario.name, KIND, tuple(names), len(ACTION_NAMES), settings=settings or {}, home=home)
+    return Card(scenario.name, KIND, tuple(names), len(ACTION_NAMES), home, settings=settings or {})
 
 
 def open_rogue(folder: str | Path, name: str | None = None) -> Rogue:

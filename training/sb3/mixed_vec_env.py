@@ -29,15 +29,15 @@ class MixedVecEnv(RowsVecEnv):
         group_size: Number of worlds in a group.
         split: Split or shift from which scenarios are drawn.
         seed: Whole number from 0 to 2^31 - 1, from which scenarios and seeds of episodes follow.
-        card_of: Function of a scenario that returns the card of its rows, as for `RobotVecEnv`; by default the whole
-            observation.
+        card: Entries of the observation that a row contains, and the base, as for `RobotVecEnv`; by default the whole
+            observation of the first scenario.
         change: Function that returns a drawn scenario with fields changed.
         staggered: Let the first episodes of the groups end at different times, so that the rows of a step are from all
             phases of an episode instead of the same one. Worlds of a group always end together.
         **settings: Further arguments of `RobotVecEnv`, such as `device`, `threads` and `central`.
 
     Raises:
-        ValueError: an argument is out of its range, or scenarios of the space have rows or actions of different sizes.
+        ValueError: an argument is out of its range, or the observation of a scenario lacks an entry of the rows.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class MixedVecEnv(RowsVecEnv):
         group_size: int = 16,
         split: str = "train",
         seed: int = 0,
-        card_of: Callable[[Scenario], Card] = Card.of,
+        card: Card | None = None,
         change: Callable[[Scenario], Scenario] | None = None,
         staggered: bool = False,
         **settings: Any,
@@ -58,11 +58,12 @@ class MixedVecEnv(RowsVecEnv):
                     f"{name} must be omitted, because each group has its own scenario, got {settings[name]!r}"
                 )
         self._draws = Draws(space, split, seed, change)
-        self._card_of, self._settings = card_of, settings
+        self._settings = settings
         self.group_size = whole_number("group_size", group_size)
         self.scores: deque[dict[str, Any]] = deque(maxlen=RECENT)
         self.render_mode = None
         first = [self._draws.next(group) for group in range(whole_number("num_groups", num_groups))]
+        self._settings["card"] = card or Card.of(first[0][0])
         self._together = Together(num_groups, settings.get("threads"))
         self._settings["threads"] = self._together.threads
         if settings.get("central"):
@@ -75,8 +76,6 @@ class MixedVecEnv(RowsVecEnv):
         self._rows = [slice(end - each.num_envs, end) for end, each in zip(ends, self.groups, strict=True)]
         one = self.groups[0]
         super().__init__(int(ends[-1]), one.observation_space, one.action_space)
-        for each in self.groups:
-            self._check(each)
 
     @property
     def scenarios(self) -> list[Scenario]:
@@ -116,7 +115,6 @@ class MixedVecEnv(RowsVecEnv):
             group.scores.clear()
             if group.all_over:
                 self.groups[k] = self._group(*self._draws.next(k))
-                self._check(self.groups[k])
                 parts[k] = self.groups[k].reset(), *parts[k][1:]
         rows, rewards, dones, infos = zip(*parts, strict=True)
         return np.concatenate(rows), np.concatenate(rewards), np.concatenate(dones), [i for part in infos for i in part]
@@ -141,18 +139,7 @@ class MixedVecEnv(RowsVecEnv):
             if count != self._draws.counts[group]:
                 self._draws.counts[group] = count
                 self.groups[group] = self._group(*self._draws.latest(group))
-                self._check(self.groups[group])
             self.groups[group].load_state(within(f"group_{group}", saved))
 
     def _group(self, made: Scenario, seed: int) -> RobotVecEnv:
-        return RobotVecEnv(made, self.group_size, card=self._card_of(made), seed=seed, **self._settings)
-
-    def _check(self, group: RobotVecEnv) -> None:
-        """Raise ValueError if the rows of a group differ from those of the others in size."""
-        first = self.groups[0]
-        sizes = [(each.observation_space.shape, each.action_space.shape) for each in (first, group)]
-        if sizes[0] != sizes[1]:
-            names = f"{first.scenario.name} and {group.scenario.name}"
-            raise ValueError(
-                f"scenarios must have rows and actions of one size, got {sizes[0]} and {sizes[1]} in {names}"
-            )
+        return RobotVecEnv(made, self.group_size, seed=seed, **self._settings)

@@ -1,7 +1,6 @@
 """`lissajous train`: imitate, collect, update, evaluate, save; the command resumes an interrupted training."""
 
 import contextlib
-import dataclasses
 import hashlib
 import json
 import signal
@@ -194,7 +193,7 @@ class Trainer:
         point: dict[str, Any] = {"steps": history.steps, "seconds": round(history.seconds, 1)}
         point |= self._evaluated(lambda made, worlds: Learned(network, self.card, made, worlds, settings.device))
         if history.add(point):
-            history.best = checkpoint.best_of(network, history.counters, point)
+            checkpoint.save(self.folder, network, self.card, notes=history.notes, place=checkpoint.BEST)
         self.log({f"evaluation/{name}": point[name] for name in (*SCORES, RELATIVE) if name in point})
         self.save()
         alone = Learned(network, self.card, self.scenario, 1, settings.device)
@@ -213,7 +212,8 @@ class Trainer:
         state |= prefixed("average", self.average or {})
         watched = [[row[column.name] for column in SCORES.values()] for row in self.env.scores]
         state["scores"] = np.array(watched).reshape(-1, len(SCORES))
-        checkpoint.save(self.folder, self.network(), self.card, state=state, notes=self.history.notes)
+        notes = self.history.notes | {"best": self.history.best}
+        checkpoint.save(self.folder, self.network(), self.card, state=state, notes=notes)
 
     def _resume(self) -> None:
         _, card, text = checkpoint.read(self.settings.out)
@@ -237,7 +237,7 @@ class Trainer:
     def _check_same(self, stored: Card) -> None:
         """Raise ValueError if the folder contains a training with other settings or another scenario."""
         differences = self.settings.differences(stored.settings)
-        there, here = stored.home or {}, self.card.home or {}
+        there, here = stored.home, self.card.home
         for part in here:
             if part not in ("name", "description") and not differences and there.get(part) != here[part]:
                 differences.append(f"{part} of the scenario = {there.get(part)} there, {here[part]} here")
@@ -287,7 +287,7 @@ class Trainer:
                 settings.num_worlds // settings.num_groups,
                 scenarios.LEARNED,
                 settings.seed,
-                lambda made: dataclasses.replace(card, scenario=made.name, home=None),
+                card,
                 settings.change_drawn,
                 **common,
             )
