@@ -12,12 +12,7 @@ export function bindControls(page) {
     player.speed = Number(event.target.value);
   });
   control("scrub").addEventListener("input", (event) => player.seek(Number(event.target.value)));
-  control("theme").addEventListener("click", () => page.flip());
   control("help").addEventListener("click", () => showKeys(control("keys").hidden));
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", (event) => {
-    page.theme = event.matches ? "dark" : "light";
-    page.paint();
-  });
   bindTimeline(page);
   bindLink(page);
   for (const button of document.querySelectorAll("[data-look]")) {
@@ -69,7 +64,6 @@ function keysOf(page) {
     s: aside(0, 1),
     d: aside(1, 0),
     l: () => control("link").click(),
-    t: () => page.flip(),
     g: () => page.nextLayer(),
     Escape: () => page.select(-1),
     "?": () => showKeys(control("keys").hidden),

@@ -1,6 +1,6 @@
 // Ranking: mean ranks over the scenarios of a kind of robots, and the scores that are comparable between scenarios.
 
-import { svg } from "./svg.js";
+import { coloured, svg } from "./svg.js";
 import { cell, heading, reading, rowName, scrolling, sortable, table } from "./tables.js";
 import { element } from "./words.js";
 
@@ -65,8 +65,8 @@ export function interval(policy, [mean, low, high], least, most, middle = null) 
   picture.append(svg("line", { x1: "3%", x2: "97%", y1: 6, y2: 6, class: "grid" }));
   if (middle !== null) picture.append(svg("line", { x1: at(middle), x2: at(middle), y1: 0, y2: 12, class: "limit" }));
   if (low !== null) {
-    picture.append(svg("line", { x1: at(low), x2: at(high), y1: 6, y2: 6, class: `range c${policy.colour}` }));
+    picture.append(svg("line", { x1: at(low), x2: at(high), y1: 6, y2: 6, class: "range", ...coloured(policy) }));
   }
-  if (mean !== null) picture.append(svg("circle", { cx: at(mean), cy: 6, r: 3.2, class: `spot c${policy.colour}` }));
+  if (mean !== null) picture.append(svg("circle", { cx: at(mean), cy: 6, r: 3.2, ...coloured(policy) }));
   return picture;
 }

@@ -1,7 +1,7 @@
 // The episodes of a policy in one column as a strip: quartile box, a dot for each episode, and theoretical lines.
 
 import { roundOf } from "./scales.js";
-import { svg } from "./svg.js";
+import { coloured, svg } from "./svg.js";
 import { mark } from "./words.js";
 
 const HEIGHT = 18;
@@ -15,18 +15,18 @@ export function strip(policy, cell, measure, scale, dots) {
   picture.append(...linesOf(measure, scale, HEIGHT));
   if (cell.quartiles) {
     const [least, lower, middle, upper, most] = cell.quartiles.map(scale.place);
-    const y = HEIGHT / 2,
-      look = `c${policy.colour}`;
+    const y = HEIGHT / 2;
     picture.append(
-      svg("line", { x1: percent(least), x2: percent(most), y1: y, y2: y, class: `whisker ${look}` }),
+      svg("line", { x1: percent(least), x2: percent(most), y1: y, y2: y, class: "whisker", ...coloured(policy) }),
       svg("rect", {
         x: percent(lower),
         width: percent(Math.max(upper - lower, 0.002)),
         y: y - 5,
         height: 10,
-        class: `box ${look}`,
+        class: "box",
+        ...coloured(policy),
       }),
-      svg("line", { x1: percent(middle), x2: percent(middle), y1: y - 6, y2: y + 6, class: `median ${look}` }),
+      svg("line", { x1: percent(middle), x2: percent(middle), y1: y - 6, y2: y + 6, class: "median", ...coloured(policy) }),
     );
   }
   const every = Math.ceil(dots.length / MOST_DOTS);
@@ -39,7 +39,8 @@ export function strip(policy, cell, measure, scale, dots) {
         cx: percent(scale.place(value)),
         cy: y,
         r: 1.9,
-        class: `dot c${policy.colour}`,
+        class: "dot",
+        ...coloured(policy),
         "data-episode": episode,
       }),
     );

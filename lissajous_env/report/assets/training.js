@@ -1,9 +1,9 @@
 // The report of a training: learning curve with other policies, evaluations, and a replay of the latest checkpoint.
 
-import { Plot, pictures } from "./plot.js";
+import { figure, pictures } from "./figures.js";
 import { scaleOf } from "./scales.js";
 import { start } from "./start.js";
-import { badge, svg } from "./svg.js";
+import { badge, coloured, svg } from "./svg.js";
 import { cell, facts, fill, heading, heads, sortable } from "./tables.js";
 import { Viewer } from "./viewer.js";
 import { element, number } from "./words.js";
@@ -40,17 +40,17 @@ function curve(training, score) {
     },
     y: { scale: scaleOf([...values, ...rivals.map((rival) => rival[score.name])]), title: "" },
   };
-  return new Plot(score.title, score.about, axes, (plot) => {
+  return figure(score.title, score.about, axes, (plot) => {
     const right = plot.x(axes.x.scale.far);
     const lines = rivals.map((rival) => ({ rival, name: rival.name, y: plot.y(rival[score.name]) }));
     for (const { rival, y } of lines) {
-      const look = `curve rival c${colourOf(training, rival)}`;
-      plot.add("line", { x1: plot.x(0), x2: right, y1: y, y2: y, class: look });
+      const look = { class: "curve rival", ...coloured({ colour: colourOf(training, rival) }) };
+      plot.add("line", { x1: plot.x(0), x2: right, y1: y, y2: y, ...look });
     }
-    plot.path(steps, values, { class: "curve c0" });
+    plot.path(steps, values, { class: "curve", ...coloured(LEARNED) });
     values.forEach((value, k) => {
       if (value === null) return;
-      const dot = plot.add("circle", { cx: plot.x(steps[k]), cy: plot.y(value), r: 3, class: "mark c0" });
+      const dot = plot.add("circle", { cx: plot.x(steps[k]), cy: plot.y(value), r: 3, class: "mark", ...coloured(LEARNED) });
       dot.append(svg("title", {}, `${number(value)} after ${number(steps[k])} million steps`));
     });
     for (const close of closeTogether(lines)) {
@@ -87,7 +87,7 @@ function showLearning(training) {
     // The error of an untrained critic is arbitrary.
     const values = training.learning.map((point) => (name in point ? times * Math.max(point[name], lowest(name)) : null));
     const axes = { x: { scale: scaleOf(steps), title: "steps of a robot [million]" }, y: { scale: scaleOf(values), title: "" } };
-    return new Plot(title, about, axes, (plot) => plot.path(steps, values, { class: "curve c0" }), 200);
+    return figure(title, about, axes, (plot) => plot.path(steps, values, { class: "curve", ...coloured(LEARNED) }), 200);
   });
   of("learning").append(pictures(...plots));
 }
