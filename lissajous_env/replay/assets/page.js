@@ -13,9 +13,8 @@ import { shareExtents, Stage } from "./stage.js";
 import { beginTheme, currentTheme } from "./theme.js";
 import { Tiles } from "./tiles.js";
 import { numeral, Timeline } from "./timeline.js";
-import { button, element } from "./words.js";
+import { button, byId, element } from "./words.js";
 
-const byId = (name) => document.getElementById(name);
 
 export class Page {
   // The default theme is that of the system. `at`, the moment and the robot to begin with, is given in a frame, whose

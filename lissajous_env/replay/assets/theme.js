@@ -1,6 +1,7 @@
 // Light or dark theme: by default that of the system; a button and the key t change it.
 
 import { coloursOf } from "./colours.js";
+import { byId } from "./words.js";
 
 let theme = "light";
 
@@ -15,7 +16,7 @@ export function beginTheme(onPaint = () => {}, first = "") {
     onPaint();
   };
   const flip = () => turn(theme === "dark" ? "light" : "dark");
-  document.getElementById("theme").addEventListener("click", flip);
+  byId("theme").addEventListener("click", flip);
   document.addEventListener("keydown", (event) => {
     const typing = ["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName) && event.target.type !== "range";
     if (event.key === "t" && !typing && !event.ctrlKey && !event.metaKey && !event.altKey) flip();
@@ -28,7 +29,7 @@ export function beginTheme(onPaint = () => {}, first = "") {
 function paint() {
   const root = document.documentElement;
   root.dataset.theme = theme;
-  document.getElementById("theme").textContent = theme === "dark" ? "Light" : "Dark";
+  byId("theme").textContent = theme === "dark" ? "Light" : "Dark";
   for (const [name, colours] of Object.entries(coloursOf(theme))) {
     if (typeof colours === "string") root.style.setProperty(`--${name}`, colours);
     else for (const [k, colour] of colours.entries()) root.style.setProperty(`--${name}-${k}`, colour);

@@ -4,13 +4,13 @@ import { comparison } from "./against.js";
 import { chip } from "./episodes.js";
 import { figure, pictures } from "./figures.js";
 import { scaleOf } from "./scales.js";
-import { strip, stripAxis } from "./strips.js";
+import { episodesStrip, stripAxis } from "./strips.js";
 import { coloured, markOf, svg } from "./svg.js";
 import { cell, facts, fill, heading, reading, rowName, sortable } from "./tables.js";
-import { element, number } from "./words.js";
+import { byId, element, number } from "./words.js";
 
 export function scenarioSection(report, scenario, s, onPick) {
-  const box = document.getElementById("scenario").content.firstElementChild.cloneNode(true);
+  const box = byId("scenario").content.firstElementChild.cloneNode(true);
   box.id = `scenario-${s}`;
   box.querySelector("h2").textContent = scenario.name;
   box.querySelector(".about").textContent = scenario.description;
@@ -69,7 +69,7 @@ function fillPolicies(report, scenario, s, table) {
     const named = measure.lines
       .filter(([value]) => scale.holds(value))
       .map(([value, words]) => `${words} ${number(value)}`);
-    made.append(...(measure.strip ? [stripAxis(measure, scale)] : []), element("small", "", named.join(" · ")));
+    made.append(...(measure.strip ? [stripAxis(scale)] : []), element("small", "", named.join(" · ")));
     return made;
   });
   const body = rows.map((policy, place) => {
@@ -107,7 +107,10 @@ function measured(report, s, policy, { measure, scale, best }) {
   if (of.known < policy.episodes) words.append(element("small", "few", `(${of.known}/${policy.episodes})`));
   const value = of.value !== null && of.words.startsWith(">") ? Number.MAX_VALUE : of.value;
   const made = cell(measure.strip ? "wide" : "", value, words);
-  if (measure.strip) made.append(strip(look, of, measure, scale, dotsOf(report, s, policy.policy, measure.column)));
+  if (measure.strip) {
+    const dots = dotsOf(report, s, policy.policy, measure.column);
+    made.append(episodesStrip(look, of, measure, scale, dots));
+  }
   return made;
 }
 

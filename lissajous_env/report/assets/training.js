@@ -5,26 +5,27 @@ import { scaleOf } from "./scales.js";
 import { start } from "./start.js";
 import { badge, coloured, svg } from "./svg.js";
 import { cell, facts, fill, heading, heads, sortable } from "./tables.js";
+import { beginTheme } from "./theme.js";
 import { Viewer } from "./viewer.js";
-import { element, number } from "./words.js";
+import { byId, element, number } from "./words.js";
 
 const LEARNED = { colour: 0, mark: "o", hollow: false, shown: "policy" };
-const of = (name) => document.getElementById(name);
 
 function begin(training) {
+  beginTheme();
   const viewer = new Viewer(training.replays, (id, others) => others[0]);
   const [latest] = Object.keys(training.replays);
-  of("play").hidden = latest === undefined;
-  if (latest !== undefined) of("play").title = training.replays[latest].title;
-  of("play").addEventListener("click", () => viewer.open(latest));
-  of("curve").append(pictures(...training.scores.map((score) => curve(training, score))));
+  byId("play").hidden = latest === undefined;
+  if (latest !== undefined) byId("play").title = training.replays[latest].title;
+  byId("play").addEventListener("click", () => viewer.open(latest));
+  byId("curve").append(pictures(...training.scores.map((score) => curve(training, score))));
   showLosses(training);
   showLearning(training);
   fillEvaluations(training);
   fillScenarios(training);
-  of("changed").append(element("dl", "", ...facts(training.settings.changed)));
-  of("defaults").append(element("dl", "", ...facts(training.settings.others)));
-  of("defaults-title").textContent = `${training.settings.others.length} settings that have their defaults`;
+  byId("changed").append(element("dl", "", ...facts(training.settings.changed)));
+  byId("defaults").append(element("dl", "", ...facts(training.settings.others)));
+  byId("defaults-title").textContent = `${training.settings.others.length} settings that have their defaults`;
   globalThis.training = { training, viewer };
 }
 
@@ -75,13 +76,13 @@ function closeTogether(lines) {
 
 function showLosses(training) {
   const lost = Object.entries(training.lost).map(([rival, worse]) => `${rival}: ${worse.join("; ")}`);
-  of("lost").hidden = lost.length === 0;
-  of("lost").append(element("b", "", "The best policy loses to "), lost.join(" · "));
+  byId("lost").hidden = lost.length === 0;
+  byId("lost").append(element("b", "", "The best policy loses to "), lost.join(" · "));
 }
 
 function showLearning(training) {
   const told = training.learned.filter((each) => training.learning.some((point) => each.name in point));
-  of("learning-part").hidden = told.length === 0;
+  byId("learning-part").hidden = told.length === 0;
   const steps = training.learning.map((point) => point.steps / 1e6);
   const plots = told.map(({ name, title, about, times }) => {
     // The error of an untrained critic is arbitrary.
@@ -89,7 +90,7 @@ function showLearning(training) {
     const axes = { x: { scale: scaleOf(steps), title: "steps of a robot [million]" }, y: { scale: scaleOf(values), title: "" } };
     return figure(title, about, axes, (plot) => plot.path(steps, values, { class: "curve", ...coloured(LEARNED) }), 200);
   });
-  of("learning").append(pictures(...plots));
+  byId("learning").append(pictures(...plots));
 }
 
 function lowest(name) {
@@ -116,12 +117,12 @@ function fillEvaluations(training) {
       ),
     );
   });
-  fill(of("evaluations"), [...heads("of"), ...titles.map((title) => heading(title, "number"))], rows);
-  sortable(of("evaluations"));
+  fill(byId("evaluations"), [...heads("of"), ...titles.map((title) => heading(title, "number"))], rows);
+  sortable(byId("evaluations"));
 }
 
 function fillScenarios(training) {
-  of("scenarios-part").hidden = training.scenarios.length === 0;
+  byId("scenarios-part").hidden = training.scenarios.length === 0;
   if (training.scenarios.length === 0) return;
   const names = [...new Set(training.scenarios.flatMap((scenario) => Object.keys(scenario.policies)))];
   const columns = [
@@ -137,8 +138,8 @@ function fillScenarios(training) {
       ...columns.map(([, value]) => cell("number", value(policies), number(value(policies) ?? null))),
     ),
   );
-  fill(of("scenarios"), [...heads("scenario"), ...columns.map(([title]) => heading(title, "number"))], rows);
-  sortable(of("scenarios"));
+  fill(byId("scenarios"), [...heads("scenario"), ...columns.map(([title]) => heading(title, "number"))], rows);
+  sortable(byId("scenarios"));
 }
 
 function relativeTime({ policy, ...others }) {
