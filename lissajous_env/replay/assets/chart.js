@@ -161,5 +161,5 @@ class Chart {
 function entryOf(colour, words, kind = "") {
   const sign = element("i", kind);
   sign.style.color = colour;
-  return element("span", "", sign, words);
+  return element("span", "pair", sign, words);
 }

@@ -42,7 +42,7 @@ export class Inspector {
       .map(([name, value]) =>
         element("tr", "", element("td", "entry", name.replaceAll("_", " ")), element("td", "value", rounded(value))),
       );
-    this.panel.replaceChildren(element("p", "invite", words), section("Score of the episode", scores));
+    this.panel.replaceChildren(element("p", "muted", words), section("Score of the episode", scores));
   }
 
   lay(robot) {
@@ -56,7 +56,7 @@ export class Inspector {
     } else {
       const words =
         "Observations of this robot are omitted to limit the size of the page; a replay of this episode alone has them.";
-      parts.push(element("p", "invite", words));
+      parts.push(element("p", "muted", words));
     }
     this.panel.replaceChildren(...parts);
   }

@@ -85,7 +85,7 @@ export class Page {
       this.select(robot === this.selected ? -1 : robot);
     });
     byId("episodes").append(box);
-    const tiles = new Tiles(box.querySelector(".tiles"), episode);
+    const tiles = new Tiles(box.querySelector(".stage-head .row"), episode);
     const view = { box, canvas, stage, inspector, episode, tiles };
     this.addLayers(box.querySelector(".stage-foot .choices"), stage);
     return view;
@@ -152,7 +152,7 @@ export class Page {
         ...view.stage.legend(this.layer).map(([mark, words]) => {
           const sign = element("i", `sign ${mark}`);
           if (mark === "ramp") sign.style.background = gradientOf(this.layer);
-          return element("span", "", sign, words);
+          return element("span", "pair", sign, words);
         }),
       );
     }

@@ -16,7 +16,7 @@ export function comparison(report, scenario) {
     "more-of against",
     element("summary", "", `Seed by seed against ${shown}`),
     scrolling(`Policies on ${scenario.name} against ${shown}`, pairsOf(report, scenario)),
-    element("p", "note", NOTE),
+    element("p", "muted note", NOTE),
   );
 }
 

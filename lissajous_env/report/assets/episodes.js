@@ -157,7 +157,7 @@ export class Episodes {
         made.lastChild.title = "Replay from where the rogue appears that this policy misses";
       }
     } else if (command) {
-      made.append(button("quiet", "Command", () => tell(made, command)));
+      made.append(button("", "Command", () => tell(made, command)));
       made.firstChild.title = "Show the command for a replay";
     }
     return made;
@@ -195,7 +195,7 @@ function tell(cell, command) {
     return;
   }
   const code = element("code", "", command),
-    said = element("small"),
+    said = element("small", "muted"),
     wide = element("td", "", code, said);
   wide.colSpan = row.cells.length;
   row.after(element("tr", "told", wide));

@@ -7,7 +7,7 @@ import { element } from "./words.js";
 export function figure(title, about, axes, fill, height) {
   const box = element("div");
   new Plot(box, title, axes, fill, height);
-  return element("figure", "figure", element("figcaption", "", element("b", "", title), " ", about), box);
+  return element("figure", "figure", element("figcaption", "muted", element("b", "", title), " ", about), box);
 }
 
 export function pictures(...figures) {

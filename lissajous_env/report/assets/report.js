@@ -24,7 +24,7 @@ function begin(report) {
     ),
   );
   contents(report);
-  byId("made").append(element("dl", "facts-row", ...facts(Object.entries(report.made))));
+  byId("made").append(element("dl", "row muted facts-row", ...facts(Object.entries(report.made))));
   beginFolding();
   globalThis.report = { report, viewer, episodes };
 }

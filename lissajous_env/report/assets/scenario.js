@@ -17,7 +17,7 @@ export function scenarioSection(report, scenario, s, onPick) {
   box.querySelector(".scroll").setAttribute("aria-label", `Policies on ${scenario.name}`);
   box.querySelector(".facts-row").append(...facts(scenario.facts));
   fillPolicies(report, scenario, s, box.querySelector("table"));
-  box.querySelector(".scroll").after(...scenario.notes.map((words) => element("p", "note", words)));
+  box.querySelector(".scroll").after(...scenario.notes.map((words) => element("p", "muted note", words)));
   box.querySelector(".plots").replaceWith(pictures(...plotsOf(report, scenario)));
   if (scenario.against) box.append(comparison(report, scenario));
   box.addEventListener("click", (event) => {
@@ -88,7 +88,7 @@ function failuresOf(report, policy) {
   const chips = report.kinds.map((kind, k) =>
     policy.failed[k] ? chip(kind, `${kind.words} ${policy.failed[k]}/${policy.episodes}`) : "",
   );
-  return element("span", "chips", ...chips);
+  return element("span", "row chips", ...chips);
 }
 
 function bestOf(scenario, measure, of) {
@@ -104,7 +104,7 @@ function measured(report, s, policy, { measure, scale, best }) {
   const of = policy.cells[measure.column],
     look = report.policies[policy.policy];
   const words = reading(of.words, of.between, look.rival && of.words === best ? "best" : "");
-  if (of.known < policy.episodes) words.append(element("small", "few", `(${of.known}/${policy.episodes})`));
+  if (of.known < policy.episodes) words.append(element("small", "muted", `(${of.known}/${policy.episodes})`));
   const value = of.value !== null && of.words.startsWith(">") ? Number.MAX_VALUE : of.value;
   const made = cell(measure.strip ? "wide" : "", value, words);
   if (measure.strip) {
