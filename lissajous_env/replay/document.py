@@ -31,7 +31,6 @@ def page(recording: Recording, against: Recording | None = None, missed: MissedR
         "main.js",
         {"format": FORMAT, "episodes": [contents(recording, missed=missed), *map(contents, episodes[1:])]},
         {"title": f"{recording.scenario.name}: {policies}"},
-        charts=True,
     )
 
 

@@ -60,19 +60,13 @@ export function coloursOf(theme) {
   return theme === "dark" ? DARK : LIGHT;
 }
 
-// Give the page the colours of a theme, and return them.
-export function paintTheme(theme) {
-  const root = document.documentElement,
-    colours = coloursOf(theme);
-  root.dataset.theme = theme;
-  document.getElementById("theme").textContent = theme === "dark" ? "Light" : "Dark";
-  for (const [name, colour] of Object.entries(colours)) {
-    if (typeof colour === "string") root.style.setProperty(`--${name}`, colour);
-  }
-  return colours;
+// The colour of a robot in a style sheet; colours recur.
+export function robotColour(robot) {
+  return `var(--robots-${robot % LIGHT.robots.length})`;
 }
 
-export function robotColour(colours, robot) {
+// The colour of a robot on a canvas.
+export function robotPaint(colours, robot) {
   return colours.robots[robot % colours.robots.length];
 }
 

@@ -20,14 +20,9 @@ export class Inspector {
     for (let i = 0; i < Math.min(this.episode.count, MOST_CHIPS); i++) {
       const chip = button("chip", String(i), () => this.onPick(this.robot === i ? -1 : i));
       chip.setAttribute("aria-label", `Robot ${i}`);
+      chip.style.setProperty("--robot", robotColour(i));
       this.chips.append(chip);
     }
-  }
-
-  paint(colours) {
-    [...this.chips.children].forEach((chip, i) => {
-      chip.style.setProperty("--robot", robotColour(colours, i));
-    });
   }
 
   select(robot) {

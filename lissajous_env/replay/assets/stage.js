@@ -1,7 +1,7 @@
 // View from above on a canvas: ground, sensors, curve, ring, trails, targets, robots.
 
 import { Bodies } from "./bodies.js";
-import { faded, robotColour } from "./colours.js";
+import { faded, robotPaint } from "./colours.js";
 import { edges } from "./derived.js";
 import { REMOVED, STUCK } from "./episode.js";
 import { Ground } from "./ground.js";
@@ -223,7 +223,7 @@ export class Stage {
     context.lineJoin = "round";
     context.lineWidth = Math.min(0.5 * this.body, 4);
     for (let i = 0; i < episode.count; i++) {
-      const colour = robotColour(view.colours, i),
+      const colour = robotPaint(view.colours, i),
         row = i * moments;
       for (let piece = 0; piece < pieces; piece++) {
         const from = first + Math.floor(((at.moment - first) * piece) / pieces);

@@ -1,6 +1,6 @@
 // Comparison of the policies of a scenario with the reference on the same seeds.
 
-import { interval } from "./ranking.js";
+import { interval } from "./strips.js";
 import { heads, reading, rowName, scrolling, table } from "./tables.js";
 import { element } from "./words.js";
 

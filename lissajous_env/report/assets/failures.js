@@ -1,9 +1,8 @@
 // Failures: a count for each kind, and a matrix of policies and scenarios, worst policy first.
 
 import { fill, heads, rowName } from "./tables.js";
-import { button, element, number } from "./words.js";
+import { button, byId, element, number } from "./words.js";
 
-const byId = (name) => document.getElementById(name);
 
 export function showFailures(report, onPick) {
   raised(report);
