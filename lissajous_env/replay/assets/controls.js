@@ -37,7 +37,7 @@ const ASIDE = 0.12;
 const LOOKS = {
   closer: (page) => page.steer((stage) => stage.zoomBy(CLOSER)),
   farther: (page) => page.steer((stage) => stage.zoomBy(1 / CLOSER)),
-  whole: (page) => page.steer((stage) => stage.whole()),
+  whole: (page) => page.steer((stage) => stage.camera.whole()),
 };
 
 function keysOf(page) {

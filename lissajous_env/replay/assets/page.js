@@ -7,6 +7,7 @@ import { bindControls } from "./controls.js";
 import { bindGestures } from "./gestures.js";
 import { gradientOf, shareScales } from "./ground.js";
 import { Inspector } from "./inspector.js";
+import { legendOf } from "./legend.js";
 import { Link } from "./link.js";
 import { Player } from "./player.js";
 import { shareExtents, Stage } from "./stage.js";
@@ -149,7 +150,7 @@ export class Page {
     for (const view of this.views) {
       const box = view.box.querySelector(".legend");
       box.replaceChildren(
-        ...view.stage.legend(this.layer).map(([mark, words]) => {
+        ...legendOf(view.episode, view.stage.ground, this.layer).map(([mark, words]) => {
           const sign = element("i", `sign ${mark}`);
           if (mark === "ramp") sign.style.background = gradientOf(this.layer);
           return element("span", "pair", sign, words);
