@@ -1,6 +1,6 @@
 // The charts of an episode and their lines.
 
-import { robotColour } from "./colours.js";
+import { ROBOT_COLOURS, robotColour } from "./colours.js";
 import { detections, deviations, edges, returns, ringDistances, separations, stepRewards, wrapped } from "./derived.js";
 
 const MOST_LINES = 40;
@@ -98,7 +98,9 @@ function collisions(episode) {
 function rewards(episode) {
   const lines = (kind) => {
     const { used, all } = kind === SUMMED ? returns(episode) : stepRewards(episode);
-    const terms = used.map(({ name, values }, k) => ({ label: name, values, colour: robotColour(k), dashed: k >= 8 }));
+    const terms = used.map(({ name, values }, k) => {
+      return { label: name, values, colour: robotColour(k), dashed: k >= ROBOT_COLOURS };
+    });
     return { series: [{ label: "all", values: all, colour: "var(--ink)" }, ...terms] };
   };
   return { id: "reward", title: "Reward by its terms", unit: "per robot", kinds: [SUMMED, PER_STEP], lines };
