@@ -208,7 +208,7 @@ class WorldNode(ros.Node):
     def _realtime(self) -> Iterator[None]:
         step = self.scenario.task.step
         end = self.now
-        self._announce_episode()
+        self._announce_episode(end)
         self._publish(end)
         while not self.simulation.over[0]:
             begun, end = end, end + step
@@ -239,7 +239,7 @@ class WorldNode(ros.Node):
                 return [k for k in there if key not in self._actions[k]]
 
             if not taken:
-                self._announce_episode()
+                self._announce_episode(time)
             publish()
             if not self._spin_until(lambda: not missing(), _PATIENCE, publish if missing() else None):
                 silent = ", ".join(f"robot_{k}" for k in missing())
@@ -251,9 +251,12 @@ class WorldNode(ros.Node):
             taken += 1
             yield
 
-    def _announce_episode(self) -> None:
-        """Publish the scenario and the seed, with which a recorded log contains all that `lissajous score` needs."""
-        self._send_episode(ros.String(data=episode_text(self.scenario, self.settings.seed, "ros")))
+    def _announce_episode(self, begin: float) -> None:
+        """Publish the scenario, the seed and the stamp of the first pose [s].
+
+        A recorded log then contains all that `lissajous score` needs.
+        """
+        self._send_episode(ros.String(data=episode_text(self.scenario, self.settings.seed, "ros", begin)))
 
     def _publish(self, time: float) -> None:
         """Publish the measurements and detections of each robot at a time [s]."""

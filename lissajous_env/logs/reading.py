@@ -15,7 +15,7 @@ from lissajous_env.logs.log import Log, Series, Track
 from lissajous_env.logs.messages import Bags, Message
 from lissajous_env.logs.poses import Poses, RobotPoses
 from lissajous_env.logs.robots import ODOMETRY, Robot, robots_of
-from lissajous_env.settings.checks import is_whole
+from lissajous_env.settings.checks import is_finite, is_whole
 from lissajous_env.wording import few_of, shown
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
 
@@ -229,9 +229,13 @@ class _Reading:
         if len({message.content.data for message in messages}) > 1 or len(messages) > len(self._bags.paths):
             self._notes.append(f"{len(messages)} episodes begin in {self._name}: the last of them counts")
         last = messages[-1]
-        time = float(self._clock.times(np.array([last.bag]), np.array([last.logged]))[0])
+        episode = _checked_episode(last.content.data, self._name)
+        bag, logged = np.array([last.bag]), np.array([last.logged])
+        time = float(self._clock.times(bag, logged)[0])
+        if "begin" in episode and self._clock.differs(bag, logged, np.array([episode["begin"]])) == 0:
+            time = float(episode["begin"])
         stamps = np.concatenate([track.time for track in tracks])
-        return _checked_episode(last.content.data, self._name), float(stamps[np.argmin(np.abs(stamps - time))])
+        return episode, float(stamps[np.argmin(np.abs(stamps - time))])
 
 
 def _checked_episode(text: str, name: str) -> dict[str, Any]:
@@ -245,6 +249,8 @@ def _checked_episode(text: str, name: str) -> dict[str, Any]:
     seed: Any = episode.get("seed")
     if not is_whole(seed) or not 0 <= seed < 2**31:
         raise ValueError(f"{rule} does not contain the seed, a whole number from 0 to {2**31 - 1}")
+    if "begin" in episode and not is_finite(episode["begin"]):
+        raise ValueError(f"{rule} has a begin that must be a finite number [s], got {shown(episode['begin'])}")
     return episode
 
 

@@ -9,7 +9,7 @@ Topics, in the frame `map`, whose origin is the middle of the rectangle:
 | `/robot_K/phase` | std_msgs/Float64 | phase theta of (1) [rad] |
 | `/robot_K/status` | std_msgs/UInt8 | 0 working, 1 failed, 2 removed |
 | `/markers` | visualization_msgs/MarkerArray | curve, rectangle, bodies, headings, sensing discs, targets |
-| `/lissajous/episode` | std_msgs/String | JSON: scenario, seed, policy |
+| `/lissajous/episode` | std_msgs/String | JSON: scenario, seed, policy, begin [s] |
 
 The episode begins at `START` on the clock of the log. If it is itself a log that was scored, unknown poses and commands
 are left out, and speeds that were computed from the poses have -1 as their first covariance.
@@ -85,15 +85,16 @@ def save_mcap(recording: Recording, path: str | Path) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def episode_text(scenario: Scenario, seed: int, policy: str) -> str:
-    """Return the content of the topic `/lissajous/episode`."""
+def episode_text(scenario: Scenario, seed: int, policy: str, begin: float) -> str:
+    """Return the content of the topic `/lissajous/episode`; begin is the stamp of the first pose [s]."""
     parts = scenario.resolve().to_dict()
     del parts["extensions"]  # a file must not cause imports
-    return json.dumps({"scenario": parts, "seed": seed, "policy": policy})
+    return json.dumps({"scenario": parts, "seed": seed, "policy": policy, "begin": begin})
 
 
 def _write(recording: Recording, topics: _Topics) -> None:
-    about = episode_text(recording.scenario, int(recording.score["seed"]), str(recording.score.get("policy", "")))
+    seed, policy = int(recording.score["seed"]), str(recording.score.get("policy", ""))
+    about = episode_text(recording.scenario, seed, policy, START)
     topics.write(EPISODE, "std_msgs/msg/String", START, data=about)
     commands = _commands(recording)
     step = recording.scenario.task.step

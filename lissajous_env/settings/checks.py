@@ -10,6 +10,7 @@ import inspect
 import math
 import operator
 import re
+import sys
 from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
@@ -148,7 +149,7 @@ def is_whole(value: Any) -> bool:
 
 def is_finite(value: Any) -> bool:
     """Return True for a finite number of Python's, which a bool is not."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def whole_number(name: str, value: Any, low: int = 1, high: int | None = None) -> int:

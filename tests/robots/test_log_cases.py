@@ -221,6 +221,19 @@ def test_messages_that_are_cut_off_are_left_out_with_a_note(tmp_path):
     assert "undamaged" not in str(raised.value)
 
 
+def test_the_begin_of_an_episode_counts_rather_than_the_time_of_its_message(tmp_path):
+    def log(begin):
+        text = json.dumps({"scenario": {}, "seed": 0, "begin": begin})
+        message = ("/lissajous/episode", plain("String", text), EPOCH + 0.7)
+        path = write(tmp_path / f"begin {begin}", [*shrunk(), message])
+        return read(path)
+
+    assert log(EPOCH + 0.51).begin == pytest.approx(EPOCH + 0.5)
+    assert log(1.0).begin == pytest.approx(EPOCH + 0.7)
+    with pytest.raises(ValueError, match=r"begin that must be a finite number \[s\], got 'soon'"):
+        log("soon")
+
+
 def test_a_jump_is_named(tmp_path):
     jumping = of_robots(lambda k, t: odometry(EPOCH + t, circle(k, t)[0] + (k == 1 and t > 2), *circle(k, t)[1:]))
     result = scored(tmp_path, jumping)
