@@ -29,8 +29,8 @@ def scalars(folder):
     return {path.stem: np.loadtxt(path, delimiter=",", ndmin=2)[:, 1] for path in files}
 
 
-def parameters(run):
-    return torch.cat([p.detach().flatten().clone() for p in run.losses["robot"].parameters() if p.requires_grad])
+def parameters(run, group="robot"):
+    return torch.cat([p.detach().flatten().clone() for p in run.losses[group].parameters() if p.requires_grad])
 
 
 @pytest.mark.filterwarnings("ignore:SyncDataCollector has been deprecated.*:DeprecationWarning")
@@ -156,3 +156,17 @@ def test_a_film_is_small():
     env.reset()
     assert task.has_render(env)
     assert task.render_callback(None, env, None).nbytes < 500_000
+
+
+@pytest.mark.filterwarnings("ignore:SyncDataCollector has been deprecated.*:DeprecationWarning")
+@pytest.mark.parametrize("algorithm", ["mappo", "qmix"])
+def test_both_sides_are_trained(algorithm, tmp_path):
+    # Oracle: the parameters of both groups change and stay finite.
+    few = {"targets.count": 3, "targets.arrival_rate": 0.0, "targets.entry": "unseen", "sensing.radius": 0.4}
+    overrides = {**SHORT, **few, "rogues": "agents"}
+    run = experiment(Settings("experiment", algorithm, 2, worlds=4, out=tmp_path, overrides=overrides))
+    before = {group: parameters(run, group) for group in ("robot", "rogue")}
+    run.run()
+    for group, start in before.items():
+        assert torch.isfinite(parameters(run, group)).all()
+        assert not torch.equal(start, parameters(run, group))

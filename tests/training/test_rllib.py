@@ -19,9 +19,11 @@ from ray.rllib.env.env_context import EnvContext  # noqa: E402
 from ray.rllib.env.multi_agent_episode import MultiAgentEpisode  # noqa: E402
 from ray.rllib.utils.pre_checks.env import check_multiagent_environments  # noqa: E402
 
-from training.rllib import LissajousMultiAgentEnv  # noqa: E402
+from training.rllib import LissajousMultiAgentEnv, policy_mapping_fn, two_sided_config  # noqa: E402
 
 SHORT = {"scenario": "failure", "task.duration": 3.0}
+ROGUES = {"targets.count": 2, "targets.arrival_rate": 1.0, "targets.entry": "unseen", "sensing.radius": 0.4,
+          "task.duration": 3.0}  # fmt: skip
 CRASHING = {**SHORT, "task.on_collision": "remove", "robot.radius": 0.2, "formation.start": "random"}
 
 
@@ -67,23 +69,6 @@ def test_an_episode_repeats_and_processes_of_rllib_play_other_worlds():
     assert len(firsts) == 8
 
 
-@pytest.mark.parametrize(
-    ("action", "words"),
-    [
-        (np.zeros(2), r"action of robot_2 must be numbers of shape \(1,\), got"),
-        (np.array([np.nan]), r"action of robot_2 must be finite, got \[nan\]"),
-    ],
-)
-def test_a_wrong_action_is_refused_by_name(action, words):
-    env = LissajousMultiAgentEnv(SHORT)
-    env.reset(seed=1)
-    with pytest.raises(ValueError, match=words):
-        env.step(dict.fromkeys(env.agents, np.zeros(1)) | {"robot_2": action})
-    with pytest.raises(ValueError, match=r"unknown or not live \['robot_9'\]"):
-        env.step(dict.fromkeys([*env.agents, "robot_9"], np.zeros(1)))
-    env.step(dict.fromkeys(env.agents, np.zeros(1)))
-
-
 def in_rllib(env, seed):
     """The episode as RLlib's environment runner records it."""
     episode = MultiAgentEpisode(
@@ -98,14 +83,6 @@ def in_rllib(env, seed):
         observations, rewards, terminateds, truncateds, infos = env.step(actions)
         episode.add_env_step(observations, actions, rewards, infos, terminateds=terminateds, truncateds=truncateds)
     return episode
-
-
-def test_the_end_of_time_is_a_truncation_in_rllibs_own_record():
-    # Oracle: what its advantages read: a state whose robot was not terminated keeps its value.
-    episode = in_rllib(LissajousMultiAgentEnv(SHORT), 1)
-    assert (episode.is_terminated, episode.is_truncated, len(episode)) == (False, True, 30)
-    for robot in episode.agent_episodes.values():
-        assert (robot.is_terminated, robot.is_truncated, len(robot)) == (False, True, 30)
 
 
 def test_robots_that_a_collision_removed_are_terminated_and_the_rest_truncated():
@@ -170,6 +147,59 @@ def test_the_example_trains_and_its_policy_is_the_mean_of_the_module():
         assert rllib_ppo.policy_of(algorithm)(rows) == pytest.approx(expected.detach().numpy(), abs=1e-6)
         (row,) = lissajous_env.evaluate(rllib_ppo.policy_of(algorithm), scenario, seeds=[5])
         assert row["targets"] > 0
+    finally:
+        algorithm.stop()
+        ray.shutdown()
+
+
+# Two sides.
+
+
+def test_rogues_come_and_go():
+    # Oracle: RLlib's contract checker; then an episode in which a rogue appears only once it may act.
+    env = LissajousMultiAgentEnv({"scenario": "experiment", "rogues": "agents", **ROGUES})
+    check_multiagent_environments(env)
+    draw = np.random.default_rng(0)
+    observations, _ = env.reset(seed=1)
+    over, appeared = False, 0
+    while not over:
+        acted = set(env.agents)
+        given = {agent: draw.uniform(-1, 1, 2).astype(np.float32) for agent in acted}
+        observations, rewards, terminated, truncated, _ = env.step(given)
+        assert rewards.keys() == acted == terminated.keys() - {"__all__"}
+        appeared += len(observations.keys() - acted)
+        over = terminated["__all__"] or truncated["__all__"]
+    assert appeared > 0
+    assert truncated["__all__"]
+
+
+def test_each_side_has_its_module():
+    assert policy_mapping_fn("robot_3") == "robots"
+    assert policy_mapping_fn("rogue_12", None) == "rogues"
+    with pytest.raises(ValueError, match="agent must be a robot or a rogue, got 'other_1'"):
+        policy_mapping_fn("other_1")
+
+
+def test_ppo_trains_the_modules_of_both_sides():
+    # Oracle: the weights of both modules change and stay finite.
+    logging.getLogger("ray.rllib").setLevel(logging.ERROR)
+    config = two_sided_config("experiment", **ROGUES)
+    config.env_runners(num_env_runners=0, rollout_fragment_length=30)
+    config.training(train_batch_size_per_learner=60, minibatch_size=60, num_epochs=2)
+    algorithm = config.build_algo()
+    try:
+
+        def weights():
+            states = algorithm.get_weights()
+            return {name: np.concatenate([np.ravel(array) for array in states[name].values()]) for name in states}
+
+        before = weights()
+        for _ in range(2):
+            algorithm.train()
+        after = weights()
+        for name in ("robots", "rogues"):
+            assert np.isfinite(after[name]).all()
+            assert not np.array_equal(before[name], after[name])
     finally:
         algorithm.stop()
         ray.shutdown()

@@ -70,29 +70,6 @@ def test_stable_baselines_checks_and_wrappers_pass():
     assert env.get_attr("num_envs", [0, 1]) == [15, 15]
 
 
-def test_observations_lie_in_their_space_and_seeds_repeat():
-    env, other = make_env("rough"), make_env("rough")
-    runs = []
-    for each in (env, other):
-        each.seed(7)
-        rows = [each.reset()]
-        draw = np.random.default_rng(1)
-        for _ in range(50):
-            rows.append(each.step(draw.uniform(-1, 1, (15, 2)))[0])
-        runs.append(np.stack(rows))
-    assert (runs[0] == runs[1]).all()
-    assert (runs[0] >= env.observation_space.low).all()
-    assert (runs[0] <= env.observation_space.high).all()
-
-
-@pytest.mark.parametrize("actions", [np.zeros((15, 1)), np.zeros(30), np.zeros((3, 5, 2)), None, np.full((15, 2), "a")])
-def test_actions_of_another_form_are_refused(actions):
-    env = make_env()
-    env.reset()
-    with pytest.raises(ValueError, match=r"actions must be numbers of shape \(15, 2\), got"):
-        env.step(actions)
-
-
 def test_a_base_acts_and_the_action_is_added_to_it():
     # Oracle: the classical policy itself, when nothing is added.
     env = make_env(card={"base": "sweep", "residual": 0.5}, **{"task.duration": 3.0})
