@@ -1,6 +1,7 @@
 """Worlds of many scenarios, drawn from a space, as one `VecEnv` of Stable-Baselines3: a row for each robot."""
 
 import os
+import warnings
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -9,6 +10,7 @@ import numpy as np
 
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env.envs.actions import on_host
+from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.draws import Draws
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.world.mixture import Together
@@ -142,4 +144,6 @@ class MixedVecEnv(RowsVecEnv):
             self.groups[group].load_state(within(f"group_{group}", saved))
 
     def _group(self, made: Scenario, seed: int) -> RobotVecEnv:
-        return RobotVecEnv(made, self.group_size, seed=seed, **self._settings)
+        # Nobody wrote a scenario that is drawn: a warning about its assumptions would help nobody.
+        with warnings.catch_warnings(action="ignore", category=AssumptionWarning):
+            return RobotVecEnv(made, self.group_size, seed=seed, **self._settings)
