@@ -13,6 +13,7 @@ from baselines.policies.coordinators.arc_length import ArcParameters, KuramotoBy
 from baselines.policies.patrol import Sweep
 from baselines.policies.patrol_path import SweepParameters
 from baselines.policies.safety.filter import Safe
+from baselines.policies.safety.filtered import Filtered
 from baselines.policies.settings import PolicySettings, parameters_class
 from baselines.policies.trackers.mpcc import WithMpcc
 from baselines.policies.trackers.vector_field import FieldParameters
@@ -41,7 +42,7 @@ def arc(scenario, num_worlds, device):
         (PolicySettings("sweep", {"lanes": 4, "cruise": 1.5}),
          lambda *given: Sweep(*given, SweepParameters(lanes=4, cruise=1.5))),
         (PolicySettings("arc-mpcc", {}, {"speed": 1.1}), arc),
-        (PolicySettings("arc-mpcc-safe", {}, {"speed": 1.1}), lambda *given: Safe(arc(*given))),
+        (PolicySettings("arc-mpcc-safe", {}, {"speed": 1.1}), lambda *given: Filtered(arc(*given), Safe)),
         (PolicySettings("kuramoto-mpcc"), lambda *given: baselines.make("kuramoto-mpcc", *given)),
     ],
 )  # fmt: skip
