@@ -285,7 +285,7 @@ def _key(row: Mapping[str, Any]) -> _Key:
     return row["scenario"], row["policy"], row["episode"]
 
 
-def _differences(there: Any, now: Any) -> list[tuple[str, str, str]]:
+def _differences(there: Any, now: Any) -> list[tuple[str, ...]]:
     """Return the entries that differ, as (dotted name, stored, now); a scenario's description does not count."""
     first, second = _flat(there), _flat(now)
     pairs = {name: (first.get(name, "-"), second.get(name, "-")) for name in {**first, **second}}
@@ -309,7 +309,7 @@ def _flat(value: Any, name: str = "") -> dict[str, Any]:
     }
 
 
-def _refusal(folder: Path, differing: list[tuple[str, str, str]]) -> str:
+def _refusal(folder: Path, differing: list[tuple[str, ...]]) -> str:
     rows = [("", "there", "now"), *differing]
     widths = [max(len(row[column]) for row in rows) for column in (0, 1)]
     table = "\n".join(f"  {a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in rows)

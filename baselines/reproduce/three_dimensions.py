@@ -68,8 +68,7 @@ def fig5(player: Player) -> Part:
         panel_name(right, "between two branches of the curve")
         right.axhline(body, color=DARK, lw=0.9, ls=":", label=f"body in Section VII, {body:g} m")
         for axes in (left, right):
-            axes.set_xlabel("C, half of the extent along z [m]")
-            axes.set_xlim(0, depths[-1])
+            axes.set(xlabel="C, half of the extent along z [m]", xlim=(0, depths[-1]))
             axes.set_ylim(bottom=0)
         right.legend(loc="upper left")
         left.set_ylabel("$r_{max}$ [m]")

@@ -145,13 +145,14 @@ def print_left_out(console: Console, names: Sequence[str], where: str) -> None:
 def plain(value: Any) -> Any:
     """Convert a value to JSON types; NaN becomes null, infinity a word, and a dataclass its fields."""
     if is_dataclass(value) and not isinstance(value, type):
-        value = {of.name: getattr(value, of.name) for of in fields(value)}
+        return plain({of.name: getattr(value, of.name) for of in fields(value)})
     if isinstance(value, dict):
         return {str(name): plain(entry) for name, entry in value.items()}
     if isinstance(value, (list, tuple)):
         return [plain(entry) for entry in value]
     if hasattr(value, "tolist"):
-        return plain(value.tolist())
+        array: Any = value
+        return plain(array.tolist())
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else str(value)
     return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)

@@ -115,8 +115,7 @@ class Batch:
             if num_groups != 1:
                 raise ValueError(f"num_groups must be 1 without a space of scenarios, got {num_groups}")
             given = {"rogues": AGENTS} | dict(overrides) if roles == "rogues" else overrides
-            plain = isinstance(scenario, Scenario) and not given  # variants made by the program pass without a warning
-            first = largest = self._changed(scenario if plain else named.scenario(scenario, **given))  # type: ignore[arg-type]
+            first = largest = self._changed(named.scenario(scenario, **given))  # type: ignore[arg-type]
             self._most_targets = first.target_capacity
         else:
             self.space, self.split = space[0].overridden(overrides), space[1]

@@ -124,10 +124,12 @@ class LissajousVectorEnv(Timed, VectorEnv):
             ValueError: an invalid seed or mask, or a mask with only some of the rows of a world.
         """
         worlds = self._masked(options)
-        alone = seed is None or isinstance(seed, (int, np.integer))
-        if not alone and np.shape(seed) != self._begun.shape:
+        if seed is None or isinstance(seed, (int, np.integer)):
+            self.batch.seed(seed, worlds)
+        elif np.shape(seed) == self._begun.shape:
+            self.batch.seed([seed[k] for k in worlds], worlds)
+        else:
             raise ValueError(f"seed must be a number or one for each of {len(self._begun)} worlds, got {shown(seed)}")
-        self.batch.seed(seed if alone else [seed[k] for k in worlds], worlds)
         self.batch.reset(world_mask(worlds, len(self._begun)))
         if seed is not None:
             super().reset(seed=int(np.ravel(seed)[0]))  # checked above

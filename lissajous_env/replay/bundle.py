@@ -29,7 +29,6 @@ def bundled(
     entry: str,
     data: Mapping[str, Any],
     words: Mapping[str, str],
-    charts: bool = False,
     styles: Sequence[str] = ("style.css",),
     blocks: Mapping[str, Any] | None = None,
     framed: str = "",
@@ -42,7 +41,6 @@ def bundled(
         entry: Name of the main module.
         data: Data of the page as JSON values, in the element `script#data`.
         words: Texts by slot; they are escaped.
-        charts: True for a page with the library uPlot and its style sheet.
         styles: Names of the style sheets.
         blocks: More data by the id of their elements, for the slot `blocks`.
         framed: Page of this module that is shown in a frame; its scripts are permitted too.
@@ -50,20 +48,21 @@ def bundled(
     Returns:
         The page.
     """
-    sheets = [text_of(name) for name in (*(["vendor/uPlot.min.css"] if charts else []), *styles)]
-    scripts = [text_of("vendor/uPlot.iife.min.js")] if charts else []
+    sheets = [text_of(name) for name in styles]
     module = _joined(entry)
     within = _ALLOWED.search(html.unescape(framed))
     of_scripts, of_styles = within.groups() if within else ("", "")
     policy = (
-        f"default-src 'none'; script-src {' '.join(map(_hash, (*scripts, module)))} {of_scripts}; "
+        f"default-src 'none'; script-src {_hash(module)} {of_scripts}; "
         f"style-src {' '.join(map(_hash, sheets))} {of_styles}; img-src data: blob:; "
         "connect-src 'none'; base-uri 'none'; form-action 'none'"
     ).replace(" ;", ";")
-    elements = [_element("script", text) for text in scripts] + [_element("script", module, ' type="module"')]
     # A lone surrogate is a character in Python, but invalid in UTF-8.
     filled = {name: html.escape(text.encode(errors="replace").decode()) for name, text in words.items()}
-    filled |= {"styles": "\n".join(_element("style", text) for text in sheets), "scripts": "\n".join(elements)}
+    filled |= {
+        "styles": "\n".join(_element("style", text) for text in sheets),
+        "scripts": _element("script", module, ' type="module"'),
+    }
     filled |= {"policy": html.escape(policy, quote=True), "data": as_json(data)}
     inserted = [
         _element("script", as_json(value), f' type="application/json" id="{html.escape(name, quote=True)}"')

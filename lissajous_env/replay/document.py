@@ -5,7 +5,7 @@ from pathlib import Path
 
 from lissajous_env.episodes.missed import MissedRogue
 from lissajous_env.episodes.recording import Recording
-from lissajous_env.replay.bundle import bundled, text_of
+from lissajous_env.replay.bundle import bundled
 from lissajous_env.replay.contents import FORMAT, contents
 from lissajous_env.storage.files import replacing
 
@@ -31,7 +31,6 @@ def page(recording: Recording, against: Recording | None = None, missed: MissedR
         "main.js",
         {"format": FORMAT, "episodes": [contents(recording, missed=missed), *map(contents, episodes[1:])]},
         {"title": f"{recording.scenario.name}: {policies}"},
-        charts=True,
     )
 
 
@@ -59,7 +58,6 @@ class Replay:
     def _repr_html_(self) -> str:
         """Return a frame that isolates the page from the notebook."""
         return (
-            text_of("frame.html")
-            .replace("{height}", str(FRAME_HEIGHT))
-            .replace("{page}", html.escape(self.html(), quote=True))
+            f'<iframe title="replay" sandbox="allow-scripts" width="100%" height="{FRAME_HEIGHT}" frameborder="0" '
+            f'srcdoc="{html.escape(self.html(), quote=True)}"></iframe>'
         )

@@ -147,7 +147,7 @@ def test_a_click_plays_the_episode_beside_the_reference(browser, folder, text):
 def test_rows_without_a_replay_tell_the_command(browser, folder, text):
     run = opened(browser, folder, text)
     run("report.episodes.narrow({ scenario: 0, policy: 1 })")
-    run("document.querySelector('#list .actions .quiet').click()")
+    run("document.querySelector('#list .actions button:not(.play)').click()")
     command = run("return document.querySelector('.told code').textContent")
     seed = run("return document.querySelector('.told').previousElementSibling.cells[2].textContent")
     assert command == (
@@ -156,7 +156,7 @@ def test_rows_without_a_replay_tell_the_command(browser, folder, text):
     )
     # No command can name a policy that was an object of Python.
     run("report.episodes.narrow({ policy: report.report.policies.findIndex((each) => !each.named) })")
-    assert run("return document.querySelectorAll('#list .actions .quiet').length") == 0
+    assert run("return document.querySelectorAll('#list .actions button:not(.play)').length") == 0
     assert run("return document.querySelectorAll('img').length") == 0
     assert THEIRS in run("return document.getElementById('list').textContent")
     assert run("return document.title") == "Benchmark"

@@ -150,8 +150,8 @@ def test_it_fits_phones_and_screens_in_light_and_dark(browser, folder, recording
     places = run("return replay.views.map((view) => view.stage.nearest.map((place) => [place.x, place.y]))")
     np.testing.assert_allclose(places[0], places[1], atol=0.01)
     heads = run(
-        "return replay.charts.map(({ head, plot }) => (head.getBoundingClientRect().left + 0.5"
-        " - plot.over.getBoundingClientRect().left) / plot.over.clientWidth)"
+        "return replay.charts.map(({ head, over }) => (head.getBoundingClientRect().left + 0.5"
+        " - over.getBoundingClientRect().left) / over.clientWidth)"
     )
     np.testing.assert_allclose(heads, 2 / recording.duration, atol=0.005)
     assert complaints(browser) == ([], [])

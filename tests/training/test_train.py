@@ -287,7 +287,7 @@ def test_what_a_training_leaves(tmp_path):
         ({"base": "kuramoto"}, "must drive robots of kind car"),
         ({"base": "sweep", "teacher": "sweep"}, "teacher must be none if there is a base, got 'sweep'"),
         ({"inputs": ("speeed",)}, "lacks speeed"),
-        ({"overrides": {"task.stepp": 1}}, "did you mean step"),
+        ({"overrides": {"task.stepp": 1}}, "did you mean task.step"),
     ],
 )
 def test_bad_settings_are_refused_with_name_rule_and_value(tmp_path, changes, words):

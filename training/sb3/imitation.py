@@ -60,7 +60,9 @@ def _collect(
         rows.append(torch.from_numpy(model.rows))
         wanted.append(torch.from_numpy(shown))
         own, _ = model.policy.predict(model.rows, deterministic=True)  # type: ignore[arg-type]
-        model.rows, _, dones, _ = env.step(np.where(taught, shown, own))
+        rows_after, _, dones, _ = env.step(np.where(taught, shown, own))
+        assert isinstance(rows_after, np.ndarray)
+        model.rows = rows_after
         if dones.any():
             teacher.reset(dones.reshape(worlds, n).all(axis=1))
     return torch.cat(rows).to(model.device), torch.cat(wanted).to(model.device)

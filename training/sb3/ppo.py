@@ -7,6 +7,7 @@ terminal state: the library adds the critic's value of the last observation to t
 """
 
 import warnings
+from typing import Any
 
 import numpy as np
 import torch
@@ -98,7 +99,8 @@ class RobotPPO(PPO):
             )
         if settings.initial_output:
             with torch.no_grad():
-                self.policy.action_net.bias.copy_(torch.tensor(settings.initial_output))
+                output: Any = self.policy.action_net
+                output.bias.copy_(torch.tensor(settings.initial_output))
         env.seed(_FIRST_SEED * (1 + settings.seed))  # far from the seeds of evaluations
         _, self._no_callback = self._setup_learn(settings.steps)  # begins an episode in every environment
 

@@ -41,4 +41,4 @@ def load_state(module: nn.Module, optimizer: torch.optim.Optimizer, arrays: dict
         state["state"].setdefault(int(k), {})[moment] = torch.from_numpy(array)
     optimizer.load_state_dict(state)
     torch.set_rng_state(torch.from_numpy(arrays["random"]))
-    np.random.set_state(("MT19937", arrays["shuffle"][:-1], int(arrays["shuffle"][-1])))
+    np.random.set_state(("MT19937", arrays["shuffle"][:-1], int(arrays["shuffle"][-1]), 0, 0.0))

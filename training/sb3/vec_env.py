@@ -320,5 +320,5 @@ class RobotVecEnv(BatchVecEnv):
         rows = self._wiring.rows(self.simulation.observation.numpy()).reshape(self.num_envs, -1)[dones]
         if self._view is None:
             return rows
-        worlds = dones.reshape(self.batch.num_worlds, -1).any(axis=1)
+        worlds = np.asarray(dones.reshape(self.batch.num_worlds, -1).any(axis=1))
         return np.concatenate([rows, self._view.rows(worlds)[dones]], axis=1)

@@ -138,36 +138,39 @@ class LissajousTorchEnv(EnvBase):
         """Set the specs."""
         device, world = self.device, self.batch_size
 
-        def flags(shape: torch.Size) -> dict[str, Categorical]:
+        def flags(shape: torch.Size) -> dict[str, Any]:
             return {name: Categorical(2, torch.Size((*shape, 1)), device, torch.bool) for name in _FLAGS}
 
         def numbers(shape: tuple[int, ...], names: Any) -> Composite:
-            specs = {name: Unbounded(torch.Size((*shape, 1)), device) for name in names}
+            specs: dict[str, Any] = {name: Unbounded(torch.Size((*shape, 1)), device) for name in names}
             return Composite(**specs, shape=shape, device=device)
 
         observed: dict[str, Any] = {"score": numbers(world, SCORES)}
         if self._with_state:
             observed["state"] = Unbounded(torch.Size((*world, self.batch.state_size)), device)
-        acted, rewarded, ended = {}, {}, flags(world)
+        acted: dict[str, Any] = {}
+        rewarded: dict[str, Any] = {}
+        ended = flags(world)
         for side in self.batch.sides:
             team = torch.Size((*world, side.places))
             row = torch.Size((*team, 1))
-            ends = (
+            low, high = (
                 torch.as_tensor(end, device=device).expand(*team, -1) for end in (side.layout.low, side.layout.high)
             )
-            entries: dict[str, Any] = {"observation": Bounded(*ends, device=device, dtype=torch.float32)}
+            entries: dict[str, Any] = {"observation": Bounded(low, high, device=device, dtype=torch.float32)}
             entries["mask"] = Categorical(2, row, device, torch.bool)
             if side.is_robots:
                 entries["info"] = numbers(team, [f"reward_{name}" for name in self.simulation.reward_term_names])
             action: Any = Bounded(-1.0, 1.0, torch.Size((*team, side.action_size)), device, torch.float32)
             if side.table is not None:
                 action = Categorical(len(side.table), team, device, torch.int64)
-            for specs, of_group in (
+            groups: tuple[tuple[dict[str, Any], dict[str, Any]], ...] = (
                 (observed, entries),
                 (acted, {"action": action}),
                 (rewarded, {"reward": Unbounded(row, device)}),
                 (ended, flags(team)),
-            ):
+            )
+            for specs, of_group in groups:
                 specs[side.agent] = Composite(**of_group, shape=team, device=device)
         self.observation_spec = Composite(**observed, shape=world, device=device)
         self.action_spec = Composite(**acted, shape=world, device=device)

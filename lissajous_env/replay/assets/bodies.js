@@ -1,6 +1,6 @@
 // Draws the robots: bodies to scale, numbers, failures and collisions.
 
-import { faded, robotColour } from "./colours.js";
+import { faded, robotPaint } from "./colours.js";
 import { REMOVED, STUCK } from "./episode.js";
 
 const PARTS = { WHEEL: "wheel", GROUND: "card", GLASS: "glass" };
@@ -36,7 +36,7 @@ export class Bodies {
       .sort((i, j) => (places[j].status === REMOVED) - (places[i].status === REMOVED));
     for (const i of order) {
       const place = places[i],
-        colour = place.status === REMOVED ? colours.removed : robotColour(colours, i);
+        colour = place.status === REMOVED ? colours.removed : robotPaint(colours, i);
       if (this.isOutside(place)) {
         // No arrows for a crowd.
         if (!this.stage.many || i === view.selected) this.paintArrow(place, i, colour, colours);

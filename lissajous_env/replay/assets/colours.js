@@ -1,4 +1,4 @@
-// Colours by theme. Colours of robots are distinguishable with colour blindness; tests/test_colours.py checks it.
+// Colours by theme. Colours of robots are distinguishable with colour blindness; tests/pictures/test_colours.py checks it.
 
 const LIGHT = {
   robots: ["#0b62d0", "#c96e00", "#009758", "#e05aa8", "#5a108e", "#00b8f0", "#5d2b23", "#ddb000"],
@@ -60,20 +60,16 @@ export function coloursOf(theme) {
   return theme === "dark" ? DARK : LIGHT;
 }
 
-// Give the page the colours of a theme, and return them.
-export function paintTheme(theme) {
-  const root = document.documentElement,
-    colours = coloursOf(theme);
-  root.dataset.theme = theme;
-  document.getElementById("theme").textContent = theme === "dark" ? "Light" : "Dark";
-  for (const [name, colour] of Object.entries(colours)) {
-    if (typeof colour === "string") root.style.setProperty(`--${name}`, colour);
-  }
-  return colours;
+export const ROBOT_COLOURS = LIGHT.robots.length;
+
+// The colour of a robot in a style sheet; colours recur.
+export function robotColour(robot) {
+  return `var(--robots-${robot % ROBOT_COLOURS})`;
 }
 
-export function robotColour(colours, robot) {
-  return colours.robots[robot % colours.robots.length];
+// The colour of a robot on a canvas.
+export function robotPaint(colours, robot) {
+  return colours.robots[robot % ROBOT_COLOURS];
 }
 
 // A colour "#rrggbb" with an opacity.

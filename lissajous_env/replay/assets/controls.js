@@ -1,23 +1,18 @@
 // Buttons, slider and keys of the page.
 
-const control = (name) => document.getElementById(name);
+import { byId } from "./words.js";
 
 export function bindControls(page) {
   const { player, timeline } = page;
-  control("play").addEventListener("click", () => player.toggle());
-  control("back").addEventListener("click", () => page.step(timeline.before(player.time)));
-  control("next").addEventListener("click", () => page.step(timeline.after(player.time)));
-  addSpeeds(control("speed"), page.duration);
-  control("speed").addEventListener("change", (event) => {
+  byId("play").addEventListener("click", () => player.toggle());
+  byId("back").addEventListener("click", () => page.step(timeline.before(player.time)));
+  byId("next").addEventListener("click", () => page.step(timeline.after(player.time)));
+  addSpeeds(byId("speed"), page.duration);
+  byId("speed").addEventListener("change", (event) => {
     player.speed = Number(event.target.value);
   });
-  control("scrub").addEventListener("input", (event) => player.seek(Number(event.target.value)));
-  control("theme").addEventListener("click", () => page.flip());
-  control("help").addEventListener("click", () => showKeys(control("keys").hidden));
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", (event) => {
-    page.theme = event.matches ? "dark" : "light";
-    page.paint();
-  });
+  byId("scrub").addEventListener("input", (event) => player.seek(Number(event.target.value)));
+  byId("help").addEventListener("click", () => showKeys(byId("keys").hidden));
   bindTimeline(page);
   bindLink(page);
   for (const button of document.querySelectorAll("[data-look]")) {
@@ -42,7 +37,7 @@ const ASIDE = 0.12;
 const LOOKS = {
   closer: (page) => page.steer((stage) => stage.zoomBy(CLOSER)),
   farther: (page) => page.steer((stage) => stage.zoomBy(1 / CLOSER)),
-  whole: (page) => page.steer((stage) => stage.whole()),
+  whole: (page) => page.steer((stage) => stage.camera.whole()),
 };
 
 function keysOf(page) {
@@ -68,16 +63,15 @@ function keysOf(page) {
     a: aside(-1, 0),
     s: aside(0, 1),
     d: aside(1, 0),
-    l: () => control("link").click(),
-    t: () => page.flip(),
+    l: () => byId("link").click(),
     g: () => page.nextLayer(),
     Escape: () => page.select(-1),
-    "?": () => showKeys(control("keys").hidden),
+    "?": () => showKeys(byId("keys").hidden),
   };
 }
 
 function pace(player, by) {
-  const speeds = control("speed");
+  const speeds = byId("speed");
   speeds.selectedIndex = Math.min(Math.max(speeds.selectedIndex + by, 0), speeds.length - 1);
   player.speed = Number(speeds.value);
 }
@@ -92,7 +86,7 @@ function addSpeeds(box, duration) {
 
 // Button that copies a link to the current view; hidden without an address.
 function bindLink(page) {
-  const button = control("link"),
+  const button = byId("link"),
     words = button.textContent;
   button.hidden = !page.link.isThere;
   button.addEventListener("click", async () => {
@@ -105,16 +99,16 @@ function bindLink(page) {
 }
 
 function showKeys(shown) {
-  control("keys").hidden = !shown;
-  control("help").setAttribute("aria-expanded", String(shown));
+  byId("keys").hidden = !shown;
+  byId("help").setAttribute("aria-expanded", String(shown));
 }
 
 // The slider lies above the marks, so it handles clicks and names the nearest mark.
 function bindTimeline(page) {
   const { timeline } = page,
-    scrub = control("scrub");
+    scrub = byId("scrub");
   const place = (event) => {
-    const box = control("timeline").getBoundingClientRect();
+    const box = byId("timeline").getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   };
   scrub.addEventListener("pointermove", (event) => {

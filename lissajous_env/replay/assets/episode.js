@@ -1,16 +1,15 @@
 // One episode: its decoded data, and values derived for the charts and the timeline.
 // Arrays of robots are series: robot i at moment f has index [i * moments + f].
 
-import { rogueEvent } from "./rogue.js";
-import { reals, wholes } from "./unpacking.js";
 import { number } from "./words.js";
 
-export const WORKING = 0;
+const WORKING = 0;
 export const STUCK = 1;
 export const REMOVED = 2;
 export const FLEEING = 3;
 
 const TURN = 2 * Math.PI;
+const KINDS = { 8: Uint8Array, 16: Uint16Array, 32: Uint32Array };
 
 export async function unpackedEpisode(raw) {
   const of = async (names, decode, from) =>
@@ -151,4 +150,33 @@ function eventsOf(episode) {
   });
   if (episode.raw.rogue) events.push(rogueEvent(episode.raw.rogue, episode.raw.step));
   return events.sort((one, other) => one.time - other.time);
+}
+
+// Return the event of a rogue.
+function rogueEvent({ steps, until, detected }, step) {
+  const words = `the rogue that this policy misses: undetected for ${number((until - steps[0]) * step)} s`;
+  const ends = detected ? `, then detected at ${number(until * step)} s` : ", until the end";
+  return { kind: "rogue", time: steps[0] * step, until: until * step, robots: [], words: words + ends };
+}
+
+// Decode the arrays of lissajous_env/replay/packing.py to whole numbers: {values, shape, none}; the last axis is time.
+async function wholes(packed) {
+  const bytes = Uint8Array.from(atob(packed.data), (letter) => letter.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const planes = new Uint8Array(await new Response(stream).arrayBuffer());
+  const size = packed.bits / 8,
+    count = planes.length / size;
+  const values = new KINDS[packed.bits](count);
+  for (let plane = 0; plane < size; plane++) {
+    for (let k = 0; k < count; k++) values[k] |= planes[plane * count + k] << (8 * plane);
+  }
+  const length = packed.shape[packed.shape.length - 1];
+  for (let k = 1; k < count; k++) if (k % length !== 0) values[k] += values[k - 1];
+  return { values, shape: packed.shape, none: packed.none };
+}
+
+// Decode numbers: {values, shape}.
+async function reals(packed) {
+  const whole = await wholes(packed);
+  return { values: Float32Array.from(whole.values, (q) => packed.low + packed.scale * q), shape: whole.shape };
 }

@@ -1,6 +1,5 @@
 // The ground: time since cells were last sensed, or for which a target can have stayed there undetected.
 
-import { faded } from "./colours.js";
 import { quantile } from "./words.js";
 
 const RAMP = 64;
@@ -91,9 +90,10 @@ export function shareScales(grounds) {
   }
 }
 
-export function gradientOf(layer, colours) {
-  const [colour, most] = layer === "unseen" ? [colours.unseen, 0.62] : [colours.idle, 0.5];
-  return `linear-gradient(90deg, ${faded(colour, layer === "unseen" ? 0.12 : 0)}, ${faded(colour, most)})`;
+export function gradientOf(layer) {
+  const [least, most] = layer === "unseen" ? [12, 62] : [0, 50];
+  const share = (percent) => `color-mix(in srgb, var(--${layer}) ${percent}%, transparent)`;
+  return `linear-gradient(90deg, ${share(least)}, ${share(most)})`;
 }
 
 // Colours as pixels of an image, by age.

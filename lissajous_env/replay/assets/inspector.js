@@ -20,14 +20,9 @@ export class Inspector {
     for (let i = 0; i < Math.min(this.episode.count, MOST_CHIPS); i++) {
       const chip = button("chip", String(i), () => this.onPick(this.robot === i ? -1 : i));
       chip.setAttribute("aria-label", `Robot ${i}`);
+      chip.style.setProperty("--robot", robotColour(i));
       this.chips.append(chip);
     }
-  }
-
-  paint(colours) {
-    [...this.chips.children].forEach((chip, i) => {
-      chip.style.setProperty("--robot", robotColour(colours, i));
-    });
   }
 
   select(robot) {
@@ -47,7 +42,7 @@ export class Inspector {
       .map(([name, value]) =>
         element("tr", "", element("td", "entry", name.replaceAll("_", " ")), element("td", "value", rounded(value))),
       );
-    this.panel.replaceChildren(element("p", "invite", words), section("Score of the episode", scores));
+    this.panel.replaceChildren(element("p", "muted", words), section("Score of the episode", scores));
   }
 
   lay(robot) {
@@ -61,7 +56,7 @@ export class Inspector {
     } else {
       const words =
         "Observations of this robot are omitted to limit the size of the page; a replay of this episode alone has them.";
-      parts.push(element("p", "invite", words));
+      parts.push(element("p", "muted", words));
     }
     this.panel.replaceChildren(...parts);
   }

@@ -1,20 +1,21 @@
 // The page: combines episodes, charts and player, and synchronizes them.
 
 import { Camera } from "./camera.js";
-import { placeCharts } from "./charts.js";
-import { coloursOf, paintTheme } from "./colours.js";
+import { placeCharts } from "./chart.js";
+import { coloursOf } from "./colours.js";
 import { bindControls } from "./controls.js";
 import { bindGestures } from "./gestures.js";
 import { gradientOf, shareScales } from "./ground.js";
 import { Inspector } from "./inspector.js";
+import { legendOf } from "./legend.js";
 import { Link } from "./link.js";
 import { Player } from "./player.js";
 import { shareExtents, Stage } from "./stage.js";
+import { beginTheme, currentTheme } from "./theme.js";
 import { Tiles } from "./tiles.js";
 import { numeral, Timeline } from "./timeline.js";
-import { button, element } from "./words.js";
+import { button, byId, element } from "./words.js";
 
-const byId = (name) => document.getElementById(name);
 
 export class Page {
   // The default theme is that of the system. `at`, the moment and the robot to begin with, is given in a frame, whose
@@ -23,7 +24,6 @@ export class Page {
     this.episodes = episodes;
     this.camera = new Camera();
     this.duration = Math.max(...episodes.map((episode) => episode.duration));
-    this.theme = theme || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
     this.selected = -1;
     this.player = new Player(this.duration, episodes[0].step, () => this.move());
     this.timeline = new Timeline(byId("timeline"), episodes, this.duration);
@@ -31,12 +31,15 @@ export class Page {
     this.views = episodes.map((episode) => this.view(episode));
     shareScales(this.views.map((view) => view.stage.ground));
     this.layer = this.views[0].stage.ground.layers()[0][0];
-    this.charts = placeCharts(byId("charts"), byId("chart"), episodes, (each) => this.named(each), this.player);
+    this.charts = placeCharts(byId("charts"), byId("chart"), episodes, (each) => this.named(each), (time) =>
+      this.player.seek(time),
+    );
     this.link = new Link(this, at !== undefined);
     bindControls(this);
     new ResizeObserver(() => this.resize()).observe(byId("episodes"));
     addEventListener("resize", () => this.resize());
-    this.paint();
+    this.legend();
+    beginTheme(() => this.paint(), theme);
     this.select(-1);
     this.resize();
     this.link.follow(at ?? location.hash);
@@ -44,7 +47,7 @@ export class Page {
   }
 
   get viewing() {
-    return { colours: coloursOf(this.theme), layer: this.layer, selected: this.selected };
+    return { colours: coloursOf(currentTheme()), layer: this.layer, selected: this.selected };
   }
 
   title() {
@@ -83,7 +86,7 @@ export class Page {
       this.select(robot === this.selected ? -1 : robot);
     });
     byId("episodes").append(box);
-    const tiles = new Tiles(box.querySelector(".tiles"), episode);
+    const tiles = new Tiles(box.querySelector(".stage-head .row"), episode);
     const view = { box, canvas, stage, inspector, episode, tiles };
     this.addLayers(box.querySelector(".stage-foot .choices"), stage);
     return view;
@@ -107,11 +110,6 @@ export class Page {
 
   selectIfThere(robot) {
     if (robot < this.episodes[0].count) this.select(robot);
-  }
-
-  flip() {
-    this.theme = this.theme === "dark" ? "light" : "dark";
-    this.paint();
   }
 
   lay(layer) {
@@ -144,24 +142,18 @@ export class Page {
   }
 
   paint() {
-    const colours = paintTheme(this.theme);
-    for (const view of this.views) view.inspector.paint(colours);
-    this.legend();
-    for (const chart of this.charts) chart.build(colours);
-    if (this.timeline.width) this.timeline.draw(colours);
-    for (const chart of this.charts) chart.select(this.selected);
-    this.move();
+    if (this.timeline.width) this.timeline.draw(this.viewing.colours);
+    this.draw();
   }
 
   legend() {
-    const { colours } = this.viewing;
     for (const view of this.views) {
       const box = view.box.querySelector(".legend");
       box.replaceChildren(
-        ...view.stage.legend(this.layer).map(([mark, words]) => {
+        ...legendOf(view.episode, view.stage.ground, this.layer).map(([mark, words]) => {
           const sign = element("i", `sign ${mark}`);
-          if (mark === "ramp") sign.style.background = gradientOf(this.layer, colours);
-          return element("span", "", sign, words);
+          if (mark === "ramp") sign.style.background = gradientOf(this.layer);
+          return element("span", "pair", sign, words);
         }),
       );
     }
@@ -183,7 +175,6 @@ export class Page {
     }
     this.timeline.resize(byId("timeline").clientWidth, ratio);
     this.timeline.draw(this.viewing.colours);
-    for (const chart of this.charts) chart.resize();
     this.draw();
   }
 
@@ -214,7 +205,7 @@ export class Page {
   move() {
     const { time, playing } = this.player;
     this.draw();
-    for (const chart of this.charts || []) chart.move(time);
+    for (const chart of this.charts) chart.move(time);
     for (const view of this.views) {
       view.inspector.move(time);
       view.tiles.move(time);

@@ -1,14 +1,12 @@
 // View from above on a canvas: ground, sensors, curve, ring, trails, targets, robots.
 
 import { Bodies } from "./bodies.js";
-import { faded, robotColour } from "./colours.js";
+import { faded, robotPaint } from "./colours.js";
 import { edges } from "./derived.js";
 import { REMOVED, STUCK } from "./episode.js";
 import { Ground } from "./ground.js";
 import { Labels } from "./labels.js";
-import { legendOf } from "./legend.js";
-import { paintRogue } from "./rogue.js";
-import { Targets } from "./targets.js";
+import { paintRogue, Targets } from "./targets.js";
 import { quantile } from "./words.js";
 
 const MOST_TRAIL = 300;
@@ -16,7 +14,7 @@ const PAD = 12;
 const MOSTLY = 0.95;
 
 // Length of a trail [moment].
-export function trailOf(episode) {
+function trailOf(episode) {
   return Math.min(Math.max(Math.round(episode.about.trail / episode.step), 2), MOST_TRAIL);
 }
 
@@ -71,15 +69,6 @@ export class Stage {
   panBy(right, down) {
     const { camera, scale } = this;
     camera.moveTo(camera.x - right / scale, camera.y + down / scale, this.extent);
-  }
-
-  whole() {
-    this.camera.whole();
-  }
-
-  // Return the legend: [sign, words].
-  legend(layer) {
-    return legendOf(this.episode, this.ground, layer);
   }
 
   px(x) {
@@ -223,7 +212,7 @@ export class Stage {
     context.lineJoin = "round";
     context.lineWidth = Math.min(0.5 * this.body, 4);
     for (let i = 0; i < episode.count; i++) {
-      const colour = robotColour(view.colours, i),
+      const colour = robotPaint(view.colours, i),
         row = i * moments;
       for (let piece = 0; piece < pieces; piece++) {
         const from = first + Math.floor(((at.moment - first) * piece) / pieces);

@@ -15,7 +15,7 @@ export class Tiles {
 
   add(words) {
     const value = element("b");
-    this.box.append(element("div", "tile", value, element("span", "", words)));
+    this.box.append(element("div", "pair muted tile", value, element("span", "", words)));
     return value;
   }
 

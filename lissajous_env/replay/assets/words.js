@@ -30,6 +30,9 @@ export function quantile(values, share) {
   return some.length ? some[Math.min(Math.floor(share * some.length), some.length - 1)] : 0;
 }
 
+// Return the element with an id.
+export const byId = (name) => document.getElementById(name);
+
 // Create an element of a class with text and other elements in it.
 export function element(kind, name = "", ...content) {
   const made = document.createElement(kind);

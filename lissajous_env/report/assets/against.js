@@ -1,6 +1,6 @@
 // Comparison of the policies of a scenario with the reference on the same seeds.
 
-import { interval } from "./ranking.js";
+import { interval } from "./strips.js";
 import { heads, reading, rowName, scrolling, table } from "./tables.js";
 import { element } from "./words.js";
 
@@ -16,7 +16,7 @@ export function comparison(report, scenario) {
     "more-of against",
     element("summary", "", `Seed by seed against ${shown}`),
     scrolling(`Policies on ${scenario.name} against ${shown}`, pairsOf(report, scenario)),
-    element("p", "note", NOTE),
+    element("p", "muted note", NOTE),
   );
 }
 

@@ -4,11 +4,10 @@ import { reveal } from "./folding.js";
 import { copied } from "./link.js";
 import { badge } from "./svg.js";
 import { fill, heading, heads, ordered } from "./tables.js";
-import { button, element, number } from "./words.js";
+import { button, byId, element, number } from "./words.js";
 
 const FIRST = 50;
 const MORE = 250;
-const box = (name) => document.getElementById(name);
 
 export class Episodes {
   constructor(report, onReplay) {
@@ -33,7 +32,7 @@ export class Episodes {
       report.kinds.map((each) => each.words),
     );
     this.orders();
-    box("more").addEventListener("click", () => {
+    byId("more").addEventListener("click", () => {
       this.most += MORE;
       this.fill();
     });
@@ -41,8 +40,8 @@ export class Episodes {
   }
 
   choose(name, words) {
-    box(name).append(option("", "all"), ...words.map((each, k) => option(String(k), each)));
-    box(name).addEventListener("change", () => {
+    byId(name).append(new Option("all", ""), ...words.map((each, k) => new Option(each, String(k))));
+    byId(name).addEventListener("change", () => {
       this.most = FIRST;
       this.fill();
     });
@@ -50,37 +49,37 @@ export class Episodes {
 
   orders() {
     const known = this.report.columns.filter(({ name }) => this.report.episodes[name].some((value) => value !== null));
-    box("order").append(
-      option("", "worst first"),
+    byId("order").append(
+      new Option("worst first", ""),
       ...known.flatMap(({ name, title }) => [
-        option(`-${name}`, `${title}, most first`),
-        option(`+${name}`, `${title}, least first`),
+        new Option(`${title}, most first`, `-${name}`),
+        new Option(`${title}, least first`, `+${name}`),
       ]),
     );
-    box("order").addEventListener("change", (event) =>
+    byId("order").addEventListener("change", (event) =>
       this.sort(event.target.value.slice(1), event.target.value.startsWith("-")),
     );
   }
 
   sort(order, down) {
     Object.assign(this, { order, down, most: FIRST });
-    box("order").value = order ? `${down ? "-" : "+"}${order}` : "";
+    byId("order").value = order ? `${down ? "-" : "+"}${order}` : "";
     this.fill();
   }
 
   // Filter by scenario, policy and kind of failure (indices in the data); omitted ones match all.
   narrow({ scenario = "", policy = "", kind = "" }) {
-    box("of-scenario").value = String(scenario);
-    box("of-policy").value = String(policy);
-    box("of-kind").value = String(kind);
+    byId("of-scenario").value = String(scenario);
+    byId("of-policy").value = String(policy);
+    byId("of-kind").value = String(kind);
     this.sort("", true);
-    reveal(box("episodes"));
+    reveal(byId("episodes"));
   }
 
   // Return the indices of the listed episodes, in order.
   places() {
     const { episodes } = this.report,
-      wanted = (name) => box(name).value;
+      wanted = (name) => byId(name).value;
     const [s, p, kind] = ["of-scenario", "of-policy", "of-kind"].map(wanted);
     const found = [];
     for (let k = 0; k < this.count; k++) {
@@ -97,12 +96,12 @@ export class Episodes {
     const places = this.places();
     const columns = this.order && !this.shown.includes(this.order) ? [this.order, ...this.shown] : this.shown;
     const rows = places.slice(0, this.most).map((k) => this.row(k, columns));
-    fill(box("list"), this.head(columns), rows);
+    fill(byId("list"), this.head(columns), rows);
     const listed =
       this.report.total > this.count ? ` listed, the worst of ${this.report.total.toLocaleString("en")}` : "";
-    box("found").textContent = `${places.length.toLocaleString("en")} episodes${listed}`;
-    box("more").hidden = places.length <= this.most;
-    box("more").textContent =
+    byId("found").textContent = `${places.length.toLocaleString("en")} episodes${listed}`;
+    byId("more").hidden = places.length <= this.most;
+    byId("more").textContent =
       `Show ${Math.min(MORE, places.length - this.most)} more of ${(places.length - this.most).toLocaleString("en")}`;
   }
 
@@ -158,7 +157,7 @@ export class Episodes {
         made.lastChild.title = "Replay from where the rogue appears that this policy misses";
       }
     } else if (command) {
-      made.append(button("quiet", "Command", () => tell(made, command)));
+      made.append(button("", "Command", () => tell(made, command)));
       made.firstChild.title = "Show the command for a replay";
     }
     return made;
@@ -196,7 +195,7 @@ function tell(cell, command) {
     return;
   }
   const code = element("code", "", command),
-    said = element("small"),
+    said = element("small", "muted"),
     wide = element("td", "", code, said);
   wide.colSpan = row.cells.length;
   row.after(element("tr", "told", wide));
@@ -204,10 +203,4 @@ function tell(cell, command) {
     getSelection().selectAllChildren(code);
     said.append(done ? "copied" : "selected; press Ctrl+C");
   });
-}
-
-function option(value, words) {
-  const made = element("option", "", words);
-  made.value = value;
-  return made;
 }

@@ -1,9 +1,8 @@
 // Failures: a count for each kind, and a matrix of policies and scenarios, worst policy first.
 
 import { fill, heads, rowName } from "./tables.js";
-import { button, element, number } from "./words.js";
+import { button, byId, element, number } from "./words.js";
 
-const byId = (name) => document.getElementById(name);
 
 export function showFailures(report, onPick) {
   raised(report);
@@ -51,7 +50,7 @@ function tally(report, kind, k, onPick) {
       : never.length && never.length <= 4
         ? `most: ${most}; never: ${never.join(", ")}`
         : `most: ${most}`;
-  box.append(element("small", "", words));
+  box.append(element("small", "muted", words));
   return box;
 }
 
@@ -94,7 +93,7 @@ function meters(report, of, most, onClick) {
       length = collided ? Math.log1p(of.badness[2]) / Math.log1p(most) : share;
     bar.style.width = `${(100 * length).toFixed(1)}%`;
     const words = collided ? number(of.badness[2]) : `${of.failed[k]}/${of.episodes}`;
-    box.append(element("span", `meter ${kind.name}`, element("i", "", bar), element("span", "", words)));
+    box.append(element("span", `muted meter ${kind.name}`, element("i", "", bar), element("span", "", words)));
   });
   box.title = said.join("\n");
   box.setAttribute("aria-label", said.join("; "));

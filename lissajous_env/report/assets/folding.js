@@ -1,12 +1,13 @@
 // Sections that fold, and open when the address or a link names them.
 
+import { byId } from "./words.js";
 export function beginFolding() {
   addEventListener("hashchange", openNamed);
   openNamed();
 }
 
 function openNamed() {
-  const part = document.getElementById(decodeURIComponent(location.hash.slice(1)));
+  const part = byId(decodeURIComponent(location.hash.slice(1)));
   if (part) reveal(part);
 }
 

@@ -1,13 +1,13 @@
 // Ranking: mean ranks over the scenarios of a kind of robots, and the scores that are comparable between scenarios.
 
-import { svg } from "./svg.js";
+import { interval } from "./strips.js";
 import { cell, heading, reading, rowName, scrolling, sortable, table } from "./tables.js";
-import { element } from "./words.js";
+import { byId, element } from "./words.js";
 
 export function showRankings(report) {
-  const box = document.getElementById("rankings");
+  const box = byId("rankings");
   for (const ranking of report.rankings) box.append(rankingOf(report, ranking));
-  document.getElementById("ranking").hidden = report.rankings.length === 0;
+  byId("ranking").hidden = report.rankings.length === 0;
 }
 
 function rankingOf(report, ranking) {
@@ -57,16 +57,3 @@ function togetherOf(report, ranking) {
 }
 
 const sorters = (titles) => ["policy", ...titles].map((words) => heading(words));
-
-// Draw a mean and its interval on a line from `least` to `most`, optionally with a mark in the middle.
-export function interval(policy, [mean, low, high], least, most, middle = null) {
-  const at = (value) => `${(3 + (94 * (value - least)) / (most - least || 1)).toFixed(2)}%`;
-  const picture = svg("svg", { class: "strip", height: 12, width: "100%", "aria-hidden": "true" });
-  picture.append(svg("line", { x1: "3%", x2: "97%", y1: 6, y2: 6, class: "grid" }));
-  if (middle !== null) picture.append(svg("line", { x1: at(middle), x2: at(middle), y1: 0, y2: 12, class: "limit" }));
-  if (low !== null) {
-    picture.append(svg("line", { x1: at(low), x2: at(high), y1: 6, y2: 6, class: `range c${policy.colour}` }));
-  }
-  if (mean !== null) picture.append(svg("circle", { cx: at(mean), cy: 6, r: 3.2, class: `spot c${policy.colour}` }));
-  return picture;
-}

@@ -6,22 +6,25 @@ import { beginFolding, reveal } from "./folding.js";
 import { showRankings } from "./ranking.js";
 import { scenarioSection } from "./scenario.js";
 import { start } from "./start.js";
+import { facts } from "./tables.js";
+import { beginTheme } from "./theme.js";
 import { Viewer } from "./viewer.js";
-import { element } from "./words.js";
+import { byId, element } from "./words.js";
 
-const at = (name) => document.getElementById(name);
 
 function begin(report) {
+  beginTheme();
   const viewer = new Viewer(...replaysOf(report));
   const episodes = new Episodes(report, (id, place) => viewer.open(id, place));
   showRankings(report);
   showFailures(report, (wanted) => episodes.narrow(wanted));
-  at("scenarios").append(
+  byId("scenarios").append(
     ...report.scenarios.map((scenario, s) =>
       scenarioSection(report, scenario, s, (place) => pick(report, viewer, episodes, place)),
     ),
   );
   contents(report);
+  byId("made").append(element("dl", "row muted facts-row", ...facts(Object.entries(report.made))));
   beginFolding();
   globalThis.report = { report, viewer, episodes };
 }
@@ -63,8 +66,8 @@ function contents(report) {
   for (const [id, words] of links) {
     const link = element("a", "", words);
     link.href = `#${id}`;
-    link.addEventListener("click", () => reveal(at(id)));
-    at("contents").append(link);
+    link.addEventListener("click", () => reveal(byId(id)));
+    byId("contents").append(link);
   }
 }
 

@@ -2,22 +2,22 @@
 
 import { comparison } from "./against.js";
 import { chip } from "./episodes.js";
-import { Plot, pictures } from "./plot.js";
+import { figure, pictures } from "./figures.js";
 import { scaleOf } from "./scales.js";
-import { strip, stripAxis } from "./strips.js";
-import { markOf, svg } from "./svg.js";
+import { episodesStrip, stripAxis } from "./strips.js";
+import { coloured, markOf, svg } from "./svg.js";
 import { cell, facts, fill, heading, reading, rowName, sortable } from "./tables.js";
-import { element, number } from "./words.js";
+import { byId, element, number } from "./words.js";
 
 export function scenarioSection(report, scenario, s, onPick) {
-  const box = document.getElementById("scenario").content.firstElementChild.cloneNode(true);
+  const box = byId("scenario").content.firstElementChild.cloneNode(true);
   box.id = `scenario-${s}`;
   box.querySelector("h2").textContent = scenario.name;
   box.querySelector(".about").textContent = scenario.description;
   box.querySelector(".scroll").setAttribute("aria-label", `Policies on ${scenario.name}`);
   box.querySelector(".facts-row").append(...facts(scenario.facts));
   fillPolicies(report, scenario, s, box.querySelector("table"));
-  box.querySelector(".scroll").after(...scenario.notes.map((words) => element("p", "note", words)));
+  box.querySelector(".scroll").after(...scenario.notes.map((words) => element("p", "muted note", words)));
   box.querySelector(".plots").replaceWith(pictures(...plotsOf(report, scenario)));
   if (scenario.against) box.append(comparison(report, scenario));
   box.addEventListener("click", (event) => {
@@ -69,7 +69,7 @@ function fillPolicies(report, scenario, s, table) {
     const named = measure.lines
       .filter(([value]) => scale.holds(value))
       .map(([value, words]) => `${words} ${number(value)}`);
-    made.append(...(measure.strip ? [stripAxis(measure, scale)] : []), element("small", "", named.join(" · ")));
+    made.append(...(measure.strip ? [stripAxis(scale)] : []), element("small", "", named.join(" · ")));
     return made;
   });
   const body = rows.map((policy, place) => {
@@ -88,7 +88,7 @@ function failuresOf(report, policy) {
   const chips = report.kinds.map((kind, k) =>
     policy.failed[k] ? chip(kind, `${kind.words} ${policy.failed[k]}/${policy.episodes}`) : "",
   );
-  return element("span", "chips", ...chips);
+  return element("span", "row chips", ...chips);
 }
 
 function bestOf(scenario, measure, of) {
@@ -104,10 +104,13 @@ function measured(report, s, policy, { measure, scale, best }) {
   const of = policy.cells[measure.column],
     look = report.policies[policy.policy];
   const words = reading(of.words, of.between, look.rival && of.words === best ? "best" : "");
-  if (of.known < policy.episodes) words.append(element("small", "few", `(${of.known}/${policy.episodes})`));
+  if (of.known < policy.episodes) words.append(element("small", "muted", `(${of.known}/${policy.episodes})`));
   const value = of.value !== null && of.words.startsWith(">") ? Number.MAX_VALUE : of.value;
   const made = cell(measure.strip ? "wide" : "", value, words);
-  if (measure.strip) made.append(strip(look, of, measure, scale, dotsOf(report, s, policy.policy, measure.column)));
+  if (measure.strip) {
+    const dots = dotsOf(report, s, policy.policy, measure.column);
+    made.append(episodesStrip(look, of, measure, scale, dots));
+  }
   return made;
 }
 
@@ -133,7 +136,7 @@ function survival(report, scenario) {
     },
     y: { scale: scaleOf([1]), title: "" },
   };
-  return new Plot("Undetected targets", "share of the targets, Kaplan-Meier estimate", axes, (plot) => {
+  return figure("Undetected targets", "share of the targets, Kaplan-Meier estimate", axes, (plot) => {
     for (const of of scenario.policies) {
       if (!of.curve) continue;
       const policy = report.policies[of.policy],
@@ -141,8 +144,8 @@ function survival(report, scenario) {
       const line = plot.path(
         scenario.times,
         of.curve,
-        { class: `curve c${policy.colour}${policy.hollow ? " hollow" : ""}` },
-        true,
+        { class: `curve${policy.hollow ? " hollow" : ""}`, ...coloured(policy) },
+        { stepped: true },
       );
       group.append(svg("title", {}, policy.shown), line);
       const known = of.curve.filter((share) => share !== null && share > 0.004).length,
@@ -179,7 +182,7 @@ function against(report, scenario, across, up) {
     },
     y: { scale: scaleOf(ends(up), [], 1), title: "" },
   };
-  return new Plot("Detection against collisions", `${up.title} per episode; bars: 95 % intervals`, axes, (plot) => {
+  return figure("Detection against collisions", `${up.title} per episode; bars: 95 % intervals`, axes, (plot) => {
     const near = 5,
       places = shown.map((policy) => [
         plot.x(of(policy, across).value),
@@ -190,7 +193,7 @@ function against(report, scenario, across, up) {
       const [x, y] = [of(policy, across), of(policy, up)],
         look = report.policies[policy.policy];
       const group = svg("g", { "data-policy": policy.policy, class: "series" }, svg("title", {}, look.shown));
-      const whisker = (x1, x2, y1, y2) => group.append(svg("line", { x1, x2, y1, y2, class: `whisker c${look.colour}` }));
+      const whisker = (x1, x2, y1, y2) => group.append(svg("line", { x1, x2, y1, y2, class: "whisker", ...coloured(look) }));
       const [left, top] = [plot.x(x.value), plot.y(y.value)];
       if (x.interval[0] !== null) whisker(plot.x(x.interval[0]), plot.x(x.interval[1]), top, top);
       if (y.interval[0] !== null) whisker(left, left, plot.y(y.interval[0]), plot.y(y.interval[1]));

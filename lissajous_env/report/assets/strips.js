@@ -1,7 +1,7 @@
-// The episodes of a policy in one column as a strip: quartile box, a dot for each episode, and theoretical lines.
+// Distributions in the cells of tables: strips of episodes with quartile box and theoretical lines, and intervals of means.
 
 import { roundOf } from "./scales.js";
-import { svg } from "./svg.js";
+import { coloured, svg } from "./svg.js";
 import { mark } from "./words.js";
 
 const HEIGHT = 18;
@@ -9,65 +9,55 @@ const MOST_DOTS = 64;
 
 const percent = (share) => `${(100 * share).toFixed(2)}%`;
 
-// `dots` are [value, index of the episode in the data].
-export function strip(policy, cell, measure, scale, dots) {
-  const picture = svg("svg", { class: "strip", height: HEIGHT, width: "100%", "aria-hidden": "true" });
-  picture.append(...linesOf(measure, scale, HEIGHT));
+const strip = (look, height, ...parts) =>
+  svg("svg", { class: look, height, width: "100%", "aria-hidden": "true" }, ...parts);
+
+const across = (from, to, y, look) => svg("line", { x1: percent(from), x2: percent(to), y1: y, y2: y, ...look });
+
+const upright = (at, top, bottom, look) =>
+  svg("line", { x1: percent(at), x2: percent(at), y1: top, y2: bottom, ...look });
+
+// The episodes of a policy in one column; `dots` are [value, index of the episode in the data].
+export function episodesStrip(policy, cell, measure, scale, dots) {
+  const y = HEIGHT / 2,
+    colour = coloured(policy);
+  const lines = measure.lines.filter(([value]) => scale.holds(value));
+  const parts = lines.map(([value]) => upright(scale.place(value), 0, HEIGHT, { class: "limit" }));
   if (cell.quartiles) {
     const [least, lower, middle, upper, most] = cell.quartiles.map(scale.place);
-    const y = HEIGHT / 2,
-      look = `c${policy.colour}`;
-    picture.append(
-      svg("line", { x1: percent(least), x2: percent(most), y1: y, y2: y, class: `whisker ${look}` }),
-      svg("rect", {
-        x: percent(lower),
-        width: percent(Math.max(upper - lower, 0.002)),
-        y: y - 5,
-        height: 10,
-        class: `box ${look}`,
-      }),
-      svg("line", { x1: percent(middle), x2: percent(middle), y1: y - 6, y2: y + 6, class: `median ${look}` }),
+    const width = percent(Math.max(upper - lower, 0.002));
+    parts.push(
+      across(least, most, y, { class: "whisker", ...colour }),
+      svg("rect", { x: percent(lower), width, y: y - 5, height: 10, class: "box", ...colour }),
+      upright(middle, y - 6, y + 6, { class: "median", ...colour }),
     );
   }
   const every = Math.ceil(dots.length / MOST_DOTS);
   for (const [k, [value, episode]] of dots.entries()) {
     if (k % every) continue;
     // All but the worst and the best are jittered, so that equal values are visible.
-    const y = HEIGHT / 2 + ((k * 7) % 5) - 2;
-    picture.append(
-      svg("circle", {
-        cx: percent(scale.place(value)),
-        cy: y,
-        r: 1.9,
-        class: `dot c${policy.colour}`,
-        "data-episode": episode,
-      }),
-    );
+    const place = { cx: percent(scale.place(value)), cy: y + ((k * 7) % 5) - 2, r: 1.9 };
+    parts.push(svg("circle", { ...place, class: "dot", "data-episode": episode, ...colour }));
   }
-  return picture;
+  return strip("strip", HEIGHT, ...parts);
 }
 
-// Ticks and names of the lines above the strips of a column.
-export function stripAxis(measure, scale) {
-  const picture = svg("svg", { class: "strip axis", height: 14, width: "100%", "aria-hidden": "true" });
-  for (const value of roundOf(scale, 4)) {
+// Ticks above the strips of a column.
+export function stripAxis(scale) {
+  const ticks = roundOf(scale, 4).map((value) => {
     const share = scale.place(value),
       anchor = share < 0.06 ? "start" : share > 0.9 ? "end" : "middle";
-    picture.append(svg("text", { x: percent(share), y: 10, "text-anchor": anchor }, mark(value)));
-  }
-  return picture;
+    return svg("text", { x: percent(share), y: 10, "text-anchor": anchor }, mark(value));
+  });
+  return strip("strip axis", 14, ...ticks);
 }
 
-function linesOf(measure, scale, height) {
-  return measure.lines
-    .filter(([value]) => scale.holds(value))
-    .map(([value]) =>
-      svg("line", {
-        x1: percent(scale.place(value)),
-        x2: percent(scale.place(value)),
-        y1: 0,
-        y2: height,
-        class: "limit",
-      }),
-    );
+// A mean and its interval on a line from `least` to `most`, optionally with a mark in the middle.
+export function interval(policy, [mean, low, high], least, most, middle = null) {
+  const at = (value) => 0.03 + (0.94 * (value - least)) / (most - least || 1);
+  const parts = [across(0.03, 0.97, 6, { class: "grid" })];
+  if (middle !== null) parts.push(upright(at(middle), 0, 12, { class: "limit" }));
+  if (low !== null) parts.push(across(at(low), at(high), 6, { class: "range", ...coloured(policy) }));
+  if (mean !== null) parts.push(svg("circle", { cx: percent(at(mean)), cy: 6, r: 3.2, ...coloured(policy) }));
+  return strip("strip", 12, ...parts);
 }

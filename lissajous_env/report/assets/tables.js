@@ -40,7 +40,7 @@ export function cell(name, value, ...content) {
 
 // A number in words and its interval.
 export function reading(words, between = "", look = "") {
-  return element("span", "reading", element("b", look, words), between ? element("small", "", between) : "");
+  return element("span", "row reading", element("b", look, words), between ? element("small", "muted", between) : "");
 }
 
 // A table that scrolls sideways.

@@ -1,30 +1,31 @@
 // The report of a training: learning curve with other policies, evaluations, and a replay of the latest checkpoint.
 
-import { Plot, pictures } from "./plot.js";
+import { figure, pictures } from "./figures.js";
 import { scaleOf } from "./scales.js";
 import { start } from "./start.js";
-import { badge, svg } from "./svg.js";
+import { badge, coloured, svg } from "./svg.js";
 import { cell, facts, fill, heading, heads, sortable } from "./tables.js";
+import { beginTheme } from "./theme.js";
 import { Viewer } from "./viewer.js";
-import { element, number } from "./words.js";
+import { byId, element, number } from "./words.js";
 
 const LEARNED = { colour: 0, mark: "o", hollow: false, shown: "policy" };
-const of = (name) => document.getElementById(name);
 
 function begin(training) {
+  beginTheme();
   const viewer = new Viewer(training.replays, (id, others) => others[0]);
   const [latest] = Object.keys(training.replays);
-  of("play").hidden = latest === undefined;
-  if (latest !== undefined) of("play").title = training.replays[latest].title;
-  of("play").addEventListener("click", () => viewer.open(latest));
-  of("curve").append(pictures(...training.scores.map((score) => curve(training, score))));
+  byId("play").hidden = latest === undefined;
+  if (latest !== undefined) byId("play").title = training.replays[latest].title;
+  byId("play").addEventListener("click", () => viewer.open(latest));
+  byId("curve").append(pictures(...training.scores.map((score) => curve(training, score))));
   showLosses(training);
   showLearning(training);
   fillEvaluations(training);
   fillScenarios(training);
-  of("changed").append(element("dl", "", ...facts(training.settings.changed)));
-  of("defaults").append(element("dl", "", ...facts(training.settings.others)));
-  of("defaults-title").textContent = `${training.settings.others.length} settings that have their defaults`;
+  byId("changed").append(element("dl", "", ...facts(training.settings.changed)));
+  byId("defaults").append(element("dl", "", ...facts(training.settings.others)));
+  byId("defaults-title").textContent = `${training.settings.others.length} settings that have their defaults`;
   globalThis.training = { training, viewer };
 }
 
@@ -40,17 +41,17 @@ function curve(training, score) {
     },
     y: { scale: scaleOf([...values, ...rivals.map((rival) => rival[score.name])]), title: "" },
   };
-  return new Plot(score.title, score.about, axes, (plot) => {
+  return figure(score.title, score.about, axes, (plot) => {
     const right = plot.x(axes.x.scale.far);
     const lines = rivals.map((rival) => ({ rival, name: rival.name, y: plot.y(rival[score.name]) }));
     for (const { rival, y } of lines) {
-      const look = `curve rival c${colourOf(training, rival)}`;
-      plot.add("line", { x1: plot.x(0), x2: right, y1: y, y2: y, class: look });
+      const look = { class: "curve rival", ...coloured({ colour: colourOf(training, rival) }) };
+      plot.add("line", { x1: plot.x(0), x2: right, y1: y, y2: y, ...look });
     }
-    plot.path(steps, values, { class: "curve c0" });
+    plot.path(steps, values, { class: "curve", ...coloured(LEARNED) });
     values.forEach((value, k) => {
       if (value === null) return;
-      const dot = plot.add("circle", { cx: plot.x(steps[k]), cy: plot.y(value), r: 3, class: "mark c0" });
+      const dot = plot.add("circle", { cx: plot.x(steps[k]), cy: plot.y(value), r: 3, class: "mark", ...coloured(LEARNED) });
       dot.append(svg("title", {}, `${number(value)} after ${number(steps[k])} million steps`));
     });
     for (const close of closeTogether(lines)) {
@@ -75,21 +76,21 @@ function closeTogether(lines) {
 
 function showLosses(training) {
   const lost = Object.entries(training.lost).map(([rival, worse]) => `${rival}: ${worse.join("; ")}`);
-  of("lost").hidden = lost.length === 0;
-  of("lost").append(element("b", "", "The best policy loses to "), lost.join(" · "));
+  byId("lost").hidden = lost.length === 0;
+  byId("lost").append(element("b", "", "The best policy loses to "), lost.join(" · "));
 }
 
 function showLearning(training) {
   const told = training.learned.filter((each) => training.learning.some((point) => each.name in point));
-  of("learning-part").hidden = told.length === 0;
+  byId("learning-part").hidden = told.length === 0;
   const steps = training.learning.map((point) => point.steps / 1e6);
   const plots = told.map(({ name, title, about, times }) => {
     // The error of an untrained critic is arbitrary.
     const values = training.learning.map((point) => (name in point ? times * Math.max(point[name], lowest(name)) : null));
     const axes = { x: { scale: scaleOf(steps), title: "steps of a robot [million]" }, y: { scale: scaleOf(values), title: "" } };
-    return new Plot(title, about, axes, (plot) => plot.path(steps, values, { class: "curve c0" }), 200);
+    return figure(title, about, axes, (plot) => plot.path(steps, values, { class: "curve", ...coloured(LEARNED) }), 200);
   });
-  of("learning").append(pictures(...plots));
+  byId("learning").append(pictures(...plots));
 }
 
 function lowest(name) {
@@ -116,12 +117,12 @@ function fillEvaluations(training) {
       ),
     );
   });
-  fill(of("evaluations"), [...heads("of"), ...titles.map((title) => heading(title, "number"))], rows);
-  sortable(of("evaluations"));
+  fill(byId("evaluations"), [...heads("of"), ...titles.map((title) => heading(title, "number"))], rows);
+  sortable(byId("evaluations"));
 }
 
 function fillScenarios(training) {
-  of("scenarios-part").hidden = training.scenarios.length === 0;
+  byId("scenarios-part").hidden = training.scenarios.length === 0;
   if (training.scenarios.length === 0) return;
   const names = [...new Set(training.scenarios.flatMap((scenario) => Object.keys(scenario.policies)))];
   const columns = [
@@ -137,8 +138,8 @@ function fillScenarios(training) {
       ...columns.map(([, value]) => cell("number", value(policies), number(value(policies) ?? null))),
     ),
   );
-  fill(of("scenarios"), [...heads("scenario"), ...columns.map(([title]) => heading(title, "number"))], rows);
-  sortable(of("scenarios"));
+  fill(byId("scenarios"), [...heads("scenario"), ...columns.map(([title]) => heading(title, "number"))], rows);
+  sortable(byId("scenarios"));
 }
 
 function relativeTime({ policy, ...others }) {

@@ -2,25 +2,24 @@
 
 import { copied } from "./link.js";
 import { currentTheme } from "./theme.js";
-import { element } from "./words.js";
+import { byId } from "./words.js";
 
 // Moment and robot in an address.
 const PLACE = /^t=[\d.]+(&robot=\d+)?$/;
 
-const part = (name) => document.getElementById(name);
 
 export class Viewer {
   // `entries`: {title, group, policy, note} by the id of the data; those of one group can be side by side.
   // `partner(id)`: the default episode beside another.
   constructor(entries, partner) {
     Object.assign(this, { entries, partner });
-    part("close").addEventListener("click", () => part("viewer").close());
-    part("viewer").addEventListener("close", () => {
-      part("frame").srcdoc = "";
+    byId("close").addEventListener("click", () => byId("viewer").close());
+    byId("viewer").addEventListener("close", () => {
+      byId("frame").srcdoc = "";
       this.address = "";
       history.replaceState(null, "", location.pathname + location.search);
     });
-    part("beside").addEventListener("change", (event) => this.play(this.shown, event.target.value, this.at));
+    byId("beside").addEventListener("change", (event) => this.play(this.shown, event.target.value, this.at));
     addEventListener("hashchange", () => this.follow());
     addEventListener("message", (event) => this.hear(event));
     this.follow();
@@ -36,7 +35,7 @@ export class Viewer {
   // The page in the frame changed its moment or robot, or its link is copied.
   hear(event) {
     const { replay, copy } = event.data || {};
-    if (event.source !== part("frame").contentWindow || !PLACE.test(replay)) return;
+    if (event.source !== byId("frame").contentWindow || !PLACE.test(replay)) return;
     this.remember(replay);
     if (copy) copied(location.href);
   }
@@ -51,18 +50,15 @@ export class Viewer {
   open(id, at = "") {
     const entry = this.entries[id],
       others = Object.keys(this.entries).filter((other) => other !== id && this.entries[other].group === entry.group);
-    part("viewer-title").textContent = entry.title;
-    part("beside").replaceChildren(
-      element("option", "", "nothing"),
-      ...others.map((other) => element("option", "", this.entries[other].policy)),
+    byId("viewer-title").textContent = entry.title;
+    byId("beside").replaceChildren(
+      new Option("nothing", ""),
+      ...others.map((other) => new Option(this.entries[other].policy, other)),
     );
-    [...part("beside").options].forEach((option, k) => {
-      option.value = k ? others[k - 1] : "";
-    });
-    part("beside").parentElement.hidden = others.length === 0;
+    byId("beside").parentElement.hidden = others.length === 0;
     const partner = this.partner(id, others) || "";
-    part("beside").value = partner;
-    if (!part("viewer").open) part("viewer").showModal();
+    byId("beside").value = partner;
+    if (!byId("viewer").open) byId("viewer").showModal();
     this.play(id, partner, PLACE.test(at) ? at : "");
   }
 
@@ -70,13 +66,13 @@ export class Viewer {
     this.shown = id;
     this.remember(at);
     const ids = beside ? [id, beside] : [id];
-    part("viewer-note").textContent = ids
+    byId("viewer-note").textContent = ids
       .map((each) => this.entries[each].note)
       .filter(Boolean)
       .join(" ");
     // The data are JSON that cannot end a script, so they are inserted unchanged.
-    const episodes = ids.map((each) => part(each).textContent).join(",");
-    const page = JSON.parse(part("viewer-page").textContent).replace("@theme@", currentTheme()).replace("@at@", at);
-    part("frame").srcdoc = page.replace("@episodes@", () => episodes);
+    const episodes = ids.map((each) => byId(each).textContent).join(",");
+    const page = JSON.parse(byId("viewer-page").textContent).replace("@theme@", currentTheme()).replace("@at@", at);
+    byId("frame").srcdoc = page.replace("@episodes@", () => episodes);
   }
 }

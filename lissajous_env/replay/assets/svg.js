@@ -1,5 +1,7 @@
 // SVG elements; the style sheet defines their colours, so themes need no redrawing.
 
+import { element } from "./words.js";
+
 const SPACE = "http://www.w3.org/2000/svg";
 
 export function svg(kind, attributes = {}, ...children) {
@@ -26,19 +28,20 @@ const OUTLINES = {
   "*": "M0-6 1.500-1.900 5.800-1.800 2.400.8 3.600 5 0 2.500-3.600 5-2.400.8-5.800-1.800-1.500-1.900z",
 };
 
+// Attributes of a part in the colour of a policy.
+export function coloured(policy) {
+  const colour = `var(--policies-${policy.colour})`;
+  return { stroke: colour, fill: colour };
+}
+
 // The mark of a policy, around the origin.
 export function markOf(policy) {
-  const look = `mark c${policy.colour}${policy.hollow ? " hollow" : ""}`;
-  if (!OUTLINES[policy.mark]) return svg("circle", { r: 4.4, class: look });
-  return svg("path", { d: OUTLINES[policy.mark], class: look });
+  const look = { class: policy.hollow ? "mark hollow" : "mark", ...coloured(policy) };
+  if (!OUTLINES[policy.mark]) return svg("circle", { r: 4.4, ...look });
+  return svg("path", { d: OUTLINES[policy.mark], ...look });
 }
 
 export function badge(policy) {
-  const made = document.createElement("span");
-  made.className = "badge";
   const sign = svg("svg", { viewBox: "-7 -7 14 14", width: 13, height: 13, "aria-hidden": "true" }, markOf(policy));
-  const name = document.createElement("span");
-  name.textContent = policy.shown;
-  made.append(sign, name);
-  return made;
+  return element("span", "pair badge", sign, element("span", "", policy.shown));
 }

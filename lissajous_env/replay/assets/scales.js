@@ -38,3 +38,9 @@ export function roundOf(scale, most = 4) {
     marks.push(Number((k * step).toPrecision(6)));
   return marks;
 }
+
+// Linear between two values.
+export function linear(least, far) {
+  const place = (value) => (value - least) / (far - least || 1);
+  return { place, far, least, bent: 0, holds: (value) => value >= least && value <= far };
+}
