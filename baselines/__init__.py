@@ -35,8 +35,8 @@ register("sweep", "car", Sweep, about="Single-file patrol along the boundary, or
 register("laps", "car", Laps, about="The loop of `sweep`, each car independently, at top speed.")
 register("random", None, RandomWaypoint, about="Random waypoints; random phase rates for points.")
 register("still", None, Still, about="No motion.")
-register_filter("-safe", "car", Safe, "with a collision filter that intervenes late and gently", as_car=True)
-register_filter("-proved", "car", Proved, "with a filter that is proved, under conditions, to prevent collisions")
+register_filter(Safe)
+register_filter(Proved)
 
 # A policy in a file of its own there registers itself.
 for _module in sorted(each.name for each in pkgutil.walk_packages(policies.__path__, f"{policies.__name__}.")):

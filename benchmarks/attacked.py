@@ -14,22 +14,11 @@ import warp as wp
 
 import lissajous_env
 from baselines.benchmark.tables import number
-from baselines.policies.base import Policy
 from baselines.policies.safety.proved import Proved, ProvedParameters, unmet_conditions
 
 WORKING, REMOVED = 0, 2
 FAULTS = ("none", "stop dead", "coast", "stop dead, by schedule", "coast, by schedule")
 REMOVALS = ("none", "by time", "at random", "at the boundary", "after a collision")
-
-
-class Idle(Policy):
-    """Policy of cars that do nothing: the adversary passes its actions to the filter itself."""
-
-    kind = "car"
-    arrays = "warp"
-
-    def decide(self, observation):
-        """Leave the actions at zero."""
 
 
 def drawn(rng):
@@ -133,15 +122,15 @@ def attack(scenario, seed, worlds=40, steps=60):
     simulation = lissajous_env.Simulation(scenario, worlds, seed=seed)
     repeats = int(rng.choice([1, 3]))
     margin = ProvedParameters().of(scenario).margin
-    policy = Proved(Idle(scenario, worlds), ProvedParameters(margin=margin, repeats=repeats))
+    filter = Proved(scenario, worlds, parameters=ProvedParameters(margin=margin, repeats=repeats))
     kind = str(rng.choice(["nearest", "failed", "box", "leave", "random"]))
     one, other = np.triu_indices(scenario.num_robots, 1)
     promised = 2 * scenario.robot.radius + margin
     count, least, broken = 0, np.inf, 0
     for _ in range(steps):
         wanted = wp.array(attacks(simulation, rng, kind), dtype=wp.float32, device="cpu")
-        action = policy.filter(simulation.observation, wanted)
-        holds, there = policy.holds, simulation.robots.status.numpy() != REMOVED
+        action = filter(simulation.observation, wanted)
+        holds, there = filter.holds, simulation.robots.status.numpy() != REMOVED
         simulation.step(action)
         there &= simulation.robots.status.numpy() != REMOVED
         pairs = there[:, one] & there[:, other] & (holds & ~simulation.over)[:, None]

@@ -32,7 +32,7 @@ from baselines.planning.family import Family, Settings
 from baselines.planning.plans import SETTLED, WHOLE, Figures, Plan, Planned
 from baselines.planning.rehearse import Episodes, play, quietly
 from baselines.planning.search import Search
-from baselines.policies import stored
+from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import toml_value
 from lissajous_env.storage.files import write_atomically
@@ -116,8 +116,8 @@ def _write(folder: str, name: str, best: Planned, command: str) -> None:
     path.mkdir(parents=True)
     home = [f'name = "{folder}-best-known"', f'base = "{name}"']
     home += [f"\n[task]\ncontamination = {list(GRIDS[name])}"] if name in GRIDS else []
-    write_atomically(path / stored.HOME, "\n".join(home) + "\n")
-    write_atomically(path / stored.FILE, stored.as_toml(best.plan.settings))
+    write_atomically(path / SCENARIO_FILE, "\n".join(home) + "\n")
+    write_atomically(path / POLICY_FILE, best.plan.settings.as_toml())
     _write_figures(path, best.figures, command)
 
 

@@ -18,6 +18,7 @@ import lissajous_env
 from baselines.benchmark.tables import number
 from baselines.policies.partition_plan import PartitionParameters
 from baselines.policies.partition_repair import PartitionRepair
+from baselines.policies.safety.filtered import Filtered
 from baselines.policies.safety.proved import Proved
 from lissajous_env.episodes.guarantee import worst_undetected_times
 from lissajous_env.parameters.scenario import Scenario
@@ -45,7 +46,7 @@ class Case(NamedTuple):
 def six_rows(scenario: Scenario, num_worlds: int, proved: bool) -> Any:
     """Make `partition-repair` with six rows of cells, under the proved filter or not."""
     made = PartitionRepair(scenario, num_worlds, parameters=PartitionParameters(rows=6))
-    return Proved(made) if proved else made
+    return Filtered(made, Proved) if proved else made
 
 
 NEWS = {"messages.size": 15}

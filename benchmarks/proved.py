@@ -8,6 +8,7 @@ docs/figures.json.
 
 import math
 import time
+from typing import Any
 
 import figures
 import numpy as np
@@ -18,6 +19,7 @@ import lissajous_env
 from baselines.benchmark.statistics import summarize_largest
 from baselines.benchmark.tables import in_words, number
 from baselines.policies.base import Policy
+from baselines.policies.safety.filtered import Filtered
 from baselines.policies.safety.proved import Proved, ProvedParameters
 
 FILTERS = ("", "-safe", "-proved")
@@ -50,24 +52,24 @@ class Alone:
 
     def __init__(self, scenario, worlds):
         self.chasing = Chasing(scenario, worlds)
-        self.each = [Proved(Chasing(scenario, worlds)) for _ in range(self.chasing.num_robots)]
+        self.filters = [Proved(scenario, worlds) for _ in range(self.chasing.num_robots)]
 
     @property
     def holds(self):
         """Return the worlds (W,) in which all assumed tails are compatible."""
-        return np.all([policy.holds for policy in self.each], axis=0)
+        return np.all([filter.holds for filter in self.filters], axis=0)
 
     def act(self, observation):
         """Let robot i decide in the i-th filter, in which the others continue their tails."""
         wanted, action = self.chasing.act(observation.numpy()), np.zeros(self.chasing.action.shape, np.float32)
-        for i, policy in enumerate(self.each):
+        for i, filter in enumerate(self.filters):
             own = np.full_like(wanted, np.nan)
             own[:, i] = wanted[:, i]
-            action[:, i] = policy.filter(observation, wp.array(own, device="cpu")).numpy()[:, i]
+            action[:, i] = filter(observation, wp.array(own, device="cpu")).numpy()[:, i]
         return action
 
 
-class OneUnfiltered(Proved):
+class OneUnfiltered(Filtered):
     """The filter under all robots except robot 0."""
 
     def decide(self, observation):
@@ -79,9 +81,10 @@ class OneUnfiltered(Proved):
 
 def with_wrong_drag(scenario, worlds, factor):
     """Return the filter for cars whose drag is a factor of the assumed one."""
-    policy = Proved(Chasing(scenario, worlds))
-    policy._robot.drag = policy.scenario.robot.drag / factor
-    policy._bounds.left = math.exp(-policy._robot.drag * policy.scenario.task.step)
+    policy = Filtered(Chasing(scenario, worlds), Proved)
+    filter: Any = policy.filter
+    filter._robot.drag = scenario.robot.drag / factor
+    filter._bounds.left = math.exp(-filter._robot.drag * scenario.task.step)
     return policy
 
 
@@ -89,7 +92,9 @@ def of(changes=None, believed=None, **parameters):
     """Return scenario and filter; the filter may be made for another scenario."""
     scenario = lissajous_env.scenario(CHASE, **(changes or {}))
     taken = lissajous_env.scenario(scenario, **(believed or {}))
-    return scenario, lambda w: Proved(Chasing(taken, w), ProvedParameters(**parameters) if parameters else None)
+    return scenario, lambda w: Filtered(
+        Chasing(taken, w), Proved, ProvedParameters(**parameters) if parameters else None
+    )
 
 
 def cases():
@@ -106,7 +111,7 @@ def cases():
         ("2: the same noise; the filter assumes none", *of(NOISY, dict.fromkeys(NOISY, 0.0))),
         ("2: cars that differ by 10 %; the filter assumes 2 %", *of(uneven, dict.fromkeys(uneven, 0.02))),
         ("3: tails are not exchanged, each decides alone", CHASE, lambda w: Alone(CHASE, w)),
-        ("4: one robot without the filter", CHASE, lambda w: OneUnfiltered(Chasing(CHASE, w))),
+        ("4: one robot without the filter", CHASE, lambda w: OneUnfiltered(Chasing(CHASE, w), Proved)),
         ("5: robots that fail stop dead, assumed to coast", *of(FAILING, {"faults.stop": "coast"})),
     ]
 
@@ -114,11 +119,12 @@ def cases():
 def violated(scenario, make, worlds):
     """Return the share of episodes with a proof, collisions per episode after it, and the share of revoked proofs."""
     policy, simulation = make(worlds), lissajous_env.Simulation(scenario, worlds, seed=1)
+    judge = policy if isinstance(policy, Alone) else policy.filter
     proved, revoked, collisions = np.zeros(worlds, bool), np.zeros(worlds, bool), np.zeros(worlds)
     for _ in range(simulation.scenario.task.steps):
         action = policy.act(simulation.observation)
-        revoked |= proved & ~policy.holds
-        proved |= policy.holds
+        revoked |= proved & ~judge.holds
+        proved |= judge.holds
         simulation.step(action)
         collisions += proved * simulation.latest.collisions.numpy().sum(axis=1) / 2
     return [proved.mean(), collisions.sum() / max(proved.sum(), 1), revoked.sum() / max(proved.sum(), 1)]
@@ -145,7 +151,10 @@ def times(worlds=64, steps=300):
     """Return the time of the filter per robot and step [us] on one thread, and the share of actions that it changed."""
     rows = []
     for name, scenario in TIMED:
-        policy, simulation = Proved(baselines.make(name, scenario, worlds)), lissajous_env.Simulation(scenario, worlds)
+        policy, simulation = (
+            Filtered(baselines.make(name, scenario, worlds), Proved),
+            lissajous_env.Simulation(scenario, worlds),
+        )
         policy.act(simulation.observation)
         policy.reset()
         took, changed = [], []

@@ -48,6 +48,7 @@ from baselines.policies.partition_repair import PartitionRepair, RepairParameter
 from baselines.policies.patrol import Laps, Sweep
 from baselines.policies.patrol_path import SweepParameters, cruising_speed
 from baselines.policies.safety.filter import Safe, SafetyParameters
+from baselines.policies.safety.filtered import Filtered
 from baselines.policies.trackers.vector_field import FieldParameters, WithVectorField
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.folder import Folder
@@ -84,7 +85,7 @@ def make(name: str, scenario: Scenario, settings: Settings, num_worlds: int = 1,
     if name.endswith("-safe"):
         under = {key: value for key, value in settings.items() if not key.startswith("safety.")}
         wanted = make(name.removesuffix("-safe"), scenario, under, num_worlds, device)
-        return Safe(wanted, SafetyParameters(**parts.get("safety", {})))
+        return Filtered(wanted, Safe, SafetyParameters(**parts.get("safety", {})))
     planned = lissajous_env.scenario(scenario, formation=parts.get("formation", {}))
     if name in PATROLS:
         policy = PATROLS[name](planned, num_worlds, device, SweepParameters(**parts.get("sweep", {})))

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from baselines.policies import stored
-from baselines.policies.settings import PolicySettings
+from baselines.policies.settings import SCENARIO_FILE, PolicySettings
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 
@@ -44,8 +43,8 @@ def all_known() -> tuple[BestKnown, ...]:
     return tuple(
         BestKnown(
             folder.name,
-            named.build(str(folder / stored.HOME)),
-            stored.read(folder),
+            named.build(str(folder / SCENARIO_FILE)),
+            PolicySettings.read(folder),
             **tomllib.loads((folder / FOUND).read_text(encoding="utf-8")),
         )
         for folder in folders

@@ -4,11 +4,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import warp as wp
 
 from baselines.benchmark.types import Cell
 from baselines.policies import registry
 from baselines.policies.base import Policy
+from baselines.policies.safety.filtered import Filtered
 from baselines.policies.safety.proved import Proved, ProvedParameters, unmet_conditions
+from lissajous_env.device.devices import compile_quietly
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.simulation import Simulation
 
@@ -54,10 +57,11 @@ def _of_cell(cell: Cell, seeds: Sequence[int], device: Any) -> str:
             policy = cell.factory(cell.scenario, 1, device)
         except Exception:  # a policy of a user that can be made only once, which its replays report
             return ""
-        inside = next((each for each in _inside(policy) if isinstance(each, Proved)), None)
+        filtered = (part for part in _inside(policy) if isinstance(part, Filtered))
+        inside = next((part for part in filtered if isinstance(part.filter, Proved)), None)
         if inside is None:
             return ""
-        parameters = inside.parameters
+        parameters = inside.filter.parameters
         if inside is not policy:
             unmet.append(f"4: the filter must decide last, got {type(policy).__name__}, which can change its actions")
     if unmet:
@@ -87,12 +91,14 @@ def compatible_starts(
 ) -> np.ndarray:
     """Return for each seed whether the tails of all robots are compatible at the start of its episode (condition 6)."""
     worlds = min(len(seeds), _TOGETHER)
-    filtered = Proved(registry.make("still", scenario, worlds, device), parameters)
+    proved = Proved(scenario, worlds, device, parameters)
     simulation, compatible = Simulation(scenario, worlds, device=device), []
+    wanted = wp.zeros_like(proved.action)
     for begin in range(0, len(seeds), worlds):
         batch = [*seeds[begin : begin + worlds]]
-        filtered.reset()
+        proved.reset()
         simulation.reset(seeds=batch + batch[:1] * (worlds - len(batch)))
-        filtered.act(simulation.observation)
-        compatible.append(filtered.holds[: len(batch)])
+        with compile_quietly():
+            proved(simulation.observation, wanted)
+        compatible.append(proved.holds[: len(batch)])
     return np.concatenate(compatible)

@@ -17,8 +17,9 @@ from baselines.benchmark.tables import between
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import SETTLED_TIME, Figures, Planned, bounds_of
 from baselines.planning.rehearse import Episodes, quietly
-from baselines.policies import registry, stored
+from baselines.policies import registry
 from baselines.policies.combinations import COMBINATIONS
+from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE
 from baselines.reproduce.drawing import GREY, SERIES, Sheet
 from lissajous_env.console.terminal import Column, plain, print_table
 from lissajous_env.parameters.scenario_file import as_toml
@@ -215,8 +216,8 @@ def write(folder: Folder, plans: Sequence[Planned], episodes: Episodes) -> None:
     for k, each in enumerate(plans, start=1):
         folder.make_folder(str(k))
         made = each.plan.named(f"{each.plan.scenario.name[:80]}-{k}")
-        folder.write(f"{k}/{stored.HOME}", as_toml(made.scenario))
-        folder.write(f"{k}/{stored.FILE}", stored.as_toml(each.plan.settings))
+        folder.write(f"{k}/{SCENARIO_FILE}", as_toml(made.scenario))
+        folder.write(f"{k}/{POLICY_FILE}", each.plan.settings.as_toml())
     folder.write(FIGURES, json.dumps(plain({"episodes": episodes, "plans": as_rows(plans)}), indent=2) + "\n")
     folder.write(PICTURE, draw(plans, episodes.seed))
 

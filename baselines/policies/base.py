@@ -1,4 +1,4 @@
-"""The base class of policies.
+"""The base classes of policies and of filters.
 
 A policy receives the observation and nothing else: what the action of a robot uses is that robot's own row, its own
 memory and the scenario. So any of them could run on a robot, and classical and learned ones are compared fairly.
@@ -33,6 +33,62 @@ def clear_worlds(memory: wp.array, mask: np.ndarray) -> None:
 
 class UnsuitableScenarioError(ValueError):
     """Error for a scenario that a policy cannot play, such as a rectangle that its motion does not fit in."""
+
+
+class Filter(Copyable):
+    """Base class of filters: functions from observations and wanted actions to safer actions.
+
+    A subclass implements `__call__` and `memory`. A policy with a filter is
+    `baselines.policies.safety.filtered.Filtered`.
+
+    Args:
+        scenario: The scenario.
+        num_worlds: W.
+        device: Warp device.
+
+    Raises:
+        ValueError: the robots are of another kind.
+    """
+
+    suffix: str = ""
+    """Suffix that adds the filter to the name of a policy."""
+    about: str = ""
+    """End of the description of a policy with the filter, after the name of the policy."""
+    kind: str = "car"
+    """Kind of robot whose actions the filter changes."""
+    as_car: bool = False
+    """True if a filter of cars also serves robots of other models that move like cars."""
+    communicates: str = "nothing"
+    """Content of the messages that the filter uses."""
+
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
+        if scenario.robot.kind != self.kind:
+            raise ValueError(f"policy of a filter must drive robots of kind {self.kind}, got {scenario.robot.kind}")
+        self.scenario = scenario.resolve()
+        self.num_worlds = num_worlds
+        self.device = as_device(device)
+        self.shape = (num_worlds, self.scenario.num_robots)
+        self.action = wp.zeros((*self.shape, self.scenario.action_size), dtype=wp.float32, device=self.device)
+        self.launch = launcher(self.device)
+
+    def __call__(self, observation: wp.array, wanted: wp.array, out: wp.array | None = None) -> wp.array:
+        """Return the actions (W, N, A) for observations (W, N, D) and wanted actions (W, N, A).
+
+        They are written to `out`, by default to `action`. Messages, the entries after those of the motion, pass
+        unchanged.
+        """
+        raise NotImplementedError(f"{type(self).__name__} must have a method __call__(observation, wanted, out)")
+
+    @property
+    def memory(self) -> list[wp.array]:
+        """Arrays (W, ...) that are zero when an episode begins."""
+        raise NotImplementedError(f"{type(self).__name__} must have a property memory")
+
+    def reset(self, worlds: Any = None) -> None:
+        """Zero the memory of some worlds, a mask (W,) or indices; of all by default."""
+        mask = world_mask(worlds, self.num_worlds)
+        for array in self.memory:
+            clear_worlds(array, mask)
 
 
 class Policy(Copyable):
@@ -117,12 +173,12 @@ class Policy(Copyable):
     def forget(self, mask: np.ndarray) -> None:
         """Reset the memory of the worlds in a mask (W,), whose episodes begin anew.
 
-        By default a policy zeros the arrays of `remembers`, and resets the policies in its attributes.
+        By default a policy zeros the arrays of `remembers`, and resets the policies and filters in its attributes.
         """
         for name in self.remembers:
             clear_worlds(getattr(self, name), mask)
         for part in vars(self).values():
-            if isinstance(part, Policy):
+            if isinstance(part, (Policy, Filter)):
                 part.reset(mask)
 
     def act(self, observation: Any) -> Any:

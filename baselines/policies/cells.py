@@ -68,16 +68,24 @@ def closed_loop(half_width: float, half_height: float, corner: float, lanes: int
     between = 2 * b / (lanes - 1)
     if between < 2 * corner - slack or (lanes > 2 and 2 * a < 4 * corner - slack):
         return None
+    return _rounded(lane_corners(a, b, corner, lanes), corner)
+
+
+def lane_corners(half_width: float, half_height: float, corner: float, lanes: int) -> np.ndarray:
+    """Return the corners (K, 2) of a loop along lanes, from left to right, and back along the left side [m].
+
+    Two lanes are a rectangle. With more, an even number, the way back is beside the turns, of radius `corner`.
+    """
+    a, b = half_width, half_height
     if lanes == 2:
-        corners = [(-a, -b), (a, -b), (a, b), (-a, b)]
-    else:
-        corners = [(-a, b), (-a, -b)]
-        for k, y in enumerate(np.linspace(-b, b, lanes)):
-            ends = [(2 * corner - a, y), (a, y)]
-            corners += ends if k % 2 == 0 else ends[::-1]
-        del corners[2]  # the first lane goes straight on from the way back
-        corners.pop()  # and the last one into it
-    return _rounded(np.array(corners), corner)
+        return np.array([(-a, -b), (a, -b), (a, b), (-a, b)])
+    corners = [(-a, b), (-a, -b)]
+    for k, y in enumerate(np.linspace(-b, b, lanes)):
+        ends = [(2 * corner - a, y), (a, y)]
+        corners += ends if k % 2 == 0 else ends[::-1]
+    del corners[2]  # the first lane goes straight on from the way back
+    corners.pop()  # and the last one into it
+    return np.array(corners)
 
 
 def _rounded(corners: np.ndarray, radius: float) -> np.ndarray:
@@ -97,6 +105,11 @@ def length_of(loop: np.ndarray) -> float:
 def evenly_spaced(loop: np.ndarray, count: int) -> np.ndarray:
     """Return `count` points (count, 2) at even distances along a closed polygon, the first one its rightmost [m]."""
     loop = np.roll(loop, -int(np.argmax(loop[:, 0] - 1e-6 * np.abs(loop[:, 1]))), axis=0)
+    return resampled(loop, count)
+
+
+def resampled(loop: np.ndarray, count: int) -> np.ndarray:
+    """Return `count` points (count, 2) at even distances along a closed polygon, from its first point [m]."""
     closed = np.vstack([loop, loop[:1]])
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
     at = along[-1] * np.arange(count) / count

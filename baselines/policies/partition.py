@@ -20,7 +20,6 @@ import warp as wp
 from baselines.policies.cells import tour
 from baselines.policies.partition_plan import PartitionParameters, Plan, car_of, partition_plan, required_distance
 from baselines.policies.path_tables import PathTables, path_tables
-from baselines.policies.patrol import Still
 from baselines.policies.registry import register
 from baselines.policies.safety.filter import Safe, SafetyParameters
 from baselines.policies.timed_paths import STEPS, TimedPaths, TrackingParameters
@@ -77,15 +76,14 @@ class FilteredPaths(TimedPaths):
         self._filtered_until = filtered_until
         self._filter = None
         if filtered_until > 0:
-            still = Still(self.scenario, num_worlds, self.device)
-            self._filter = Safe(still, ARRIVING.of(self.scenario))
+            self._filter = Safe(self.scenario, num_worlds, self.device, ARRIVING.of(self.scenario))
         self.communicates = "nothing" if self._filter is None else self._filter.communicates
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         self.follow(observation)
         if self._filter is not None:
-            filtered = self._filter.filter(observation, self.action)
+            filtered = self._filter(observation, self.action)
             self.launch(take_filtered, self.shape, [self._filtered_until, self._memory, filtered], [self.action])
 
 

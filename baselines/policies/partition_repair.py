@@ -27,7 +27,6 @@ from baselines.policies.partition import (
 )
 from baselines.policies.partition_plan import PartitionParameters, Plan, partition_plan, required_distance, room_of
 from baselines.policies.path_tables import FINE, PathTables, path_tables
-from baselines.policies.patrol import Still
 from baselines.policies.registry import register
 from baselines.policies.repair_plan import OFFSETS, SHAPES, Takeover, slowed, takeover
 from baselines.policies.safety.filter import Safe
@@ -151,9 +150,8 @@ class PartitionRepair(TimedPaths):
         apart = loops_lie_apart(self.partition, required_distance(self.scenario, self.parameters))
         if apart and not self._lines:
             _warn_of_silence(self.scenario)
-        still = Still(self.scenario, num_worlds, self.device)
-        arriving = ARRIVING.of(self.scenario)
-        self._filter = Safe(still, arriving) if until > 0 or apart else None
+        batch, arriving = (self.scenario, num_worlds, self.device), ARRIVING.of(self.scenario)
+        self._filter = Safe(*batch, arriving) if until > 0 or apart else None
         self._drift, self._avoidance = self.repair.drift * self.partition.speed * self.scenario.task.step, None
         self._back, self._rest = math.inf, 0.0
         self._resting = wp.zeros(self.shape, dtype=wp.float32, device=self.device)
@@ -162,7 +160,7 @@ class PartitionRepair(TimedPaths):
             shifted = math.sqrt(2) * int(SIDE) * self._required / FINER
             self._rest = (float(np.linalg.norm(middle - middle[:1], axis=-1).max()) + shifted) / self._drift
             free = replace(arriving, speed_max=2 * self.scenario.robot.top_speed)
-            self._avoidance = Safe(still, free, fastest=self._watch.still / self.scenario.task.step)
+            self._avoidance = Safe(*batch, free, fastest=self._watch.still / self.scenario.task.step)
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
@@ -194,11 +192,11 @@ class PartitionRepair(TimedPaths):
 
     def _take_filtered(self, of_all: Safe, first: int, observation: wp.array) -> None:
         """Take the actions of the collision filters where they are needed."""
-        clear_of_all = of_all.filter(observation, self.action)
+        clear_of_all = of_all(observation, self.action)
         if self._avoidance is None:
             self.launch(take_filtered, self.shape, [self._filtered_until, self._memory, clear_of_all], [self.action])
             return
-        clear_of_standing = self._avoidance.filter(observation, self.action)
+        clear_of_standing = self._avoidance(observation, self.action)
         inputs = [self._filtered_until, self.scenario.robot.radius, first, self._curve, self._pose, self.plan]
         inputs += [self.shift, self._memory, observation, clear_of_all, self._avoidance.count, clear_of_standing]
         self.launch(take_clear, self.shape, inputs, [self.action])

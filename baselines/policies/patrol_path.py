@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from baselines.policies.cells import length_of
+from baselines.policies.cells import lane_corners, length_of, resampled
 from baselines.similarity import motion_scale
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, flag, number, whole
@@ -117,20 +117,11 @@ def patrol_loop(scenario: Scenario, parameters: SweepParameters | None = None) -
     wanted = (0.1 if at_boundary else 0.7) * radius if parameters.inset is None else parameters.inset
     inset = max(min(wanted, B - corner, A - corner), 0.0)
     around = at_boundary or B - inset <= radius
-    # With an even number of lanes, the last one ends on the side of the first; the way back is beside their turns.
     lanes = parameters.lanes or (2 if around else 2 * math.ceil((B - inset) / (2 * radius) + 0.5))
-    if lanes == 2:
-        corners = [(-A + inset, -B + inset), (A - inset, -B + inset), (A - inset, B - inset), (-A + inset, B - inset)]
-    else:
-        near, far = -A + inset + 2 * corner, A - inset
-        corners = [(-A + inset, B - inset), (-A + inset, -B + inset)]
-        for k, y in enumerate(np.linspace(-B + inset, B - inset, lanes)):
-            corners += [(near, y), (far, y)] if k % 2 == 0 else [(far, y), (near, y)]
-        del corners[2]  # the first lane continues the way back
-        corners.pop()  # and the last one into it
-    path = _resampled(_rounded(np.array(corners), corner), _POINTS)
+    corners = lane_corners(A - inset, B - inset, corner, lanes)
+    path = resampled(_rounded(corners, corner), _POINTS)
     if lanes == 2 and parameters.bow > 0:
-        path = _resampled(_bowed(path, np.array([A - inset, B - inset]), corner, parameters.bow), _POINTS)
+        path = resampled(_bowed(path, np.array([A - inset, B - inset]), corner, parameters.bow), _POINTS)
     return path
 
 
@@ -159,10 +150,3 @@ def _rounded(corners: np.ndarray, radius: float) -> np.ndarray:
         for t in np.linspace(0, turn, 16):
             path.append(centre + math.cos(t) * start + math.sin(t) * np.array([-start[1], start[0]]))
     return np.array(path)
-
-
-def _resampled(corners: np.ndarray, points: int) -> np.ndarray:
-    closed = np.vstack([corners, corners[:1]])
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    at = np.linspace(0.0, along[-1], points, endpoint=False)
-    return np.column_stack([np.interp(at, along, closed[:, 0]), np.interp(at, along, closed[:, 1])])

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from baselines.policies.as_cars import AsCars
-from baselines.policies.base import Policy
+from baselines.policies.base import Filter, Policy
+from baselines.policies.safety.filtered import Filtered
 from lissajous_env import here
 from lissajous_env import scenario as make_scenario
 from lissajous_env.by_value import ByValue, replaces
@@ -39,15 +40,6 @@ class Entry:
         return Entry, (self.kind, ByValue(self.factory), *list(vars(self).values())[2:])
 
 
-class Filter(NamedTuple):
-    """A function from a policy for robots of a kind to a safer one; `as_car`: also of robots that move like cars."""
-
-    kind: str
-    wrap: Callable[[Policy], Policy]
-    about: str
-    as_car: bool
-
-
 class Loader(NamedTuple):
     """Functions for the policies in folders of one kind; `register_opener` describes them."""
 
@@ -57,7 +49,7 @@ class Loader(NamedTuple):
 
 
 _REGISTRY: dict[str, Entry] = {}
-_FILTERS: dict[str, Filter] = {}
+_FILTERS: dict[str, type[Filter]] = {}
 _LOADERS: dict[str, Loader] = {}
 """Loaders of policies in folders, by the file that such a folder contains."""
 _BROUGHT = EntryPoints("lissajous_env.policies", "policies", lambda register_theirs: register_theirs())
@@ -126,18 +118,14 @@ def _origin(factory: Any) -> tuple:
     return (factory.func, *factory.args, *factory.keywords.items()) if isinstance(factory, partial) else (factory,)
 
 
-def register_filter(suffix: str, kind: str, wrap: Callable[[Policy], Policy], about: str, as_car: bool = False) -> None:
-    """Register a filter, a function from policy to policy, which a suffix of the name adds to policies of a kind.
-
-    `about` continues the description after the name of the policy, as in "with the collision filter". With `as_car`, a
-    filter of cars also serves robots of other models that move like cars.
+def register_filter(filter: type[Filter]) -> None:
+    """Register a filter, which its suffix adds to policies of its kind by name.
 
     Raises:
         ValueError: another filter has the suffix.
     """
-    added = Filter(kind, wrap, about, as_car)
-    if _FILTERS.setdefault(suffix, added) != added:
-        raise ValueError(f"suffix of a filter must be new, got {shown(suffix)}")
+    if _FILTERS.setdefault(filter.suffix, filter) is not filter:
+        raise ValueError(f"suffix of a filter must be new, got {shown(filter.suffix)}")
 
 
 def register_opener(
@@ -222,7 +210,7 @@ def _filtered(policy: Policy, suffix: str, name: str) -> Policy:
     kind = _FILTERS[suffix].kind
     if policy.kind not in (None, kind):
         raise ValueError(f"policy must drive robots of kind {kind} to be wrapped by {suffix}, got {name}")
-    policy = _FILTERS[suffix].wrap(policy)
+    policy = Filtered(policy, _FILTERS[suffix])
     policy.name = name
     return policy
 
@@ -305,7 +293,7 @@ def parts(name: str) -> dict[str, str]:
     """Return the parts that identify a policy among those of the same name: `lissajous_env.identity.parts_of`."""
     plain, suffix = unwrapped(name)
     inside = _loader_of(plain).parts(plain) if is_folder(name) else parts_of(_entries()[plain].factory)
-    of_filter = parts_of(_FILTERS[suffix].wrap) if suffix else {}
+    of_filter = parts_of(_FILTERS[suffix]) if suffix else {}
     return inside | {f"{suffix} {part}": digest for part, digest in of_filter.items()}
 
 

@@ -3,25 +3,48 @@
 The parameters of a policy are the fields of the dataclass that its argument `parameters` has. A coordinator over a
 tracker has two: `parameters` are the tracker's, `coordinator` are the coordinator's. Omitted parameters have their
 defaults, which a dataclass with a method `of(scenario, **overrides)` scales to the scenario.
+
+A folder with such settings in `policy.toml`, and the scenario that they were made for beside it in `scenario.toml`, is
+accepted wherever a policy is named, as that of a checkpoint is. Nothing in it is executed.
+
+    policy = "arc-mpcc"
+    [parameters]
+    weight_lateral = 0.02
+    [coordinator]
+    speed = 1.2
 """
 
 import dataclasses
+import hashlib
 import inspect
+import os
+import tomllib
 import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from baselines.policies import registry
 from baselines.policies.base import Policy
 from baselines.policies.trackers.base import Coordinated
+from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.parameters.scenario_file import toml_value
 from lissajous_env.settings.checks import Checked
+from lissajous_env.storage.files import read_bytes
 from lissajous_env.wording import few_of, nearest, shown
 
 ARGUMENT = "parameters"
 """Name of the argument for the parameters of a policy or of a coordinator."""
+POLICY_FILE = "policy.toml"
+"""Name of the file with the settings in a folder."""
+SCENARIO_FILE = "scenario.toml"
+"""Name of the file with the scenario in a folder."""
+_TABLES = ARGUMENT, "coordinator"
+_LARGEST = 1 << 20
+"""Largest size of the file [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +86,40 @@ class PolicySettings:
         kind = _checked_class(self.policy, ARGUMENT, registry.factory_of(self.policy), self.parameters)
         made = kind(**self.parameters).scaled(length, time)
         return dataclasses.replace(self, parameters={name: getattr(made, name) for name in self.parameters})
+
+    @classmethod
+    def read(cls, folder: str | os.PathLike[str]) -> "PolicySettings":
+        """Read the settings in a folder.
+
+        Raises:
+            ValueError: the file is missing, no plain TOML, or has an unknown entry; the message names it.
+        """
+        path = Path(folder) / POLICY_FILE
+        try:
+            given = tomllib.loads(read_bytes(path, _LARGEST).decode())
+        except RecursionError:
+            raise ValueError(f"{path} must have fewer nested levels") from None
+        except ValueError as error:
+            raise ValueError(f"{path} must be a TOML file that can be read: {error}") from error
+        known = {"policy": (str, "text")} | dict.fromkeys(_TABLES, (dict, "a table"))
+        for key, value in given.items():
+            if key not in known:
+                raise ValueError(f"{path} must contain {', '.join(known)}, got {key!r}{nearest(key, known)}")
+            kind, rule = known[key]
+            if not isinstance(value, kind):
+                raise ValueError(f"{path} must contain {key} as {rule}, got {type(value).__name__}")
+        if "policy" not in given:
+            raise ValueError(f"{path} must contain policy, the name of a policy, got {', '.join(given) or 'nothing'}")
+        return cls(**given)
+
+    def as_toml(self) -> str:
+        """Return the text of the file."""
+        lines = [f"policy = {toml_value('policy', self.policy)}"]
+        for table in _TABLES:
+            values = getattr(self, table)
+            lines += ["", f"[{table}]"] if values else []
+            lines += [f"{name} = {toml_value(f'{table}.{name}', value)}" for name, value in values.items()]
+        return "\n".join(lines) + "\n"
 
 
 def _with_coordinator(settings: PolicySettings, factory: Any, scenario: Scenario) -> Callable[..., Policy]:
@@ -111,3 +168,37 @@ def parameters_class(factory: Any) -> type[Checked] | None:
     hint = hints.get(ARGUMENT)
     kinds = [each for each in (hint, *typing.get_args(hint)) if inspect.isclass(each) and issubclass(each, Checked)]
     return kinds[0] if kinds else None
+
+
+def _make(folder: str, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
+    """Make the policy of a folder.
+
+    Raises:
+        ValueError: the folder is invalid, or the policy does not fit the scenario; the message names the file.
+    """
+    settings = PolicySettings.read(folder)
+    try:
+        policy = settings.make(scenario, num_worlds, device)
+    except ValueError as error:
+        raise ValueError(f"{Path(folder) / POLICY_FILE}: {error}") from error
+    policy.name = str(folder)
+    return policy
+
+
+def _home(folder: str) -> Scenario:
+    """Return the scenario that the policy of a folder was made for.
+
+    Raises:
+        ValueError: it is missing or invalid; the message names the file.
+    """
+    return named.build(str(Path(folder) / SCENARIO_FILE))
+
+
+def _parts(folder: str) -> dict[str, str]:
+    """Return a digest of the policy's file and the parts of the named policy, which identify a policy in results."""
+    settings = PolicySettings.read(folder)
+    digest = hashlib.sha256(settings.as_toml().encode()).hexdigest()[:16]
+    return {f"policy of {POLICY_FILE}": digest} | registry.parts(settings.policy)
+
+
+registry.register_opener(_make, _home, _parts, POLICY_FILE)

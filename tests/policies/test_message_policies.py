@@ -14,6 +14,7 @@ import lissajous_env
 from baselines.policies import own_row
 from baselines.policies.registry import make
 from baselines.policies.safety.filter import Safe, SafetyParameters
+from baselines.policies.safety.filtered import Filtered
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.world.observation import layout, message_start
 from lissajous_env.world.robots.point import POINT
@@ -68,7 +69,8 @@ def test_the_filter_passes_messages_on():
     # Oracle: what the policy sends; steering and throttle are changed, so that the filter has something to do.
     scenario = made("intruders", 2, **{"formation.start": "random"})
     simulation = lissajous_env.Simulation(scenario, 4, seed=2)
-    safe, bare = Safe(Talker(scenario, 4), SafetyParameters(clearance=0.07, growth=0.2)), Talker(scenario, 4)
+    wide = SafetyParameters(clearance=0.07, growth=0.2)
+    safe, bare = Filtered(Talker(scenario, 4), Safe, wide), Talker(scenario, 4)
     changed = 0
     for _ in range(15):
         rows = simulation.observation.numpy()

@@ -7,7 +7,6 @@ import pytest
 import warp as wp
 
 import lissajous_env
-from baselines.policies.base import Policy
 from baselines.policies.safety.proved import Proved, ProvedParameters, unmet_conditions
 
 EXACT = {"faults.schedule": (), "faults.rate": 0.0, "targets.count": 0, "targets.arrival_rate": 0.0, "task.grid": None}
@@ -41,16 +40,6 @@ CASES = {
 }
 
 
-class Idle(Policy):
-    """A policy that leaves deciding to the test."""
-
-    kind = "car"
-    arrays = "warp"
-
-    def decide(self, observation):
-        self.action.zero_()
-
-
 def towards_the_nearest(simulation, _):
     """Full throttle and full steering towards the nearest other robot, by the true state."""
     position = simulation.robots.position.numpy()[:, :, :2]
@@ -76,21 +65,21 @@ def driven(scenario, worlds, steps, adversary, seed=0, parameters=None, each=Non
     Also the least distance after a proof over twice the radius.
     """
     simulation = lissajous_env.Simulation(scenario, worlds, seed=seed)
-    policy = Proved(Idle(assumed or simulation.scenario, worlds), parameters)
+    filter = Proved(assumed or simulation.scenario, worlds, parameters=parameters)
     rng = np.random.default_rng(seed)
-    policy.reset()
+    filter.reset()
     proved, broken = np.zeros((2, worlds), dtype=bool)
     collisions, least = np.zeros(worlds), np.inf
     for _ in range(steps):
         wanted = adversary(simulation, rng)
-        action = policy.filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu"))
-        broken |= proved & ~policy.holds
-        proved |= policy.holds
+        action = filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu"))
+        broken |= proved & ~filter.holds
+        proved |= filter.holds
         simulation.step(action)
         collisions += proved * simulation.latest.collisions.numpy().sum(axis=1) / 2
         least = min(least, least_distance(simulation, proved))
         if each is not None:
-            each(simulation, policy)
+            each(simulation, filter)
     return collisions, proved, broken, least / (2 * simulation.scenario.robot.radius)
 
 
@@ -158,12 +147,12 @@ def test_fifteen_cars_unfiltered_collide():
 def test_wheelbase_and_drive_are_learned_within_bounds_that_hold_the_truth():
     """Oracle: the constants of the simulated cars; the bounds begin 12 % wide."""
     simulation = lissajous_env.Simulation(FIVE, 40, seed=3)
-    policy = Proved(Idle(simulation.scenario, 40))
+    filter = Proved(simulation.scenario, 40)
     rng = np.random.default_rng(0)
     for _ in range(30):
         wanted = wp.array(at_random(simulation, rng), dtype=wp.float32, device="cpu")
-        simulation.step(policy.filter(simulation.observation, wanted))
-    known = policy._memory.known.numpy()
+        simulation.step(filter(simulation.observation, wanted))
+    known = filter._memory.known.numpy()
     curvature = simulation.scenario.robot.wheelbase / simulation.robots.wheelbase.numpy()
     drive = simulation.robots.drive.numpy() / simulation.scenario.robot.drive
     for truth, low, high in ((curvature, known[..., 0], known[..., 1]), (drive, known[..., 2], known[..., 3])):
@@ -178,13 +167,13 @@ def test_they_are_learned_with_noisy_commands_and_measurements_too(most):
     noise = {"noise.actuator": 0.05, "noise.heading": 0.01, "noise.speed": 0.02, "noise.position": 0.01}
     noisy = lissajous_env.scenario(FIVE, **noise, **{"task.duration": 60.0})
     simulation = lissajous_env.Simulation(noisy, 40, seed=3)
-    policy = Proved(Idle(noisy, 40))
+    filter = Proved(noisy, 40)
     rng = np.random.default_rng(0)
     widths = []
     for _ in range(400):
         wanted = np.clip(most * at_random(simulation, rng), -1, 1)
-        simulation.step(policy.filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu")))
-        known = policy._memory.known.numpy()
+        simulation.step(filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu")))
+        known = filter._memory.known.numpy()
         widths.append(np.median(known[..., 1::2] - known[..., ::2], axis=(0, 1)))
     curvature = simulation.scenario.robot.wheelbase / simulation.robots.wheelbase.numpy()
     drive = simulation.robots.drive.numpy() / simulation.scenario.robot.drive
@@ -200,9 +189,9 @@ def test_far_from_all_the_action_passes_bit_for_bit():
         PAIR, **{"curve.half_width": 60.0, "curve.half_height": 60.0, "formation.phase_rate": 0.01}
     )
     simulation = lissajous_env.Simulation(wide, 20, seed=2)
-    policy = Proved(Idle(wide, 20))
+    filter = Proved(wide, 20)
     wanted = at_random(simulation, np.random.default_rng(0))
-    action = policy.filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu")).numpy()
+    action = filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu")).numpy()
     position = simulation.robots.position.numpy()
     far = np.linalg.norm(position[:, 0] - position[:, 1], axis=-1) > 10
     assert far.sum() > 10
@@ -223,10 +212,10 @@ def test_who_hears_nothing_comes_to_rest():
 
 def test_an_action_that_is_not_a_number_lets_the_tail_go_on():
     simulation = lissajous_env.Simulation(FIVE, 2, seed=0)
-    policy = Proved(Idle(FIVE, 2))
+    filter = Proved(FIVE, 2)
     wanted = np.zeros(simulation.action_shape, dtype=np.float32)
     wanted[1, 3, 0] = math.nan
-    action = policy.filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu")).numpy()
+    action = filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu")).numpy()
     assert np.isfinite(action).all()
     assert action[1, 3].tolist() == [0.0, -1.0]
 
@@ -236,10 +225,10 @@ def test_similar_scenarios_are_filtered_alike():
     seen = []
     for scenario in (FIVE, FIVE.scaled(length=64.0, time=8.0)):
         simulation = lissajous_env.Simulation(scenario, 20, seed=5)
-        policy = Proved(Idle(simulation.scenario, 20))
+        filter = Proved(simulation.scenario, 20)
         for _ in range(40):
             wanted = wp.array(towards_the_nearest(simulation, None), dtype=wp.float32, device="cpu")
-            simulation.step(policy.filter(simulation.observation, wanted))
+            simulation.step(filter(simulation.observation, wanted))
         seen.append(simulation.robots.position.numpy()[..., :2] / scenario.curve.half_width)
     assert np.quantile(np.abs(seen[0] - seen[1]), 0.8) < 1e-3
 

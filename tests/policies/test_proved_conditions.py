@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
-from test_proved import FIVE, Idle, driven, towards_the_nearest
+from test_proved import FIVE, driven, towards_the_nearest
 
 import lissajous_env
 from baselines.policies.safety.compatibility import GONE
@@ -19,14 +19,14 @@ SILENT = {"noise.message_loss": 0.5, "formation.phase_rate": 3.0}
 
 
 def played(scenario, worlds, steps, adversary=towards_the_nearest, seed=0):
-    """Yield simulation and policy in each step, after the filter and before the motion."""
+    """Yield simulation and filter in each step, after the decisions and before the motion."""
     simulation = lissajous_env.Simulation(scenario, worlds, seed=seed)
-    policy = Proved(Idle(simulation.scenario, worlds))
+    filter = Proved(simulation.scenario, worlds)
     rng = np.random.default_rng(seed)
     for _ in range(steps):
         wanted = wp.array(adversary(simulation, rng), dtype=wp.float32, device="cpu")
-        action = policy.filter(simulation.observation, wanted)
-        yield simulation, policy
+        action = filter(simulation.observation, wanted)
+        yield simulation, filter
         simulation.step(action)
 
 
@@ -47,10 +47,10 @@ def test_a_robot_is_absent_exactly_if_it_is_removed(way, changed):
         goal = 20 * np.sign(simulation.robots.position.numpy()[..., :2])
         return attacked.steered(simulation.robots, goal) if way == "boundary" else towards_the_nearest(simulation, rng)
 
-    for step, (simulation, policy) in enumerate(played(scenario, 40, 40, outwards)):
+    for step, (simulation, filter) in enumerate(played(scenario, 40, 40, outwards)):
         status = simulation.robots.status.numpy()
         heard |= (simulation.links.heard_at.numpy() >= 0).any(axis=-1) & (status != REMOVED)
-        absent = policy._memory.presence.numpy() == GONE
+        absent = filter._memory.presence.numpy() == GONE
         assert not absent[status != REMOVED].any()
         assert absent[(status == REMOVED) & (heard | (step == 0))].all()
         gone, failed = gone + absent.sum(), failed + (status == FAILED).sum()
@@ -75,7 +75,7 @@ def test_the_proof_is_tested_anew_if_a_removed_robot_comes_back():
     names = layout(scenario).names
     links = [k for k, name in enumerate(names) if name.startswith("neighbour_") or name == "works"]
     simulation = lissajous_env.Simulation(scenario, 20, seed=2)
-    policy = Proved(Idle(scenario, 20))
+    filter = Proved(scenario, 20)
     place = simulation.observation.numpy()[:, 0].copy()
     place[:, 4] = 0.0
     goal = np.repeat(place[:, None, :2] * size, 5, axis=1)
@@ -85,14 +85,14 @@ def test_the_proof_is_tested_anew_if_a_removed_robot_comes_back():
             rows[:, 0] = place
             rows[:, 0, links] = 0.0
         wanted = wp.array(attacked.steered(simulation.robots, goal).astype(np.float32), dtype=wp.float32, device="cpu")
-        simulation.step(policy.filter(wp.array(rows, dtype=wp.float32, device="cpu"), wanted))
+        simulation.step(filter(wp.array(rows, dtype=wp.float32, device="cpu"), wanted))
     rows = simulation.observation.numpy().copy()
     near = np.linalg.norm(simulation.robots.position.numpy()[:, 1:, :2] - goal[:, 1:], axis=-1).min(axis=1) < 0.2
     rows[:, 0, :5] = place[:, :5]
-    before = policy.holds
-    policy.filter(wp.array(rows, dtype=wp.float32, device="cpu"), wp.zeros_like(simulation.action))
+    before = filter.holds
+    filter(wp.array(rows, dtype=wp.float32, device="cpu"), wp.zeros_like(simulation.action))
     assert (near & before).sum() > 3
-    assert not policy.holds[near].any()
+    assert not filter.holds[near].any()
 
 
 @pytest.mark.parametrize("speed", [0.2, 1.0])
@@ -107,8 +107,8 @@ def test_cars_stay_within_the_range_of_the_observed_speed(speed):
     (words,) = (words for words in violations(scenario) if "noise.drive_spread" in words)
     assert words.startswith(f"the strongest car reaches {scenario.top_speed_bound:.3g} m/s")
     fastest = 0.0
-    for simulation, policy in played(scenario, 60, 120, seed=79000):
-        fastest = max(fastest, simulation.robots.speed.numpy()[policy.holds].max(initial=0))
+    for simulation, filter in played(scenario, 60, 120, seed=79000):
+        fastest = max(fastest, simulation.robots.speed.numpy()[filter.holds].max(initial=0))
     assert 0.9 * most < fastest < most
     collisions, proved, broken, _ = driven(scenario, 100, 120, towards_the_nearest, seed=79000)
     assert proved.mean() > 0.5
@@ -122,20 +122,20 @@ def test_a_speed_at_the_end_of_its_range_proves_nothing():
     scenario = lissajous_env.scenario(FIVE, **{**QUICK, **fast, "formation.phase_rate": 0.4})
     assert (lissajous_env.Simulation(scenario, 60).robots.speed.numpy() > 0.81).any(axis=1).mean() > 0.5
     proved = 0
-    for simulation, policy in played(scenario, 60, 40):
+    for simulation, filter in played(scenario, 60, 40):
         clipped = (simulation.observation.numpy()[..., 4] >= 4).any(axis=1)
-        assert not (policy.holds & clipped).any()
-        proved += policy.holds.sum()
+        assert not (filter.holds & clipped).any()
+        proved += filter.holds.sum()
     assert proved > 100
 
 
 def test_a_message_that_is_not_a_number_leaves_the_action_valid():
     scenario = lissajous_env.scenario(FIVE, **{"messages.size": 2})
     simulation = lissajous_env.Simulation(scenario, 2, seed=0)
-    policy = Proved(Idle(scenario, 2))
+    filter = Proved(scenario, 2)
     wanted = np.full(simulation.action_shape, 0.5, dtype=np.float32)
     wanted[1, 3, 3] = np.nan
-    action = policy.filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu")).numpy()
+    action = filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu")).numpy()
     assert np.isfinite(action).all()
     assert action[1, 3, 2:].tolist() == [0.5, 0.0]
 
@@ -143,8 +143,8 @@ def test_a_message_that_is_not_a_number_leaves_the_action_valid():
 def crosses_the_truth(scenario, worlds, steps, adversary):
     """Return the share of cars whose learned bounds of the curvature excluded the true one in any step."""
     excluded = np.zeros((worlds, scenario.num_robots), dtype=bool)
-    for simulation, policy in played(scenario, worlds, steps, adversary):
-        known = policy._memory.known.numpy()
+    for simulation, filter in played(scenario, worlds, steps, adversary):
+        known = filter._memory.known.numpy()
         curvature = scenario.robot.wheelbase / simulation.robots.wheelbase.numpy()
         excluded |= (curvature < known[..., 0] * (1 - 1e-4)) | (curvature > known[..., 1] * (1 + 1e-4))
     return excluded.mean()
@@ -178,13 +178,13 @@ def test_a_robot_that_a_collision_stopped_is_expected_to_stand():
     scenario = lissajous_env.scenario(FIVE, **QUICK, **{"task.on_collision": "stop"})
     stopped = proved = 0
     before, speeds = np.zeros((2, 200, 5))
-    for simulation, policy in played(scenario, 200, 30, seed=4):
+    for simulation, filter in played(scenario, 200, 30, seed=4):
         failed = simulation.robots.status.numpy() == FAILED
         rolls = failed & (before == 0) & (speeds > 0.01)
-        assert not (policy.holds[:, None] & rolls).any()
+        assert not (filter.holds[:, None] & rolls).any()
         stopped += rolls.sum()
         before, speeds = failed, simulation.robots.speed.numpy().copy()
-        proved += (policy.holds & failed.any(axis=1)).sum()
+        proved += (filter.holds & failed.any(axis=1)).sum()
     assert stopped > 20
     assert proved > 20
 

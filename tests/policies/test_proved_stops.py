@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
-from test_proved import FIVE, PAIR, Idle, driven, towards_the_nearest
+from test_proved import FIVE, PAIR, driven, towards_the_nearest
 
 import lissajous_env
 from baselines.policies.safety.proved import Proved, ProvedParameters
@@ -21,7 +21,7 @@ def stop(simulation, chosen, steps=8):
     simulation.robots.stuck_until.assign(until.astype(np.int32))
 
 
-def stop_before_others(simulation, policy):
+def stop_before_others(simulation, filter):
     """Robots that drive stop dead if another one drives at where they are; the others drive at their nearest."""
     position = simulation.robots.position.numpy()[..., :2]
     heading, speed = simulation.robots.heading.numpy(), simulation.robots.speed.numpy()
@@ -41,9 +41,9 @@ def test_robots_that_stop_dead_before_others_are_not_hit(scenario):
     failing = lissajous_env.scenario(scenario, **FAILING)
     stopped = []
 
-    def each(simulation, policy):
+    def each(simulation, filter):
         stopped.append((simulation.robots.status.numpy() == 1).mean())
-        stop_before_others(simulation, policy)
+        stop_before_others(simulation, filter)
 
     collisions, proved, broken, least = driven(failing, 150, 100, towards_the_nearest, seed=3, each=each)
     assert proved.mean() > 0.3
@@ -90,7 +90,7 @@ def test_a_tail_is_lost_only_if_each_of_its_messages_is(repeats):
     wide = {"curve.half_width": 60.0, "curve.half_height": 60.0, "formation.phase_rate": 0.01}
     lossy = lissajous_env.scenario(FIVE, **wide, **{"noise.message_loss": 0.5})
     simulation = lissajous_env.Simulation(lossy, 2000, seed=1)
-    policy = Proved(Idle(simulation.scenario, 2000), ProvedParameters(repeats=repeats))
+    filter = Proved(simulation.scenario, 2000, parameters=ProvedParameters(repeats=repeats))
     wanted = np.full(simulation.action_shape, 0.3, dtype=np.float32)
-    action = policy.filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu")).numpy()
+    action = filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu")).numpy()
     assert (action == wanted).all(axis=-1).mean() == pytest.approx((1 - 0.5**repeats) ** 4, abs=0.02)

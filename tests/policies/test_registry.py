@@ -9,6 +9,7 @@ import baselines
 import training
 from baselines.planning import portfolio
 from baselines.policies import registry
+from baselines.policies.base import Filter
 from baselines.policies.patrol import Laps, Still
 from lissajous_env import plugins
 from training.learned.policy import register_shipped
@@ -26,7 +27,7 @@ def test_a_name_that_is_taken_is_refused():
     with pytest.raises(ValueError, match="must be new, got laps-safe; -safe marks a wrapped laps"):
         baselines.register("laps-safe", "car", Laps)
     with pytest.raises(ValueError, match="suffix of a filter must be new, got '-safe'"):
-        registry.register_filter("-safe", "car", Laps, "with laps")
+        registry.register_filter(type("Other", (Filter,), {"suffix": "-safe"}))
 
 
 def test_a_name_that_a_wrapped_policy_has_is_refused():

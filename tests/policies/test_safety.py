@@ -10,6 +10,7 @@ import baselines
 import lissajous_env
 from baselines.policies.base import Policy
 from baselines.policies.safety.filter import Safe, SafetyParameters, speed_limit
+from baselines.policies.safety.filtered import Filtered
 from baselines.policies.safety.quadratic_program import solve_quadratic_program
 from lissajous_env.theory.geometry import top_speed
 from lissajous_env.world.observation import layout
@@ -140,7 +141,7 @@ def least_distance(cars, wanted, filtered, steps=30):
     """Least distance [m] in each world when cars (W, N, 4) want an action all the way."""
     cars = np.asarray(cars, dtype=float)
     policy = Wanting(TWO_CARS, len(cars)).want(wanted)
-    policy = Safe(policy, WIDE) if filtered else policy
+    policy = Filtered(policy, Safe, WIDE) if filtered else policy
     least = np.full(len(cars), np.inf)
     for _ in range(steps):
         action = policy.act(observed(cars))
@@ -165,7 +166,7 @@ def test_two_cars_that_meet_head_on_pass(speed):
 
 def test_two_cars_that_meet_head_on_pass_on_the_right():
     cars = np.array([[[-0.5, 0, 0, 1.1], [0.5, 0, np.pi, 1.1]]])
-    action = Safe(Wanting(TWO_CARS).want(cruising(1.1)), WIDE).act(observed(cars))
+    action = Filtered(Wanting(TWO_CARS).want(cruising(1.1)), Safe, WIDE).act(observed(cars))
     assert (action[0, :, 0] < -0.2).all()
 
 
@@ -184,7 +185,7 @@ def test_two_cars_that_cross_do_not_touch(angle):
 def test_a_car_drives_around_one_that_stands(aside, speed):
     """A physical story: the car ahead is stuck, and the other cannot brake."""
     cars = np.array([[[-1.5, 0, 0, speed], [0, aside, 1.0, 0]]])
-    policy = Safe(Wanting(TWO_CARS).want(cruising(speed)))
+    policy = Filtered(Wanting(TWO_CARS).want(cruising(speed)), Safe)
     least = np.inf
     for _ in range(int(3 / speed / 0.1)):
         action = policy.act(observed(cars))
@@ -215,15 +216,15 @@ def test_far_from_all_the_action_passes_bit_for_bit():
     parting = [[-0.4, 0, np.pi, 1.1], [0.4, 0, 0, 1.1]]
     following = [[-0.5, 0, 0, 1.0], [0.5, 0, 0, 1.0]]
     cars = np.array([alone, parting, following])
-    policy = Safe(Wanting(TWO_CARS, 3).want(wanted))
+    policy = Filtered(Wanting(TWO_CARS, 3).want(wanted), Safe)
     np.testing.assert_array_equal(policy.act(observed(cars)), wanted)
-    assert (policy.count.numpy() == 0).all()
+    assert (policy.filter.count.numpy() == 0).all()
 
 
 def test_the_throttle_leads_to_the_speed_limit_and_no_further():
     """Oracle: v' = push - c v, solved for the push of a step; at full throttle the car would do 5.8 m/s."""
-    policy = Safe(Wanting(TWO_CARS).want([0, 1]))
-    limit = speed_limit(TWO_CARS, policy.parameters)
+    policy = Filtered(Wanting(TWO_CARS).want([0, 1]), Safe)
+    limit = speed_limit(TWO_CARS, policy.filter.parameters)
     assert limit == pytest.approx(1.5 * top_speed(TWO_CARS.curve, TWO_CARS.formation.phase_rate))
     cars = np.array([[[-50.0, 0, 0, 0.0], [50.0, 0, 0, 4.0]]])
     fastest = 0.0
@@ -246,13 +247,13 @@ def played(policy, simulation, steps, on_step=None):
 
 def test_programs_met_in_episodes_are_solved():
     """Oracles: as above, on the programs that the filter itself sets up; limits and what passes unchanged besides."""
-    policy = Safe(baselines.make("random", "rough", num_worlds=16))
+    policy = Filtered(baselines.make("random", "rough", num_worlds=16), Safe)
     simulation = lissajous_env.Simulation("rough", num_worlds=16, seed=3)
     solved = []
 
     def check():
         action, wanted = policy.action.numpy(), policy.policy.action.numpy()
-        count, rows, top = policy.count.numpy(), policy.rows.numpy(), policy.top.numpy()
+        count, rows, top = policy.filter.count.numpy(), policy.filter.rows.numpy(), policy.filter.top.numpy()
         assert (np.abs(action) <= 1).all()
         assert (action[..., 1] <= top).all()
         free = (count == 0) & (wanted[..., 1] <= top)
@@ -287,13 +288,13 @@ def test_ring_neighbours_beyond_the_disc_are_known_from_their_messages():
     """Oracle: places and velocities of the cars themselves; before the second message no velocity is known."""
     scenario = lissajous_env.scenario("intruders")
     simulation, policy = lissajous_env.Simulation(scenario, 3), baselines.make("laps-safe", scenario, 3)
-    assert isinstance(policy, Safe)
+    assert isinstance(policy.filter, Safe)
     places = []
     for _ in range(5):
         places.append(simulation.robots.position.numpy()[:, :, :2].copy())
-        policy._others.zero_()
+        policy.filter._others.zero_()
         simulation.step(policy.act(simulation.observation))
-        known = policy._others.numpy()
+        known = policy.filter._others.numpy()
         checked = 0
         for w in range(3):
             for i in range(5):
@@ -310,7 +311,7 @@ def test_ring_neighbours_beyond_the_disc_are_known_from_their_messages():
                     checked += 1
         assert checked > 20 or len(places) == 1
     policy.reset([True, False, False])
-    kept = policy._memory.numpy()[..., 2]
+    kept = policy.filter._memory.numpy()[..., 2]
     assert kept[0].max() == 0
     assert kept[1:].min() == 1
 
@@ -339,13 +340,13 @@ def test_names_of_the_safe_policies():
 def test_a_robots_action_depends_on_its_own_row_alone():
     """Oracle: changing every other row leaves robot 2's action as it was, bit for bit, in a step where it swerves."""
     simulation = lissajous_env.Simulation("experiment", num_worlds=8, seed=5)
-    policy = Safe(baselines.make("sweep", "experiment", num_worlds=8))
+    policy = Filtered(baselines.make("sweep", "experiment", num_worlds=8), Safe)
     swerved = 0
     for _ in range(60):
         seen = simulation.observation.numpy().copy()
         policy.reset()
         action = policy.act(seen)
-        swerved += (policy.count.numpy()[:, 2] > 0).sum()
+        swerved += (policy.filter.count.numpy()[:, 2] > 0).sum()
         changed = seen[:, ::-1].copy()
         changed[:, 2] = seen[:, 2]
         policy.reset()
@@ -359,11 +360,11 @@ def test_an_action_that_is_not_a_number_is_passed_on():
     wanted = np.zeros((2, 5, 2), dtype=np.float32)
     wanted[1, 3, 0] = np.nan
     simulation = lissajous_env.Simulation("experiment", num_worlds=2)
-    action = Safe(Wanting("experiment", 2).want(wanted)).act(simulation.observation.numpy())
+    action = Filtered(Wanting("experiment", 2).want(wanted), Safe).act(simulation.observation.numpy())
     assert np.isnan(action[1, 3, 0])
     assert np.isfinite(action).sum() == action.size - 1
 
 
 def test_points_have_no_filter():
     with pytest.raises(ValueError, match="must drive robots of kind car, got curve"):
-        Safe(baselines.make("kuramoto", "failure"))
+        Filtered(baselines.make("kuramoto", "failure"), Safe)

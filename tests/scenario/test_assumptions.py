@@ -13,7 +13,6 @@ from command_line import called
 import baselines
 import lissajous_env
 from baselines.planning.request import Request
-from baselines.policies import stored
 from baselines.policies.settings import PolicySettings
 from lissajous_env.console.cli import main
 from lissajous_env.parameters import named
@@ -149,7 +148,7 @@ def plan_of_partition(tmp_path):
     task = Request(width=12.0, height=8.0, robots=(4, 4), **sizes).task(4)
     task = named.build(task, **{"task.duration": 10 * task.task.step})
     (tmp_path / "scenario.toml").write_text(as_toml(task), encoding="utf-8")
-    (tmp_path / "policy.toml").write_text(stored.as_toml(PolicySettings("partition")), encoding="utf-8")
+    (tmp_path / "policy.toml").write_text(PolicySettings("partition").as_toml(), encoding="utf-8")
     return tmp_path
 
 

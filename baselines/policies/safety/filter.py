@@ -42,7 +42,7 @@ from typing import Any
 
 import warp as wp
 
-from baselines.policies.base import Policy
+from baselines.policies.base import Filter
 from baselines.policies.safety.kernel import MANOEUVRES, NEAREST, Scales, keep_clear
 from baselines.policies.safety.parameters import SafetyParameters, SafetyStruct
 from lissajous_env.device.curve import curve_struct
@@ -58,25 +58,37 @@ HEADROOM = 1.5
 formation, and with it the bound on the detection time, is lost."""
 
 
-class Safe(Policy):
-    """A policy of cars whose actions pass through the filter, which stores the positions of ring neighbours.
+class Safe(Filter):
+    """The collision filter, which stores the positions of ring neighbours.
 
-    After `act`, the last program of each robot can be read: `rows` (W, N, 8) of g_0, g_1, c for g.u >= c, `count`
-    (W, N), the number of these rows (0 where there was no program), `top` (W, N), and the wanted action in
-    `policy.action`.
+    After a call, the last program of each robot can be read: `rows` (W, N, 8) of g_0, g_1, c for g.u >= c, `count`
+    (W, N), the number of these rows (0 where there was no program), and `top` (W, N).
+
+    Args:
+        scenario: The scenario, of cars.
+        num_worlds: W.
+        device: Warp device.
+        parameters: Parameters of the filter; by default those of the paper's experiment, scaled to the scenario.
+        fastest: Speed below which other robots are avoided [m/s].
+
+    Raises:
+        ValueError: the robots are no cars.
     """
 
-    kind = "car"
-    arrays = "warp"
+    suffix = "-safe"
+    about = "with a collision filter that intervenes late and gently"
+    as_car = True
     communicates = "positions of ring neighbours"
-    remembers = ("_memory",)
 
-    def __init__(self, policy: Policy, parameters: SafetyParameters | None = None, fastest: float = math.inf):
-        super().__init__(policy.scenario, policy.num_worlds, policy.device)
-        if self.scenario.robot.kind != "car":
-            raise ValueError(f"policy of a filter must drive robots of kind car, got {self.scenario.robot.kind}")
-        self.policy = policy
-        self.name = f"{policy.name}-safe"
+    def __init__(
+        self,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: SafetyParameters | None = None,
+        fastest: float = math.inf,
+    ):
+        super().__init__(scenario, num_worlds, device)
         self.parameters = parameters or SafetyParameters().of(self.scenario)
         if self.parameters.speed_max is None:
             limit = speed_limit(self.scenario, self.parameters)
@@ -95,20 +107,19 @@ class Safe(Policy):
         self.count = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self.top = wp.zeros(self.shape, dtype=wp.float32, device=self.device)
 
-    def filter(self, observation: wp.array, wanted: wp.array) -> wp.array:
-        """Return the actions for wanted ones (W, N, A) and observations (W, N, D), as a Warp array of the filter.
+    @property
+    def memory(self) -> list[wp.array]:
+        """Positions of ring neighbours."""
+        return [self._memory]
 
-        Messages, the entries after steering and throttle, pass unchanged.
-        """
+    def __call__(self, observation: wp.array, wanted: wp.array, out: wp.array | None = None) -> wp.array:
+        """Return the actions for wanted ones, from observations."""
         inputs = [self._safety, self._robot, self._curve, self._seen, self._listens, self._memory, observation, wanted]
         inputs += [self._others, self._paths]
-        outputs = [self.rows, self.count, self.top, self.action]
+        out = self.action if out is None else out
+        outputs = [self.rows, self.count, self.top, out]
         self.launch(keep_clear, self.shape, inputs, outputs)
-        return self.action
-
-    def decide(self, observation: wp.array) -> None:
-        """Let the policy act, and filter its actions."""
-        self.filter(observation, self.policy.act(observation))
+        return out
 
 
 def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:

@@ -44,7 +44,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.base import Policy, clear_worlds
+from baselines.policies.base import Filter
 from baselines.policies.safety.commitment import Memory, commit
 from baselines.policies.safety.compatibility import PLANS, Plans
 from baselines.policies.safety.own_motion import Bounds
@@ -96,19 +96,31 @@ class ProvedParameters(Checked):
         return self.scaled(scale.length, scale.time)
 
 
-class Proved(Policy):
-    """A policy of cars whose actions pass through the proved filter."""
+class Proved(Filter):
+    """The proved filter of cars.
 
-    kind = "car"
-    arrays = "warp"
+    Args:
+        scenario: The scenario, of cars.
+        num_worlds: W.
+        device: Warp device.
+        parameters: Parameters of the filter; by default those of the paper's experiment, scaled to the scenario.
+
+    Raises:
+        ValueError: the robots are no cars.
+    """
+
+    suffix = "-proved"
+    about = "with a filter that is proved, under conditions, to prevent collisions"
     communicates = "committed tails, from every robot to every other within the step"
 
-    def __init__(self, policy: Policy, parameters: ProvedParameters | None = None):
-        super().__init__(policy.scenario, policy.num_worlds, policy.device)
-        if self.scenario.robot.kind != "car":
-            raise ValueError(f"policy of a filter must drive robots of kind car, got {self.scenario.robot.kind}")
-        self.policy = policy
-        self.name = f"{policy.name}-proved"
+    def __init__(
+        self,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: ProvedParameters | None = None,
+    ):
+        super().__init__(scenario, num_worlds, device)
         self.parameters = parameters or ProvedParameters().of(self.scenario)
         self._bounds = bounds_of(self.scenario, self.parameters)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
@@ -118,8 +130,8 @@ class Proved(Policy):
         self._stops = wp.array(stops_of(self.scenario), dtype=wp.int32, device=self.device)
         worlds, plans = (self.num_worlds,), (*self.shape, int(PLANS))
         self._memory = allocate(Memory, {"steps": worlds, "holds": worlds}, self.shape, self.device)
-        # A struct of Warp cannot be copied; its arrays, stored by name, are copied with the policy.
-        self._kept = fields_of(self._memory)
+        # A struct of Warp cannot be copied; its arrays, stored by name, are copied with the filter.
+        self._arrays = fields_of(self._memory)
         self._plans = allocate(Plans, {"points": (*plans, int(POINTS)), "reach": plans}, self.shape, self.device)
 
     @property
@@ -130,25 +142,17 @@ class Proved(Policy):
         """
         return self._memory.holds.numpy() == 1
 
-    def filter(self, observation: wp.array, wanted: wp.array) -> wp.array:
-        """Return the actions for wanted ones (W, N, A) and observations (W, N, D), as a Warp array of the filter.
+    @property
+    def memory(self) -> list[wp.array]:
+        """Tails, and what robots learned of themselves."""
+        return [*self._arrays.values()]
 
-        If an action is not finite, the robot continues its old tail. Messages, the entries after steering and throttle,
-        pass unchanged.
-        """
+    def __call__(self, observation: wp.array, wanted: wp.array, out: wp.array | None = None) -> wp.array:
+        """Return the actions for wanted ones; a robot whose wanted action is not finite keeps its old tail."""
+        out = self.action if out is None else out
         inputs = [self._bounds, self._robot, self._curve, self._widest, self._changes, self._stops, observation, wanted]
-        self.launch(commit, self.num_worlds, [*inputs, self._memory], [self._plans, self.action])
-        return self.action
-
-    def decide(self, observation: wp.array) -> None:
-        """Let the policy act, and filter its actions."""
-        self.filter(observation, self.policy.act(observation))
-
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the memory of the policy and the tails."""
-        super().forget(mask)
-        for array in self._kept.values():
-            clear_worlds(array, mask)
+        self.launch(commit, self.num_worlds, [*inputs, self._memory], [self._plans, out])
+        return out
 
 
 def bounds_of(scenario: Scenario, parameters: ProvedParameters) -> Any:

@@ -8,12 +8,13 @@ from command_line import called
 
 import baselines
 import lissajous_env
-from baselines.policies import registry, stored
+from baselines.policies import registry
 from baselines.policies.coordinators.arc_length import ArcParameters, KuramotoByArc
 from baselines.policies.patrol import Sweep
 from baselines.policies.patrol_path import SweepParameters
 from baselines.policies.safety.filter import Safe
-from baselines.policies.settings import PolicySettings, parameters_class
+from baselines.policies.safety.filtered import Filtered
+from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE, PolicySettings, parameters_class
 from baselines.policies.trackers.mpcc import WithMpcc
 from baselines.policies.trackers.vector_field import FieldParameters
 from lissajous_env.parameters.scenario_file import as_toml
@@ -23,8 +24,8 @@ SHORT = lissajous_env.scenario("evaders", **{"task.duration": 2.0})
 
 def folder_of(path, settings, scenario=SHORT):
     path.mkdir()
-    (path / stored.FILE).write_text(stored.as_toml(settings))
-    (path / stored.HOME).write_text(as_toml(scenario))
+    (path / POLICY_FILE).write_text(settings.as_toml())
+    (path / SCENARIO_FILE).write_text(as_toml(scenario))
     return str(path)
 
 
@@ -41,7 +42,7 @@ def arc(scenario, num_worlds, device):
         (PolicySettings("sweep", {"lanes": 4, "cruise": 1.5}),
          lambda *given: Sweep(*given, SweepParameters(lanes=4, cruise=1.5))),
         (PolicySettings("arc-mpcc", {}, {"speed": 1.1}), arc),
-        (PolicySettings("arc-mpcc-safe", {}, {"speed": 1.1}), lambda *given: Safe(arc(*given))),
+        (PolicySettings("arc-mpcc-safe", {}, {"speed": 1.1}), lambda *given: Filtered(arc(*given), Safe)),
         (PolicySettings("kuramoto-mpcc"), lambda *given: baselines.make("kuramoto-mpcc", *given)),
     ],
 )  # fmt: skip
@@ -88,7 +89,7 @@ def test_results_of_other_parameters_are_not_mixed(tmp_path, capsys, monkeypatch
     line = ["benchmark", "--scenarios", "mine/scenario.toml", "--policies", "mine", "--episodes", "1"]
     line += ["--replays", "none", "--out", "results"]
     assert called(capsys, *line)[0] == 0
-    (tmp_path / "mine" / stored.FILE).write_text(stored.as_toml(PolicySettings("sweep", {"lanes": 2})))
+    (tmp_path / "mine" / POLICY_FILE).write_text(PolicySettings("sweep", {"lanes": 2}).as_toml())
     code, _, said = called(capsys, *line)
     assert code == 2
     assert "policy of policy.toml" in said
@@ -112,10 +113,10 @@ def test_results_of_other_parameters_are_not_mixed(tmp_path, capsys, monkeypatch
 )
 def test_a_wrong_file_is_refused_by_name(text, message, tmp_path):
     folder = folder_of(tmp_path / "mine", PolicySettings("still"))
-    (tmp_path / "mine" / stored.FILE).write_text(text)
+    (tmp_path / "mine" / POLICY_FILE).write_text(text)
     with pytest.raises(ValueError, match=re.escape(message)) as refused:
         baselines.make(folder, SHORT)
-    assert str(tmp_path / "mine" / stored.FILE) in str(refused.value)
+    assert str(tmp_path / "mine" / POLICY_FILE) in str(refused.value)
 
 
 def test_every_policy_with_parameters_can_be_stored():
