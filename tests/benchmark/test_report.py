@@ -4,7 +4,6 @@ import io
 import json
 import math
 import re
-import threading
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from rich.console import Console
 
 import baselines
 import lissajous_env
-import training.report
 from baselines.benchmark import local, ranking, replays, report_page
 from baselines.benchmark.ranking import rankings
 from baselines.benchmark.running import run
@@ -21,10 +19,7 @@ from baselines.benchmark.tables import number
 from baselines.benchmark.types import Benchmark
 from lissajous_env.episodes.recording import record
 from lissajous_env.replay.contents import BRIEF, contents
-from lissajous_env.storage.folder import Folder
 from lissajous_env.world.columns import COLUMNS
-from training.learned.history import History
-from training.settings import TrainingSettings
 
 QUIET = Console(quiet=True)
 HOSTILE = "</script><img src=x onerror=alert(1)>"
@@ -159,43 +154,6 @@ def test_a_replay_is_the_episode_as_it_was_scored(small_one):
     assert len(json.dumps(blocks[name])) < 60_000
 
 
-def test_rounds_put_the_worst_of_all_before_medians_and_bests():
-    rows = [{"scenario": "a", "policy": p, "seed": seed} for seed in range(5) for p in ("x", "y")]
-    of = lambda *seeds: [("a", p, seed) for p in ("x", "y") for seed in seeds]  # noqa: E731
-
-    def rounds(*asked, cells=(("a", "x"), ("a", "y"))):
-        chosen = replays.chosen(asked, rows, cells)
-        return [[key for key in chosen if chosen[key] == number] for number in sorted(set(chosen.values()))]
-
-    assert rounds("each") == rounds("few") == [of(0), of(2, 4)]
-    assert rounds("2") == [of(0, 1)]
-    assert rounds("all") == [of(0, 1, 2, 3, 4)]
-    assert rounds("none") == []
-    assert rounds("a:y:3", "none") == [[("a", "y", 3)]]
-    assert rounds("1", cells=[("a", "y")]) == [[("a", "y", 0)]]
-
-
-def test_replays_are_the_same_on_any_number_of_threads(tmp_path, monkeypatch):
-    # Oracle: the report of one thread.
-    threads, before = set(), replays.record_together
-
-    def noting(*given):
-        threads.add(threading.current_thread())
-        return before(*given)
-
-    monkeypatch.setattr(replays, "record_together", noting)
-    found = []
-    for name, cores in (("one", 1), ("three", 3)):
-        threads.clear()
-        monkeypatch.setattr(replays, "cores", lambda cores=cores: cores)
-        run(small(tmp_path / name, replays=("2",)), console=QUIET)
-        assert (len(threads) > 1) == (cores > 1)
-        blocks = blocks_of(tmp_path / name)
-        assert len(blocks["data"]["replays"]) > 3
-        found.append((blocks["data"]["replays"], {key: of for key, of in blocks.items() if key != "data"}))
-    assert found[0] == found[1]
-
-
 def test_few_replays_end_in_time(tmp_path, monkeypatch):
     monkeypatch.setattr(replays, "FEW_SECONDS", 0.0)
     one = {"scenarios": ("failure",), "policies": ("kuramoto",), "episodes": 1}
@@ -281,28 +239,3 @@ def test_of_many_episodes_the_worst_are_listed(small_one, tmp_path, monkeypatch)
     assert sorted(place[:2] for place in kept) == sorted(
         2 * list(dict.fromkeys(zip(before["scenario"], before["policy"], strict=True)))
     )
-
-
-def test_a_training_replays_no_oftener_than_its_share_of_the_time_allows(tmp_path, monkeypatch):
-    # Story: three evaluations within a moment; the first and the last are replayed, the rival's episode once.
-    played = []
-
-    def counted(policy, *given):
-        played.append(policy.name)
-        return record(policy, *given)
-
-    monkeypatch.setattr(training.report, "record", counted)
-    settings = TrainingSettings(scenario="intruders", rivals=("laps",), out=tmp_path, overrides=SHORT)
-    scenario = settings.make_scenario()
-    with Folder(tmp_path) as held:
-        written = training.report.TrainingReport(held, settings, scenario, 20_000)
-        for last in (False, False, True):
-            written.write(History(steps=1000), baselines.make("still", scenario), last)
-            assert (tmp_path / "report.html").stat().st_size > 100_000
-    assert played == ["still", "laps", "still"]
-
-
-def test_a_command_names_the_scenario_as_it_was_changed():
-    assert report_page.command_of("team", {}) == "team"
-    changes = {"task.duration": 30.0, "faults.schedule": ((0, 1.0, 2.0),)}
-    assert report_page.command_of("team", changes) == "team --set task.duration=30.0 'faults.schedule=((0, 1.0, 2.0),)'"

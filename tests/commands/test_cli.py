@@ -53,19 +53,6 @@ def test_scenarios_lists_each_one(width):
     assert all(len(line) <= width for line in ended.stdout.splitlines())
 
 
-def test_plan_prints_plans():
-    sizes = ["--width", "10", "--height", "10", "--robot-radius", "0.08", "--sensor-radius", "2", "--speed", "2"]
-    ended = lissajous("plan", *sizes, "--robots", "15", "--seconds", "3")
-    assert ended.returncode == 0
-    assert ended.stdout.startswith("Plans for 10 m x 10 m, 15 robots of 0.08 m and 2 m/s")
-
-
-def test_an_unknown_scenario_is_one_clear_line_and_exit_code_2(tmp_path):
-    ended = lissajous("benchmark", "--scenarios", "falure", cwd=tmp_path)
-    assert error_of(ended).endswith("got 'falure'; did you mean failure?")
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

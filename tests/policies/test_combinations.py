@@ -54,28 +54,6 @@ def test_a_benchmark_plays_one_tracker_by_itself():
     assert all(registry.made_for(name, "failure") for name in POINTS)
 
 
-@pytest.mark.parametrize(("name", "scenario"), [
-    *((name, scenario) for name in POINTS for scenario in ("perturbation", "knot")),
-    *((name, scenario) for name in CARS for scenario in ("rough",)),
-    ("consensus-gvf-safe", "rough"), ("arc-mpcc-proved", "experiment"),
-])  # fmt: skip
-def test_each_name_plays(name, scenario):
-    """Oracle: finite actions in the box that move the team; the score row says who played."""
-    made = lissajous_env.scenario(scenario, **BARE | {"task.duration": 2.0})
-    policy = baselines.make(name, made, num_worlds=2)
-    rows = lissajous_env.evaluate(policy, made, range(2))
-    assert [row["policy"] for row in rows] == [name] * 2
-    assert np.isfinite(policy.action.numpy()).all()
-    assert np.abs(policy.action.numpy()).max() <= 1.0
-    assert mean(rows, "distance_mean") > 0.1
-
-
-@pytest.mark.parametrize("name", ["kuramoto-mpcc", "arc-gvf"])
-def test_cars_do_not_drive_points(name):
-    with pytest.raises(ValueError, match=f"policy for knot must drive robots of kind curve, got {name}, which drives"):
-        baselines.make(name, "knot")
-
-
 # Each is what its name says. Points: the failure of Fig. 6.
 
 

@@ -1,12 +1,10 @@
 """Decoding of the observation by classical policies, compared with the documented layout and the true state."""
 
 import numpy as np
-import pytest
 import warp as wp
 
 import lissajous_env
 from baselines.policies import own_row
-from baselines.policies.base import clear_worlds
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.structs import to_struct
@@ -76,14 +74,3 @@ def test_what_is_decoded_is_the_truth():
         order = np.argsort(np.linalg.norm(truth[..., :2], axis=-1), axis=1)
         sorted_truth = np.take_along_axis(truth, order[..., None], axis=1)
         np.testing.assert_allclose(seen.numpy()[:, i], sorted_truth, atol=2e-4)
-
-
-@pytest.mark.parametrize("dtype", [wp.vec2, wp.int32, wp.float32])
-def test_memory_of_some_worlds_is_cleared(dtype):
-    # Oracle: the worlds of the mask are zero, the others as they were.
-    memory = wp.zeros((4, 3), dtype=dtype, device="cpu")
-    memory.assign(np.arange(1, memory.numpy().size + 1).reshape(memory.numpy().shape).astype(memory.numpy().dtype))
-    before = memory.numpy().copy()
-    clear_worlds(memory, np.array([True, False, True, False]))
-    assert not memory.numpy()[[0, 2]].any()
-    np.testing.assert_array_equal(memory.numpy()[[1, 3]], before[[1, 3]])

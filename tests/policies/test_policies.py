@@ -25,9 +25,6 @@ from baselines.policies.trackers.mpcc import WithMpcc
 from baselines.policies.trackers.vector_field import FieldParameters, WithVectorField
 from lissajous_env.theory import closed_forms
 
-CARS = ("kuramoto-mpcc", "open-loop-mpcc", "sweep", "random", "still")
-POINTS = ("kuramoto", "open-loop", "random", "still")
-
 
 def played(policy, simulation, steps):
     observation = simulation.observation

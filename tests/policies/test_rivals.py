@@ -21,7 +21,6 @@ from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import curve_length, largest_speed
 
-CARS = ("tracked-reference-mpcc", "consensus-gvf", "arc-mpcc")
 NO_FAULTS = {"faults.schedule": ()}
 
 

@@ -15,7 +15,7 @@ import lissajous_env
 from baselines.policies import registry
 from baselines.policies.base import Policy
 from lissajous_env.storage.journal import Journal
-from training import rehearsal, scenarios
+from training import scenarios
 from training.learned import checkpoint
 from training.learned.history import summarize_scores
 from training.rehearsal import Rehearsal
@@ -98,21 +98,6 @@ def test_a_policy_that_raises_is_left_out_by_name(tmp_path, monkeypatch):
     assert best
     assert not {"broken", "unsuitable"} & {*best}
     assert [words.partition(":")[0] for words in said] == ["broken is left out of the rehearsal"]
-
-
-def test_on_several_scenarios_the_one_that_is_fast_on_all_is_best(tmp_path, monkeypatch):
-    # Oracle: the mean of logarithms, by hand.
-    times = {"laps": (1.0, 16.0), "sweep": (3.0, 3.0), "still": (9.0, 9.0)}
-    monkeypatch.setattr(registry, "names", lambda scenario: tuple(times))
-    played_on = [lissajous_env.scenario("intruders", **{"task.duration": t}) for t in (1.0, 2.0)]
-
-    def evaluated(policy, scenario, seeds, device):
-        time = times[policy.name][round(scenario.task.duration) - 1]
-        return [{"detection_time_mean": time, "collisions": 0, "return_mean": time, "detected_fraction": 1.0}] * 2
-
-    monkeypatch.setattr(rehearsal, "evaluate", evaluated)
-    assert rehearsed(tmp_path / "a.jsonl", *played_on) == ("sweep",)
-    assert rehearsed(tmp_path / "b.jsonl", played_on[0]) == ("laps", "still")
 
 
 def test_the_default_rivals_are_rehearsed_once_for_a_training(tmp_path, monkeypatch):
