@@ -22,8 +22,8 @@ import figures
 
 from baselines.benchmark import best_known
 from baselines.benchmark.bounds import bounds_of
-from baselines.benchmark.standard import GRIDS, as_played
 from baselines.benchmark.tables import number
+from baselines.benchmark.types import GRIDS, as_played
 from baselines.planning import portfolio
 from baselines.planning.families.defaults import included
 from baselines.planning.families.known import as_family

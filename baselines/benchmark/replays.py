@@ -11,13 +11,13 @@ from typing import Any
 from rich import progress as bars
 from rich.console import Console
 
-from baselines.benchmark import standard, written
+from baselines.benchmark import written
 from baselines.benchmark.clairvoyant import Clairvoyant
 from baselines.benchmark.local import may_be_shared
 from baselines.benchmark.progress import bar
 from baselines.benchmark.report_page import Played, Report, command_of
 from baselines.benchmark.table import Row
-from baselines.benchmark.types import Cell, Key, Outcome
+from baselines.benchmark.types import Cell, Key, Outcome, as_played, overrides_of
 from baselines.policies import registry
 from baselines.policies.factories import is_ones_own, named
 from lissajous_env.device.devices import cores
@@ -95,11 +95,11 @@ def _commands(outcome: Outcome) -> dict[str, str]:
     overrides, commands = outcome.settings.overrides, {}
     for given in dict.fromkeys((*outcome.settings.scenarios, *outcome.table.scenarios)):
         try:
-            scenario = standard.as_played(given, overrides)
+            scenario = as_played(given, overrides)
         except (ValueError, OSError, ImportError):
             continue
         if scenario.digest() == outcome.stored["digests"].get(scenario.name):
-            words = command_of(given, plain_fields(standard.overrides_of(given, overrides)))
+            words = command_of(given, plain_fields(overrides_of(given, overrides)))
             commands.setdefault(scenario.name, words)
     return commands
 

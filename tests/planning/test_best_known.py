@@ -9,8 +9,8 @@ import baselines
 import lissajous_env
 from baselines.benchmark import best_known, tables
 from baselines.benchmark.bounds import Bounds, bounds_of
-from baselines.benchmark.standard import as_played
 from baselines.benchmark.table import Table
+from baselines.benchmark.types import as_played
 from baselines.benchmark.written import latex, table_of
 from baselines.planning.families.known import best_known as known_family
 from baselines.planning.plans import SETTLED, WHOLE, Figures, Plan, Planned
