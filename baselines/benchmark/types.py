@@ -70,8 +70,8 @@ class Benchmark:
     first policy."""
     replays: tuple[str, ...] = ("few",)
     """Episodes that report.html can play: `none`; `each`: the worst, median and best of each policy on each scenario;
-    `few`: as many of these as can be recorded in 6 s and 11 MB, the worst ones first; a number: that many of the worst
-    of each; `all`; or SCENARIO:POLICY:SEED. The reference policy is shown beside each."""
+    `few`: eight of the worst of these; a number: that many of the worst of each; `all`; or SCENARIO:POLICY:SEED. The
+    reference policy is shown beside each."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
     """Fields changed in every scenario, as {"task.duration": 30.0}."""
 
