@@ -206,7 +206,7 @@ class World:
             for _ in range(substeps):
                 state = car_runge_kutta(self.bodies[i], state, car.steering, throttle, self.dt / substeps)
                 if self.scenario.task.boundary == "wall":
-                    state = stopped_by_walls(self.scenario.curve, state)
+                    state = stopped_by_walls(self.scenario.curve, robot.radius, state)
                 car.way.append(np.array([state[0], state[1], 0.0]))
             car.heading, car.speed = float(state[2]), float(state[3])
             car.phase += projection(curve, state[:2], self.alpha * car.phase) / self.alpha

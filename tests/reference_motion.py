@@ -17,12 +17,18 @@ def wrapped(angle: float) -> float:
     return math.remainder(angle, 2 * math.pi)
 
 
+def extents(curve) -> tuple[float, float]:
+    """A and B of (3): half of the rectangle without the inset [m]."""
+    return curve.half_width - curve.inset, curve.half_height - curve.inset
+
+
 def curve_point(curve, gamma: float) -> np.ndarray:
     """Equation (10), which is (3) where C = 0 [m]."""
+    A, B = extents(curve)
     return np.array(
         [
-            curve.half_width * math.cos(curve.a * gamma),
-            curve.half_height * math.sin(curve.b * gamma),
+            A * math.cos(curve.a * gamma),
+            B * math.sin(curve.b * gamma),
             curve.half_depth * math.sin(curve.c * gamma),
         ]
     )
@@ -30,10 +36,11 @@ def curve_point(curve, gamma: float) -> np.ndarray:
 
 def curve_tangent(curve, gamma: float) -> np.ndarray:
     """Derivative of (3) with respect to its parameter [m/rad]."""
+    A, B = extents(curve)
     return np.array(
         [
-            -curve.half_width * curve.a * math.sin(curve.a * gamma),
-            curve.half_height * curve.b * math.cos(curve.b * gamma),
+            -A * curve.a * math.sin(curve.a * gamma),
+            B * curve.b * math.cos(curve.b * gamma),
         ]
     )
 
@@ -42,17 +49,19 @@ def curve_tangent(curve, gamma: float) -> np.ndarray:
 def curve_tree(curve, points: int = 200_000) -> KDTree:
     """Points of a lap of (3) [m], to ask for the nearest of."""
     gamma = np.linspace(0, 2 * math.pi, points)
-    x, y = curve.half_width * np.cos(curve.a * gamma), curve.half_height * np.sin(curve.b * gamma)
+    A, B = extents(curve)
+    x, y = A * np.cos(curve.a * gamma), B * np.sin(curve.b * gamma)
     return KDTree(np.stack([x, y], axis=-1))
 
 
 def projection(curve, place: np.ndarray, gamma: float) -> float:
     """Newton's step for r'.(q - r) = 0 [rad], limited; where the curve bends much, twice that of Gauss and Newton."""
     tangent, away = curve_tangent(curve, gamma), place - curve_point(curve, gamma)[:2]
+    A, B = extents(curve)
     second = np.array(
         [
-            -curve.half_width * curve.a**2 * math.cos(curve.a * gamma),
-            -curve.half_height * curve.b**2 * math.sin(curve.b * gamma),
+            -A * curve.a**2 * math.cos(curve.a * gamma),
+            -B * curve.b**2 * math.sin(curve.b * gamma),
         ]
     )
     slope = tangent @ tangent - second @ away
@@ -122,12 +131,12 @@ def meetings(before: np.ndarray, after: np.ndarray, ways: dict[int, list], radiu
     return met
 
 
-def stopped_by_walls(curve, state: np.ndarray) -> np.ndarray:
-    """The state with the centre put back to the wall, and the velocity projected on it."""
+def stopped_by_walls(curve, radius: float, state: np.ndarray) -> np.ndarray:
+    """The state with the body put back to the wall, and the velocity projected on it."""
     x, y, heading, speed = state
     velocity = speed * np.array([math.cos(heading), math.sin(heading)])
     place = []
-    for k, (at, half) in enumerate([(x, curve.half_width), (y, curve.half_height)]):
+    for k, (at, half) in enumerate([(x, curve.half_width - radius), (y, curve.half_height - radius)]):
         if abs(at) > half and at * velocity[k] > 0:
             velocity[k] = 0.0
         place.append(max(-half, min(at, half)))

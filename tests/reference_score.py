@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from reference_motion import extents
 
 RECOVERED = 0.05
 """Deviation from the equilibrium up to which a formation is in it, however little it swung before [rad]."""
@@ -23,7 +24,7 @@ def score_of(world) -> dict[str, float]:
     ]
     gaps = [np.diff([*visits, now]) for visits in world.visits]
     places = max(world.n / world.scenario.clusters, 2)
-    corner = math.hypot(world.scenario.curve.half_width, world.scenario.curve.half_height)
+    corner = math.hypot(*extents(world.scenario.curve))
     nan = math.nan
     return {
         "targets": len(there),

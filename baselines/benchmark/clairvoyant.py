@@ -54,7 +54,7 @@ class Clairvoyant:
         if scenario.robot.kind == "car":
             self._homes = waiting_places(self.scenario)
         self._gamma = np.linspace(0, 2 * np.pi, _PLACES, endpoint=False)
-        self._curve = curve_point(self.scenario.curve, self._gamma)[:, :2]
+        self._curve = curve_point(self.scenario.driven, self._gamma)[:, :2]
 
     def watch(self, simulation: Simulation) -> None:
         """Set the simulation whose state it reads."""

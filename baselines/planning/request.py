@@ -182,7 +182,7 @@ class Request:
         made = named.build(scenario, **changed)
         if self.speed is None or made.robot.kind != "curve":
             return made
-        fastest = self.speed / (made.alpha * largest_speed(made.curve))
+        fastest = self.speed / (made.alpha * largest_speed(made.driven))
         return named.build(made, **{"robot.phase_rate_max": fastest})
 
 

@@ -42,7 +42,7 @@ class Car:
 def start_is_known(scenario: Scenario) -> bool:
     """Return whether all robots know where all of them start, to within a body's diameter at two deviations."""
     formation = scenario.formation
-    farthest = scenario.alpha * float(closed_forms.curve_speed(scenario.curve, np.linspace(0, 2 * np.pi, 4096)).max())
+    farthest = scenario.alpha * float(closed_forms.curve_speed(scenario.driven, np.linspace(0, 2 * np.pi, 4096)).max())
     return formation.start == "equilibrium" and formation.start_noise * farthest <= scenario.robot.radius
 
 
@@ -53,9 +53,9 @@ def formation_starts(scenario: Scenario, turned: Any = 0.0) -> tuple[np.ndarray,
     """
     displaced = np.array([dict(scenario.formation.displaced).get(i, 0.0) for i in scenario.ring])
     gamma = scenario.alpha * (scenario.equilibrium + displaced + np.asarray(turned)[..., None])
-    velocity = closed_forms.curve_derivatives(scenario.curve, gamma)[0] * scenario.formation.phase_rate
+    velocity = closed_forms.curve_derivatives(scenario.driven, gamma)[0] * scenario.formation.phase_rate
     heading = np.arctan2(velocity[..., 1], velocity[..., 0])
-    place = closed_forms.curve_point(scenario.curve, gamma)[..., :2]
+    place = closed_forms.curve_point(scenario.driven, gamma)[..., :2]
     return np.concatenate([place, heading[..., None]], axis=-1), np.hypot(velocity[..., 0], velocity[..., 1])
 
 

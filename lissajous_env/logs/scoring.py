@@ -200,7 +200,7 @@ def _top_speeds(scenario: Scenario) -> np.ndarray:
     """Return the top speed of each robot [m/s]: of a point, on the curve at its highest phase rate."""
     if not model_of(scenario.robot.kind).keeps_to_curve:
         return scenario.top_speeds
-    along = curve_derivatives(scenario.curve, np.linspace(0, 2 * np.pi, 4096))[0]
+    along = curve_derivatives(scenario.driven, np.linspace(0, 2 * np.pi, 4096))[0]
     rate = scenario.resolve().robot.phase_rate_max or np.inf
     return np.full(scenario.num_robots, np.linalg.norm(along, axis=-1).max() * scenario.alpha * rate)
 
@@ -294,7 +294,7 @@ def _phases(
     phase[~begins] = np.nan
     for k in np.flatnonzero(begins & np.isnan(phase)).tolist():
         x, y, near = float(place[k, 0]), float(place[k, 1]), float(scenario.equilibrium[robot])
-        phase[k] = locate(scenario.curve, scenario.alpha, x, y, float(heading[k]), near)
+        phase[k] = locate(scenario.driven, scenario.alpha, x, y, float(heading[k]), near)
     return phase
 
 

@@ -24,7 +24,7 @@ def violations(scenario: Scenario) -> tuple[str, ...]:
 
 
 def _of_formation(scenario: Scenario) -> list[str]:
-    n, p, kappa, curve = scenario.num_robots, scenario.p, scenario.clusters, scenario.curve
+    n, p, kappa, curve = scenario.num_robots, scenario.p, scenario.clusters, scenario.driven
     found = []
     if n > 2 and p not in closed_forms.stable_equilibria(n):
         found.append(
@@ -53,7 +53,7 @@ def _of_formation(scenario: Scenario) -> list[str]:
 
 
 def _of_robots(scenario: Scenario) -> list[str]:
-    curve, rate, robot = scenario.curve, scenario.formation.phase_rate, scenario.robot
+    curve, rate, robot = scenario.driven, scenario.formation.phase_rate, scenario.robot
     found = []
     if robot.kind == "curve" and robot.phase_rate_max is not None:
         wanted = rate / scenario.alpha
@@ -99,7 +99,7 @@ def _of_start(scenario: Scenario) -> list[str]:
         return []
     made, top_speeds = scenario.resolve(), tuple(scenario.top_speeds.tolist())
     share, pairs = starts.unavoidable(
-        made.curve, made.formation, made.robot, tuple(scenario.equilibrium.tolist()), top_speeds
+        made.driven, made.formation, made.robot, tuple(scenario.equilibrium.tolist()), top_speeds
     )
     if share == 0:
         return []

@@ -4,6 +4,7 @@ Units are SI, angles radians. The ranges are wide: they ensure that kernels stay
 typing errors that would exhaust the memory. A field that is None by default is derived from others.
 """
 
+import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -69,6 +70,10 @@ class Curve(Checked):
     )
     """Fourier coefficients of another closed curve in place of (3): row k contains the factors of cos(k gamma) and
     sin(k gamma) in x, then in y [m]. The curve must stay in the rectangle. A circle of radius R is ((R, 0, 0, R),)."""
+    inset: float | None = number(None, 0, 1e4, "m")
+    """Distance from the edge of the rectangle within which nothing is driven [m]: the curve is scaled to the rectangle
+    without a strip of this width, and all other paths stay in it. None means 0, or with `task.boundary = wall` the
+    distance that robots need from a wall, `Scenario.inset`."""
 
     @classmethod
     def through(cls, position: Callable[[np.ndarray], Any], harmonics: int = 64, **fields: Any) -> "Curve":
@@ -101,11 +106,23 @@ class Curve(Checked):
         return cls(harmonics=tuple(map(tuple, np.where(told[: len(table)], table, 0.0).tolist())), **fields)
 
     @property
+    def driven(self) -> "Curve":
+        """The curve that is driven, as the curve of the rectangle without the inset."""
+        if not self.inset:
+            return self
+        half_width, half_height = self.half_width - self.inset, self.half_height - self.inset
+        x, y = half_width / self.half_width, half_height / self.half_height
+        rows = tuple((p * x, q * x, r * y, s * y) for p, q, r, s in self.harmonics)
+        return dataclasses.replace(self, half_width=half_width, half_height=half_height, harmonics=rows, inset=0.0)
+
+    @property
     def oscillations(self) -> int:
         """Number of oscillations in one lap: a + b, or twice the number of harmonics."""
         return 2 * len(self.harmonics) or self.a + self.b
 
     def _check_together(self) -> None:
+        half = min(self.half_width, self.half_height)
+        self._require((self.inset or 0.0) < half, "inset", f"must be below {half:g}, half of the rectangle's side [m]")
         if self.harmonics:
             self._require(len(self.harmonics) <= 64, "harmonics", "must contain at most 64 rows")
             self._require(any(any(row) for row in self.harmonics), "harmonics", "must contain a number that is not 0")

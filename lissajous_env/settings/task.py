@@ -45,8 +45,8 @@ class Task(Checked):
     on_collision: str = choice("count", "count", "stop", "remove")
     """Effect of a collision on the two robots: counted only, both fail for good, or both are removed (terminated)."""
     boundary: str = choice("open", "open", "wall", "remove")
-    """Effect of the boundary on cars: none; a wall that stops their centres and cancels the velocity into it; or
-    removal (termination) once the whole body is outside."""
+    """Effect of the boundary on cars: none; a wall that stops their bodies and cancels the velocity into it; or removal
+    (termination) once the whole body is outside."""
     reward_detection: float = number(1.0, -1e6, 1e6)
     """Reward of a robot for each target that it is the first to detect."""
     reward_waiting: float = number(-0.05, -1e6, 1e6, "1/s")

@@ -182,7 +182,7 @@ LARGEST_TRACKING_ERROR = Column(
 )
 SPACING = Column(
     "spacing_factor", "largest distance of ring neighbours over 2 r_s of Eq. (8): eta_1 of the paper",
-    lambda e: e.totals["spacing_max"] / (2 * e.scenario.detection_radius), empty="no Lissajous curve", better=-1,
+    lambda e: e.totals["spacing_max"] / e.scenario.neighbour_distance, empty="no Lissajous curve", better=-1,
     place=13, page=False,
 )
 PHASE_ERROR = Column(

@@ -28,26 +28,26 @@ from lissajous_env.theory import closed_forms
 
 # Digests of all numbers of the scenarios that ship: a line that differs is a number that changed.
 DIGESTS = {
-    "ideal": "cb5ae1daa51ed72a",
-    "perturbation": "470be90d45a49714",
-    "failure": "064ddbdc0acf5969",
-    "experiment": "76632f5afdd837d4",
-    "experiment-printed": "5d7e7ec7e9147f5e",
-    "intruders": "d2ee5031316ed332",
-    "intruders-inside": "b3ce95a5252c6cda",
-    "evaders": "6a9e2c2a63b9fe7b",
-    "evaders-failure": "dcc7902d11257c64",
-    "evaders-lost": "be4f68761dff4834",
-    "evaders-fast": "615c75bc38ff8a4f",
-    "evaders-uneven": "965f31e390eaf20c",
-    "hall": "3d3840874b530816",
-    "rough": "f8ab2d1388bf4e06",
-    "rough-lost": "137485be29c39b9b",
-    "team": "be16acac8c384d1b",
-    "redundant": "1e691774a87a904c",
-    "knot": "17370541e243f566",
-    "swarm": "0c524820c2ecd46f",
-    "city": "6280e3acdd20ed89",
+    "ideal": "a3e44ab3c44a56b0",
+    "perturbation": "0205a10ccf327274",
+    "failure": "1ed1f84ad6eb052c",
+    "experiment": "d37de7575bfd26a9",
+    "experiment-printed": "d1fd74960adf9ca7",
+    "intruders": "c91ad36356c9e353",
+    "intruders-inside": "2ae358b8ade0d06d",
+    "evaders": "cd04491539057cb4",
+    "evaders-failure": "957c19ccedcffd81",
+    "evaders-lost": "fa04641aa0f476da",
+    "evaders-fast": "e92c13a13b916618",
+    "evaders-uneven": "0d87d376f090bc69",
+    "hall": "ef189f13c5b23d8d",
+    "rough": "7daf5e6a9e0f74bb",
+    "rough-lost": "f6bef886824bda1c",
+    "team": "2ee90b564fc1c161",
+    "redundant": "5be337df19e7dfcd",
+    "knot": "e5d905bb265b0f6e",
+    "swarm": "dea633ad470da41a",
+    "city": "d5316c0aa59aa059",
 }
 
 KINDS: dict[str, Any] = dict(PARTS)
@@ -358,3 +358,48 @@ def test_ring_neighbours_know_each_other(n):
     for robot in range(n):
         for other in neighbours[robot]:
             assert robot in neighbours[other]
+
+
+@pytest.mark.parametrize("curve", [Curve(20, 12.5, 3, 2), Curve(20, 12.5, harmonics=((6, 0, 0, 4), (0, 2, 1, 0)))])
+def test_a_curve_with_an_inset_is_that_of_the_rectangle_without_the_strip(curve):
+    # Law: scaled to its own rectangle, the curve that is driven is the same curve.
+    inset = dataclasses.replace(curve, inset=1.5)
+    gamma = np.linspace(0, 2 * np.pi, 100)
+    size, smaller = np.array([20, 12.5]), np.array([18.5, 11])
+    driven = closed_forms.curve_point(inset.driven, gamma)
+    np.testing.assert_allclose(driven / smaller, closed_forms.curve_point(curve, gamma) / size, atol=1e-12)
+    assert inset.driven.driven == inset.driven
+    assert curve.driven is curve
+
+
+def test_walls_bring_an_inset_that_scales_with_lengths_and_times():
+    walled = lissajous_env.scenario("evaders", **{"task.boundary": "wall", "noise.position": 0.01})
+    assert lissajous_env.scenario("evaders").inset == 0
+    assert walled.inset > walled.robot.radius + 0.03
+    assert walled.scaled(3.0, 2.0).inset == pytest.approx(3 * walled.inset)
+    assert walled.resolve().curve.inset == walled.inset
+    assert walled.resolve().resolve() == walled.resolve()
+    assert walled.resolve().driven == walled.driven
+
+
+def test_radii_with_an_inset_reach_the_edge():
+    # A disc around a robot that covers the nearest point of the inner rectangle covers a point of the strip as well.
+    inner = lissajous_env.scenario("ideal", **{"curve.half_width": 4.5, "curve.half_height": 4.5})
+    inset = lissajous_env.scenario("ideal", **{"curve.inset": 0.5})
+    for name in ("coverage_radius", "detection_radius"):
+        assert getattr(inset, name) == pytest.approx(getattr(inner, name) + math.sqrt(0.5))
+    assert inset.robot_radius_bound == inner.robot_radius_bound
+    assert inset.detection_time_bound == inner.detection_time_bound
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"curve.inset": 0.8}, "curve.inset must be below 0.8, half of the rectangle's side"),
+        ({"curve.inset": 0.7}, "sensing.radius must be at least the inset of 0.7"),
+        ({"task.boundary": "wall", "robot.radius": 0.9}, "robot.radius must be below 0.8"),
+    ],
+)
+def test_an_inset_leaves_room_that_sensors_cover(fields, words):
+    with pytest.raises(ValueError, match=words):
+        lissajous_env.scenario("evaders", **fields)

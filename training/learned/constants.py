@@ -19,7 +19,7 @@ LARGEST = 4.0
 def top_speed(scenario: Scenario) -> float:
     """Return the top speed of a car, or that of a point in the equilibrium [m/s]."""
     model = model_of(scenario.robot.kind)
-    return model.speed_unit(scenario.curve, scenario.formation, scenario.robot)
+    return model.speed_unit(scenario.driven, scenario.formation, scenario.robot)
 
 
 CONSTANTS: dict[str, Callable[[Scenario], float]] = {

@@ -151,7 +151,7 @@ def formation_overrides(task: Scenario, curve: Curve, rate: float, ring: int = 0
         alpha = closed_forms.default_alpha(curve, n, p)
     if closed_forms.cluster_size(n, p, alpha) > 1:
         raise ValueError(f"p and alpha must give every robot a place of its own, got {p} and {alpha}")
-    there = task.alpha * geometry.curve_length(task.curve)
+    there = task.alpha * geometry.curve_length(task.driven)
     noise = task.formation.start_noise * there / (alpha * geometry.curve_length(curve))
     point = {"robot.phase_rate_max": top_speed(task) / (alpha * geometry.largest_speed(curve))}
     return {

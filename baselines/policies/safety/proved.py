@@ -172,8 +172,8 @@ def bounds_of(scenario: Scenario, parameters: ProvedParameters) -> Any:
     bounds.fastest = _SEEN * robot.top_speed if exceeds else math.inf
     bounds.clip = _CLIP * robot.top_speed if exceeds else math.inf
     bounds.halts = int(task.on_collision == "stop")
-    room = 1.0 if task.boundary == "wall" else _SEEN
-    bounds.half_width, bounds.half_height = room * curve.half_width, room * curve.half_height
+    room, body = (1.0, robot.radius) if task.boundary == "wall" else (_SEEN, 0.0)
+    bounds.half_width, bounds.half_height = room * curve.half_width - body, room * curve.half_height - body
     bounds.loss = noise.message_loss**parameters.repeats
     bounds.chord = (task.step / task.substeps) ** 2 / 8
     bounds.coarseness = integration_error(scenario)

@@ -73,11 +73,11 @@ def car_step(robot: RobotStruct, state: wp.vec4, curvature: float, push: float, 
 
 
 @wp.func
-def stop_at_wall(curve: CurveStruct, car: wp.vec4) -> wp.vec4:
-    """Keep a car's centre in the rectangle: what of its velocity goes into a wall is lost, its heading stays."""
+def stop_at_wall(curve: CurveStruct, radius: float, car: wp.vec4) -> wp.vec4:
+    """Keep a car's body in the rectangle: what of its velocity goes into a wall is lost, its heading stays."""
     along = cos_sin(car[2])
-    x = wp.clamp(car[0], -curve.half_width, curve.half_width)
-    y = wp.clamp(car[1], -curve.half_height, curve.half_height)
+    x = wp.clamp(car[0], radius - curve.half_width, curve.half_width - radius)
+    y = wp.clamp(car[1], radius - curve.half_height, curve.half_height - radius)
     along_x = wp.where((car[0] - x) * along[0] > 0.0, 0.0, along[0])
     along_y = wp.where((car[1] - y) * along[1] > 0.0, 0.0, along[1])
     kept = wp.where(along_x == along[0] and along_y == along[1], 1.0, wp.length(wp.vec2(along_x, along_y)))
@@ -150,7 +150,7 @@ def move_cars(
         if task.boundary == WALL:
             for k in range(ABREAST):
                 if k < width():
-                    car = stop_at_wall(curve, wp.vec4(x[k], y[k], heading[k], speed[k]))
+                    car = stop_at_wall(curve, robot.radius, wp.vec4(x[k], y[k], heading[k], speed[k]))
                     x[k] = car[0]
                     y[k] = car[1]
                     speed[k] = car[3]
