@@ -13,9 +13,9 @@ import figures
 import numpy as np
 
 import baselines
+from baselines.benchmark.bounds import as_played
 from baselines.benchmark.statistics import summarize_largest
 from baselines.benchmark.tables import in_words, number
-from baselines.benchmark.types import as_played
 from baselines.policies.patrol import Sweep
 from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario, Simulation

@@ -9,12 +9,13 @@ from rich import progress as bars
 from rich.console import Console
 
 from baselines.benchmark import written
+from baselines.benchmark.bounds import as_played, overrides_of
 from baselines.benchmark.clairvoyant import Clairvoyant
 from baselines.benchmark.local import may_be_shared
 from baselines.benchmark.progress import bar
 from baselines.benchmark.report_page import Played, Report, command_of
 from baselines.benchmark.table import Row
-from baselines.benchmark.types import Cell, Key, Outcome, as_played, overrides_of
+from baselines.benchmark.types import Cell, Key, Outcome
 from baselines.policies import registry
 from baselines.policies.factories import is_ones_own, named
 from lissajous_env.device.devices import cores

@@ -20,11 +20,12 @@ from baselines.benchmark import (
     tables,
     written,
 )
+from baselines.benchmark.bounds import as_played
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import Results
 from baselines.benchmark.table import Table
 from baselines.benchmark.theorem import about_theorem
-from baselines.benchmark.types import POLICIES, Batch, Benchmark, Cell, Failure, Outcome, as_played
+from baselines.benchmark.types import POLICIES, Batch, Benchmark, Cell, Failure, Outcome
 from baselines.policies import registry
 from baselines.policies.factories import Factory, as_factory, is_ones_own, named
 from lissajous_env.console.terminal import make_console

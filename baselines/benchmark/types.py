@@ -29,9 +29,6 @@ POLICIES = (
 A policy is played where it drives the robots, also where it was not made for, and the clairvoyant beside them.
 """
 
-GRIDS = {"intruders": (108, 48), "intruders-inside": (108, 48), "rough": (90, 40), "rough-lost": (90, 40)}
-"""Columns and rows of `task.contamination` of scenarios that do not follow the guarantee by themselves, as that makes
-their steps slower: a benchmark has a number for the guarantee on all of them."""
 _MOST_EPISODES = 1_000_000
 _MOST_WORLDS = 65_536
 
@@ -181,14 +178,3 @@ class Outcome:
     def device(self) -> str:
         """Return the device on which episodes can be played again here; that of a cluster's node may be elsewhere."""
         return self.settings.device if self.settings.engine == "local" else "cpu"
-
-
-def overrides_of(scenario: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields that a benchmark changes in a scenario, given by name: those of the settings, and its grid."""
-    grid = {"task.contamination": GRIDS[scenario]} if scenario in GRIDS else {}
-    return grid | dict(overrides)
-
-
-def as_played(scenario: str, overrides: Mapping[str, Any]) -> Scenario:
-    """Make a scenario as a benchmark plays it."""
-    return named.build(scenario, **overrides_of(scenario, overrides))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from baselines.benchmark.best_known import NAME as KNOWN
+from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
 from baselines.planning.families import FAMILIES
 from baselines.planning.families.defaults import DEFAULTS
 from baselines.planning.family import Family, Settings

@@ -12,7 +12,7 @@ import trainings
 from rich.console import Console
 
 import lissajous_env
-from baselines.benchmark import best_known, clairvoyant, types
+from baselines.benchmark import bounds, clairvoyant, types
 from baselines.benchmark.running import measure, plan, run
 from baselines.benchmark.statistics import interquartile_mean
 from baselines.benchmark.table import Table
@@ -66,7 +66,7 @@ def test_the_command_makes_the_table_of_the_readme(tmp_path):
     made, told = ((tmp_path / "table.md").read_text().strip(), stored)
     assert made.splitlines()[0] == told.splitlines()[0]
     # Scenarios of another duration have no best known plan, and portfolios refuse such short ones.
-    known = {each.name for each in best_known.all_known()} & set(types.SCENARIOS)
+    known = {each.name for each in bounds.all_known()} & set(types.SCENARIOS)
     assert {name for name, of in policies_of(told).items() if "*best known*" in of} == known
     missing = {"*best known*", *(f"`{name}`" for name in types.POLICIES if name in portfolio.NAMES)}
     assert policies_of(made) == {name: of - missing for name, of in policies_of(told).items()}
