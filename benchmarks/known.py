@@ -24,6 +24,7 @@ from baselines.benchmark import bounds
 from baselines.benchmark.bounds import GRIDS, as_played, bounds_of
 from baselines.benchmark.tables import number
 from baselines.planning import portfolio
+from baselines.planning.budget import Budget
 from baselines.planning.families.defaults import included
 from baselines.planning.families.known import as_family
 from baselines.planning.families.timed import lines, partitions, timed
@@ -178,7 +179,7 @@ def main() -> None:
             families += [lambda task, of=of: filtered(of(task), task) for of in (partitions, lines)]
         search = Search(task, Episodes(), families, options.seed, fixed_start=True, clock=time.process_time)
         with quietly():
-            search.run(options.seconds, free_paths=True)
+            search.run(Budget(seconds=options.seconds), free_paths=True)
         command = f"python benchmarks/known.py {name} --seconds {options.seconds:g} --seed {options.seed}"
         command += " --filtered" if options.filtered else ""
         kept = keep(name, search.finals, command)
