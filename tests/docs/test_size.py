@@ -5,9 +5,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 50_800
+LINES = 50_700
 """Lines of the packages."""
-MODULES = 360
+MODULES = 358
 """Files of the packages."""
 TESTS = 35_900
 """Lines of the tests."""
