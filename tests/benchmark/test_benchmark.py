@@ -84,6 +84,16 @@ def test_summary_is_the_statistics_of_the_episodes(whole):
     assert summary["settings"]["digests"]["failure"] == lissajous_env.scenario("failure", **SHORT).digest()
 
 
+@pytest.mark.parametrize("torn", ['{"scenario": "fail', '{"scenario": "fail\n', "\x00\x00\x00"])
+def test_a_torn_last_line_is_dropped(whole, tmp_path, torn):
+    run(small(tmp_path, episodes=2), console=QUIET)
+    with open(tmp_path / "episodes.jsonl", "a") as file:
+        file.write(torn)
+    run(small(tmp_path), console=QUIET)
+    assert sorted(lines(tmp_path)) == sorted(lines(whole[0]))
+    assert (tmp_path / "episodes.csv").read_bytes() == (whole[0] / "episodes.csv").read_bytes()
+
+
 @pytest.mark.parametrize("damage", ["", "nonsense", "[]", '{"scenario": 3}'])
 def test_a_damaged_line_in_the_middle_is_refused_by_file_and_number(tmp_path, damage):
     run(small(tmp_path, episodes=2), console=QUIET)

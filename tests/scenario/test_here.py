@@ -8,7 +8,6 @@ from command_line import called
 import baselines
 import lissajous_env
 from lissajous_env.parameters import named
-from lissajous_env.wording import nearest
 from training.learned.card import Card
 
 POLICIES = """
@@ -133,18 +132,6 @@ def test_an_unknown_name_is_answered_in_a_line_or_two(capsys):
         ValueError, match=r"^policy must be one of the \d+ that `lissajous policies` lists, got 'swep'; "
     ):
         baselines.make("swep", "rough")
-
-
-@pytest.mark.parametrize(("word", "known", "words"), [
-    ("depot", ["still", "depots", "depot.toml"], "; did you mean depot.toml or depots?"),
-    ("kuramto", ["kuramoto-mpcc", "kuramoto", "still"], "; did you mean kuramoto?"),
-    ("my-method-mcpp", ["my-method-mpcc", "my-method-gvf"], "; did you mean my-method-mpcc?"),
-    ("", ["a"], ""),
-    (None, ["still"], ""),
-    ("x", [], ""),
-])  # fmt: skip
-def test_nearest(word, known, words):
-    assert nearest(word, known) == words
 
 
 def test_from_python_a_scenario_is_found_by_the_name_that_a_module_here_registers():

@@ -191,7 +191,7 @@ def test_the_cases_are_not_idle():
     assert any(robot.crashed for world in worlds for robot in world.robots)
     assert any(robot.left for world in worlds for robot in world.robots)
     assert any(world.outside_steps > 5 and not any(robot.left for robot in world.robots) for world in worlds)
-    assert any(abs(abs(r.position[0]) - 1.675) < 1e-12 for r in both("a wall around the cars").world.robots)
+    assert any(abs(abs(r.position[0]) - 1.74) < 1e-12 for r in both("a wall around the cars").world.robots)
     assert any(robot.stopped for world in worlds for robot in world.robots)
     assert any(world.resumed_at is not None for world in worlds)
     assert any(target.appears_at > 0 and target.found_at for world in worlds for target in world.targets)
