@@ -134,14 +134,3 @@ def test_the_coordinator_makes_those_of_the_fault():
         mean(played(name, "experiment"), "collisions") for name in ("kuramoto-mpcc", "consensus-mpcc")
     )
     assert consensus > 1.5 * kuramoto
-
-
-def test_the_bound_on_the_speed_of_points_leaves_the_paper_as_it_is():
-    # Oracle: the same failure with all that (1) can ask for, omega / alpha + 2 K.
-    found = []
-    for bound in (None, 0.3 + 2 * 1.0):
-        made = lissajous_env.scenario("failure", **{"robot.phase_rate_max": bound})
-        rows = lissajous_env.evaluate(baselines.make("kuramoto", made, 4), made, range(4))
-        found.append([[row[column] for column in ("recovery_time", "phase_error", "distance_mean")] for row in rows])
-    np.testing.assert_allclose(*found, rtol=1e-6)
-    assert found[0][0][0] == pytest.approx(2.0)

@@ -75,18 +75,6 @@ def test_the_patrol_loop_can_be_driven(scenario, overrides):
     assert (np.abs(loop) <= [made.curve.half_width, made.curve.half_height]).all()
 
 
-def test_sweep_keeps_file_on_an_empty_road():
-    """Oracle: five cars evenly spaced on the loop keep a fifth of its length, less what a chord cuts."""
-    scenario = lissajous_env.scenario("intruders", **{"targets.arrival_rate": 0.0})
-    simulation = lissajous_env.Simulation(scenario)
-    played(baselines.make("sweep", scenario), simulation, 300)
-    places = simulation.robots.position.numpy()[0, :, :2]
-    gaps = np.linalg.norm(places[:, None] - places[None], axis=-1)[np.triu_indices(5, 1)]
-    loop = patrol_loop(scenario)
-    length = np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum()
-    assert gaps.min() > 0.6 * length / 5
-
-
 def test_still_cars_come_to_rest():
     """Oracle: below the dead zone the car coasts, v = v0 exp(-c t)."""
     simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment"))

@@ -255,37 +255,6 @@ def test_cars_that_leave_the_curve_for_a_patrol_do_not_meet():
     assert np.mean([row["collisions"] for row in plain]) > 0.08
 
 
-def test_names_of_the_safe_policies():
-    """Oracle: the naming rule, for every policy of cars and for no policy of points alone."""
-    suffixes = ("-safe", "-proved")
-    cars = [name for name in baselines.names("experiment") if not name.endswith(suffixes)]
-    safe = [name for name in baselines.names() if name.endswith(suffixes)]
-    assert safe == [name + suffix for suffix in suffixes for name in cars]
-    assert not set(safe) & set(baselines.names("failure"))
-    with pytest.raises(ValueError, match="must drive robots of kind curve"):
-        baselines.make("sweep-safe", "failure")
-    with pytest.raises(ValueError, match="did you mean sweep-safe"):
-        baselines.make("sweep-saf", "experiment")
-
-
-def test_a_robots_action_depends_on_its_own_row_alone():
-    """Oracle: changing every other row leaves robot 2's action as it was, bit for bit, in a step where it swerves."""
-    simulation = lissajous_env.Simulation("experiment", num_worlds=8, seed=5)
-    policy = Filtered(baselines.make("sweep", "experiment", num_worlds=8), Safe)
-    swerved = 0
-    for _ in range(60):
-        seen = simulation.observation.numpy().copy()
-        policy.reset()
-        action = policy.act(seen)
-        swerved += (policy.filter.count.numpy()[:, 2] > 0).sum()
-        changed = seen[:, ::-1].copy()
-        changed[:, 2] = seen[:, 2]
-        policy.reset()
-        np.testing.assert_array_equal(policy.act(changed)[:, 2], action[:, 2])
-        simulation.step(action)
-    assert swerved > 5
-
-
 def test_an_action_that_is_not_a_number_is_passed_on():
     """The simulation flags such a world by name; the filter must neither hide it nor spread it."""
     wanted = np.zeros((2, 5, 2), dtype=np.float32)
