@@ -11,7 +11,6 @@ import pytest
 import lissajous_env
 from lissajous_env.console.cli import main
 from lissajous_env.parameters import named, robot_models
-from lissajous_env.wording import few_of
 from lissajous_env.world.robots.point import POINT
 
 
