@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Circle
 
-from baselines.benchmark.best_known import NAME as KNOWN
+from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
 from baselines.benchmark.tables import between
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import SETTLED_TIME, Figures, Planned, bounds_of

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from baselines.benchmark.best_known import NAME as KNOWN
+from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
 from baselines.planning.budget import Budget
 from baselines.planning.families import FAMILIES
 from baselines.planning.families.defaults import DEFAULTS

@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 51_000
+LINES = 50_500
 """Lines of the packages."""
-MODULES = 362
+MODULES = 358
 """Files of the packages."""
-TESTS = 36_000
+TESTS = 35_850
 """Lines of the tests."""
 
 
