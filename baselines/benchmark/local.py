@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 
 from baselines.benchmark import clairvoyant
-from baselines.benchmark.detections import detections_of
-from baselines.benchmark.results_folder import refusal_of
-from baselines.benchmark.types import Batch, Benchmark, Cell, Failure, Sink, Work
+from baselines.benchmark.progress import Progress
+from baselines.benchmark.results_folder import detections_of, refusal_of
+from baselines.benchmark.types import Batch, Benchmark, Cell, Failure, Finish, Work
 from baselines.policies import registry
 from baselines.policies.base import UnsuitableScenarioError
 from lissajous_env.console.terminal import plain
@@ -27,13 +27,14 @@ class _Stopped(BaseException):
     """Raised in a thread whose work is no longer wanted."""
 
 
-def play_all(settings: Benchmark, work: Work, sink: Sink) -> None:
+def play_all(settings: Benchmark, work: Work, progress: Progress, finish: Finish) -> None:
     """Play the remaining episodes on this machine.
 
     Args:
         settings: Settings of the benchmark.
         work: Cells, each with the numbers of the episodes that are left to play.
-        sink: Receives the results.
+        progress: Display of the progress.
+        finish: Receives the results, on several threads.
     """
     stopped = threading.Event()
 
@@ -41,12 +42,12 @@ def play_all(settings: Benchmark, work: Work, sink: Sink) -> None:
         def on_step(worlds: int) -> None:
             if stopped.is_set():
                 raise _Stopped
-            sink.step(cell, worlds)
+            progress.step(cell, worlds)
 
         try:
-            sink.begin(cell)
+            progress.begin(cell)
             for result in results(cell, settings, numbers, on_step):
-                sink.finish(cell, result)
+                finish(cell, result)
         except BaseException:
             stopped.set()
             raise

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.text import Text
 
 from baselines.benchmark import clairvoyant
-from baselines.benchmark.bounds import Bounds
+from baselines.benchmark.bounds import BEST_KNOWN, Bounds
 from baselines.benchmark.shown_columns import COMPARED, OVER_LOWER_BOUND, OVERALL, numbers_of, shown_columns
 from baselines.benchmark.statistics import Estimate, Paired
 from baselines.benchmark.table import Against, Table
@@ -17,8 +17,6 @@ from lissajous_env.console import terminal
 from lissajous_env.console.terminal import print_left_out, print_line, print_table
 from lissajous_env.world.columns import LARGEST, WORST_CASE, Column
 
-BEST_KNOWN = "best known"
-"""Name of the line of the best known plan."""
 _DASH, _TO = "\N{EM DASH}", "\N{EN DASH}"
 _MOST_NAMED = 12
 """Limit on the scenarios that the heading of a table names."""

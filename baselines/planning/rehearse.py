@@ -219,7 +219,7 @@ def play(
     plan: Plan,
     episodes: Episodes,
     stopped: Callable[[], bool] = lambda: False,
-    cutoff: Callable[[], float] = lambda: math.inf,
+    cutoff: float = math.inf,
 ) -> Planned | None:
     """Play the final episodes of a plan, all of them to the end.
 
@@ -227,8 +227,8 @@ def play(
         plan: The plan.
         episodes: The episodes.
         stopped: Returns whether to stop, by raising StoppedError.
-        cutoff: Returns a worst-case undetected time [s]; for a plan that exceeds it, or collides where it is not
-            infinite, the result is None.
+        cutoff: Worst-case undetected time [s]; for a plan that exceeds it, or collides where it is not infinite, the
+            result is None.
     """
     found = _played(plan, plan.scenario, episodes.seed, [()] * episodes.count, stopped, cutoff)
     if found is None:
@@ -250,7 +250,7 @@ def _played(
     seed: int,
     losses: Sequence[tuple[int, ...]],
     stopped: Callable[[], bool],
-    cutoff: Callable[[], float] = lambda: math.inf,
+    cutoff: float = math.inf,
 ) -> tuple[list[dict[str, Any]], str] | None:
     """Return the score rows of some episodes, with what `plans` adds to these, and the policy's messages.
 
@@ -259,8 +259,8 @@ def _played(
     run = _Run(plan, scenario, seed, losses, stopped)
 
     def is_over() -> bool:
-        most = cutoff()
-        return float(run.longest.max()) * scenario.task.step > most or (most < math.inf and run.collisions > 0)
+        longest = float(run.longest.max()) * scenario.task.step
+        return longest > cutoff or (cutoff < math.inf and run.collisions > 0)
 
     if not run.play(scenario.task.steps, is_over):
         return None

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Circle
 
-from baselines.benchmark.best_known import NAME as KNOWN
+from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
 from baselines.benchmark.tables import between
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import SETTLED_TIME, Figures, Planned, bounds_of
@@ -94,7 +94,13 @@ def untried_in_words(outcome: Outcome) -> str:
     names = list(dict.fromkeys(name for families in outcome.untried.values() for name in families))
     if not names:
         return ""
-    return f"Not tried for lack of time: {', '.join(names)}. Their plans may be better: more --seconds are needed."
+    remedy = "" if outcome.fewest_robots else f": {_more(outcome)} are needed"
+    return f"Not tried: {', '.join(names)}. Their plans may be better{remedy}."
+
+
+def _more(outcome: Outcome) -> str:
+    """Return the option that extends the search."""
+    return "more --plans" if outcome.budget.seconds is None else "more --seconds"
 
 
 def sentences(outcome: Outcome) -> list[str]:
@@ -109,9 +115,10 @@ def sentences(outcome: Outcome) -> list[str]:
         if "of" in _losses(outcome):
             all_or_some = "of as many combinations of robots, drawn at random"
         words[0] += f", and {_losses(outcome)} in which {lost} after a quarter of the episode ({all_or_some})"
-    words[0] += ". A guarantee is the largest time of these episodes; the median is in brackets where it differs."
+    words[0] += f". The search took {outcome.seconds:.0f} s."
+    words[0] += " A guarantee is the largest time of these episodes; the median is in brackets where it differs."
     if outcome.unplayed:
-        words.append(f"{outcome.unplayed} defaults were not simulated: more --seconds are needed.")
+        words.append(f"{outcome.unplayed} defaults were not simulated: {_more(outcome)} are needed.")
     if outcome.broken:
         words.append(f"{len(outcome.broken)} plans failed when they were simulated to the end: {outcome.broken[0]}.")
     if outcome.plans and all(math.isinf(each.figures.worst_case) for each in outcome.plans):
@@ -138,7 +145,7 @@ def _of_failures(outcome: Outcome) -> list[str]:
         f"No plan has a bound with {lost} removed: {open_ones} of {len(outcome.plans)} leave a gap where a target can"
     )
     words += " stay undetected" + (f", {collide} collide" if collide else "")
-    return [f"{words}. More robots or longer sensors are needed, or more --seconds."]
+    return [f"{words}. More robots or longer sensors are needed, or {_more(outcome)}."]
 
 
 def _of_guarantee(outcome: Outcome) -> list[str]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from baselines.benchmark.standard import GRIDS
+from baselines.benchmark.bounds import GRIDS
 from baselines.planning.plans import top_speed
 from baselines.planning.rehearse import Episodes, grid
 from baselines.similarity import motion_scale
