@@ -25,10 +25,10 @@ from lissajous_env.settings.parts import (
     Formation,
     Messages,
     Noise,
-    Robot,
     Sensing,
     Targets,
 )
+from lissajous_env.settings.robot import Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.theory import closed_forms, geometry
 
@@ -390,6 +390,7 @@ class Scenario(BringsRogues):
             model_offset=offset,
             throttle_max=self.robot.full_throttle,
             speed_max=self.robot.top_speed,
+            speed_min=self.robot.lowest_speed,
         )
         formation = dataclasses.replace(
             self.formation, coupling=self.coupling, p=self.p, alpha=self.alpha, ring=self.ring

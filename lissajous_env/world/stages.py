@@ -34,6 +34,7 @@ from lissajous_env.world.robots.messages import (
 )
 from lissajous_env.world.robots.placing import draw_apart, follow_curve, reset_robots
 from lissajous_env.world.robots.signals import measure, take_commands
+from lissajous_env.world.robots.walls import watch_walls
 from lissajous_env.world.rogues.stages import rogue_motion, rogue_results
 from lissajous_env.world.tally import keep_score, reset_tally
 from lissajous_env.world.targets.detection import (
@@ -66,6 +67,7 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
         *_contamination_stages(scenario, range(scenario.spreading.ticks)),
         Stage("consequences", take_consequences, when=scenario.task.on_collision != "count"),
         Stage("boundary", watch_boundary),
+        Stage("walls", watch_walls, when=scenario.task.boundary == "wall" and not model.keeps_to_curve),
         Stage("deviations", find_deviations, barrier=False),
         Stage("score", keep_score),
         Stage("end", end_episodes),

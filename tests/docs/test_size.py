@@ -7,9 +7,9 @@ ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
 LINES = 50_700
 """Lines of the packages."""
-MODULES = 358
+MODULES = 360
 """Files of the packages."""
-TESTS = 35_900
+TESTS = 36_200
 """Lines of the tests."""
 
 
