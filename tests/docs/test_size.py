@@ -5,9 +5,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 50_700
+LINES = 50_600
 """Lines of the packages."""
-MODULES = 360
+MODULES = 359
 """Files of the packages."""
 TESTS = 36_200
 """Lines of the tests."""
