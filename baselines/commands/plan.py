@@ -28,6 +28,7 @@ def plan(
     scenario: _Scenario = None,
     width: float | None = None,
     height: float | None = None,
+    open: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     robots: str | None = None,
     robot_radius: float | None = None,
     sensor_radius: float | None = None,
@@ -59,6 +60,8 @@ def plan(
             the rectangle and the robots must be given.
         width: width of the rectangle [m].
         height: height of the rectangle [m].
+        open: plan for open ground: bodies may leave the rectangle, and the table has the space outside that a plan
+            needs. Without it, a rectangle that is given by its width and height has walls.
         robots: number of robots, or a range such as 3:8.
         robot_radius: radius of a robot's body [m].
         sensor_radius: radius of a robot's sensing disc [m].
@@ -84,8 +87,8 @@ def plan(
     whole_number("rows", rows)
     budget = Budget.of(plans, seconds)
     outcome = Outcome.of(Request(
-        scenario, width, height, _range(robots), robot_radius, sensor_radius, speed, turning_radius, rogue_speed, entry,
-        failures, guarantee, seed,
+        scenario, width, height, open, _range(robots), robot_radius, sensor_radius, speed, turning_radius, rogue_speed,
+        entry, failures, guarantee, seed,
     ))  # fmt: skip
     with nullcontext() if out is None else report.open_folder(out) as folder:
         _search(outcome, budget, optimise, fixed_start, output)

@@ -19,9 +19,10 @@ from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, OP
 
 WHOLE, SETTLED = "whole", "settled"
 """Goals: the worst case of whole episodes, and of their second halves, when all robots have reached their places."""
-LOST, SETTLED_TIME, GROWN = "lost", "settled_time", "still_growing"
+LOST, SETTLED_TIME, GROWN, BEYOND = "lost", "settled_time", "still_growing", "beyond_edge"
 """Entries of a score row of planning: the robots that are removed, the worst-case undetected time of the second half of
-the episode [s], and whether the worst case is that of the last moment and longer than any before it."""
+the episode [s], whether the worst case is that of the last moment and longer than any before it, and the largest
+distance of any part of a body beyond the edge of the rectangle [m]."""
 MESSAGES = "nothing", "phases of ring neighbours", "positions of ring neighbours"
 """Contents of messages, those that are the least to communicate first; any other comes last."""
 
@@ -67,6 +68,8 @@ class Figures:
     """Collisions of the episodes with failures."""
     clearance: float
     """Smallest distance between two bodies in the episodes without failures [m]; NaN for one robot."""
+    outside: float
+    """Largest distance of any part of a body beyond the edge of the rectangle in the episodes without failures [m]."""
     distance: float
     """Distance that a robot drives in a minute, mean over robots and episodes without failures [m/min]."""
     messages: str
@@ -145,6 +148,7 @@ def figures_of(rows: Sequence[dict[str, Any]], failed: Sequence[dict[str, Any]],
         collisions=sum(_of(COLLISIONS, rows)),
         collisions_failed=collisions_failed,
         clearance=min(_of(SEPARATION, rows)) - body,
+        outside=max(row[BEYOND] for row in rows),
         distance=_mean(_of(DISTANCE, rows)) / duration * 60,
         messages=messages,
         detection_low=detection_low,

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.planning.plans import GROWN, LOST, SETTLED_TIME, Plan, Planned, figures_of
+from baselines.planning.plans import BEYOND, GROWN, LOST, SETTLED_TIME, Plan, Planned, figures_of
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.patience import StoppedError, patience
 from baselines.policies.settings import PolicySettings
@@ -142,6 +142,8 @@ class _Run:
         """Longest undetected time since the middle of the episodes [steps]."""
         self.before = np.zeros(len(losses), dtype=int)
         """Longest undetected time before the last step [steps]."""
+        self.beyond = np.zeros(len(losses))
+        """Largest distance of any part of a body beyond the edge of the rectangle so far [m]; 0 with walls."""
 
     @property
     def longest(self) -> np.ndarray:
@@ -156,11 +158,14 @@ class _Run:
     def play(self, until: int, is_over: Callable[[], bool]) -> bool:
         """Play until a step, and return True; return False where `is_over` has ended the episodes earlier."""
         runner = EpisodeRunner(self.policy, self.simulation)
+        has_walls = self.simulation.scenario.task.boundary == "wall"
         self.policy.reset()
         for self.step in range(1, until + 1):
             if self.step == until:
                 self.before[:] = self.longest
             runner.step()
+            if not has_walls:
+                np.maximum(self.beyond, self._beyond_now(), out=self.beyond)
             if 2 * self.step > until:
                 np.maximum(self.settled, self.simulation.contamination.age.numpy(), out=self.settled)
             if self.step % _EVERY == 0:
@@ -169,6 +174,12 @@ class _Run:
                 if is_over():
                     return False
         return True
+
+    def _beyond_now(self) -> np.ndarray:
+        """Return by how much a body sticks out of the rectangle in each episode now [m]."""
+        curve, robots = self.simulation.scenario.curve, self.simulation.robots.position.numpy()
+        over = np.abs(robots[..., :2]) - (curve.half_width, curve.half_height)
+        return over.max(axis=(1, 2)) + self.simulation.scenario.robot.radius
 
 
 def look_at(plan: Plan, episodes: Episodes, cutoff: float, stopped: Callable[[], bool]) -> Look:
@@ -264,12 +275,12 @@ def _played(
 
     if not run.play(scenario.task.steps, is_over):
         return None
-    more = zip(run.simulation.score(), losses, run.settled, run.longest > run.before, strict=True)
+    more = zip(run.simulation.score(), losses, run.settled, run.longest > run.before, run.beyond, strict=True)
     rows = [
         {"policy": plan.settings.policy}
         | row
-        | {LOST: lost, SETTLED_TIME: float(age) * scenario.task.step, GROWN: bool(grows)}
-        for row, lost, age, grows in more
+        | {LOST: lost, SETTLED_TIME: float(age) * scenario.task.step, GROWN: bool(grows), BEYOND: float(beyond)}
+        for row, lost, age, grows, beyond in more
     ]
     return rows, run.policy.communicates
 

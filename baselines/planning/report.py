@@ -48,6 +48,7 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> lis
         Column("lower\nbound [s]", rank=1),
         Column("detected in\nmean [s]", rank=1),
         Column("least gap\n[m]", rank=2),
+        Column("outside\n[m]", rank=1) if _is_open(outcome) else None,
         Column("driven\n[m/min]", rank=2),
         Column("messages", left=True, rank=3),
         Column("details", prose=True, rank=4),
@@ -65,12 +66,18 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> lis
             _number(each.limit),
             _detection(figures),
             _number(figures.clearance),
+            _number(figures.outside) if _is_open(outcome) else None,
             _number(figures.distance),
             figures.messages,
             each.plan.about,
         ])  # fmt: skip
     kept = [k for k, column in enumerate(columns) if column is not None]
     return print_table(console, [c for c in columns if c is not None], [[row[k] or "" for k in kept] for row in rows])
+
+
+def _is_open(outcome: Outcome) -> bool:
+    """Return whether bodies may leave the rectangle."""
+    return any(task.task.boundary != "wall" for task in outcome.tasks.values())
 
 
 def print_formations(console: Any, plans: Sequence[Planned]) -> list[str]:

@@ -16,7 +16,8 @@ from lissajous_env.episodes.guarantee import CELLS
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
-from lissajous_env.settings.parts import Formation, Robot, Targets
+from lissajous_env.settings.parts import Formation, Targets
+from lissajous_env.settings.robot import Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory import design as theory
@@ -58,6 +59,9 @@ class Request:
     """Width of the rectangle [m]."""
     height: float | None = None
     """Height of the rectangle [m]."""
+    open: bool = False
+    """True for open ground, where bodies may leave the rectangle. A rectangle that is given by its sides has walls
+    otherwise, and a scenario its own boundary."""
     robots: int | Sequence[int] | None = None
     """Number of robots, or a pair of the fewest and the most."""
     robot_radius: float | None = None
@@ -127,19 +131,29 @@ class Request:
         Raises:
             ValueError: a value that a field of the scenario forbids.
         """
-        made = self._rectangle(num_robots) if self.base is None else self._changed(self.base, num_robots)
         changed: dict[str, Any] = {}
         if self.base is None:
+            made = self._rectangle(num_robots, 0.0)
+            if not self.open:
+                # The inset depends on the control step and on the speed along the curve, which the design determines.
+                made = self._rectangle(num_robots, named.build(made, **_times(made)).inset)
             changed |= _times(made)
+        else:
+            made = self._changed(self.base, num_robots)
         if made.task.contamination is None:
             changed["task.contamination"] = GRIDS.get(made.name) or grid(made, CELLS, 4.0)
         return named.build(dataclasses.replace(made, extensions=()), **changed)
 
-    def _rectangle(self, num_robots: int) -> Scenario:
-        """Return the scenario of a rectangle and robots, which begin in the best design of the paper's formation."""
+    def _rectangle(self, num_robots: int, inset: float) -> Scenario:
+        """Return the scenario of a rectangle and robots, which begin in the best design of the paper's formation.
+
+        Args:
+            num_robots: Number of robots.
+            inset: Width of the strip along the edge in which nothing is driven [m], for the design.
+        """
         width, height, radius = self.width or 0.0, self.height or 0.0, self.sensor_radius or 0.0
         robot = _robot(Robot(kind="curve"), self)
-        chosen = _best_design(width / 2, height / 2, robot, radius, robot.top_speed, num_robots)
+        chosen = _best_design(width / 2, height / 2, robot, radius, robot.top_speed, num_robots, inset)
         moving = self.rogue_speed or 0.0
         base = Scenario(
             name="plan",
@@ -148,7 +162,7 @@ class Request:
                 count=0, arrival_rate=1.0, entry=self.entry or "inside", wandering=1.0 if moving else 0.0,
                 speed=moving, speed_limit=moving,
             ),
-            task=Task(duration=10.0),
+            task=Task(duration=10.0, boundary="open" if self.open else "wall"),
         )  # fmt: skip
         return named.build(base, **_apart(chosen, num_robots))
 
@@ -168,15 +182,19 @@ class Request:
             changed["targets.speed_limit"] = self.rogue_speed
         if self.entry is not None:
             changed["targets.entry"] = self.entry
+        if self.open:
+            changed["task.boundary"] = "open"
         curve = scenario.curve
         halves = (self.width or 2 * curve.half_width) / 2, (self.height or 2 * curve.half_height) / 2
         if halves != (curve.half_width, curve.half_height) or num_robots != scenario.num_robots:
+            inset = 0.0 if self.open else scenario.inset
             speed = robot.top_speed if robot.kind == "car" else self.speed or top_speed(scenario)
-            chosen = _best_design(*halves, robot, self.sensor_radius or scenario.sensing_radius, speed, num_robots)
+            sensor = self.sensor_radius or scenario.sensing_radius
+            chosen = _best_design(*halves, robot, sensor, speed, num_robots, inset)
             given = _apart(chosen, num_robots).items()
             changed |= {name: value for name, value in given if name.split(".")[0] in ("curve", "formation")}
             changed |= {f"faults.{name}": () for name in ("schedule", "removed")}
-            changed |= {"robot.count": None, "sensing.radius": self.sensor_radius or scenario.sensing_radius}
+            changed |= {"robot.count": None, "sensing.radius": sensor}
             changed["task.grid"] = _cells(halves, _GRID)
             changed["task.contamination"] = None
         made = named.build(scenario, **changed)
@@ -205,7 +223,13 @@ def _robot(robot: Robot, request: Request) -> Robot:
 
 
 def _best_design(
-    half_width: float, half_height: float, robot: Robot, sensor_radius: float, speed: float, num_robots: int
+    half_width: float,
+    half_height: float,
+    robot: Robot,
+    sensor_radius: float,
+    speed: float,
+    num_robots: int,
+    inset: float,
 ) -> Candidate:
     """Return the design of the paper's formation that meets the bounds best."""
     return theory.design(
@@ -218,6 +242,7 @@ def _best_design(
         wheelbase=robot.wheelbase if robot.kind == "car" else None,
         steering_max=robot.steering_max,
         lateral_acceleration_max=robot.lateral_acceleration_max,
+        inset=inset,
     )[0]
 
 

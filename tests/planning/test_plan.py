@@ -54,7 +54,7 @@ def small(tmp_path):
 def planned(
     worst, settled=1.0, failed=math.nan, detection=1.0, distance=1.0, messages="nothing", collisions=0, robots=5
 ):
-    figures = Figures(worst, settled, failed, detection, collisions, 0, 0.1, distance, messages)
+    figures = Figures(worst, settled, failed, detection, collisions, 0, 0.1, 0.0, distance, messages)
     scenario = lissajous_env.scenario("evaders", **{"robot.count": robots})
     return Planned(Plan("hand", scenario, PolicySettings("still")), figures, 1.0, [], [])
 
