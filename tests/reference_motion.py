@@ -70,31 +70,43 @@ def projection(curve, place: np.ndarray, gamma: float) -> float:
     return min(max(lag, -PROJECTION_LIMIT), PROJECTION_LIMIT)
 
 
+def throttle_of(robot, action: float) -> float:
+    """Throttle of an action in [-1, 1]; a car that reverses has one range of throttles for each direction."""
+    if not robot.reverses:
+        return robot.throttle_min + (action + 1) / 2 * (robot.throttle_max - robot.throttle_min)
+    end = robot.throttle_max if action >= 0 else (robot.offset - robot.drag * robot.lowest_speed) / robot.drive
+    return math.copysign(robot.throttle_min + abs(action) * (end - robot.throttle_min), action)
+
+
 def motor_acceleration(robot, throttle: float) -> float:
-    """Drive less offset, and nothing in the dead zone [m/s^2]."""
-    return robot.drive * throttle - robot.offset if throttle > robot.dead_zone else 0.0
+    """Drive less offset, and nothing in the dead zone [m/s^2]; in reverse the mirror image."""
+    if abs(throttle) <= robot.dead_zone or (throttle < 0 and not robot.reverses):
+        return 0.0
+    push = robot.drive * abs(throttle) - robot.offset
+    return push if not robot.reverses else math.copysign(max(push, 0.0), throttle)
 
 
 def car_rates(robot, state: np.ndarray, steering: float, throttle: float) -> np.ndarray:
     """Right side of (12) for [x, y, heading, speed], with the limit of grip on the yaw rate."""
     _, _, heading, speed = state
-    speed = max(speed, 0.0)
+    speed = speed if robot.reverses else max(speed, 0.0)
     yaw_rate = speed * math.tan(steering) / robot.wheelbase
-    if speed > 0:
-        most = robot.lateral_acceleration_max / speed
+    if speed != 0:
+        most = robot.lateral_acceleration_max / abs(speed)
         yaw_rate = min(max(yaw_rate, -most), most)
     acceleration = motor_acceleration(robot, throttle) - robot.drag * speed
     return np.array([speed * math.cos(heading), speed * math.sin(heading), yaw_rate, acceleration])
 
 
 def car_runge_kutta(robot, state: np.ndarray, steering: float, throttle: float, h: float) -> np.ndarray:
-    """One step of the classical Runge-Kutta method; the car does not reverse."""
+    """One step of the classical Runge-Kutta method; without `speed_min` the car does not reverse."""
     first = car_rates(robot, state, steering, throttle)
     second = car_rates(robot, state + h / 2 * first, steering, throttle)
     third = car_rates(robot, state + h / 2 * second, steering, throttle)
     fourth = car_rates(robot, state + h * third, steering, throttle)
     after = state + h * (first + 2 * second + 2 * third + fourth) / 6
-    after[3] = max(after[3], 0.0)
+    if not robot.reverses:
+        after[3] = max(after[3], 0.0)
     return after
 
 
@@ -141,7 +153,7 @@ def stopped_by_walls(curve, radius: float, state: np.ndarray) -> np.ndarray:
         if abs(at) > half and at * velocity[k] > 0:
             velocity[k] = 0.0
         place.append(max(-half, min(at, half)))
-    return np.array([*place, heading, math.hypot(*velocity)])
+    return np.array([*place, heading, math.copysign(math.hypot(*velocity), speed)])
 
 
 def move_target(scenario, target, sensors: dict[int, np.ndarray]) -> None:

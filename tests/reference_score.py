@@ -49,6 +49,9 @@ def score_of(world) -> dict[str, float]:
         "phase_error": max(world.deviations),
         "recovery_time": recovery_time(world),
         "outside_time": world.outside_steps * dt,
+        "partly_outside_time": world.partly_outside_steps * dt,
+        "wall_contacts": world.wall_contacts,
+        "blocked_time": world.blocked_steps * dt,
         "return_mean": world.returns.mean(),
     }
 

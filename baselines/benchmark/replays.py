@@ -10,7 +10,6 @@ from rich.console import Console
 
 from baselines.benchmark import written
 from baselines.benchmark.bounds import as_played, overrides_of
-from baselines.benchmark.clairvoyant import Clairvoyant
 from baselines.benchmark.local import may_be_shared
 from baselines.benchmark.progress import bar
 from baselines.benchmark.report_page import Played, Report, command_of
@@ -214,8 +213,6 @@ def record_together(
     """Play some episodes of a cell side by side and record them, with data for the rogue with foresight if required."""
     policy = cell.factory(cell.scenario, len(seeds), device)
     simulation = Simulation(cell.scenario, policy.num_worlds, device=device)
-    if isinstance(policy, Clairvoyant):
-        policy.watch(simulation)
     runner, recorded = EpisodeRunner(policy, simulation), []
     task = cell.scenario.task
     watcher = missed.Watcher(simulation) if task.contamination is not None and not task.conservative else None

@@ -28,6 +28,7 @@ def plan(
     scenario: _Scenario = None,
     width: float | None = None,
     height: float | None = None,
+    open: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     robots: str | None = None,
     robot_radius: float | None = None,
     sensor_radius: float | None = None,
@@ -37,6 +38,7 @@ def plan(
     entry: Literal["inside", "boundary", "unseen"] | None = None,
     failures: int = 0,
     guarantee: float | None = None,
+    clearance: float | None = None,
     plans: int | None = None,
     seconds: float | None = None,
     optimise: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
@@ -59,6 +61,8 @@ def plan(
             the rectangle and the robots must be given.
         width: width of the rectangle [m].
         height: height of the rectangle [m].
+        open: plan for open ground: bodies may leave the rectangle, and the table has the space outside that a plan
+            needs. Without it, a rectangle that is given by its width and height has walls.
         robots: number of robots, or a range such as 3:8.
         robot_radius: radius of a robot's body [m].
         sensor_radius: radius of a robot's sensing disc [m].
@@ -70,6 +74,8 @@ def plan(
         failures: number of robots that fail for good: each combination of as many is removed once.
         guarantee: time within which every target must be detected [s]; if robots is a range, the command searches for
             the smallest number that achieves it.
+        clearance: least distance of two bodies [m]; plans whose bodies come closer are marked and come after the
+            others. It is a tenth of a body's diameter by default.
         plans: number of plans that are tried for each number of robots, 300 by default; a fifth as many of the best
             ones are then simulated to the end. The result does not depend on the speed of the machine.
         seconds: duration of the search [s], in place of a number of plans.
@@ -84,8 +90,8 @@ def plan(
     whole_number("rows", rows)
     budget = Budget.of(plans, seconds)
     outcome = Outcome.of(Request(
-        scenario, width, height, _range(robots), robot_radius, sensor_radius, speed, turning_radius, rogue_speed, entry,
-        failures, guarantee, seed,
+        scenario, width, height, open, _range(robots), robot_radius, sensor_radius, speed, turning_radius, rogue_speed,
+        entry, failures, guarantee, clearance, seed,
     ))  # fmt: skip
     with nullcontext() if out is None else report.open_folder(out) as folder:
         _search(outcome, budget, optimise, fixed_start, output)

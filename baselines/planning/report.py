@@ -48,6 +48,7 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> lis
         Column("lower\nbound [s]", rank=1),
         Column("detected in\nmean [s]", rank=1),
         Column("least gap\n[m]", rank=2),
+        Column("outside\n[m]", rank=1) if _is_open(outcome) else None,
         Column("driven\n[m/min]", rank=2),
         Column("messages", left=True, rank=3),
         Column("details", prose=True, rank=4),
@@ -57,7 +58,7 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> lis
         figures = each.figures
         rows.append([
             str(k),
-            each.plan.settings.policy,
+            f"{each.plan.settings.policy} (close)" if figures.too_close else each.plan.settings.policy,
             str(each.plan.scenario.num_robots) if len(outcome.tasks) > 1 else None,
             worst_in_words(figures.worst_case, each.rows),
             worst_in_words(figures.settled, each.rows, SETTLED_TIME),
@@ -65,12 +66,18 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> lis
             _number(each.limit),
             _detection(figures),
             _number(figures.clearance),
+            _number(figures.outside) if _is_open(outcome) else None,
             _number(figures.distance),
             figures.messages,
             each.plan.about,
         ])  # fmt: skip
     kept = [k for k, column in enumerate(columns) if column is not None]
     return print_table(console, [c for c in columns if c is not None], [[row[k] or "" for k in kept] for row in rows])
+
+
+def _is_open(outcome: Outcome) -> bool:
+    """Return whether bodies may leave the rectangle."""
+    return any(task.task.boundary != "wall" for task in outcome.tasks.values())
 
 
 def print_formations(console: Any, plans: Sequence[Planned]) -> list[str]:
@@ -125,6 +132,9 @@ def sentences(outcome: Outcome) -> list[str]:
         words.append("No plan has a bound on the time for which such a target can stay undetected.")
     elif outcome.plans and episodes.failures:
         words += _of_failures(outcome)
+    if any(each.figures.too_close for each in outcome.plans):
+        least = outcome.request.least_gap
+        words.append(f"Close: two bodies come closer than {least:.3g} m (--clearance); such plans come last.")
     words.append("Detected in mean: mean detection time, with its 95 % interval over the episodes (Student's t).")
     if outcome.request.guarantee is not None:
         words += _of_guarantee(outcome)

@@ -345,8 +345,8 @@ class Still(Policy):
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
         super().__init__(scenario, num_worlds, device)
         action = np.zeros(self.action.shape, dtype=np.float32)
-        if rest := model_of(self.scenario.robot.kind).rest:
-            action[..., : len(rest)] = rest
+        rest = model_of(self.scenario.robot.kind).rest_action(self.scenario.robot)
+        action[..., : len(rest)] = rest
         self.action.assign(action)
 
     def decide(self, observation: wp.array) -> None:

@@ -1,10 +1,10 @@
 """The parts of a scenario as kernels see them."""
 
 from lissajous_env.device.structs import struct_of
-from lissajous_env.settings import parts, task
+from lissajous_env.settings import parts, robot, task
 
 FormationStruct = struct_of(parts.Formation)
-RobotStruct = struct_of(parts.Robot)
+RobotStruct = struct_of(robot.Robot)
 SensingStruct = struct_of(parts.Sensing)
 TargetStruct = struct_of(parts.Targets)
 FaultsStruct = struct_of(parts.Faults)

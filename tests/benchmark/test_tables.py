@@ -7,7 +7,7 @@ import figures
 from rich.console import Console
 
 import lissajous_env
-from baselines.benchmark import bounds, clairvoyant, types
+from baselines.benchmark import bounds, types
 from baselines.benchmark.running import measure, plan, run
 from baselines.benchmark.table import Table
 from baselines.benchmark.types import Benchmark
@@ -24,14 +24,13 @@ def rows(policy, times, scenario="intruders"):
 
 def test_the_table_says_what_the_rows_hold():
     scenario = lissajous_env.scenario("intruders")
-    played = [*rows("kuramoto-mpcc", [4.0] * 4), *rows("laps", [2.0, 2.0, 2.0, 6.0]), *rows("clairvoyant", [1.0] * 4)]
+    played = [*rows("kuramoto-mpcc", [4.0] * 4), *rows("laps", [2.0, 2.0, 2.0, 6.0])]
     made = table_of(Table.of(played, {"intruders": scenario}))
-    first, laps, seer = (dict(zip(made["columns"], row, strict=True)) for row in made["rows"])
+    first, laps = (dict(zip(made["columns"], row, strict=True)) for row in made["rows"])
     assert list(first)[:4] == ["scenario", "policy", "detection [s]", "over lower bound"]
     assert (first["scenario"], first["detection [s]"], first["sooner"]) == ("`intruders`, lower bound 0.582 s", "4", "")
     assert (laps["scenario"], laps["detection [s]"]) == ("", "2 (2\N{EN DASH}6)")
     assert laps["sooner"].startswith("75 %")
-    assert seer["policy"] == "*(clairvoyant)*"
     lines = markdown(made).splitlines()
     assert lines[2].startswith("| `intruders`, lower bound 0.582 s | `kuramoto-mpcc` | 4 |")
     assert len({line.count("|") for line in lines}) == 1
@@ -90,6 +89,5 @@ def test_policies_that_users_registered_are_played_beside_the_standard_ones_and_
     baselines.register("theirs", "car", lambda scenario, num_worlds, device: None)
     names = lambda *policies: [cell.policy for cell in plan(Benchmark(("evaders",), policies))]  # noqa: E731
     usual = names()
-    assert [name for name in usual if name not in types.POLICIES] == ["theirs", clairvoyant.NAME]
+    assert [name for name in usual if name not in types.POLICIES] == ["theirs"]
     assert {"arc-mpcc", "still", "theirs"} <= set(names("all"))
-    assert clairvoyant.NAME not in names("all")

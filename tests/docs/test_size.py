@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 50_500
+LINES = 51_000
 """Lines of the packages."""
-MODULES = 358
+MODULES = 361
 """Files of the packages."""
-TESTS = 31_000
+TESTS = 31_466
 """Lines of the tests."""
 
 

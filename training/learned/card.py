@@ -174,6 +174,11 @@ class Card:
                 f"policy trained on {self.scenario} must drive robots of kind {self.kind}, "
                 f"got {scenario.name}, with robots of kind {scenario.robot.kind}"
             )
+        robot = self.home.get("robot")
+        reverses = isinstance(robot, Mapping) and (robot.get("speed_min") or 0.0) < 0.0
+        if scenario.robot.reverses != reverses:
+            rule = f"must be {'below 0' if reverses else '0'} for the policy trained on {self.scenario}"
+            raise ValueError(f"robot.speed_min {rule} [m/s], got {scenario.robot.lowest_speed:g}")
         size = scenario.action_size
         silent = or_silent and self.action_size == size - scenario.messages.size
         fits = silent or self.action_size == size

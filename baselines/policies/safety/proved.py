@@ -106,7 +106,7 @@ class Proved(Filter):
         parameters: Parameters of the filter; by default those of the paper's experiment, scaled to the scenario.
 
     Raises:
-        ValueError: the robots are no cars.
+        ValueError: the robots are no cars, or cars that reverse.
     """
 
     suffix = "-proved"
@@ -121,6 +121,9 @@ class Proved(Filter):
         parameters: ProvedParameters | None = None,
     ):
         super().__init__(scenario, num_worlds, device)
+        if self.scenario.robot.reverses:
+            rule = f"must be 0 for cars behind {self.suffix}, whose tails end at rest [m/s]"
+            raise ValueError(f"robot.speed_min {rule}, got {self.scenario.robot.lowest_speed:g}")
         self.parameters = parameters or ProvedParameters().of(self.scenario)
         self._bounds = bounds_of(self.scenario, self.parameters)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
