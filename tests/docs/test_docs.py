@@ -55,7 +55,7 @@ IMAGES = {
     "unseen.png": "lissajous guarantee evaders-failure --policies kuramoto-mpcc kuramoto-mpcc-safe open-loop-mpcc",
     "critical_speed.png": "lissajous guarantee`",
     "trainings.png": "python benchmarks/trainings.py --store",
-    "growth.png": "python benchmarks/speed.py --parts growth --against FOLDER --store",
+    "growth.png": "python benchmarks/speed.py --parts growth --against",
     "fig3.png": "lissajous reproduce fig3 fig6 fig9",
     "fig6.png": "lissajous reproduce fig3 fig6 fig9",
     "fig9.png": "lissajous reproduce fig3 fig6 fig9",

@@ -209,8 +209,9 @@ def test_a_recording_replays_with_its_messages(tmp_path):
     assert '"throttle", "message_0", "message_1"]' in Replay(kept).html().replace('","', '", "')
 
 
-def test_the_true_state_holds_what_robots_send():
-    simulation = lissajous_env.Simulation(made("rough", 2, **{"noise.message_loss": 1.0, "faults.rate": 0.0}), 3)
+def test_the_true_state_holds_what_robots_send_and_none_of_one_that_is_removed():
+    overrides = {"noise.message_loss": 1.0, "faults.rate": 0.0, "faults.removed": ((4, 0.1),)}
+    simulation = lissajous_env.Simulation(made("rough", 2, **overrides), 3)
     for action in draws(simulation, 3):
         simulation.step(action)
     names, rows = state_names(simulation.scenario), state_rows(simulation)
@@ -219,7 +220,8 @@ def test_the_true_state_holds_what_robots_send():
     assert [name for name in names if "message" not in name] == list(plain)
     for i in range(5):
         for m in range(2):
-            np.testing.assert_array_equal(rows[:, names.index(f"robot_{i}_message_{m}")], action[:, i, 2 + m])
+            sent = action[:, i, 2 + m] if i < 4 else np.zeros(3)
+            np.testing.assert_array_equal(rows[:, names.index(f"robot_{i}_message_{m}")], sent)
 
 
 def test_the_table_of_discrete_actions_has_one_word_or_none():
