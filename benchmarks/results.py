@@ -14,9 +14,8 @@ from rich.console import Console
 
 import lissajous_env
 from baselines.benchmark.running import measure
-from baselines.benchmark.shown_columns import SHOWN
+from baselines.benchmark.shown import SHOWN, lines_of, with_numbers
 from baselines.benchmark.table import Table
-from baselines.benchmark.tables import lines_of, with_numbers
 from baselines.benchmark.types import Benchmark, Outcome
 from lissajous_env.console.terminal import make_console
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from baselines.benchmark.shown_columns import column_of
+from baselines.benchmark.shown import column_of
 from baselines.benchmark.statistics import share_detected
 from baselines.benchmark.table import Curve
 from baselines.benchmark.types import Batch, Benchmark, Cell

@@ -14,8 +14,8 @@ from matplotlib.axes import Axes
 from rich.console import Console
 from rich.text import Text
 
+from baselines.benchmark.shown import in_words
 from baselines.benchmark.statistics import Estimate, summarize_largest
-from baselines.benchmark.tables import in_words
 from baselines.policies import factories
 from baselines.reproduce.drawing import DARK, GREY, SERIES, Format, Sheet, drawn_as
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_table
