@@ -25,8 +25,7 @@ from lissajous_env.parameters.rogues import folder_of, members_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.storage.files import read_json
-from lissajous_env.storage.folder import Folder
-from lissajous_env.storage.journal import Journal
+from lissajous_env.storage.folder import Folder, Journal
 from lissajous_env.world.columns import COLUMNS, NAMES, WHOLE
 from lissajous_env.world.simulation import Simulation
 
