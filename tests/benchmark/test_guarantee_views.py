@@ -1,6 +1,5 @@
 """Guarantees in every table, page and file: the largest of the episodes, their number and their median."""
 
-import contextlib
 import io
 import json
 import math
@@ -18,7 +17,6 @@ from baselines.benchmark.shown import SHOWN, lines_of, number
 from baselines.benchmark.table import Table
 from baselines.benchmark.types import Benchmark, Outcome
 from baselines.benchmark.written import latex, markdown, summarized, table_of
-from lissajous_env.console.cli import main
 from lissajous_env.console.terminal import plain
 from lissajous_env.world.columns import COLUMNS, LARGEST, WORST_CASE
 
@@ -102,13 +100,3 @@ def test_every_stored_table_with_a_guarantee_shows_the_number_of_episodes():
                         ), name
                         found += 1
     assert found > 100
-
-
-def test_the_command_guarantee_prints_the_largest_of_its_episodes(tmp_path):
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
-        main(["guarantee", "evaders", "--policies", "still", "--radii", "2", "--cells", "10", "--episodes", "3",
-              "--out", str(tmp_path), "--set", "task.duration=3.0", "--json"])  # fmt: skip
-    result = json.loads(said.getvalue())
-    of = result["guarantees"]["evaders"]["still"]
-    assert (of["max"], of["n"], of["open"]) == (max(result["unseen"]["evaders"]["still"]), 3, 3)
