@@ -37,7 +37,7 @@ def as_table(outcome: Outcome) -> dict[str, list]:
     (policies,), (bounds,) = table.estimates.values(), table.bounds.values()
     columns = with_numbers(policies, SHOWN)
     rows = [
-        [f"*{line.name}*" if line.is_reference else f"`{line.name}`", *map(str, line.cells)]
+        [f"*{line.name}*" if line.is_reference else f"`{line.name}`", *map(str, line.entries)]
         for line in lines_of(policies, columns, bounds.best_known)
     ]
     return {"columns": ["policy", *(column.heading for column in columns)], "rows": rows}
