@@ -66,7 +66,7 @@ def test_the_row_stands_below_the_policies():
 
 
 def planned(worst, settled, collisions=0):
-    figures = Figures(worst, settled, math.nan, 1.0, collisions, 0, 0.1, 0.0, 1.0, "nothing")
+    figures = Figures(worst, settled, math.nan, 1.0, collisions, 0, 0.1, 0.0, False, 1.0, "nothing")
     plan = Plan("hand", lissajous_env.scenario("evaders"), PolicySettings("still"))
     return Planned(plan, figures, 1.0, [], [])
 
