@@ -18,7 +18,7 @@ import baselines
 import lissajous_env
 from baselines.benchmark import local, tables
 from baselines.benchmark.running import measure, run
-from baselines.benchmark.shown_columns import SHOWN
+from baselines.benchmark.shown import SHOWN, lines_of
 from baselines.benchmark.table import estimates_of, grouped
 from baselines.benchmark.types import Benchmark
 from lissajous_env.storage.folder import LIST
@@ -84,7 +84,7 @@ def test_summary_is_the_statistics_of_the_episodes(whole):
     assert summary["settings"]["digests"]["failure"] == lissajous_env.scenario("failure", **SHORT).digest()
 
 
-@pytest.mark.parametrize("torn", ['{"scenario": "fail', '{"scenario": "fail\n', "\x00\x00\x00"])
+@pytest.mark.parametrize("torn", ['{"scenario": "fail', "\x00\x00\x00"])
 def test_a_torn_last_line_is_dropped(whole, tmp_path, torn):
     run(small(tmp_path, episodes=2), console=QUIET)
     with open(tmp_path / "episodes.jsonl", "a") as file:
@@ -153,10 +153,8 @@ def test_fewer_episodes_are_the_first_of_those_there(whole, tmp_path):
 def test_a_folder_in_use_is_refused_and_free_once_its_holder_is_gone(tmp_path):
     run(small(tmp_path, episodes=1), console=QUIET)
     with open(tmp_path / LIST, "a") as holder:
-        holder.write('{"process": 4242}\n')
-        holder.flush()
         fcntl.flock(holder, fcntl.LOCK_EX)
-        with pytest.raises(ValueError, match=r"in use by another process \(4242\)"):
+        with pytest.raises(ValueError, match="in use by another process"):
             run(small(tmp_path), console=QUIET)
     run(small(tmp_path, episodes=1), console=QUIET)
 
@@ -238,7 +236,7 @@ def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
     def shown(columns):
         console = Console(width=columns, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
         of = estimates(played)
-        left_out = tables.print_lines(console, Text("title"), SHOWN, tables.lines_of(of, SHOWN))
+        left_out = tables.print_lines(console, Text("title"), SHOWN, lines_of(of, SHOWN))
         left_out += tables.print_scores(console, "runs/x[/b]", "failure", of["runs/x[/b]"])
         return console.export_text(), left_out
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 51_000
+LINES = 50_800
 """Lines of the packages."""
-MODULES = 361
+MODULES = 355
 """Files of the packages."""
-TESTS = 31_466
+TESTS = 31_417
 """Lines of the tests."""
 
 
