@@ -22,7 +22,7 @@ import baselines
 import lissajous_env
 from baselines.benchmark import local, tables
 from baselines.benchmark.running import measure, run
-from baselines.benchmark.shown_columns import SHOWN
+from baselines.benchmark.shown import SHOWN, lines_of
 from baselines.benchmark.table import estimates_of, grouped
 from baselines.benchmark.types import Benchmark
 from lissajous_env.storage.folder import LIST
@@ -132,7 +132,7 @@ def test_killed_at_any_moment_it_goes_on_and_ends_with_the_same_rows(tmp_path):
     assert (killed / "episodes.csv").read_bytes() == (tmp_path / "whole" / "episodes.csv").read_bytes()
 
 
-@pytest.mark.parametrize("torn", ['{"scenario": "fail', '{"scenario": "fail\n', "\x00\x00\x00"])
+@pytest.mark.parametrize("torn", ['{"scenario": "fail', "\x00\x00\x00"])
 def test_a_torn_last_line_is_dropped(whole, tmp_path, torn):
     run(small(tmp_path, episodes=2), console=QUIET)
     with open(tmp_path / "episodes.jsonl", "a") as file:
@@ -201,10 +201,8 @@ def test_fewer_episodes_are_the_first_of_those_there(whole, tmp_path):
 def test_a_folder_in_use_is_refused_and_free_once_its_holder_is_gone(tmp_path):
     run(small(tmp_path, episodes=1), console=QUIET)
     with open(tmp_path / LIST, "a") as holder:
-        holder.write('{"process": 4242}\n')
-        holder.flush()
         fcntl.flock(holder, fcntl.LOCK_EX)
-        with pytest.raises(ValueError, match=r"in use by another process \(4242\)"):
+        with pytest.raises(ValueError, match="in use by another process"):
             run(small(tmp_path), console=QUIET)
     run(small(tmp_path, episodes=1), console=QUIET)
 
@@ -286,7 +284,7 @@ def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
     def shown(columns):
         console = Console(width=columns, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
         of = estimates(played)
-        left_out = tables.print_lines(console, Text("title"), SHOWN, tables.lines_of(of, SHOWN))
+        left_out = tables.print_lines(console, Text("title"), SHOWN, lines_of(of, SHOWN))
         left_out += tables.print_scores(console, "runs/x[/b]", "failure", of["runs/x[/b]"])
         return console.export_text(), left_out
 
@@ -344,7 +342,7 @@ def test_table_marks_the_best_and_shows_missing_numbers_as_a_dash():
     ]
     console = Console(width=120, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
     shown = [each for each in SHOWN if each.name in ("detection_time_mean", "recovery_time")]
-    tables.print_lines(console, Text("title"), shown, tables.lines_of(estimates(played), shown))
+    tables.print_lines(console, Text("title"), shown, lines_of(estimates(played), shown))
     text = [line.split() for line in console.export_text().splitlines()]
     assert ["a", "2*", "3"] in text  # 3 s is faster, but in one episode of two alone
     assert ["b", "4", "5*"] in text

@@ -16,8 +16,8 @@ import training.report
 from baselines.benchmark import local, ranking, replays, report_page
 from baselines.benchmark.ranking import rankings
 from baselines.benchmark.running import run
+from baselines.benchmark.shown import number
 from baselines.benchmark.table import Table
-from baselines.benchmark.tables import number
 from baselines.benchmark.types import Benchmark
 from lissajous_env.episodes.recording import record
 from lissajous_env.replay.contents import BRIEF, contents

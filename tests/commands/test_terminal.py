@@ -21,7 +21,7 @@ from baselines.policies.settings import PolicySettings
 from baselines.reproduce import claims
 from baselines.reproduce.claims import Claim
 from lissajous_env.console.terminal import make_console
-from lissajous_env.device import kernel_cache
+from lissajous_env.device import compilation
 from lissajous_env.parameters import named
 
 CLAIMS = [
@@ -82,10 +82,10 @@ def test_streams_that_are_closed_or_full_end_no_command_in_a_traceback(line, cod
 LOAD = """
 import sys
 import warp as wp
-from lissajous_env.device import kernel_cache
+from lissajous_env.device import compilation
 from lissajous_env.world.robots import collisions
 from lissajous_env.device.devices import as_device, compile_quietly
-kernel_cache.listener = print
+compilation.listener = print
 as_device("cpu")
 with compile_quietly():
     wp.load_module(collisions, device="cpu")
@@ -128,10 +128,10 @@ def test_the_first_run_says_that_it_compiles(tmp_path):
 
 
 def test_the_command_says_that_it_compiles_unless_quiet(monkeypatch, capsys):
-    monkeypatch.setattr(kernel_cache, "listener", None)
+    monkeypatch.setattr(compilation, "listener", None)
     for options, heard in (([], "compiling\n"), (["--quiet"], "")):
         monkeypatch.setattr(
-            named, "scenarios", lambda: (kernel_cache.listener and kernel_cache.listener("compiling")) or ()
+            named, "scenarios", lambda: (compilation.listener and compilation.listener("compiling")) or ()
         )
         code, _, error = called(capsys, "scenarios", *options)
         assert (code, error) == (0, heard)

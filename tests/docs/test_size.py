@@ -7,7 +7,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
 LINES = 51_300
 """Lines of the packages."""
-MODULES = 360
+MODULES = 356
 """Files of the packages."""
 TESTS = 36_600
 """Lines of the tests."""

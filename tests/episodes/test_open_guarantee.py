@@ -14,7 +14,7 @@ from rich.text import Text
 import baselines
 import lissajous_env
 from baselines.benchmark import ranking, tables
-from baselines.benchmark.shown_columns import SHOWN
+from baselines.benchmark.shown import SHOWN, in_words, lines_of
 from baselines.benchmark.statistics import summarize_largest
 from baselines.benchmark.table import Table
 from lissajous_env.world.columns import COLUMNS, OPEN
@@ -43,7 +43,7 @@ def cells(*played):
 
 
 def words_of(times, **given):
-    return tables.in_words(cells(rows(times, **given))["a"]["guaranteed_detection_time"])
+    return in_words(cells(rows(times, **given))["a"]["guaranteed_detection_time"])
 
 
 def ages(leaps):
@@ -102,7 +102,7 @@ def test_an_episode_that_ends_at_its_worst_moment_is_not_open():
         assert row[OPEN.name] == 0
         assert ranking.failed(row)[1] is False
         of = cells([row, *rows([(9.3, 3.6), (12.8, 1.7), (8.4, 2.3)], "random")])["random"]
-        assert tables.in_words(of["guaranteed_detection_time"])[0] == "12.8"
+        assert in_words(of["guaranteed_detection_time"])[0] == "12.8"
 
 
 def test_where_a_rogue_stays_unseen_since_the_beginning_every_episode_is_open():
@@ -165,7 +165,7 @@ def test_an_open_episode_makes_the_largest_a_lower_bound():
     times = [(4.0, 1.0)] * 15 + [(59.9, 59.9)]
     of = cells(rows(times, open_at=(15,)))["a"]["guaranteed_detection_time"]
     assert (of.value, of.at_least, of.open, of.median) == (59.9, True, 1, 4.0)
-    assert tables.in_words(of) == ("> 59.9", "median 4, 1 of 16 open")
+    assert in_words(of) == ("> 59.9", "median 4, 1 of 16 open")
     assert words_of([(4.0, 1.0)] * 3 + [(2.0, 2.0)], open_at=(3,)) == ("> 4", "median 4, 1 of 4 open")
 
 
@@ -211,7 +211,7 @@ def test_the_table_and_its_legend_show_the_largest_and_the_open_episodes():
     played = [*rows([(4.0, 1.0)] * 15 + [(5.0, 1.0)]), *rows([(59.9, 59.9)] * 16, "lost", range(16))]
     table = Table.of(played, EVADERS)
     console = Console(width=200, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
-    tables.print_lines(console, Text("t"), SHOWN, tables.lines_of(table.estimates["evaders"], SHOWN))
+    tables.print_lines(console, Text("t"), SHOWN, lines_of(table.estimates["evaders"], SHOWN))
     said = console.export_text()
     assert "5*" in said
     assert "median 4 of 16" in said

@@ -297,7 +297,7 @@ def test_bad_settings_are_refused_with_name_rule_and_value(tmp_path, changes, wo
 
 def test_two_trainings_do_not_share_a_folder(tmp_path):
     settings = small(tmp_path, steps=1280)
-    with Folder(settings.out), pytest.raises(ValueError, match=f"in use by another process.*{os.getpid()}"):
+    with Folder(settings.out), pytest.raises(ValueError, match="in use by another process"):
         train(settings, QUIET)
 
 
