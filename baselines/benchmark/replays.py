@@ -10,7 +10,6 @@ from rich.console import Console
 
 from baselines.benchmark import written
 from baselines.benchmark.bounds import as_played, overrides_of
-from baselines.benchmark.clairvoyant import Clairvoyant
 from baselines.benchmark.local import may_be_shared
 from baselines.benchmark.progress import bar
 from baselines.benchmark.report_page import Played, Report, command_of
@@ -22,6 +21,7 @@ from lissajous_env.device.devices import cores
 from lissajous_env.episodes import missed
 from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.episodes.recording import Recorder, Recording
+from lissajous_env.identity import provenance
 from lissajous_env.replay.contents import BRIEF, contents
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import where_raised
@@ -40,10 +40,8 @@ def write_report(folder: Folder, outcome: Outcome, progress: Console) -> str:
 
     It depends only on the score rows and their seeds, so that a benchmark that was interrupted has the same report.
     """
-    provenance = written.provenance(outcome.stored["device"])
-    report = Report(
-        outcome.table, provenance, _commands(outcome), _nameless(outcome), outcome.failures, outcome.theorem
-    )
+    made = provenance(outcome.stored["device"])
+    report = Report(outcome.table, made, _commands(outcome), _nameless(outcome), outcome.failures, outcome.theorem)
     ranked, cells, asked = report.ranked(), playable(outcome), outcome.settings.replays
     folder.write(written.REPORT, report.html(ranked, {}))
     wanted = with_references(chosen(asked, ranked, cells), cells, ranked, outcome.table.references())
@@ -214,8 +212,6 @@ def record_together(
     """Play some episodes of a cell side by side and record them, with data for the rogue with foresight if required."""
     policy = cell.factory(cell.scenario, len(seeds), device)
     simulation = Simulation(cell.scenario, policy.num_worlds, device=device)
-    if isinstance(policy, Clairvoyant):
-        policy.watch(simulation)
     runner, recorded = EpisodeRunner(policy, simulation), []
     task = cell.scenario.task
     watcher = missed.Watcher(simulation) if task.contamination is not None and not task.conservative else None

@@ -12,7 +12,6 @@ from typing import Any
 from rich.console import Console
 
 from baselines.benchmark import (
-    clairvoyant,
     cluster,
     local,
     replays,
@@ -135,8 +134,6 @@ def plan(
         cells += [Cell(scenario, name, named(name)) for name in chosen]
         kind, before = scenario.robot.kind, len(cells)
         cells += [Cell(scenario, name, of) for name, of in own.items() if kinds.get(name) in (None, kind)]
-        if (settings.clairvoyant or (unnamed and not everything)) and kind in clairvoyant.KINDS:
-            cells.append(Cell(scenario, clairvoyant.NAME, clairvoyant.Clairvoyant))
         if not chosen and len(cells) == before and not (own and len(played) > 1):
             kind, got = f"robots of kind {kind}", few_of((*others, *own))
             raise ValueError(f"policies must contain one for {scenario.name}, which has {kind}; got {got}")

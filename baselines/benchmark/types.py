@@ -26,7 +26,7 @@ POLICIES = (
 )  # fmt: skip
 """Policies of the standard comparison, which the command, the table of the README and the figures show.
 
-A policy is played where it drives the robots, also where it was not made for, and the clairvoyant beside them.
+A policy is played where it drives the robots, also where it was not made for.
 """
 
 _MOST_EPISODES = 1_000_000
@@ -41,9 +41,9 @@ class Benchmark:
     """Scenarios to play. SPACE:SPLIT, such as monitoring-v1:test, stands for the first 32 scenarios of a split or shift
     of a scenario space, and SPACE:SPLIT:COUNT for the first COUNT."""
     policies: tuple[str, ...] = ()
-    """Policies to play, each on the scenarios whose robots it drives; by default those of the README's table, the
-    clairvoyant reference, and those that you registered. `all` plays every registered policy. Your own policy can be
-    given as a checkpoint's folder, as `module:factory`, or by a name that a module of the current folder registers."""
+    """Policies to play, each on the scenarios whose robots it drives; by default those of the README's table, and
+    those that you registered. `all` plays every registered policy. Your own policy can be given as a checkpoint's
+    folder, as `module:factory`, or by a name that a module of the current folder registers."""
     episodes: int = 16
     """Number of episodes of each policy on each scenario; more of them narrow the intervals."""
     seed: int = 0
@@ -60,8 +60,6 @@ class Benchmark:
     same."""
     address: str | None = None
     """Address of the Ray cluster: auto, HOST:PORT or ray://HOST:PORT; by default, engine ray starts one here."""
-    clairvoyant: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """Also play a reference that knows where all targets are; its name is shown in brackets."""
     against: str | None = None
     """Policy with which all others are compared, seed by seed; by default the paper's method if it is played, else the
     first policy."""

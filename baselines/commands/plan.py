@@ -38,6 +38,7 @@ def plan(
     entry: Literal["inside", "boundary", "unseen"] | None = None,
     failures: int = 0,
     guarantee: float | None = None,
+    clearance: float | None = None,
     plans: int | None = None,
     seconds: float | None = None,
     optimise: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
@@ -73,6 +74,8 @@ def plan(
         failures: number of robots that fail for good: each combination of as many is removed once.
         guarantee: time within which every target must be detected [s]; if robots is a range, the command searches for
             the smallest number that achieves it.
+        clearance: least distance of two bodies [m]; plans whose bodies come closer are marked and come after the
+            others. It is a tenth of a body's diameter by default.
         plans: number of plans that are tried for each number of robots, 300 by default; a fifth as many of the best
             ones are then simulated to the end. The result does not depend on the speed of the machine.
         seconds: duration of the search [s], in place of a number of plans.
@@ -88,7 +91,7 @@ def plan(
     budget = Budget.of(plans, seconds)
     outcome = Outcome.of(Request(
         scenario, width, height, open, _range(robots), robot_radius, sensor_radius, speed, turning_radius, rogue_speed,
-        entry, failures, guarantee, seed,
+        entry, failures, guarantee, clearance, seed,
     ))  # fmt: skip
     with nullcontext() if out is None else report.open_folder(out) as folder:
         _search(outcome, budget, optimise, fixed_start, output)

@@ -72,7 +72,7 @@ class Outcome:
     def guarantees(self, planned: Planned) -> bool:
         """Return whether a plan guarantees the requested time, also with failures if these were requested."""
         figures = planned.figures
-        if self.request.guarantee is None or figures.collisions:
+        if self.request.guarantee is None or figures.collisions or figures.too_close:
             return False
         failed = figures.worst_case_failed if self.request.failures else 0.0
         return max(figures.worst_case, failed) <= self.request.guarantee

@@ -58,6 +58,8 @@ class Episodes:
     failures: int = 0
     """Robots that fail for good in an episode with failures."""
     count: int = EPISODES
+    clearance: float = 0.0
+    """Distance of two bodies below which a plan is ranked after all others [m]."""
 
     def with_failures(self, scenario: Scenario) -> Scenario:
         """Return a scenario in which so many more robots fail for good; `remove_early` determines which and when."""
@@ -93,6 +95,8 @@ class Look:
     """The same with failures; 0 without."""
     settled: float = math.inf
     """Worst-case undetected time of the second half of the episodes [s]."""
+    too_close: bool = False
+    """Whether two bodies come closer than the requested clearance."""
     mean_age: float = math.inf
     """Mean over cells and time of how long a target can have been undetected [s], to compare plans without a bound."""
     refusal: str = ""
@@ -101,12 +105,12 @@ class Look:
     @property
     def by_worst_case(self) -> tuple[float, ...]:
         """Return numbers by which plans are sorted, without failures first."""
-        return self.worst_case, self.settled, self.worst_case_failed, self.mean_age
+        return self.too_close, self.worst_case, self.settled, self.worst_case_failed, self.mean_age
 
     @property
     def by_failed(self) -> tuple[float, ...]:
         """Return numbers by which plans are sorted, with failures first."""
-        return self.worst_case_failed, self.worst_case, self.settled, self.mean_age
+        return self.too_close, self.worst_case_failed, self.worst_case, self.settled, self.mean_age
 
     @property
     def fails(self) -> bool:
@@ -151,6 +155,12 @@ class _Run:
         return self.simulation.contamination.age_max.numpy()
 
     @property
+    def gap(self) -> float:
+        """Return the smallest distance of two bodies so far [m]."""
+        robot = self.simulation.scenario.robot
+        return float(self.simulation.tally.min_separation.numpy().min()) - 2 * robot.radius
+
+    @property
     def collisions(self) -> int:
         """Return the collisions of all episodes so far."""
         return int(self.simulation.tally.collisions.numpy().sum())
@@ -187,17 +197,17 @@ def look_at(plan: Plan, episodes: Episodes, cutoff: float, stopped: Callable[[],
     try:
         task = plan.scenario.task
         scenario = named.build(plan.scenario, **{"task.contamination": coarse_grid(plan.scenario), "task.grid": (1, 1)})
-        look = _look(
-            plan, scenario, episodes.seed, [()] * _SCREENED, max(round(_SHARE * task.steps), 1), cutoff, stopped
-        )
+        until = max(round(_SHARE * task.steps), 1)
+        look = _look(plan, scenario, episodes, [()] * _SCREENED, until, cutoff, stopped)
         if not episodes.failures or look.collisions:
             return look
         if look.worst_case == math.inf:
             return dataclasses.replace(look, worst_case_failed=math.inf)
         scenario, losses = episodes.with_failures(scenario), episodes.losses(scenario)
         losses = losses[:: math.ceil(len(losses) / _SCREENED_LOSSES)]
-        failed = _look(plan, scenario, episodes.seed, losses, task.steps, math.inf, stopped)
-        return dataclasses.replace(look, worst_case_failed=failed.worst_case)
+        failed = _look(plan, scenario, episodes, losses, task.steps, math.inf, stopped)
+        too_close = look.too_close or failed.too_close
+        return dataclasses.replace(look, worst_case_failed=failed.worst_case, too_close=too_close)
     except StoppedError:
         raise
     except Exception as error:  # one policy that fails must not end the search
@@ -207,23 +217,25 @@ def look_at(plan: Plan, episodes: Episodes, cutoff: float, stopped: Callable[[],
 def _look(
     plan: Plan,
     scenario: Scenario,
-    seed: int,
+    episodes: Episodes,
     losses: Sequence[tuple[int, ...]],
     until: int,
     cutoff: float,
     stopped: Callable[[], bool],
 ) -> Look:
-    """Return the collisions, the worst cases and the mean age [s] of episodes, which may end early."""
-    run, step = _Run(plan, scenario, seed, losses, stopped), scenario.task.step
+    """Return the collisions, the worst cases and the mean age [s] of some episodes, which may end early."""
+    run, step = _Run(plan, scenario, episodes.seed, losses, stopped), scenario.task.step
     ended = run.play(until, lambda: bool(run.collisions) or run.longest.max() * step > cutoff)
     if run.collisions:
         return Look(plan, run.collisions, math.inf, 0.0)
     field = run.simulation.contamination
+    too_close = run.gap < episodes.clearance
     age = float(field.mean_age_sum.numpy().max()) / run.step * step
     at_end = zip(run.longest, field.age.numpy(), strict=True)
     if not (ended or run.step == until) or any(is_open(*each, until) for each in at_end):
-        return Look(plan, 0, math.inf, 0.0, mean_age=age)
-    return Look(plan, 0, float(run.longest.max()) * step, 0.0, int(run.settled.max()) * step, age)
+        return Look(plan, 0, math.inf, 0.0, too_close=too_close, mean_age=age)
+    worst_case, settled = float(run.longest.max()) * step, int(run.settled.max()) * step
+    return Look(plan, 0, worst_case, 0.0, settled, too_close, age)
 
 
 def play(
@@ -252,7 +264,7 @@ def play(
         assert found is not None, "without a cutoff every episode is played to the end"
         failed, _ = found
     limit = guaranteed_time_limit(plan.scenario)
-    return Planned(plan, figures_of(rows, failed, plan, messages), limit, rows, failed)
+    return Planned(plan, figures_of(rows, failed, plan, messages, episodes.clearance), limit, rows, failed)
 
 
 def _played(

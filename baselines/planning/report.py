@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.patches import Circle
 
 from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
-from baselines.benchmark.tables import between
+from baselines.benchmark.shown import between
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import SETTLED_TIME, Figures, Planned, bounds_of
 from baselines.planning.rehearse import Episodes, quietly
@@ -58,7 +58,7 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> lis
         figures = each.figures
         rows.append([
             str(k),
-            each.plan.settings.policy,
+            f"{each.plan.settings.policy} (close)" if figures.too_close else each.plan.settings.policy,
             str(each.plan.scenario.num_robots) if len(outcome.tasks) > 1 else None,
             worst_in_words(figures.worst_case, each.rows),
             worst_in_words(figures.settled, each.rows, SETTLED_TIME),
@@ -132,6 +132,9 @@ def sentences(outcome: Outcome) -> list[str]:
         words.append("No plan has a bound on the time for which such a target can stay undetected.")
     elif outcome.plans and episodes.failures:
         words += _of_failures(outcome)
+    if any(each.figures.too_close for each in outcome.plans):
+        least = outcome.request.least_gap
+        words.append(f"Close: two bodies come closer than {least:.3g} m (--clearance); such plans come last.")
     words.append("Detected in mean: mean detection time, with its 95 % interval over the episodes (Student's t).")
     if outcome.request.guarantee is not None:
         words += _of_guarantee(outcome)

@@ -35,6 +35,8 @@ _START = 0.5
 """Standard deviation of the robots' places along the curve at the start, in body radii."""
 _REACH_STEP = 0.25
 """Largest part of a sensor's radius that a robot moves in a control step."""
+_CLEARANCE = 0.1
+"""Default of the least distance of two bodies, over the diameter of one."""
 _GRID = 36
 """Cells of the coverage grid along the longer side of the rectangle."""
 _LEAST, _MOST = 0.01, 1e4
@@ -81,6 +83,9 @@ class Request:
     it; of more than 64 combinations, 64 are drawn at random."""
     guarantee: float | None = None
     """Time within which every target must be detected [s]; the search ends at the fewest robots that achieve it."""
+    clearance: float | None = None
+    """Least distance of two bodies [m]; plans whose bodies come closer are ranked after the others. A tenth of a body's
+    diameter by default."""
     seed: int = 0
     """Seed of the episodes and of the search."""
 
@@ -95,6 +100,8 @@ class Request:
                 raise ValueError(f"{name} must be from {_LEAST:g} to {_MOST:g} [{unit}], got {shown(value)}")
         if self.rogue_speed is not None and not 0 <= self.rogue_speed <= 100:
             raise ValueError(f"rogue_speed must be from 0 to 100 [m/s], got {shown(self.rogue_speed)}")
+        if self.clearance is not None and not 0 <= self.clearance <= _MOST:
+            raise ValueError(f"clearance must be from 0 to {_MOST:g} [m], got {shown(self.clearance)}")
         check_time("guarantee", self.guarantee, 1e-3)
         whole_number("seed", self.seed, 0, _LAST_SEED)
         if not isinstance(self.failures, int) or not 0 <= self.failures < self.numbers[0]:
@@ -109,7 +116,15 @@ class Request:
     @property
     def episodes(self) -> Episodes:
         """Return the episodes of every plan."""
-        return Episodes(self.seed, self.failures)
+        return Episodes(self.seed, self.failures, clearance=self.least_gap)
+
+    @property
+    def least_gap(self) -> float:
+        """Return the least distance of two bodies [m]."""
+        if self.clearance is not None:
+            return self.clearance
+        radius = self.robot_radius or (0.0 if self.base is None else self.base.robot.radius)
+        return _CLEARANCE * 2 * radius
 
     @cached_property
     def numbers(self) -> range:
@@ -134,10 +149,13 @@ class Request:
         changed: dict[str, Any] = {}
         if self.base is None:
             made = self._rectangle(num_robots, 0.0)
+            changed |= _times(made)
             if not self.open:
                 # The inset depends on the control step and on the speed along the curve, which the design determines.
-                made = self._rectangle(num_robots, named.build(made, **_times(made)).inset)
-            changed |= _times(made)
+                walls = {"task.boundary": "wall"}
+                inset = named.build(made, **changed, **walls).inset
+                made = self._rectangle(num_robots, inset)
+                changed |= walls | _times(named.build(made, **{"curve.inset": inset}))
         else:
             made = self._changed(self.base, num_robots)
         if made.task.contamination is None:
@@ -162,7 +180,7 @@ class Request:
                 count=0, arrival_rate=1.0, entry=self.entry or "inside", wandering=1.0 if moving else 0.0,
                 speed=moving, speed_limit=moving,
             ),
-            task=Task(duration=10.0, boundary="open" if self.open else "wall"),
+            task=Task(duration=10.0),
         )  # fmt: skip
         return named.build(base, **_apart(chosen, num_robots))
 

@@ -140,8 +140,9 @@ class Search:
 
     @property
     def best(self) -> float:
-        """Return the least worst-case undetected time of a plan that was played to the end without a collision [s]."""
-        safe = [each.figures.worst_case for each in self.finals if each.figures.collisions == 0]
+        """Return the least worst-case undetected time of a plan that was played to the end and stays clear [s]."""
+        figures = [each.figures for each in self.finals]
+        safe = [each.worst_case for each in figures if not (each.collisions or each.too_close)]
         return min(safe, default=math.inf)
 
     def _is_spent(self, share: float) -> bool:
@@ -233,7 +234,8 @@ class Search:
         self.finals.append(planned)
         self._longest = max(self._longest, duration)
         figures = planned.figures
-        return Look(plan, figures.collisions, figures.worst_case, figures.worst_case_failed, figures.settled)
+        times = figures.worst_case, figures.worst_case_failed, figures.settled
+        return Look(plan, figures.collisions, *times, too_close=figures.too_close)
 
     def _look_at_firsts(self, threads: ThreadPoolExecutor) -> None:
         """Look at the first plan of each family."""

@@ -51,11 +51,19 @@ class Vehicle:
         if command is not None and all(map(math.isfinite, command)):
             self._commands.append((now, command))
 
-    def take_part(self, now: float, name: str, value: float) -> None:
-        """Store the steering angle [rad] or the throttle, of which each has a message of its own."""
-        self._parts[name] = value
-        if name == "throttle" and "steering" in self._parts:
-            self.take(now, Command(self._parts["steering"], value))
+    def receive(self, now: float, topic: str, message: Any) -> None:
+        """Store the command in a message that arrived now; of two topics, when that of the throttle arrives."""
+        if topic == "cmd_vel":
+            twist = getattr(message, "twist", message)
+            self.take(now, Twist(twist.linear.x, twist.angular.z))
+            return
+        if topic == "command":
+            parts = dict(zip(message.name, message.position, strict=False))
+        else:
+            self._parts[topic] = message.data * (self._robot.steering_max if topic == "steering" else 1.0)
+            parts = self._parts if topic == "throttle" else {}
+        if {"steering", "throttle"} <= parts.keys():
+            self.take(now, Command(parts["steering"], parts["throttle"]))
 
     def action(self, time: float, speed: float) -> np.ndarray:
         """Return the action (A,) in force at a time of a car of a speed [m/s], that of rest without a valid command."""

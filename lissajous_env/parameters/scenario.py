@@ -287,10 +287,24 @@ class Scenario(BringsRogues):
             return 0.0
         fastest = self.formation.phase_rate * geometry.largest_speed(self.curve)
         step = self.task.step * min(model.speed_unit(self.curve, self.formation, self.robot), fastest)
-        turning = geometry.turning_radius(self.robot.wheelbase, self.robot.steering_max)
+        return min(step**2 / (2 * self._turning_radius()), step)
+
+    def _turning_radius(self) -> float:
+        """Return the radius of a robot's tightest turn [m]."""
+        model = model_of(self.robot.kind)
         if model.as_car is not None:
-            turning = model.as_car.turning_radius(self.robot)
-        return min(step**2 / (2 * turning), step)
+            return model.as_car.turning_radius(self.robot)
+        return geometry.turning_radius(self.robot.wheelbase, self.robot.steering_max)
+
+    @cached_property
+    def start_turning(self) -> float:
+        """Radius of the turn for which every car has room at the start [m]; 0 without walls, or if cars can reverse.
+
+        It is a tenth above that of the tightest turn of a car of the longest wheelbase (`world.robots.facing`).
+        """
+        if self.task.boundary != "wall" or self.robot.kind != "car" or self.robot.reverses:
+            return 0.0
+        return 1.1 * (1 + 3 * self.noise.wheelbase_spread) * self._turning_radius()
 
     @cached_property
     def driven(self) -> Curve:

@@ -23,6 +23,7 @@ from lissajous_env.world.robots.bin_sizes import has_bins
 from lissajous_env.world.robots.bins import clear_bins, list_robots
 from lissajous_env.world.robots.collisions import find_collisions, find_listed_collisions, take_consequences
 from lissajous_env.world.robots.deviations import find_deviations, watch_boundary
+from lissajous_env.world.robots.facing import turn_inside
 from lissajous_env.world.robots.faults import reset_losses, update_status
 from lissajous_env.world.robots.messages import (
     hear,
@@ -81,7 +82,7 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
 
 def reset_stages(scenario: Scenario) -> list[Stage]:
     """Return the stages of a reset."""
-    many = has_bins(scenario)
+    many, turning = has_bins(scenario), scenario.start_turning
     return [
         Stage("clock", reset_clock),
         Stage("losses", reset_losses),
@@ -89,6 +90,7 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("events", clear_events, own={"resets": True}),
         Stage("robots", reset_robots),
         Stage("headway", draw_apart, when=scenario.formation.start_headway > 0),
+        Stage("facing", turn_inside, when=turning > 0, own={"turning": turning}),
         Stage("messages", reset_messages),
         Stage("policy messages", reset_policy_messages, when=scenario.messages.size > 0),
         Stage("measurement", measure),

@@ -10,10 +10,10 @@ from rich.console import Console
 from rich.text import Text
 
 import lissajous_env
-from baselines.benchmark import clairvoyant, tables
+from baselines.benchmark import tables
 from baselines.benchmark.bounds import bounds_of
 from baselines.benchmark.running import run
-from baselines.benchmark.shown_columns import OVER_LOWER_BOUND, SHOWN
+from baselines.benchmark.shown import OVER_LOWER_BOUND, SHOWN, in_words, lines_of, with_numbers
 from baselines.benchmark.statistics import summarize
 from baselines.benchmark.table import Table, groups
 from baselines.benchmark.types import Benchmark
@@ -32,8 +32,8 @@ def rows(policy, scenario="intruders", first=0, **columns):
 def shown(table, width=200):
     """Return the text of a table of the scenario, and the columns that do not fit."""
     console = Console(width=width, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
-    columns = tables.with_numbers(table.estimates["intruders"], SHOWN)
-    left_out = tables.print_lines(console, Text("t"), columns, tables.lines_of(table.estimates["intruders"], columns))
+    columns = with_numbers(table.estimates["intruders"], SHOWN)
+    left_out = tables.print_lines(console, Text("t"), columns, lines_of(table.estimates["intruders"], columns))
     return console.export_text(), left_out
 
 
@@ -44,7 +44,7 @@ def test_over_the_limit_is_the_mean_over_the_bound():
     of = cells["intruders"]["a"][OVER_LOWER_BOUND.name]
     assert of.mean == pytest.approx(4 / limit)
     assert of.mean_low < of.mean < of.mean_high
-    assert tables.in_words(of)[0] == f"{4 / limit:.3g}"
+    assert in_words(of)[0] == f"{4 / limit:.3g}"
 
 
 def test_no_ratio_to_a_limit_that_says_nothing():
@@ -92,19 +92,6 @@ def test_only_seeds_that_both_have_are_compared():
     pair = against.policies["b"]["detection_time_mean"]
     assert (pair.n, pair.better, pair.difference) == (2, 0.5, -1.0)
     assert Table.of(played, INTRUDERS, "b").against["intruders"].reference == "b"
-
-
-def test_what_is_no_policy_stands_last_in_brackets_and_is_never_best_nor_the_reference():
-    seer = rows(clairvoyant.NAME, detection_time_mean=[0.1, 0.1])
-    played = [*seer, *rows("slow", detection_time_mean=[3.0, 3.0]), *rows("fast", detection_time_mean=[2.0, 2.0])]
-    table = Table.of(played, INTRUDERS, clairvoyant.NAME)
-    assert table.against["intruders"].reference == "slow"
-    text, _ = shown(table)
-    words = [line.split()[0] for line in text.splitlines()[4:] if line.strip()]
-    names = [word for word in words if word in ("slow", "fast", "(clairvoyant)")]
-    assert names == ["slow", "fast", "(clairvoyant)"]
-    assert "2*" in text.split()
-    assert "0.100*" not in text.split()
 
 
 def test_a_narrow_terminal_keeps_the_most_important_columns():

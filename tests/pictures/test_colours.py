@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from baselines import names
-from baselines.benchmark import clairvoyant, types
+from baselines.benchmark import types
 from baselines.benchmark.plot_styles import COLOURS, MARKS, style_at, styles_of
 from baselines.policies.registry import unwrapped
 from baselines.reproduce import drawing
@@ -73,7 +73,7 @@ def test_policies_are_told_apart_by_every_reader(seen):
 def test_the_standard_policies_share_neither_colour_nor_mark(seen, scenario):
     # Story: a scenario of the README's command has a dozen policies; each has a colour that nobody takes for another's.
     played = [name for name in types.POLICIES if name in names(scenario)]
-    plain = dict.fromkeys(unwrapped(name)[0] for name in (*played, clairvoyant.NAME))
+    plain = dict.fromkeys(unwrapped(name)[0] for name in played)
     styles = styles_of(plain)
     assert len({each.mark for each in styles.values()}) == len(plain)
     for one, other in combinations(styles.values(), 2):

@@ -52,9 +52,17 @@ def small(tmp_path):
 
 
 def planned(
-    worst, settled=1.0, failed=math.nan, detection=1.0, distance=1.0, messages="nothing", collisions=0, robots=5
+    worst,
+    settled=1.0,
+    failed=math.nan,
+    detection=1.0,
+    distance=1.0,
+    messages="nothing",
+    collisions=0,
+    robots=5,
+    too_close=False,
 ):
-    figures = Figures(worst, settled, failed, detection, collisions, 0, 0.1, 0.0, distance, messages)
+    figures = Figures(worst, settled, failed, detection, collisions, 0, 0.1, 0.0, too_close, distance, messages)
     scenario = lissajous_env.scenario("evaders", **{"robot.count": robots})
     return Planned(Plan("hand", scenario, PolicySettings("still")), figures, 1.0, [], [])
 
@@ -192,6 +200,11 @@ def test_dominance_needs_a_difference():
     assert dominates((1, 2), (1, 3))
     assert not dominates((1, 2), (1, 2))
     assert not dominates((1, 3), (2, 2))
+
+
+def test_a_plan_whose_bodies_come_close_is_last_and_dominates_none():
+    close, clear, worse = planned(1.0, too_close=True), planned(2.0), planned(3.0, too_close=True)
+    assert pareto_optimal([worse, close, clear]) == [clear, close]
 
 
 def test_a_team_of_fewer_robots_is_not_dominated():
@@ -353,6 +366,7 @@ def test_a_scenario_is_the_task_as_it_is():
         ({"scenario": "evaders", "robots": "x"}, "robots must be a number or a pair"),
         ({"scenario": "evaders", "robots": (3, 2)}, "robots must be a number, or a range few:many, from 2 to 64"),
         ({"scenario": "evaders", "guarantee": -1.0}, "guarantee must be from 0.001 to 1000000 [s], got -1.0"),
+        ({"scenario": "evaders", "clearance": -1.0}, "clearance must be from 0 to 10000 [m], got -1.0"),
         ({"scenario": "evaders", "entry": "nowhere"}, "targets.entry must be one of inside, boundary, unseen"),
     ],
 )

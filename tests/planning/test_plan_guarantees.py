@@ -182,3 +182,23 @@ def test_every_family_of_a_hall_has_walls():
     for scenario in made:
         assert scenario.task.boundary == "wall"
         assert scenario.driven.half_width <= scenario.curve.half_width - scenario.robot.radius
+
+
+def test_a_plan_whose_bodies_come_closer_than_the_clearance_is_marked():
+    """Oracle: the positions of the robots in the same episodes; the same plans with a clearance of 0 have no mark."""
+    outcome = baselines.plan(**ROOM, turning_radius=0.5, rogue_speed=0.1, clearance=2.0, plans=30)
+    for each in outcome.finals[:6]:
+        places = positions_of(each.plan, range(4))
+        first, second = np.triu_indices(3, 1)
+        gap = np.linalg.norm(places[:, :, first] - places[:, :, second], axis=-1).min() - 0.4
+        assert each.figures.too_close == (each.figures.clearance < 2.0)
+        assert gap >= each.figures.clearance - 1e-5  # between two steps they may be closer
+        assert not play(each.plan, Episodes()).figures.too_close or each.figures.clearance < 0
+    marks = [each.figures.too_close for each in outcome.plans]
+    assert marks == sorted(marks)
+    assert set(marks) == {False, True}
+    console = Console(width=200, file=io.StringIO(), record=True)
+    report.print_plans(console, outcome, outcome.plans)
+    assert console.export_text().count("(close)") == sum(marks)
+    assert any("come closer than 2 m" in each for each in report.sentences(outcome))
+    assert Request(**ROOM).least_gap == pytest.approx(0.04)
