@@ -2,8 +2,6 @@
 
 import json
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -138,19 +136,3 @@ def test_a_benchmark_shows_it(tmp_path, capsys):
     told_of = json.loads((out / "summary.json").read_text())["guarantees"]["evaders"]
     assert 0.1 < told_of["limit"] < told_of["formation"]
     assert 0.1 < told_of["formation"] < 4.2
-
-
-def test_simulations_are_made_in_threads():
-    # Kernels are loaded, and standard error is silent, in one thread at a time.
-    code = """
-import sys
-from concurrent.futures import ThreadPoolExecutor
-import lissajous_env
-names = ["experiment", "team", "knot", "evaders", "ideal", "intruders", "swarm", "redundant"] * 2
-with ThreadPoolExecutor(8) as threads:
-    made = list(threads.map(lissajous_env.Simulation, names))
-sys.stderr.write(" ".join(each.scenario.name for each in made))
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0
-    assert done.stderr.endswith("swarm redundant")
