@@ -16,7 +16,7 @@ from rich.console import Console
 from torch import Tensor, nn
 
 from baselines.benchmark.progress import in_words
-from baselines.exploitability.survival import survive
+from baselines.exploitability import survive
 from baselines.policies.factories import named
 from lissajous_env import Simulation
 from lissajous_env.console.terminal import make_console

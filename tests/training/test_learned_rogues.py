@@ -10,8 +10,7 @@ pytest.importorskip("stable_baselines3")
 from rich.console import Console
 
 import lissajous_env
-from baselines.exploitability.bracket import bracketed
-from baselines.exploitability.survival import survive, with_starts
+from baselines.exploitability import bracketed, survive, with_starts
 from tests.command_line import called
 from training.learned import checkpoint
 from training.learned.network import Network

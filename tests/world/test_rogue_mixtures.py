@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from baselines.exploitability.bracket import short_name
+from baselines.exploitability import short_name
 from lissajous_env import Simulation
 from lissajous_env.parameters.rogues import rogue_of
 from training.learned import checkpoint
