@@ -133,7 +133,7 @@ def plan(
         else:
             chosen = [name for name in others if name in fitting]
         cells += [Cell(scenario, name, named(name)) for name in chosen]
-        kind, before = scenario.robot.kind, len(cells)
+        kind, before = scenario.actuation, len(cells)
         cells += [Cell(scenario, name, of) for name, of in own.items() if kinds.get(name) in (None, kind)]
         if (settings.clairvoyant or (unnamed and not everything)) and kind in clairvoyant.KINDS:
             cells.append(Cell(scenario, clairvoyant.NAME, clairvoyant.Clairvoyant))
@@ -158,7 +158,7 @@ def plan(
 def _kind_of(folder: str) -> str | None:
     """Return the kind of robot of a folder's policy; None if only playing the policy shows it."""
     try:
-        return registry.home(folder).robot.kind
+        return registry.home(folder).actuation
     except ValueError:
         return None
 

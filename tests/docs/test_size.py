@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 50_900
+LINES = 51_450
 """Lines of the packages."""
-MODULES = 363
+MODULES = 365
 """Files of the packages."""
-TESTS = 36_200
+TESTS = 36_300
 """Lines of the tests."""
 
 

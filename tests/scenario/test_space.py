@@ -21,12 +21,12 @@ DRAW = {
 }
 
 FROZEN = [
-    "d56d62c14a3966e9",
-    "9277c35706d757f9",
-    "b8d91b8470a9ea34",
-    "b6168ffc62e7a1f2",
-    "98c831b37a189942",
-    "454a4115fbab81d1",
+    "c5d0a586872ef155",
+    "f93f65d6d1029b5f",
+    "57e6e1c7b7a416df",
+    "3f132201779e1465",
+    "4974434f9c8b86c8",
+    "bb5acf042c59e09f",
 ]
 """Digests of the first scenario of each split and shift of monitoring-v1."""
 

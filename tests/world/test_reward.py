@@ -19,6 +19,7 @@ WEIGHTS = {
     "task.reward_formation": -0.4,
     "task.reward_outside": -0.9,
     "task.reward_contamination": 0.7,
+    "task.reward_observation": 0.3,
     "task.contamination": (36, 16),
 }
 
@@ -93,7 +94,7 @@ def test_the_formulas_that_readers_see_are_what_the_kernel_does():
 def test_terms_of_the_team_are_the_same_for_all_and_terms_of_a_robot_its_own():
     terms, *_ = runs(**WEIGHTS)
     by_term = dict(zip(TERMS, np.moveaxis(terms, -1, 0), strict=True))
-    for name in ("waiting", "idleness", "formation"):
+    for name in ("waiting", "idleness", "formation", "observation"):
         assert (by_term[name] == by_term[name][..., :1]).all()
     for name in ("detection", "collision", "effort"):
         assert (by_term[name] != by_term[name][..., :1]).any()
