@@ -48,6 +48,9 @@ DIGESTS = {
     "knot": "44a0c78b18d70dc0",
     "swarm": "f58515df31edbcec",
     "city": "48c026b65ed43c92",
+    "watch": "8667b5ae687a2a42",
+    "intercept": "20e79ef7fcc7792c",
+    "hotspots": "efab6689ee2dceee",
 }
 
 KINDS: dict[str, Any] = dict(PARTS)
