@@ -255,7 +255,7 @@ class Chase(Searching):
     def wish(self, rows: Rows) -> np.ndarray:
         """Drive to where the nearest target will be."""
         now = rows.tracks & (rows.track_age < 0.5 * self.step) & ~rows.track_leaves
-        far = np.where(now, np.linalg.norm(rows.track_offset, axis=-1), np.inf)
+        far = np.where(now, np.linalg.norm(rows.track_offset, axis=-1), _NOWHERE * self.sight)
         when = np.minimum(self.lead * far / self.top, 0.9 * self.sight / self.top)
         here = rows.position[:, :, None]
         ahead = np.clip(here + rows.track_offset + rows.track_velocity * when[..., None], -self.half, self.half) - here
