@@ -41,5 +41,5 @@ def manoeuvring_length(robot: Robot) -> float:
 
 def mean_speed(scenario: Scenario) -> float:
     """Return the mean speed of the formation along the curve [m/s], or the robots' top speed if that is less."""
-    formation = scenario.formation.phase_rate * curve_length(scenario.curve) / (2 * math.pi)
+    formation = scenario.formation.phase_rate * curve_length(scenario.driven) / (2 * math.pi)
     return min(formation, scenario.robot.top_speed)

@@ -20,11 +20,11 @@ from pathlib import Path
 
 import figures
 
-from baselines.benchmark import best_known
-from baselines.benchmark.bounds import bounds_of
-from baselines.benchmark.standard import GRIDS, as_played
+from baselines.benchmark import bounds
+from baselines.benchmark.bounds import GRIDS, as_played, bounds_of
 from baselines.benchmark.tables import number
 from baselines.planning import portfolio
+from baselines.planning.budget import Budget
 from baselines.planning.families.defaults import included
 from baselines.planning.families.known import as_family
 from baselines.planning.families.timed import lines, partitions, timed
@@ -42,7 +42,7 @@ def alike(task: Scenario) -> Family:
     """Return the stored plans of all scenarios whose robots begin at the same places of the same rectangle."""
     start = task.curve, task.formation, task.num_robots
     return as_family(task, [
-        each for each in best_known.all_known()
+        each for each in bounds.all_known()
         if (each.scenario.curve, each.scenario.formation, each.scenario.num_robots) == start
     ])  # fmt: skip
 
@@ -66,7 +66,7 @@ def filtered(family: Family, task: Scenario) -> Family:
     return timed(task, f"{family.name}-proved", policies, first, others)
 
 
-def ranked(figures: Figures | best_known.BestKnown, goal: str) -> tuple[float, float]:
+def ranked(figures: Figures | bounds.BestKnown, goal: str) -> tuple[float, float]:
     """Return the numbers of which a plan that is better for a goal has less."""
     whole, settled = figures.worst_case, figures.settled
     return (whole, settled) if goal == WHOLE else (settled, whole)
@@ -83,25 +83,23 @@ def keep(name: str, finals: Sequence[Planned], command: str) -> list[str]:
     allowed = [each for each in finals if not each.figures.collisions and math.isfinite(each.figures.worst_case)]
     written = []
     for goal, folder in ((WHOLE, name), (SETTLED, f"{name}-{SETTLED}")):
-        best_known.all_known.cache_clear()  # the second goal is compared with what the first one has written
-        stored_ones = [
-            ranked(each, goal) for each in best_known.all_known() if each.name in (name, f"{name}-{SETTLED}")
-        ]
+        bounds.all_known.cache_clear()  # the second goal is compared with what the first one has written
+        stored_ones = [ranked(each, goal) for each in bounds.all_known() if each.name in (name, f"{name}-{SETTLED}")]
         best = min(allowed, key=lambda each: ranked(each.figures, goal), default=None)
         if best is not None and _shorter(best.figures, goal) < min(stored_ones, default=(math.inf, math.inf)):
             _write(folder, name, best, command)
             written.append(folder)
-    best_known.all_known.cache_clear()
+    bounds.all_known.cache_clear()
     return written
 
 
-def keep_figures(stored_plan: best_known.BestKnown, figures: Figures) -> None:
+def keep_figures(stored_plan: bounds.BestKnown, figures: Figures) -> None:
     """Store figures of a stored plan in place of its own; remove the plan if it collides or has no bound."""
     if figures.collisions or not math.isfinite(figures.worst_case):
-        shutil.rmtree(best_known.FOLDER / stored_plan.name)
+        shutil.rmtree(bounds.FOLDER / stored_plan.name)
     else:
-        _write_figures(best_known.FOLDER / stored_plan.name, figures, stored_plan.command)
-    best_known.all_known.cache_clear()
+        _write_figures(bounds.FOLDER / stored_plan.name, figures, stored_plan.command)
+    bounds.all_known.cache_clear()
 
 
 def _shorter(figures: Figures, goal: str) -> tuple[float, float]:
@@ -111,7 +109,7 @@ def _shorter(figures: Figures, goal: str) -> tuple[float, float]:
 
 
 def _write(folder: str, name: str, best: Planned, command: str) -> None:
-    path = best_known.FOLDER / folder
+    path = bounds.FOLDER / folder
     shutil.rmtree(path, ignore_errors=True)
     path.mkdir(parents=True)
     home = [f'name = "{folder}-best-known"', f'base = "{name}"']
@@ -124,7 +122,7 @@ def _write(folder: str, name: str, best: Planned, command: str) -> None:
 def _write_figures(path: Path, figures: Figures, command: str) -> None:
     found = {"command": command, "worst_case": _short(figures.worst_case), "settled": _short(figures.settled)}
     write_atomically(
-        path / best_known.FOUND, "".join(f"{key} = {toml_value(key, value)}\n" for key, value in found.items())
+        path / bounds.FOUND, "".join(f"{key} = {toml_value(key, value)}\n" for key, value in found.items())
     )
 
 
@@ -134,11 +132,11 @@ def _short(seconds: float) -> float:
 
 def measure_again(name: str) -> None:
     """Store the figures of the stored plans of a scenario, as they are now."""
-    for each in best_known.all_known():
+    for each in bounds.all_known():
         if each.name in (name, f"{name}-{SETTLED}"):
             task = as_played(name, {})
             with quietly():
-                figures = play(Plan(best_known.NAME, task, each.settings, each.name), Episodes()).figures
+                figures = play(Plan(bounds.BEST_KNOWN, task, each.settings, each.name), Episodes()).figures
             now = f"{figures.worst_case:.3g} s, {figures.collisions} collisions"
             print(f"{each.name}: {each.worst_case:g} s as stored, now {now}")
             keep_figures(each, figures)
@@ -181,7 +179,7 @@ def main() -> None:
             families += [lambda task, of=of: filtered(of(task), task) for of in (partitions, lines)]
         search = Search(task, Episodes(), families, options.seed, fixed_start=True, clock=time.process_time)
         with quietly():
-            search.run(options.seconds, free_paths=True)
+            search.run(Budget(seconds=options.seconds), free_paths=True)
         command = f"python benchmarks/known.py {name} --seconds {options.seconds:g} --seed {options.seed}"
         command += " --filtered" if options.filtered else ""
         kept = keep(name, search.finals, command)
@@ -191,7 +189,7 @@ def main() -> None:
             words = f"worst {of.worst_case:.3g} s, second half {of.settled:.3g} s, {of.collisions} collisions"
             print(f"  {each.plan.settings.policy}: {words} ({each.plan.about})", flush=True)
     if options.store:
-        names = dict.fromkeys(each.name.removesuffix(f"-{SETTLED}") for each in best_known.all_known())
+        names = dict.fromkeys(each.name.removesuffix(f"-{SETTLED}") for each in bounds.all_known())
         titles = "scenario", "lower bound [s]", "best known [s]", "best default [s]"
         titles = (*titles, "second half: best known [s]", "best default [s]")
         figures.store({"known": {"columns": titles, "rows": [row_of(name) for name in names]}})

@@ -13,7 +13,7 @@ import figures
 import numpy as np
 
 import baselines
-from baselines.benchmark.standard import as_played
+from baselines.benchmark.bounds import as_played
 from baselines.benchmark.statistics import summarize_largest
 from baselines.benchmark.tables import in_words, number
 from baselines.policies.patrol import Sweep

@@ -1,6 +1,6 @@
 """Plans of random requests compared with every default policy: `python benchmarks/planning.py --requests 12`.
 
-Draws rectangles, robots, sensors and targets by seed, plans each for some seconds, then plays every included classical
+Draws rectangles, robots, sensors and targets by seed, plans each, then plays every included classical
 policy with its default parameters on the same scenario and the same seeds, without a time limit. A row is printed after
 each request: the worst-case undetected time of the best plan and of the best default without collisions, the
 duration of the planning, and the number of defaults that it did not play. The last line has the number of requests
@@ -15,6 +15,7 @@ from typing import Any
 import figures
 import numpy as np
 
+from baselines.planning.budget import Budget
 from baselines.planning.families.defaults import included
 from baselines.planning.planner import Outcome
 from baselines.planning.rehearse import play, quietly
@@ -50,13 +51,13 @@ def in_words(request: dict[str, Any]) -> str:
     )
 
 
-def row_of(seed: int, seconds: float) -> tuple[list[str], bool]:
+def row_of(seed: int, budget: Budget) -> tuple[list[str], bool]:
     """Plan a request and play its defaults; return the row, and whether the best plan is worse than a default."""
     request: dict[str, Any] = {name: float(f"{value:.3g}") for name, value in drawn(seed).items()}
     request["robots"] = int(request["robots"])
     outcome = Outcome.of(Request(**request))
     wall, processors = time.monotonic(), time.process_time()
-    outcome.search(seconds)
+    outcome.search(budget)
     wall, processors = time.monotonic() - wall, time.process_time() - processors
     (task,) = outcome.tasks.values()
     family, worst_cases = included(task), {}
@@ -82,11 +83,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--requests", type=int, default=12)
     parser.add_argument("--first", type=int, default=0, help="seed of the first request")
-    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--plans", type=int)
+    parser.add_argument("--seconds", type=float)
     options = parser.parse_args()
     rows, worse = [], 0
     for seed in range(options.first, options.first + options.requests):
-        row, is_worse = row_of(seed, options.seconds)
+        row, is_worse = row_of(seed, Budget.of(options.plans, options.seconds))
         rows.append(row)
         worse += is_worse
         print(" | ".join(row), flush=True)

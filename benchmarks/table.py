@@ -1,6 +1,6 @@
 """The README's table: `python benchmarks/table.py --store`.
 
-Plays the default cells of `lissajous benchmark` (`baselines.benchmark.standard`) on the same seeds, and puts the
+Plays the default cells of `lissajous benchmark` (`baselines.benchmark.types`) on the same seeds, and puts the
 resulting table, `table.md`, into docs/figures.json as well. If the command is interrupted and called again, it resumes.
 """
 

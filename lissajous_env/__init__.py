@@ -11,6 +11,7 @@ from lissajous_env.world import robots as _robots  # noqa: F401
 from lissajous_env.world import rogues as _rogues  # noqa: F401
 
 # isort: split
+from lissajous_env.envs.batch import Batch
 from lissajous_env.envs.gymnasium_env import LissajousEnv
 from lissajous_env.envs.gymnasium_vector import LissajousVectorEnv, vector_env
 from lissajous_env.envs.making import env, parallel_env
@@ -43,11 +44,11 @@ from lissajous_env.parameters.scenario import (
     Task,
 )
 from lissajous_env.parameters.space import ScenarioSpace
-from lissajous_env.world.mixture import Mixture
 from lissajous_env.world.simulation import Simulation
 
 __all__ = [
     "AsCar",
+    "Batch",
     "Curve",
     "Faults",
     "Formation",
@@ -55,7 +56,6 @@ __all__ = [
     "LissajousParallelEnv",
     "LissajousVectorEnv",
     "Messages",
-    "Mixture",
     "Noise",
     "Robot",
     "RobotModel",

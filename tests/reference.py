@@ -21,6 +21,7 @@ from reference_motion import (
     move_target,
     projection,
     stopped_by_walls,
+    throttle_of,
     wrapped,
 )
 from reference_score import score_of
@@ -46,6 +47,12 @@ class Car:
     """True if the edge of the rectangle removed it."""
     steering: float = 0.0
     """Angle at which it steered last."""
+    touches: bool = False
+    """True while a contact with a wall lasts."""
+    driven_from: np.ndarray | None = None
+    """Place from which its progress is measured."""
+    driven: int = 0
+    """Steps in which its policy drove it since its last progress."""
 
 
 @dataclass
@@ -92,6 +99,7 @@ class World:
         self.ended_idleness = 0
         self.lateral_sum = self.lateral_max = self.tracking_sum = self.tracking_max = self.spacing_max = 0.0
         self.outside, self.outside_steps = [False] * self.n, 0
+        self.partly_outside_steps = self.wall_contacts = self.blocked_steps = 0
         self.deviations: list[float] = []
         self.returns = np.zeros(self.n)
         self.terms = np.zeros((self.n, 7))
@@ -172,6 +180,8 @@ class World:
         self._sense(begin=False)
         self._consequences()
         self._leave()
+        if self.scenario.task.boundary == "wall" and self.scenario.robot.kind != "curve":
+            self._watch_walls(command)
         self._tally(begin=False)
         self._reward(command)
         self._hear()
@@ -201,12 +211,12 @@ class World:
             throttle = 0.0  # a failed car rolls on as it steered last
             if self.at_work[i]:
                 car.steering = float(command[0]) * robot.steering_max
-                throttle = robot.throttle_min + (float(command[1]) + 1) / 2 * (robot.throttle_max - robot.throttle_min)
+                throttle = throttle_of(robot, float(command[1]))
             state = np.array([car.position[0], car.position[1], car.heading, car.speed])
             for _ in range(substeps):
                 state = car_runge_kutta(self.bodies[i], state, car.steering, throttle, self.dt / substeps)
                 if self.scenario.task.boundary == "wall":
-                    state = stopped_by_walls(self.scenario.curve, state)
+                    state = stopped_by_walls(self.scenario.curve, robot.radius, state)
                 car.way.append(np.array([state[0], state[1], 0.0]))
             car.heading, car.speed = float(state[2]), float(state[3])
             car.phase += projection(curve, state[:2], self.alpha * car.phase) / self.alpha
@@ -255,8 +265,36 @@ class World:
             is_out = math.dist(nearest, car.position[:2]) > self.scenario.robot.radius
             self.outside[i] = is_out and not self.removed(i)
             self.outside_steps += self.outside[i]
+            sticks_out = (np.abs(car.position[:2]) + 0.999 * self.scenario.robot.radius > half).any()
+            self.partly_outside_steps += bool(sticks_out) and not self.removed(i)
             if self.outside[i] and self.scenario.task.boundary == "remove":
                 car.left = True
+
+    def _watch_walls(self, command: np.ndarray) -> None:
+        """Count the contacts with walls, and the steps in which a robot is driven but does not get ahead."""
+        half = np.array([self.scenario.curve.half_width, self.scenario.curve.half_height])
+        radius, task = self.scenario.robot.radius, self.scenario.task
+        for i, car in enumerate(self.robots):
+            if self.removed(i):
+                continue
+            for place in car.way[1:]:
+                gap = min(half - np.abs(place[:2])) - radius
+                car.touches = car.touches and gap <= 0.05 * radius
+                if gap < 0.001 * radius and not car.touches:
+                    car.touches = True
+                    self.wall_contacts += 1
+            progress = car.driven_from is None or math.dist(car.position[:2], car.driven_from) >= radius
+            if progress or not self.works(i):
+                car.driven_from, car.driven = car.position[:2].copy(), 0
+            elif self._requested_speed(command[i]) * task.blocked_after >= 2 * radius:
+                car.driven += 1
+                self.blocked_steps += car.driven * task.step > task.blocked_after + 1e-9
+
+    def _requested_speed(self, command: np.ndarray) -> float:
+        """Speed that an action requests, as a share of the top speed that is linear from rest to the end [m/s]."""
+        robot = self.scenario.robot
+        share = abs(command[1]) if robot.reverses else (command[1] + 1) / 2
+        return float(share) * robot.speed_max
 
     def _sensors(self) -> dict[int, np.ndarray]:
         """Places of the robots that sense."""

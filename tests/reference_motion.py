@@ -17,12 +17,18 @@ def wrapped(angle: float) -> float:
     return math.remainder(angle, 2 * math.pi)
 
 
+def extents(curve) -> tuple[float, float]:
+    """A and B of (3): half of the rectangle without the inset [m]."""
+    return curve.half_width - curve.inset, curve.half_height - curve.inset
+
+
 def curve_point(curve, gamma: float) -> np.ndarray:
     """Equation (10), which is (3) where C = 0 [m]."""
+    A, B = extents(curve)
     return np.array(
         [
-            curve.half_width * math.cos(curve.a * gamma),
-            curve.half_height * math.sin(curve.b * gamma),
+            A * math.cos(curve.a * gamma),
+            B * math.sin(curve.b * gamma),
             curve.half_depth * math.sin(curve.c * gamma),
         ]
     )
@@ -30,10 +36,11 @@ def curve_point(curve, gamma: float) -> np.ndarray:
 
 def curve_tangent(curve, gamma: float) -> np.ndarray:
     """Derivative of (3) with respect to its parameter [m/rad]."""
+    A, B = extents(curve)
     return np.array(
         [
-            -curve.half_width * curve.a * math.sin(curve.a * gamma),
-            curve.half_height * curve.b * math.cos(curve.b * gamma),
+            -A * curve.a * math.sin(curve.a * gamma),
+            B * curve.b * math.cos(curve.b * gamma),
         ]
     )
 
@@ -42,17 +49,19 @@ def curve_tangent(curve, gamma: float) -> np.ndarray:
 def curve_tree(curve, points: int = 200_000) -> KDTree:
     """Points of a lap of (3) [m], to ask for the nearest of."""
     gamma = np.linspace(0, 2 * math.pi, points)
-    x, y = curve.half_width * np.cos(curve.a * gamma), curve.half_height * np.sin(curve.b * gamma)
+    A, B = extents(curve)
+    x, y = A * np.cos(curve.a * gamma), B * np.sin(curve.b * gamma)
     return KDTree(np.stack([x, y], axis=-1))
 
 
 def projection(curve, place: np.ndarray, gamma: float) -> float:
     """Newton's step for r'.(q - r) = 0 [rad], limited; where the curve bends much, twice that of Gauss and Newton."""
     tangent, away = curve_tangent(curve, gamma), place - curve_point(curve, gamma)[:2]
+    A, B = extents(curve)
     second = np.array(
         [
-            -curve.half_width * curve.a**2 * math.cos(curve.a * gamma),
-            -curve.half_height * curve.b**2 * math.sin(curve.b * gamma),
+            -A * curve.a**2 * math.cos(curve.a * gamma),
+            -B * curve.b**2 * math.sin(curve.b * gamma),
         ]
     )
     slope = tangent @ tangent - second @ away
@@ -60,31 +69,43 @@ def projection(curve, place: np.ndarray, gamma: float) -> float:
     return min(max(lag, -PROJECTION_LIMIT), PROJECTION_LIMIT)
 
 
+def throttle_of(robot, action: float) -> float:
+    """Throttle of an action in [-1, 1]; a car that reverses has one range of throttles for each direction."""
+    if not robot.reverses:
+        return robot.throttle_min + (action + 1) / 2 * (robot.throttle_max - robot.throttle_min)
+    end = robot.throttle_max if action >= 0 else (robot.offset - robot.drag * robot.lowest_speed) / robot.drive
+    return math.copysign(robot.throttle_min + abs(action) * (end - robot.throttle_min), action)
+
+
 def motor_acceleration(robot, throttle: float) -> float:
-    """Drive less offset, and nothing in the dead zone [m/s^2]."""
-    return robot.drive * throttle - robot.offset if throttle > robot.dead_zone else 0.0
+    """Drive less offset, and nothing in the dead zone [m/s^2]; in reverse the mirror image."""
+    if abs(throttle) <= robot.dead_zone or (throttle < 0 and not robot.reverses):
+        return 0.0
+    push = robot.drive * abs(throttle) - robot.offset
+    return push if not robot.reverses else math.copysign(max(push, 0.0), throttle)
 
 
 def car_rates(robot, state: np.ndarray, steering: float, throttle: float) -> np.ndarray:
     """Right side of (12) for [x, y, heading, speed], with the limit of grip on the yaw rate."""
     _, _, heading, speed = state
-    speed = max(speed, 0.0)
+    speed = speed if robot.reverses else max(speed, 0.0)
     yaw_rate = speed * math.tan(steering) / robot.wheelbase
-    if speed > 0:
-        most = robot.lateral_acceleration_max / speed
+    if speed != 0:
+        most = robot.lateral_acceleration_max / abs(speed)
         yaw_rate = min(max(yaw_rate, -most), most)
     acceleration = motor_acceleration(robot, throttle) - robot.drag * speed
     return np.array([speed * math.cos(heading), speed * math.sin(heading), yaw_rate, acceleration])
 
 
 def car_runge_kutta(robot, state: np.ndarray, steering: float, throttle: float, h: float) -> np.ndarray:
-    """One step of the classical Runge-Kutta method; the car does not reverse."""
+    """One step of the classical Runge-Kutta method; without `speed_min` the car does not reverse."""
     first = car_rates(robot, state, steering, throttle)
     second = car_rates(robot, state + h / 2 * first, steering, throttle)
     third = car_rates(robot, state + h / 2 * second, steering, throttle)
     fourth = car_rates(robot, state + h * third, steering, throttle)
     after = state + h * (first + 2 * second + 2 * third + fourth) / 6
-    after[3] = max(after[3], 0.0)
+    if not robot.reverses:
+        after[3] = max(after[3], 0.0)
     return after
 
 
@@ -122,16 +143,16 @@ def meetings(before: np.ndarray, after: np.ndarray, ways: dict[int, list], radiu
     return met
 
 
-def stopped_by_walls(curve, state: np.ndarray) -> np.ndarray:
-    """The state with the centre put back to the wall, and the velocity projected on it."""
+def stopped_by_walls(curve, radius: float, state: np.ndarray) -> np.ndarray:
+    """The state with the body put back to the wall, and the velocity projected on it."""
     x, y, heading, speed = state
     velocity = speed * np.array([math.cos(heading), math.sin(heading)])
     place = []
-    for k, (at, half) in enumerate([(x, curve.half_width), (y, curve.half_height)]):
+    for k, (at, half) in enumerate([(x, curve.half_width - radius), (y, curve.half_height - radius)]):
         if abs(at) > half and at * velocity[k] > 0:
             velocity[k] = 0.0
         place.append(max(-half, min(at, half)))
-    return np.array([*place, heading, math.hypot(*velocity)])
+    return np.array([*place, heading, math.copysign(math.hypot(*velocity), speed)])
 
 
 def move_target(scenario, target, sensors: dict[int, np.ndarray]) -> None:

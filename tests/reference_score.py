@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from reference_motion import extents
 
 RECOVERED = 0.05
 """Deviation from the equilibrium up to which a formation is in it, however little it swung before [rad]."""
@@ -23,7 +24,7 @@ def score_of(world) -> dict[str, float]:
     ]
     gaps = [np.diff([*visits, now]) for visits in world.visits]
     places = max(world.n / world.scenario.clusters, 2)
-    corner = math.hypot(world.scenario.curve.half_width, world.scenario.curve.half_height)
+    corner = math.hypot(*extents(world.scenario.curve))
     nan = math.nan
     return {
         "targets": len(there),
@@ -48,6 +49,9 @@ def score_of(world) -> dict[str, float]:
         "phase_error": max(world.deviations),
         "recovery_time": recovery_time(world),
         "outside_time": world.outside_steps * dt,
+        "partly_outside_time": world.partly_outside_steps * dt,
+        "wall_contacts": world.wall_contacts,
+        "blocked_time": world.blocked_steps * dt,
         "return_mean": world.returns.mean(),
     }
 

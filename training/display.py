@@ -61,11 +61,6 @@ class Display:
         """Show what is done before the training."""
         self._bar.update(self._task, words=escape(words))
 
-    def rehearsed(self, best: Sequence[str]) -> None:
-        """Print the best classical policies."""
-        words = " and ".join(best) or "no policy can be played"
-        self.say(f"best classical policy in a rehearsal: {escape(words)}")
-
     def meet(self, rival: str) -> None:
         """Print the scores of a rival."""
         role = " (the base)" if rival == self._settings.base_label else ""

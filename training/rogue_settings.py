@@ -12,16 +12,9 @@ from lissajous_env import Scenario
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device.devices import as_device
 from lissajous_env.parameters.rogues import AGENTS
-from training.settings import TrainingSettings, check_ranges
+from lissajous_env.settings.checks import Checked, whole
+from training.settings import TrainingSettings, differences, sizes_of_layers
 
-_RANGES = {
-    "rounds": (1, 10_000),
-    "worlds": (1, 65_536),
-    "evaluation_episodes": (1, 65_536),
-    "seed": (0, 2047),
-    "layers": (1, 65_536),
-    "threads": (1, 1024),
-}
 CHANGES_NOTHING = ("out", "threads", "evaluation_episodes")
 """Settings that may change when a training is resumed."""
 SHARED = ("scenario", "seed", "out", "layers", "evaluation_episodes", "device", "threads")
@@ -29,7 +22,7 @@ SHARED = ("scenario", "seed", "out", "layers", "evaluation_episodes", "device", 
 
 
 @dataclass(frozen=True)
-class RogueTraining:
+class RogueTraining(Checked):
     """Settings of a training of rogues against the robots of a policy, which does not learn."""
 
     scenario: str = "intruders"
@@ -37,29 +30,33 @@ class RogueTraining:
     against: str = "kuramoto-mpcc"
     """Policy of the robots: a name, the folder of a checkpoint, or several of these joined by `+`, among which the
     environments are divided."""
-    rounds: int = 48
+    rounds: int = whole(48, 1, 10_000)
     """Rounds of imitation of a rogue with foresight, each with an episode per world."""
     starts: int = 96
     """Rogues per episode, each with a start of its own."""
-    seed: int = 0
+    seed: int = whole(0, 0, 2047)
     """Seed of the worlds and of the initial weights."""
     out: Path = Path("runs/train")
     """Folder for the results."""
-    worlds: int = 8
+    worlds: int = whole(8, 1, 65_536)
     """Environments that are stepped together."""
-    layers: tuple[int, ...] = (64, 64)
+    layers: tuple[int, ...] = sizes_of_layers()
     """Sizes of the hidden layers."""
-    evaluation_episodes: int = 64
+    evaluation_episodes: int = whole(64, 1, 65_536)
     """Episodes per evaluation."""
     device: str = "cpu"
     """Warp device of the worlds."""
-    threads: int | None = None
+    threads: int | None = whole(None, 1, 1024)
     """CPU threads; all cores by default."""
     overrides: Mapping[str, Any] = field(default_factory=dict)
     """Overrides of scenario fields."""
 
-    def __post_init__(self) -> None:
-        check_ranges(self, _RANGES)
+    @property
+    def part(self) -> str:
+        """Name of these settings in error messages."""
+        return "training"
+
+    def _check_together(self) -> None:
         if "rogues" in self.overrides or "targets.rogues" in self.overrides:
             raise ValueError("targets.rogues must be omitted if rogues are trained")
         as_device(self.device)
@@ -94,8 +91,4 @@ class RogueTraining:
 
     def differences(self, stored: Mapping[str, Any]) -> list[str]:
         """Return the settings that prevent a training from resuming what is stored, each in words."""
-        return [
-            f"{name} = {stored.get(name)!r} there, {value!r} here"
-            for name, value in self.to_dict().items()
-            if name not in CHANGES_NOTHING and stored.get(name) != value
-        ]
+        return differences(self.to_dict(), stored, CHANGES_NOTHING)

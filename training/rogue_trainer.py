@@ -5,9 +5,8 @@ later than a discounted return reaches. So rogues imitate one that knows the rob
 learner itself reaches (`lissajous_env.episodes.missed.foresight`). All rogues share one network.
 """
 
-import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Any
 
@@ -33,7 +32,7 @@ from training.sb3.torch_state import load_state, network_of, save_state
 FIRST_EVALUATION_SEED = 20_000
 _FIRST_SEED = 1_000_000
 _SCRIPTS = "follow-gap", "flee"
-"""Scripts that move the rogues in the first rounds, until the learner moves them."""
+"""Scripts that move the rogues in the first rounds, until those of the last checkpoint do."""
 _RIVALS = "wander", "flee", "follow-gap"
 """Scripts to compare the evaluation with."""
 _BATCH, _BATCHES, _LAST_BATCHES = 2048, 150, 900
@@ -89,9 +88,7 @@ class RogueTrainer:
                 history["rivals"][name] = self._evaluated(name)
                 self._say(f"{name}: {_words(history['rivals'][name])}")
         self._imitate()
-        with tempfile.TemporaryDirectory() as folder:
-            checkpoint.save(folder, self.network(), self.card)
-            history["scores"] = self._evaluated(folder)
+        history["scores"] = self._evaluated(str(settings.out))
         self._save({})
         self._say(f"after {in_words(history['seconds'])}: {_words(history['scores'])}")
         return history
@@ -119,15 +116,12 @@ class RogueTrainer:
                 self._say(f"round {k + 1} of {settings.rounds}: {len(self._labelled[0]):,} rows, error {error:.3f}")
 
     def _visit(self, k: int) -> Visits:
-        """Play an episode in each world, by a script at first, then by the learner, and record the rogues' states."""
+        """Play an episode in each world, by a script at first, then by the last checkpoint, and record the rogues."""
         settings, visits = self.settings, Visits()
-        scenario = settings.make_scenario(_SCRIPTS[k]) if k < len(_SCRIPTS) else self.scenario
+        scenario = settings.make_scenario(_SCRIPTS[k] if k < len(_SCRIPTS) else str(settings.out))
         simulation = Simulation(scenario, settings.worlds, device=settings.device, threads=settings.threads)
-        driver: Any = named(settings.against)(scenario, settings.worlds, settings.device)
-        if k >= len(_SCRIPTS):
-            driver = _WithRogues(driver, simulation, self._act)
+        runner = EpisodeRunner(named(settings.against)(scenario, settings.worlds, settings.device), simulation)
         seed = _FIRST_SEED * (1 + settings.seed) + k * settings.worlds
-        runner = EpisodeRunner(driver, simulation)
         runner.play(range(seed, seed + settings.worlds), lambda taken: visits.look(simulation))
         return visits
 
@@ -135,11 +129,6 @@ class RogueTrainer:
         assert self.normal is not None
         mean, spread = self.normal
         return torch.from_numpy(((rows - mean) / spread).astype(np.float32)).to(self.settings.device)
-
-    def _act(self, rows: np.ndarray) -> np.ndarray:
-        """Return the learner's actions (V, 2) for rows (V, D)."""
-        with torch.no_grad():
-            return self.actor(self._normalized(rows)).clamp(-1.0, 1.0).cpu().numpy()
 
     def _tensors(self, labels: Labels) -> tuple[Tensor, ...]:
         weights = np.clip(labels.gains, 0.0, _MOST_GAIN) + _LEAST_WEIGHT
@@ -201,27 +190,6 @@ class RogueTrainer:
 
     def _say(self, text: str) -> None:
         self.console.print(text, highlight=False, markup=False, soft_wrap=True)
-
-
-class _WithRogues:
-    """Policy of the robots that also moves the rogues of its simulation, so that an `EpisodeRunner` plays both."""
-
-    def __init__(self, driver: Any, simulation: Simulation, act: Callable[[np.ndarray], np.ndarray]):
-        self.num_worlds, self._driver, self._simulation, self._act = driver.num_worlds, driver, simulation, act
-        step = simulation.step
-        self._actions = np.zeros(simulation.rogue_action.shape, np.float32)
-        simulation.step = lambda action: step(action, self._actions)  # type: ignore[method-assign]
-
-    def reset(self, worlds: Any = None) -> None:
-        """Reset the policy of the robots."""
-        self._driver.reset(worlds)
-
-    def act(self, observation: Any) -> Any:
-        """Store the rogues' actions and return those of the robots."""
-        live = self._simulation.rogue_present.numpy().astype(bool)
-        if live.any():
-            self._actions[live] = self._act(self._simulation.rogue_observation.numpy()[live])
-        return self._driver.act(observation)
 
 
 def _minibatches(count: int) -> Iterator[Tensor]:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -15,10 +15,11 @@ from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device.devices import as_device
+from lissajous_env.settings.checks import Checked, is_finite, is_whole, number, rows, whole
 from lissajous_env.wording import shown
 from training import scenarios
 from training.learned import checkpoint
-from training.learned.constants import CONSTANTS
+from training.learned.card import CONSTANTS
 from training.learned.policy import find
 
 CHANGES_NOTHING = (
@@ -30,35 +31,6 @@ CHANGES_NOTHING = (
     "rivals",
 )
 """Settings that may change when a training is resumed: they do not affect what is learned from a step."""
-_RANGES: dict[str, tuple[float, float]] = {
-    "steps": (1, 10**15),
-    "worlds": (1, 1_000_000),
-    "groups": (1, 10_000),
-    "short": (0, 1),
-    "short_time": (1e-6, 1e6),
-    "seed": (0, 2047),
-    "residual": (1e-6, 2),
-    "imitation_steps": (0, 10**15),
-    "critic_steps": (0, 10**15),
-    "layers": (1, 65_536),
-    "learning_rate": (1e-12, 1),
-    "rollout": (1, 1_000_000),
-    "batch_size": (2, 10**9),
-    "epochs": (1, 10_000),
-    "gamma": (0, 1),
-    "gae_lambda": (0, 1),
-    "averaging": (0, 0.999999),
-    "log_std": (-20, 2),
-    "log_std_end": (-20, 2),
-    "noise_steps": (1, 10**9),
-    "caution": (0, 1e6),
-    "evaluate_every": (1, 10**15),
-    "evaluation_episodes": (1, 65_536),
-    "evaluation_scenarios": (1, 10_000),
-    "threads": (1, 1024),
-    "initial_output": (-1, 1),
-}
-"""Smallest and largest value of each number, and of each number of a tuple; others can only be typing errors."""
 _LEFT_OUT = ("base_parameters", "initial_output")
 """Settings that a checkpoint names only if they are given."""
 _PAPERS_METHODS = {"car": ("kuramoto-mpcc", "kuramoto-gvf"), "curve": ("kuramoto",)}
@@ -70,13 +42,15 @@ _TEACHERS = {"car": ("arc-mpcc", "arc-gvf"), "curve": ("kuramoto",)}
 """By kind of robot, in order of preference: contouring control follows only Lissajous curves, the vector field any."""
 
 
-def check_ranges(settings: Any, ranges: Mapping[str, tuple[float, float]]) -> None:
-    """Raise ValueError if a number of some settings, or one of a tuple of numbers, is outside of its range."""
-    for name, (least, most) in ranges.items():
-        value = getattr(settings, name)
-        numbers = value if isinstance(value, tuple) else () if value is None else (value,)
-        if not all(least <= number <= most for number in numbers):
-            raise ValueError(f"{name} must be from {least:,} to {most:,}, got {value!r}")
+def sizes_of_layers() -> Any:
+    """Declare the sizes of hidden layers."""
+    return rows((64, 64), "must be whole numbers from 1 to 65,536", lambda size: _within(1, size, 65_536, whole=True))
+
+
+def _within(low: float, value: Any, high: float, whole: bool = False) -> Any:
+    """Return a number if it is in a range, and a whole one where it must be; None otherwise."""
+    right = is_whole(value) if whole else is_finite(value)
+    return value if right and low <= value <= high else None
 
 
 def parse_numbers(name: str, entries: Iterable[str]) -> dict[str, float]:
@@ -98,28 +72,28 @@ def parse_numbers(name: str, entries: Iterable[str]) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class TrainingSettings:
+class TrainingSettings(Checked):
     """Settings of a training. The defaults suit two cores of a laptop."""
 
     scenario: str = "intruders"
     """Scenario to train on, or a space of scenarios: training draws from its split train, and evaluations play the
     first scenarios of its split validation."""
-    steps: int = 100_000_000
+    steps: int = whole(100_000_000, 1, 10**15)
     """Robot steps to train for, summed over all robots and worlds. The default takes about 40 minutes on two cores; a
     few million show whether a scenario can be learned."""
-    worlds: int | None = None
+    worlds: int | None = whole(None, 1, 1_000_000)
     """Environments that are stepped together. By default 128 with a base, which takes most of the time, so that
     updates are more frequent; otherwise 512. For a space of scenarios, sixteen for each of `groups`."""
-    groups: int | None = None
+    groups: int | None = whole(None, 1, 10_000)
     """Number of scenarios of a space that are played at the same time, each in an equal part of the worlds. When the
     episodes of a group end, it plays the next scenario. By default 32 or, if that does not divide `worlds`, the largest
     smaller number that does. Used only for a space."""
-    short: float = 0.0
+    short: float = number(0.0, 0, 1)
     """Fraction of the worlds whose episodes end after `short_time`; a larger one trains the beginning of episodes more
     often."""
-    short_time: float = 3.0
+    short_time: float = number(3.0, 1e-6, 1e6, "s")
     """Duration of the episodes of these worlds [s]."""
-    seed: int = 0
+    seed: int = whole(0, 0, 2047)
     """Seed of the worlds, initial weights and exploration."""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("runs/train")
     """Folder for the results; the same command resumes from its last checkpoint."""
@@ -133,76 +107,81 @@ class TrainingSettings:
     base_parameters: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE ...", help_behavior_hint="")] = ()
     """Changed parameters of the base, as in cruise=1.9 inset=0.1; by default those of the base of `start`, if the base
     is that one."""
-    residual: float = 0.5
+    residual: float = number(0.5, 1e-6, 2)
     """Factor of the network's output if there is a base: 0.5 lets it change an action by half of its range."""
-    initial_output: tuple[float, ...] = ()
+    initial_output: tuple[float, ...] = rows((), "must be numbers from -1 to 1", lambda value: _within(-1, value, 1))
     """Mean of the network's output at the start, a number for each component of an action; about 0 by default. A base
     that controls a speed compensates small outputs, so from 0 a policy does not learn to drive faster than the base.
     """
     teacher: str | None = None
     """Policy to imitate; `none` disables imitation. By default none with `start` or a base, otherwise kuramoto for
     points and arc-mpcc (arc-gvf on a curve of harmonics) for cars."""
-    imitation_steps: int = 1_000_000
+    imitation_steps: int = whole(1_000_000, 0, 10**15)
     """Robot steps of imitation before ppo, counted in `steps`; as many as these for imitation alone. The teacher is
     imitated in the states that the learned policy reaches."""
     inputs: tuple[str, ...] = ()
     """Names of the observation's entries that the network reads; all by default."""
-    critic_steps: int = 0
+    critic_steps: int = whole(0, 0, 10**15)
     """Robot steps of ppo in which only the critic learns, so that its initial errors do not spoil a policy given by
     `start`."""
-    layers: tuple[int, ...] = (64, 64)
+    layers: tuple[int, ...] = sizes_of_layers()
     """Sizes of the hidden layers."""
-    learning_rate: float = 7e-4
+    learning_rate: float = number(7e-4, 1e-12, 1)
     """Initial learning rate; it decreases linearly to 1/50 of this."""
-    rollout: int = 64
+    rollout: int = whole(64, 1, 1_000_000)
     """Steps of each world between updates."""
-    batch_size: int = 8192
+    batch_size: int = whole(8192, 2, 10**9)
     """Rows per minibatch."""
-    epochs: int = 2
+    epochs: int = whole(2, 1, 10_000)
     """Passes over each rollout."""
-    gamma: float = 0.99
+    gamma: float = number(0.99, 0, 1)
     """Discount factor per step."""
-    gae_lambda: float = 0.95
+    gae_lambda: float = number(0.95, 0, 1)
     """Lambda of generalized advantage estimation."""
-    averaging: float = 0.0
+    averaging: float = number(0.0, 0, 0.999999)
     """Decay of the exponential moving average of the weights; if above 0, the averaged policy is saved."""
-    log_std: float = -0.7
+    log_std: float = number(-0.7, -20, 2)
     """Logarithm of the initial standard deviation of the exploration noise."""
     log_std_end: float | None = -1.2
     """Logarithm of this standard deviation at the end of the training, to which it decreases linearly; None: the
     deviation is learned. Less noise at the end matters because a saved policy acts without noise."""
-    noise_steps: int | None = None
+    noise_steps: int | None = whole(None, 1, 10**9)
     """Steps for which a robot uses the same random function of its inputs as noise (gSDE); 1: independent noise in
     each step. By default 30 with a base, otherwise 1."""
-    caution: float = 3.0
+    caution: float = number(3.0, 0, 1e6)
     """Factor of `task.reward_collision` while ppo learns: 3 makes collisions cost three times as much."""
-    evaluate_every: int = 1_000_000
+    evaluate_every: int = whole(1_000_000, 1, 10**15)
     """Robot steps between evaluations, each of which writes a checkpoint."""
-    evaluation_episodes: int = 64
+    evaluation_episodes: int = whole(64, 1, 65_536)
     """Episodes per evaluation; their seeds, from 20,000, do not occur in training. For a space, all scenarios of an
     evaluation together: an equal number of each, at least one."""
-    evaluation_scenarios: int = 16
+    evaluation_scenarios: int = whole(16, 1, 10_000)
     """Scenarios per evaluation for a space, the first ones of its split validation. Used only for a space."""
     rivals: tuple[str, ...] | None = None
     """Policies to compare the evaluations with; by default the paper's method, the best classical policy according to a
     rehearsal before the training, and the base."""
     device: str = "cpu"
     """`cpu`, `cuda` or `cuda:k` for CUDA device k."""
-    threads: int | None = None
+    threads: int | None = whole(None, 1, 1024)
     """CPU threads; all cores by default."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
     """Overrides of scenario fields, such as {"task.reward_collision": -5.0}."""
 
-    def __post_init__(self) -> None:
-        check_ranges(self, _RANGES)
-        self._require("start", self.start != "", "must not be empty")
+    @property
+    def part(self) -> str:
+        """Name of these settings in error messages."""
+        return "training"
+
+    def _check_together(self) -> None:
+        end = self.log_std_end
+        self._require(end is None or -20 <= end <= 2, "log_std_end", "must be from -20 to 2, or None")
+        self._require(self.start != "", "start", "must not be empty")
         if self.initial_output:
             size = self.make_scenario().action_size
-            self._require("initial_output", len(self.initial_output) == size, f"must be {size} numbers")
-            self._require("initial_output", self.start is None, "must be omitted with start")
-        self._require(
-            "teacher", self.imitated is None or self.base in (None, "none"), "must be none if there is a base"
-        )
+            self._require(len(self.initial_output) == size, "initial_output", f"must be {size} numbers")
+            self._require(self.start is None, "initial_output", "must be omitted with start")
+        alone = self.imitated is None or self.base in (None, "none")
+        self._require(alone, "teacher", "must be none if there is a base")
         as_device(self.device)
         if self.space is not None:
             self._check_for_space()
@@ -212,16 +191,16 @@ class TrainingSettings:
                 for made in played if name is not None else ():
                     registry.check(str(name), made)
         if self.chosen_base_parameters:
-            self._require("base_parameters", self.chosen_base is not None, "must be left out without a base")
+            self._require(self.chosen_base is not None, "base_parameters", "must be left out without a base")
             PolicySettings(str(self.chosen_base), self.chosen_base_parameters).make(self.make_scenario())
 
     def _check_for_space(self) -> None:
         """Raise ValueError for settings that suit only one scenario."""
         space = f"for a space of scenarios ({self.scenario})"
-        self._require("teacher", self.imitated is None, f"must be none {space}: a teacher plays one scenario")
-        self._require("short", self.short == 0, f"must be 0 {space}: worlds of a group end together")
+        self._require(self.imitated is None, "teacher", f"must be none {space}: a teacher plays one scenario")
+        self._require(self.short == 0, "short", f"must be 0 {space}: worlds of a group end together")
         rule = f"must be a multiple of groups ({self.num_groups}) {space}"
-        self._require("worlds", self.num_worlds % self.num_groups == 0, rule)
+        self._require(self.num_worlds % self.num_groups == 0, "worlds", rule)
 
     @cached_property
     def space(self) -> ScenarioSpace | None:
@@ -386,12 +365,13 @@ class TrainingSettings:
 
     def differences(self, stored: Mapping[str, Any]) -> list[str]:
         """Return the settings that prevent a training from resuming what is stored, each in words."""
-        return [
-            f"{name} = {stored.get(name)!r} there, {value!r} here"
-            for name, value in (dict.fromkeys(_LEFT_OUT) | self.to_dict()).items()
-            if name not in CHANGES_NOTHING and stored.get(name) != value
-        ]
+        return differences(dict.fromkeys(_LEFT_OUT) | self.to_dict(), stored, CHANGES_NOTHING)
 
-    def _require(self, name: str, holds: bool, rule: str) -> None:
-        if not holds:
-            raise ValueError(f"{name} {rule}, got {getattr(self, name)!r}")
+
+def differences(here: Mapping[str, Any], stored: Mapping[str, Any], may_change: Collection[str]) -> list[str]:
+    """Return the settings that differ from the stored ones, each in words, but for those that may change."""
+    return [
+        f"{name} = {stored.get(name)!r} there, {value!r} here"
+        for name, value in here.items()
+        if name not in may_change and stored.get(name) != value
+    ]

@@ -1,14 +1,82 @@
-"""Theoretical bounds on the scores of a scenario, and the best known values."""
+"""A scenario as a benchmark plays it, theoretical bounds on its scores, and the best known plans.
+
+The best known plans of the included scenarios, with robots that start as in the scenario, are folders in `known`. A
+folder is that of a plan, with the scenario as a benchmark plays it, and `found.toml`: the command that found the plan
+and its figures, those of its final episodes. The folder `NAME` contains the plan with the shortest known worst-case
+undetected time of whole episodes of the scenario NAME without collisions; `NAME-settled` has that of their second
+halves, if it is another plan. `benchmarks/known.py` writes them.
+"""
 
 import math
+import tomllib
+from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
-from baselines.benchmark.best_known import known_plans
+from baselines.policies.settings import SCENARIO_FILE, PolicySettings
 from lissajous_env.episodes.guarantee import guaranteed_time
 from lissajous_env.episodes.limits import guaranteed_time_limit, mean_time_limit
+from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
+
+GRIDS = {"intruders": (108, 48), "intruders-inside": (108, 48), "rough": (90, 40), "rough-lost": (90, 40)}
+"""Columns and rows of `task.contamination` of scenarios that do not follow the guarantee by themselves, as that makes
+their steps slower: a benchmark has a number for the guarantee on all of them."""
+BEST_KNOWN = "best known"
+"""Name of the best known plans as a family of plans, and of their line in a table."""
+FOLDER = Path(__file__).parent / "known"
+FOUND = "found.toml"
+
+
+def overrides_of(scenario: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields that a benchmark changes in a scenario, given by name: those of the settings, and its grid."""
+    grid = {"task.contamination": GRIDS[scenario]} if scenario in GRIDS else {}
+    return grid | dict(overrides)
+
+
+def as_played(scenario: str, overrides: Mapping[str, Any]) -> Scenario:
+    """Make a scenario as a benchmark plays it."""
+    return named.build(scenario, **overrides_of(scenario, overrides))
+
+
+@dataclass(frozen=True)
+class BestKnown:
+    """A stored plan."""
+
+    name: str
+    """Name of its folder."""
+    scenario: Scenario
+    settings: PolicySettings
+    worst_case: float
+    """Worst-case undetected time of its final episodes [s]."""
+    settled: float
+    """The same of the second halves of these [s]."""
+    command: str
+    """Command that found it."""
+
+
+@cache
+def all_known() -> tuple[BestKnown, ...]:
+    """Return all stored plans, by name."""
+    folders = [path.parent for path in sorted(FOLDER.glob(f"*/{FOUND}"))]
+    return tuple(
+        BestKnown(
+            folder.name,
+            named.build(str(folder / SCENARIO_FILE)),
+            PolicySettings.read(folder),
+            **tomllib.loads((folder / FOUND).read_text(encoding="utf-8")),
+        )
+        for folder in folders
+    )
+
+
+def known_plans(scenario: Scenario) -> list[BestKnown]:
+    """Return the stored plans of a scenario; none if anything but its name and description was changed."""
+    digest = scenario.digest()
+    return [plan for plan in all_known() if plan.scenario.digest() == digest]
 
 
 class Bounds(NamedTuple):
@@ -21,7 +89,7 @@ class Bounds(NamedTuple):
     in_formation: float
     """Worst-case undetected time of the formation in its equilibrium; inf if a target can stay undetected for ever."""
     best_known: float = math.nan
-    """Shortest worst-case undetected time of a stored plan (`baselines.benchmark.best_known`) without collisions."""
+    """Shortest worst-case undetected time of a stored plan (`BestKnown`) without collisions."""
     best_known_settled: float = math.nan
     """The same of the second halves of the episodes."""
 

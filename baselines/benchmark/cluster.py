@@ -14,8 +14,9 @@ from collections.abc import Iterator
 from typing import Any
 
 from baselines.benchmark.local import failure_of, results
+from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import versions
-from baselines.benchmark.types import Batch, Benchmark, Cell, Failure, Sink, Work
+from baselines.benchmark.types import Batch, Benchmark, Cell, Failure, Finish, Work
 from baselines.policies.factories import parts
 from lissajous_env.extras import missing
 from lissajous_env.identity import MODULE
@@ -68,7 +69,7 @@ def connected(address: str | None) -> Iterator[Any]:
         ray.shutdown()
 
 
-def play_all(settings: Benchmark, work: Work, sink: Sink) -> None:
+def play_all(settings: Benchmark, work: Work, progress: Progress, finish: Finish) -> None:
     """Play the remaining episodes on a cluster.
 
     A policy that raises, or whose batch has lost its worker again and again, fails; its other batches that ended are
@@ -77,7 +78,8 @@ def play_all(settings: Benchmark, work: Work, sink: Sink) -> None:
     Args:
         settings: Settings of the benchmark.
         work: Cells, each with the numbers of the episodes that are left to play.
-        sink: Receives the results.
+        progress: Display of the progress.
+        finish: Receives the results.
 
     Raises:
         ValueError: Ray cannot be had, a policy cannot be sent to it, or a node lacks what the settings ask for.
@@ -98,13 +100,13 @@ def play_all(settings: Benchmark, work: Work, sink: Sink) -> None:
             while waiting and len(playing) < room:
                 k, numbers = waiting.popleft()
                 if k not in failed:
-                    sink.begin(work[k][0])
+                    progress.begin(work[k][0])
                     playing[hand_out(sent[k], numbers)] = k
             for reference in ray.wait(list(playing), timeout=1.0)[0] if playing else []:
                 k = playing.pop(reference)
                 result = _result(ray, reference, work[k][0])
                 if isinstance(result, Batch) or k not in failed:
-                    sink.finish(work[k][0], result)
+                    finish(work[k][0], result)
                 if isinstance(result, Failure):
                     failed.add(k)
 

@@ -9,15 +9,15 @@ import traceback
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 
-from baselines.benchmark import clairvoyant
-from baselines.benchmark.detections import detections_of
-from baselines.benchmark.results_folder import refusal_of
-from baselines.benchmark.types import Batch, Benchmark, Cell, Failure, Sink, Work
+from baselines.benchmark.progress import Progress
+from baselines.benchmark.results_folder import detections_of, refusal_of
+from baselines.benchmark.types import Batch, Benchmark, Cell, Failure, Finish, Work
 from baselines.policies import registry
 from baselines.policies.base import UnsuitableScenarioError
 from lissajous_env.console.terminal import plain
 from lissajous_env.device.devices import cores
 from lissajous_env.episodes.evaluation import episodes
+from lissajous_env.parameters.robot_models import is_shipped
 from lissajous_env.wording import where_raised
 from lissajous_env.world.columns import brought_columns
 from lissajous_env.world.simulation import Simulation
@@ -27,13 +27,14 @@ class _Stopped(BaseException):
     """Raised in a thread whose work is no longer wanted."""
 
 
-def play_all(settings: Benchmark, work: Work, sink: Sink) -> None:
+def play_all(settings: Benchmark, work: Work, progress: Progress, finish: Finish) -> None:
     """Play the remaining episodes on this machine.
 
     Args:
         settings: Settings of the benchmark.
         work: Cells, each with the numbers of the episodes that are left to play.
-        sink: Receives the results.
+        progress: Display of the progress.
+        finish: Receives the results, on several threads.
     """
     stopped = threading.Event()
 
@@ -41,12 +42,12 @@ def play_all(settings: Benchmark, work: Work, sink: Sink) -> None:
         def on_step(worlds: int) -> None:
             if stopped.is_set():
                 raise _Stopped
-            sink.step(cell, worlds)
+            progress.step(cell, worlds)
 
         try:
-            sink.begin(cell)
+            progress.begin(cell)
             for result in results(cell, settings, numbers, on_step):
-                sink.finish(cell, result)
+                finish(cell, result)
         except BaseException:
             stopped.set()
             raise
@@ -73,8 +74,7 @@ def play_all(settings: Benchmark, work: Work, sink: Sink) -> None:
 
 def may_be_shared(cell: Cell) -> bool:
     """Return whether all code that plays a cell is of this package."""
-    shipped = cell.policy == clairvoyant.NAME or registry.ships(cell.policy)
-    return shipped and not cell.scenario.extensions and cell.scenario.robot.kind in clairvoyant.KINDS
+    return registry.ships(cell.policy) and not cell.scenario.extensions and is_shipped(cell.scenario.robot.kind)
 
 
 def results(
@@ -102,7 +102,6 @@ def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[
     """
     worlds = settings.worlds
     policy = cell.factory(cell.scenario, worlds, settings.device)
-    watch = policy.watch if isinstance(policy, clairvoyant.Clairvoyant) else None
     numbers_left = iter(numbers)
     seeds = [settings.seed + number for number in numbers]
     brought = brought_columns(cell.scenario)
@@ -112,7 +111,7 @@ def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[
         played[:] = [simulation]
         on_step(worlds)
 
-    for batch in episodes(policy, cell.scenario, seeds, settings.device, after_step, watch):
+    for batch in episodes(policy, cell.scenario, seeds, settings.device, after_step):
         rows = [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
         for row in rows:
             if wrong := refusal_of(plain(row), brought):

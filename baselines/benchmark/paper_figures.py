@@ -26,7 +26,6 @@ from baselines.benchmark.statistics import (
     profile_over_scenarios,
 )
 from baselines.benchmark.table import Group, Rows, Table, grouped, numbers, reference_of
-from baselines.benchmark.tables import shown_name
 from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render.plotting import own_settings
@@ -146,7 +145,7 @@ def _draw_share(axes: Axes, policy: str, at: np.ndarray, band: Band, styles: Map
     """Draw the share of a policy's episodes at some values, with its interval."""
     share, below, above = band
     line: dict[str, Any] = _line(policy, styles) | {"markevery": (len(at) // 8, len(at) // 4)}
-    axes.plot(at, share, label=shown_name(policy), **line)
+    axes.plot(at, share, label=policy, **line)
     axes.fill_between(at, below, above, color=styles[policy].colour, alpha=0.15, lw=0)
     axes.set_ylim(-0.02, 1.03)
 
@@ -274,7 +273,7 @@ def _panels(columns: Sequence[Column], height: float, rows: Sequence[str] = ()) 
     for k, column in enumerate(columns):
         axes = figure.add_subplot(down, across, k + 1)
         if rows:
-            labels = [shown_name(policy) for policy in rows] if k % across == 0 else [""] * len(rows)
+            labels = list(rows) if k % across == 0 else [""] * len(rows)
             axes.set_yticks(range(len(rows)), labels)
             axes.set_ylim(len(rows) - 0.5, -0.5)
         panels[column] = axes

@@ -11,7 +11,6 @@ import zlib
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-from baselines.benchmark import clairvoyant
 from baselines.policies.registry import unwrapped
 
 BLUE, ORANGE, GREEN, PINK, RED = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00"
@@ -23,7 +22,7 @@ _STYLES = len(COLOURS) * len(MARKS)
 
 _FIXED = (
     "kuramoto-mpcc", "open-loop-mpcc", "consensus-mpcc", "sweep", "laps", "learned-intruders", "portfolio",
-    "random", "partition", "partition-repair", "line-abreast", "portfolio-guarantee", clairvoyant.NAME,
+    "random", "partition", "partition-repair", "line-abreast", "portfolio-guarantee",
 )  # fmt: skip
 """Policies of the standard comparison for cars, without the filter, in the order of their styles."""
 

@@ -2,7 +2,6 @@
 
 import threading
 import time
-from dataclasses import dataclass
 from typing import Any
 
 from rich import progress as bars
@@ -57,21 +56,6 @@ def bar(console: Console, name: bars.ProgressColumn | None, *numbers: bars.Progr
     )
 
 
-@dataclass
-class _Cell:
-    """Name and progress of a cell."""
-
-    name: str
-    steps: int
-    left: int
-    """Episodes that are left to play."""
-    began: float = 0.0
-    steps_done: int = 0
-    """Steps of the episodes that are being played."""
-    played: int = 0
-    """Episodes that have ended."""
-
-
 class Progress:
     """Display of the finished episodes, the elapsed and the remaining time; cells may be played at the same time.
 
@@ -81,63 +65,58 @@ class Progress:
     """
 
     def __init__(self, work: list[tuple[Any, list[int]]], console: Console):
-        self._console, self._lock = console, threading.Lock()
-        self._cells = {
-            id(cell): _Cell(f"{escape(cell.scenario.name)} [bold cyan]{escape(cell.policy)}[/]", steps, len(numbers))
-            for cell, numbers in work
-            for steps in [cell.scenario.task.steps]
-        }
-        self._total = sum(cell.left * cell.steps for cell in self._cells.values())
-        self._done, self._shown = 0, 0.0
+        self._console, self._lock, self._shown = console, threading.Lock(), 0.0
+        self._left = {id(cell): len(numbers) for cell, numbers in work}
+        self._steps = {id(cell): 0 for cell, _ in work}
+        """Steps of the episodes of a cell that are being played."""
+        self._began: dict[int, float] = {}
+        self._total, self._gone = sum(len(numbers) * cell.scenario.task.steps for cell, numbers in work), 0
         counted = bars.TextColumn("{task.fields[done]}/{task.fields[episodes]} episodes")
         self._bar = bar(console, bars.TextColumn("{task.description}"), counted)
-        episodes = sum(cell.left for cell in self._cells.values())
-        self._task = self._bar.add_task("", total=max(self._total, 1), done=0, episodes=episodes)
+        self._task = self._bar.add_task("", total=max(self._total, 1), done=0, episodes=sum(self._left.values()))
+        self._played: dict[int, int] = dict.fromkeys(self._left, 0)
 
     def begin(self, cell: Any) -> None:
         """Show that a cell begins."""
         with self._lock:
-            this = self._cells[id(cell)]
-            this.began = this.began or time.monotonic()
-            self._bar.update(self._task, description=f"{this.name} [dim]preparing[/]", refresh=True)
+            self._began.setdefault(id(cell), time.monotonic())
+            self._bar.update(self._task, description=f"{_name_of(cell)} [dim]preparing[/]", refresh=True)
 
     def step(self, cell: Any, worlds: int) -> None:
         """Show that a batch of some worlds took a step."""
         with self._lock:
-            this, now = self._cells[id(cell)], time.monotonic()
-            this.steps_done += min(worlds, this.left - this.played)
-            if now - self._shown > _EVERY:
+            self._steps[id(cell)] += min(worlds, self._left[id(cell)])
+            if (now := time.monotonic()) - self._shown > _EVERY:
                 self._shown = now
-                self._bar.update(self._task, description=this.name, completed=self._gone())
+                self._update(description=_name_of(cell))
 
     def finished(self, cell: Any, episodes: int) -> None:
         """Show that some episodes have ended; with the last of a cell, the cell is over."""
         with self._lock:
-            this = self._cells[id(cell)]
-            this.played += episodes
-            this.steps_done = 0
-            self._done += episodes
-            self._bar.update(self._task, completed=self._gone(), done=self._done)
-            if this.played == this.left:
-                self._print(this, "1 episode" if this.played == 1 else f"{this.played} episodes")
+            self._gone += episodes * cell.scenario.task.steps
+            self._steps[id(cell)] = 0
+            self._left[id(cell)] -= episodes
+            self._played[id(cell)] += episodes
+            self._update(done=sum(self._played.values()))
+            if not self._left[id(cell)]:
+                played = self._played[id(cell)]
+                self._print(cell, "1 episode" if played == 1 else f"{played} episodes")
 
     def failed(self, cell: Any, word: str) -> None:
         """Show that a cell is over before its last episode; the word states how it ended."""
         with self._lock:
-            this = self._cells[id(cell)]
-            self._total -= (this.left - this.played) * this.steps
-            this.steps_done = 0
-            self._bar.update(self._task, total=max(self._total, 1), completed=self._gone())
-            self._print(this, word)
+            self._total -= self._left[id(cell)] * cell.scenario.task.steps
+            self._steps[id(cell)] = 0
+            self._update(total=max(self._total, 1))
+            self._print(cell, word)
 
-    def _print(self, cell: _Cell, words: str) -> None:
+    def _update(self, **fields: Any) -> None:
+        self._bar.update(self._task, completed=self._gone + sum(self._steps.values()), **fields)
+
+    def _print(self, cell: Any, words: str) -> None:
         if not self._console.is_interactive:
-            took = time.monotonic() - cell.began
-            self._console.print(f"{cell.name}: {words}, {took:.1f} s", highlight=False, soft_wrap=True)
-
-    def _gone(self) -> int:
-        """Return the number of steps so far in all worlds."""
-        return sum(cell.played * cell.steps + cell.steps_done for cell in self._cells.values())
+            took = time.monotonic() - self._began[id(cell)]
+            self._console.print(f"{_name_of(cell)}: {words}, {took:.1f} s", highlight=False, soft_wrap=True)
 
     def __enter__(self) -> "Progress":
         self._bar.__enter__()
@@ -145,3 +124,7 @@ class Progress:
 
     def __exit__(self, *error: Any) -> None:
         self._bar.__exit__(*error)
+
+
+def _name_of(cell: Any) -> str:
+    return f"{escape(cell.scenario.name)} [bold cyan]{escape(cell.policy)}[/]"

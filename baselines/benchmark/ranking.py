@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from baselines.benchmark import clairvoyant
 from baselines.benchmark.shown_columns import COMPARED
 from baselines.benchmark.statistics import bootstrap_interval
 from baselines.benchmark.table import Group, Row, Rows, Table, numbers
@@ -45,11 +44,7 @@ def rankings(table: Table) -> list[Ranking]:
 
     A guarantee is ranked by its largest value in a scenario, on every seed alike.
     """
-    rivals = [
-        Group(of.kind, {policy: rows for policy, rows in of.rows.items() if policy != clairvoyant.NAME})
-        for of in table.groups()
-    ]
-    return [_ranking(group) for group in rivals if len(group.rows) > 1]
+    return [_ranking(group) for group in table.groups() if len(group.rows) > 1]
 
 
 def _ranking(group: Group) -> Ranking:

@@ -1,9 +1,6 @@
 """The report of a benchmark with episodes that it can play: chosen among all, and played again from their seeds."""
 
-import json
 import math
-import time
-from collections import Counter
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -11,8 +8,8 @@ from typing import Any
 from rich import progress as bars
 from rich.console import Console
 
-from baselines.benchmark import standard, written
-from baselines.benchmark.clairvoyant import Clairvoyant
+from baselines.benchmark import written
+from baselines.benchmark.bounds import as_played, overrides_of
 from baselines.benchmark.local import may_be_shared
 from baselines.benchmark.progress import bar
 from baselines.benchmark.report_page import Played, Report, command_of
@@ -31,15 +28,10 @@ from lissajous_env.world.columns import WORST_CASE
 from lissajous_env.world.simulation import Simulation, fold_seed
 
 WORDS = ("none", "few", "each", "all")
-FEW_SECONDS = 6.0
-"""Time after which no further replays are begun with `few` [s]."""
-FEW_BYTES = 11e6
-"""Size from which on none are added to those."""
+FEW = 8
+"""Number of episodes that `few` replays, each of another policy or scenario."""
 _TOGETHER = 4
 """Episodes that are recorded together: each requires tens of megabytes meanwhile."""
-
-Batch = tuple[Cell, list[int]]
-"""A policy on a scenario, and the seeds that are played side by side."""
 
 
 def write_report(folder: Folder, outcome: Outcome, progress: Console) -> str:
@@ -53,7 +45,7 @@ def write_report(folder: Folder, outcome: Outcome, progress: Console) -> str:
     )
     ranked, cells, asked = report.ranked(), playable(outcome), outcome.settings.replays
     folder.write(written.REPORT, report.html(ranked, {}))
-    wanted = chosen(asked, ranked, cells)
+    wanted = with_references(chosen(asked, ranked, cells), cells, ranked, outcome.table.references())
     if not wanted:
         return ""
     played: dict[Key, Played] = {}
@@ -61,8 +53,7 @@ def write_report(folder: Folder, outcome: Outcome, progress: Console) -> str:
     counted = bars.TextColumn("{task.completed} replays")
     with bar(progress, bars.TextColumn("{task.description}"), counted) as shown:
         task = shown.add_task("", total=len(wanted))
-        groups = batches(wanted, cells, ranked, outcome.table.references())
-        for cell, result in make(groups, ranked, outcome.device, "few" in asked):
+        for cell, result in play_again(wanted, cells, ranked, outcome.device):
             shown.update(task, description=f"{cell.scenario.name} {cell.policy}")
             if isinstance(result, BaseException):
                 failed.append(f"{cell.policy} on {cell.scenario.name}: {where_raised(result)}")
@@ -70,8 +61,7 @@ def write_report(folder: Folder, outcome: Outcome, progress: Console) -> str:
                 played |= result
                 shown.advance(task, len(result))
     folder.write(written.REPORT, report.html(ranked, played))
-    is_short = "few" in asked and any(key not in played for key in wanted)
-    more = "; --replays each adds the best, the median and the worst of all" if is_short else ""
+    more = "; --replays each adds the best, the median and the worst of all" if "few" in asked else ""
     said = [f"{written.REPORT} plays {len(played):,} of the episodes{more}"]
     return "\n".join([*said, *(f"not replayed: {words}" for words in failed)])
 
@@ -95,11 +85,11 @@ def _commands(outcome: Outcome) -> dict[str, str]:
     overrides, commands = outcome.settings.overrides, {}
     for given in dict.fromkeys((*outcome.settings.scenarios, *outcome.table.scenarios)):
         try:
-            scenario = standard.as_played(given, overrides)
+            scenario = as_played(given, overrides)
         except (ValueError, OSError, ImportError):
             continue
         if scenario.digest() == outcome.stored["digests"].get(scenario.name):
-            words = command_of(given, plain_fields(standard.overrides_of(given, overrides)))
+            words = command_of(given, plain_fields(overrides_of(given, overrides)))
             commands.setdefault(scenario.name, words)
     return commands
 
@@ -128,8 +118,8 @@ def check(asked: Sequence[str], cells: Iterable[Cell], seeds: range) -> None:
             )
 
 
-def chosen(asked: Sequence[str], ranked: Sequence[Row], cells: Container[tuple[str, str]]) -> dict[Key, int]:
-    """Return the episodes to replay, each with its round; those of a round matter more than those of the next.
+def chosen(asked: Sequence[str], ranked: Sequence[Row], cells: Container[tuple[str, str]]) -> list[Key]:
+    """Return the episodes to replay.
 
     Args:
         asked: As `Benchmark.replays` has them.
@@ -138,73 +128,61 @@ def chosen(asked: Sequence[str], ranked: Sequence[Row], cells: Container[tuple[s
     """
     of: dict[tuple[str, str], list[Key]] = {}
     for row in ranked:
-        of.setdefault((row["scenario"], row["policy"]), []).append((row["scenario"], row["policy"], row["seed"]))
-    rounds: list[list[Key]] = []
+        if (place := (row["scenario"], row["policy"])) in cells:
+            of.setdefault(place, []).append((*place, row["seed"]))
+    keys: list[Key] = []
     for word in asked:
-        if word in ("few", "each"):
-            rounds.append([keys[0] for keys in of.values()])
-            rounds.append([keys[place] for keys in of.values() for place in (len(keys) // 2, -1)])
+        if word == "few":
+            keys += [episodes[0] for episodes in of.values()][:FEW]
+        elif word == "each":
+            keys += [episodes[k] for episodes in of.values() for k in (0, len(episodes) // 2, -1)]
         elif word == "all" or word.isdecimal():
             most = None if word == "all" else int(word)
-            rounds.append([key for keys in of.values() for key in keys[:most]])
+            keys += [key for episodes in of.values() for key in episodes[:most]]
         elif (key := _episode(word, of)) is not None:
-            rounds.insert(0, [key])
-    rounds_of: dict[Key, int] = {}
-    for number, keys in enumerate(rounds):
-        for key in keys:
-            if key[:2] in cells:
-                rounds_of.setdefault(key, number)
-    return rounds_of
+            keys.append(key)
+    return list(dict.fromkeys(keys))
 
 
-def batches(
-    chosen: Mapping[Key, int],
-    cells: Mapping[tuple[str, str], Cell],
-    ranked: Sequence[Row],
+def with_references(
+    keys: Iterable[Key],
+    cells: Container[tuple[str, str]],
+    ranked: Iterable[Row],
     references: Mapping[str, str],
-) -> list[Batch]:
-    """Group episodes by cell, a few at a time, each after the same seeds of its reference; scenarios take turns.
+) -> list[Key]:
+    """Return episodes with those of the same seeds of the policy that the others of their scenario are compared with.
 
     Args:
-        chosen: Result of `chosen`.
-        cells: Policies on scenarios, by name.
+        keys: Episodes.
+        cells: Scenario and policy of those that can be played.
         ranked: Score rows of the benchmark.
         references: Policy that the others of a scenario are compared with.
     """
     there = {(row["scenario"], row["policy"], row["seed"]) for row in ranked}
-    seeds_of: dict[tuple[int, tuple[str, str]], list[int]] = {}
-    done: set[Key] = set()
-    for key, number in chosen.items():
-        for wanted in ((key[0], references.get(key[0], ""), key[2]), key):
-            if wanted in there and wanted not in done and wanted[:2] in cells:
-                done.add(wanted)
-                seeds_of.setdefault((number, wanted[:2]), []).append(wanted[2])
-    turns: Counter[tuple[int, str]] = Counter()
-    ordered = []
-    for (number, place), seeds in seeds_of.items():
-        turns[number, place[0]] += 1
-        ordered.append((number, turns[number, place[0]], place, seeds))
-    ordered.sort(key=lambda entry: entry[:2])
-    return [
-        (cells[place], seeds[k : k + _TOGETHER])
-        for _, _, place, seeds in ordered
-        for k in range(0, len(seeds), _TOGETHER)
-    ]
+    both = [key for s, p, seed in keys for key in ((s, references.get(s, ""), seed), (s, p, seed))]
+    return [key for key in dict.fromkeys(both) if key in there and key[:2] in cells]
 
 
-def make(
-    batches: Sequence[Batch], ranked: Sequence[Row], device: Any, hurried: bool
+def play_again(
+    keys: Iterable[Key], cells: Mapping[tuple[str, str], Cell], ranked: Iterable[Row], device: Any
 ) -> Iterator[tuple[Cell, dict[Key, Played] | BaseException]]:
-    """Play episodes again, and yield those of each batch, or what its policy raised, in the order of the batches.
+    """Play episodes again, some of a cell at a time, and yield these, or what their policy raised.
 
     Args:
-        batches: Result of `batches`.
+        keys: Episodes to play.
+        cells: Policies on scenarios, by name.
         ranked: Score rows of the benchmark.
         device: Warp device.
-        hurried: End after `FEW_SECONDS` or `FEW_BYTES`.
     """
     rows = {(row["scenario"], row["policy"], row["seed"]): row for row in ranked}
-    began, size = time.monotonic(), 0
+    seeds_of: dict[tuple[str, str], list[int]] = {}
+    for scenario, policy, seed in keys:
+        seeds_of.setdefault((scenario, policy), []).append(seed)
+    batches = [
+        (cells[place], seeds[k : k + _TOGETHER])
+        for place, seeds in seeds_of.items()
+        for k in range(0, len(seeds), _TOGETHER)
+    ]
 
     def play(cell: Cell, seeds: list[int]) -> dict[Key, Played]:
         recorded, played = record_together(cell, seeds, device), {}
@@ -216,21 +194,17 @@ def make(
         return played
 
     with ThreadPoolExecutor(cores()) as pool:
-        for first in range(0, len(batches), cores()):
-            if hurried and (time.monotonic() - began > FEW_SECONDS or size > FEW_BYTES):
-                return
-            some = batches[first : first + cores()]
-            futures = [
-                pool.submit(play, *batch) if device == "cpu" and may_be_shared(batch[0]) else None for batch in some
-            ]
-            for batch, future in zip(some, futures, strict=True):
+        shared = [k for k, (cell, _) in enumerate(batches) if device == "cpu" and may_be_shared(cell)]
+        futures = {k: pool.submit(play, *batches[k]) for k in shared}
+        try:
+            for k, batch in enumerate(batches):
                 try:
-                    played = play(*batch) if future is None else future.result()
+                    result = futures[k].result() if k in futures else play(*batch)
                 except (Exception, SystemExit) as error:
-                    yield batch[0], error
-                    continue
-                size += sum(len(json.dumps(episode.contents)) for episode in played.values())
-                yield batch[0], played
+                    result = error
+                yield batch[0], result
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def record_together(
@@ -239,8 +213,6 @@ def record_together(
     """Play some episodes of a cell side by side and record them, with data for the rogue with foresight if required."""
     policy = cell.factory(cell.scenario, len(seeds), device)
     simulation = Simulation(cell.scenario, policy.num_worlds, device=device)
-    if isinstance(policy, Clairvoyant):
-        policy.watch(simulation)
     runner, recorded = EpisodeRunner(policy, simulation), []
     task = cell.scenario.task
     watcher = missed.Watcher(simulation) if task.contamination is not None and not task.conservative else None

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from baselines.benchmark import clairvoyant
 from baselines.benchmark.bounds import Bounds
 from baselines.benchmark.plot_styles import COLOURS, styles_of
 from baselines.benchmark.ranking import KINDS, Ranking, badness, failed, headline, rankings, worst_first
@@ -25,7 +24,7 @@ from baselines.benchmark.shown_columns import (
 )
 from baselines.benchmark.statistics import Estimate, Paired
 from baselines.benchmark.table import Row, Rows, Table, grouped, numbers
-from baselines.benchmark.tables import in_words, pair_in_words, shown_name, with_numbers
+from baselines.benchmark.tables import in_words, pair_in_words, with_numbers
 from baselines.benchmark.types import Failure, Key
 from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario
@@ -118,11 +117,9 @@ class Report:
         return [
             {
                 "name": name,
-                "shown": shown_name(name),
                 "colour": COLOURS.index(styles[name].colour),
                 "mark": styles[name].mark,
                 "hollow": bool(unwrapped(name)[1]),
-                "rival": name != clairvoyant.NAME,
                 "named": name not in self.nameless,
             }
             for name in names

@@ -1,4 +1,4 @@
-"""The settings of a benchmark and the episodes that have ended, on the disk.
+"""The settings of a benchmark and the episodes that have ended, on the disk: score rows, and times of detections.
 
 A folder can grow: by scenarios, policies and episodes. What is there already stays as it is, so all else must agree.
 """
@@ -10,9 +10,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from baselines.benchmark import detections
-from baselines.benchmark.detections import share_detected
+import numpy as np
+
 from baselines.benchmark.shown_columns import column_of
+from baselines.benchmark.statistics import share_detected
 from baselines.benchmark.table import Curve
 from baselines.benchmark.types import Batch, Benchmark, Cell
 from baselines.policies import registry
@@ -27,13 +28,18 @@ from lissajous_env.storage.files import read_json
 from lissajous_env.storage.folder import Folder
 from lissajous_env.storage.journal import Journal
 from lissajous_env.world.columns import COLUMNS, NAMES, WHOLE
+from lissajous_env.world.simulation import Simulation
 
-SETTINGS, EPISODES = "settings.json", "episodes.jsonl"
-FILES = (SETTINGS, EPISODES, detections.NAME)
+SETTINGS, EPISODES, DETECTIONS = "settings.json", "episodes.jsonl", "detections.jsonl"
+FILES = (SETTINGS, EPISODES, DETECTIONS)
 """Files that are preserved."""
+MOST_DETECTIONS = 64
+"""Number of episodes of a cell whose detection times are stored: enough for a smooth curve."""
 _FIXED = ("seed", "device", "versions")
 """Entries of the settings that all calls have in common."""
 _ROBOTS, _ROGUES = "robots of kind ", "rogues "
+_DETECTION = ("scenario", "policy", "episode", "found", "unfound")
+"""Entries of a line of detection times."""
 
 _Key = tuple[str, str, int]
 
@@ -64,7 +70,7 @@ class Results:
             self._write(folder)  # before the episodes, which are useless without it
         try:
             self._episodes = self._open(folder, EPISODES, self._wrong_row, self._rows)
-            self._times = self._open(folder, detections.NAME, detections.refusal_of, self._detections)
+            self._times = self._open(folder, DETECTIONS, _refusal_of_detections, self._detections)
             if there is not None and now is not None:
                 self.stored = self._extended(folder.path, there, now)
                 if self.stored != there:
@@ -261,6 +267,41 @@ def refusal_of(row: Any, brought: Sequence[str] = ()) -> str | None:
     for name in (*COLUMNS, *brought):
         if wrong := column_of(name).refusal(row[name]):
             return f"{name} {wrong}, got {_short(row[name])}"
+    return None
+
+
+def detections_of(simulation: Simulation, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return the detection times of the targets of episodes that have ended, of the first `MOST_DETECTIONS` of a cell.
+
+    Args:
+        simulation: The simulation, world k of which played the episode of row k.
+        rows: Score rows of the episodes.
+
+    Returns:
+        For each row its `scenario`, `policy` and `episode`; `found` [s], the times from a target's appearance until it
+        was detected; and `unfound` [s], the times for which the other targets were present.
+    """
+    entries = []
+    for world, row in enumerate(rows):
+        if row["episode"] < MOST_DETECTIONS:
+            times, found = simulation.detection_times(world)
+            times = np.round(times, 6)
+            values = row["scenario"], row["policy"], row["episode"], times[found].tolist(), times[~found].tolist()
+            entries.append(dict(zip(_DETECTION, values, strict=True)))
+    return entries
+
+
+def _refusal_of_detections(entry: Any) -> str | None:
+    """Return the rule that a line of detection times violates; None for a valid one."""
+    if not isinstance(entry, dict) or tuple(entry) != _DETECTION:
+        return f"must have {', '.join(_DETECTION)}"
+    scenario, policy, episode, *times = entry.values()
+    is_named = isinstance(scenario, str) and isinstance(policy, str)
+    if not is_named or type(episode) is not int or not 0 <= episode < MOST_DETECTIONS:
+        return f"must have two names and an episode below {MOST_DETECTIONS}"
+    lists = all(isinstance(values, list) for values in times)
+    if not lists or any(type(time) not in (int, float) or not 0 <= time <= 1e9 for values in times for time in values):
+        return "must have lists of times of at least 0 [s]"
     return None
 
 

@@ -12,20 +12,19 @@ from typing import Any
 from rich.console import Console
 
 from baselines.benchmark import (
-    clairvoyant,
     cluster,
     local,
     replays,
     results_folder,
-    standard,
     tables,
     written,
 )
+from baselines.benchmark.bounds import as_played
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import Results
 from baselines.benchmark.table import Table
 from baselines.benchmark.theorem import about_theorem
-from baselines.benchmark.types import Batch, Benchmark, Cell, Failure, Outcome
+from baselines.benchmark.types import POLICIES, Batch, Benchmark, Cell, Failure, Outcome
 from baselines.policies import registry
 from baselines.policies.factories import Factory, as_factory, is_ones_own, named
 from lissajous_env.console.terminal import make_console
@@ -71,7 +70,7 @@ def measure(
 ) -> Outcome:
     """Do the same as `run`, and also return the policies that failed; `progress` is shown on a console of its own."""
     if scenarios is None:
-        scenarios = [standard.as_played(name, settings.overrides) for name in settings.scenarios]
+        scenarios = [as_played(name, settings.overrides) for name in settings.scenarios]
     cells = plan(settings, policies, scenarios)
     console = console or make_console()
     progress = progress or make_console(stderr=True, quiet=console.quiet)
@@ -135,8 +134,6 @@ def plan(
         cells += [Cell(scenario, name, named(name)) for name in chosen]
         kind, before = scenario.actuation, len(cells)
         cells += [Cell(scenario, name, of) for name, of in own.items() if kinds.get(name) in (None, kind)]
-        if (settings.clairvoyant or (unnamed and not everything)) and kind in clairvoyant.KINDS:
-            cells.append(Cell(scenario, clairvoyant.NAME, clairvoyant.Clairvoyant))
         if not chosen and len(cells) == before and not (own and len(played) > 1):
             kind, got = f"robots of kind {kind}", few_of((*others, *own))
             raise ValueError(f"policies must contain one for {scenario.name}, which has {kind}; got {got}")
@@ -166,7 +163,7 @@ def _kind_of(folder: str) -> str | None:
 def _usual(names: Sequence[str], scenario: Scenario) -> list[str]:
     """Return the policies that are played where none is named: the standard ones, and those that users registered."""
     theirs = [name for name in names if not registry.ships(name) and registry.made_for(name, scenario.name)]
-    usual = [name for name in standard.POLICIES if name in names]
+    usual = [name for name in POLICIES if name in names]
     return usual + [name for name in theirs if not registry.unwrapped(name)[1] and name not in usual]
 
 
@@ -183,26 +180,19 @@ def _all(names: Sequence[str], scenario: Scenario) -> list[str]:
 def _play_all(settings: Benchmark, cells: list[Cell], results: Results, console: Console) -> list[Failure]:
     """Play the episodes that are missing, store each batch, and return the policies that failed."""
     work = [(cell, numbers) for cell in cells if (numbers := results.missing(cell, settings.episodes))]
+    failures: dict[int, Failure] = {}
+    lock = threading.Lock()
     with Progress(work, console) as progress:
-        sink = _Sink(results, progress)
+
+        def finish(cell: Cell, result: Batch | Failure) -> None:
+            with lock:
+                if isinstance(result, Failure):
+                    failures[id(cell)] = result
+                    progress.failed(cell, result.word)
+                else:
+                    results.add(result)
+                    progress.finished(cell, len(result.rows))
+
         if work:
-            (cluster if settings.engine == "ray" else local).play_all(settings, work, sink)
-    return [sink.failures[id(cell)] for cell in cells if id(cell) in sink.failures]
-
-
-class _Sink:
-    """Stores the batches of an engine, shows its progress and collects the failures, also from several threads."""
-
-    def __init__(self, results: Results, progress: Progress):
-        self.failures: dict[int, Failure] = {}
-        self.begin, self.step = progress.begin, progress.step
-        self._results, self._progress, self._lock = results, progress, threading.Lock()
-
-    def finish(self, cell: Cell, result: Batch | Failure) -> None:
-        with self._lock:
-            if isinstance(result, Failure):
-                self.failures[id(cell)] = result
-                self._progress.failed(cell, result.word)
-                return
-            self._results.add(result)
-            self._progress.finished(cell, len(result.rows))
+            (cluster if settings.engine == "ray" else local).play_all(settings, work, progress, finish)
+    return [failures[id(cell)] for cell in cells if id(cell) in failures]

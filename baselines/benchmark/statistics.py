@@ -10,6 +10,7 @@ is, then cancels.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -295,6 +296,26 @@ def profile_over_scenarios(scenarios: Sequence[Sequence[float] | np.ndarray], at
         return nothing, nothing, nothing
     low, high = np.quantile(draws(len(shares), RESAMPLES, 0) @ shares / len(shares), [0.025, 0.975], axis=0)
     return shares.mean(axis=0), low, high
+
+
+def share_detected(found: Sequence[float] | np.ndarray, unfound: Sequence[float] | np.ndarray) -> tuple[Any, Any]:
+    """Return times [s] in rising order, and the estimate of the share of the targets that is detected within each.
+
+    The time of a target that was not detected is censored: it is at least as long as the target was present. The
+    estimate is that of E. L. Kaplan, P. Meier, "Nonparametric Estimation from Incomplete Observations" (1958).
+
+    Args:
+        found: times until the detection [s].
+        unfound: times for which the other targets were present [s].
+    """
+    from scipy import stats  # its import takes longer than that of this project
+
+    times = np.concatenate([found, unfound]).astype(float)
+    if not times.size:
+        return times, times
+    censored = np.arange(len(times)) >= len(found)
+    curve = stats.ecdf(stats.CensoredData.right_censored(times, censored)).cdf
+    return curve.quantiles, curve.probabilities
 
 
 @lru_cache(maxsize=16)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from baselines.benchmark import clairvoyant
 from baselines.benchmark.bounds import Bounds, bounds_of
 from baselines.benchmark.shown_columns import (
     COMPARED,
@@ -166,19 +165,18 @@ def with_derived(
     """Return rows with the derived columns: times over a bound, and over the best policy of the rows.
 
     The worst-case undetected time of an open episode is infinite. The best policy is the best on the same scenario and
-    seed, the clairvoyant excepted; where no policy has a finite time, there is no ratio.
+    seed; where no policy has a finite time, there is no ratio.
     """
     rows = list(rows)
     best: dict[tuple[str, int], tuple[float, float]] = {}
     for row in rows:
-        if row["policy"] != clairvoyant.NAME:
-            place = row["scenario"], row["seed"]
-            time, worst_case = best.get(place, (math.inf, math.inf))
-            best[place] = np.fmin(time, row[DETECTION_TIME.name]), np.fmin(worst_case, _worst_case(row))
+        place = row["scenario"], row["seed"]
+        time, worst_case = best.get(place, (math.inf, math.inf))
+        best[place] = np.fmin(time, row[DETECTION_TIME.name]), np.fmin(worst_case, _worst_case(row))
     derived = []
     for row in rows:
         time, worst_case, bound = row[DETECTION_TIME.name], _worst_case(row), bounds[row["scenario"]]
-        best_time, best_worst_case = best.get((row["scenario"], row["seed"]), (math.nan, math.nan))
+        best_time, best_worst_case = best[row["scenario"], row["seed"]]
         ratios = {
             OVER_LOWER_BOUND.name: time / bound.mean_time,
             TIME_OVER_BOUND.name: time / scenarios[row["scenario"]].detection_time_bound,
@@ -233,7 +231,7 @@ def _over_all(column: Column, strata: Sequence[np.ndarray]) -> Estimate:
 
 def reference_of(policies: Iterable[str], against: str | None = None) -> str:
     """Return the policy that others are compared with: `against`, the paper's method or the first; "" for none."""
-    played = [policy for policy in policies if policy != clairvoyant.NAME]
+    played = [*policies]
     return next((name for name in (against, *_REFERENCES, *played) if name in played), "")
 
 

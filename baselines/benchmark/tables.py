@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.text import Text
 
-from baselines.benchmark import clairvoyant
-from baselines.benchmark.bounds import Bounds
+from baselines.benchmark.bounds import BEST_KNOWN, Bounds
 from baselines.benchmark.shown_columns import COMPARED, OVER_LOWER_BOUND, OVERALL, numbers_of, shown_columns
 from baselines.benchmark.statistics import Estimate, Paired
 from baselines.benchmark.table import Against, Table
@@ -17,8 +16,6 @@ from lissajous_env.console import terminal
 from lissajous_env.console.terminal import print_left_out, print_line, print_table
 from lissajous_env.world.columns import LARGEST, WORST_CASE, Column
 
-BEST_KNOWN = "best known"
-"""Name of the line of the best known plan."""
 _DASH, _TO = "\N{EM DASH}", "\N{EN DASH}"
 _MOST_NAMED = 12
 """Limit on the scenarios that the heading of a table names."""
@@ -51,7 +48,7 @@ def lines_of(
     best_known: float = math.nan,
     failed: Iterable[str] = (),
 ) -> list[Line]:
-    """Return the lines of a table: the policies, then the clairvoyant, then the best known worst-case time [s].
+    """Return the lines of a table: the policies, then the best known worst-case time [s].
 
     Args:
         policies: Estimates by policy and column.
@@ -59,17 +56,15 @@ def lines_of(
         best_known: `Bounds.best_known`.
         failed: Policies that raised.
     """
-    rivals = [of for name, of in policies.items() if name != clairvoyant.NAME]
-    best = [best_of(rivals, column) for column in columns]
+    best = [best_of([*policies.values()], column) for column in columns]
     lines = []
-    for name in sorted(dict.fromkeys((*policies, *failed)), key=lambda name: name == clairvoyant.NAME):
-        is_reference, of = name == clairvoyant.NAME, policies.get(name)
-        marks = [""] * len(columns) if is_reference else best
+    for name in dict.fromkeys((*policies, *failed)):
+        of = policies.get(name)
         cells = [
             Cell() if of is None else _cell(of.get(column.name), mark)
-            for column, mark in zip(columns, marks, strict=True)
+            for column, mark in zip(columns, best, strict=True)
         ]
-        lines.append(Line(name, cells, is_reference, name in failed))
+        lines.append(Line(name, cells, has_failed=name in failed))
     if math.isfinite(best_known) and WORST_CASE in columns:
         known = [Cell(number(best_known)) if column is WORST_CASE else Cell() for column in columns]
         lines.append(Line(BEST_KNOWN, known, True))
@@ -84,9 +79,9 @@ def _cell(of: Estimate | None, best: str) -> Cell:
     return Cell(value, ", ".join(filter(None, (beside, counted))), value == best)
 
 
-def best_of(rivals: Sequence[Mapping[str, Estimate]], column: Column) -> str:
+def best_of(policies: Sequence[Mapping[str, Estimate]], column: Column) -> str:
     """Return the best number, as shown, of the policies with most episodes that have one; "" if all agree."""
-    known = [of[column.name] for of in rivals if column.name in of]
+    known = [of[column.name] for of in policies if column.name in of]
     most = max((of.n_finite / of.n for of in known), default=0)
     if not most or not column.better or len({in_words(of)[0] for of in known}) == 1:
         return ""
@@ -155,7 +150,7 @@ def print_lines(console: Console, title: Text, columns: Sequence[Column], lines:
     """Print a table, the references below a rule; return the columns for which there was no room."""
     rows = []
     for line in lines:
-        label = Text(shown_name(line.name), "italic" if line.is_reference else "")
+        label = Text(line.name, "italic" if line.is_reference else "")
         label = Text.assemble(label, ("\nfailed", "red")) if line.has_failed else label
         rows.append([label, *(_in_two_lines(cell) for cell in line.cells)])
     head = [terminal.Column("policy", left=True, style="cyan")]
@@ -204,11 +199,6 @@ def print_theorem(console: Console, sentences: Mapping[str, Sequence[str]]) -> N
     for scenario, said in sentences.items():
         for words in said:
             print_line(console, f"{scenario}: {words}", "dim" if "not apply" not in words else "yellow")
-
-
-def shown_name(policy: str) -> str:
-    """Return the name of a policy as tables and pictures show it; the clairvoyant reference is put in brackets."""
-    return f"({policy})" if policy == clairvoyant.NAME else policy
 
 
 def number(value: float) -> str:
@@ -272,7 +262,7 @@ def _print_against(console: Console, scenario: str, against: Against) -> list[st
         head.append(terminal.Column("differ-\nence", name=f"{column.name} difference"))
     rows = []
     for name, of in policies.items():
-        cells: list[Text | str] = [Text(shown_name(name), "italic" if name == clairvoyant.NAME else "")]
+        cells: list[Text | str] = [name]
         for column in columns:
             cells += [_two_lines(str(cell.value), cell.beside) for cell in pair_in_words(of[column.name])]
         rows.append(cells)
@@ -320,8 +310,6 @@ def legend(table: Table, episodes: int) -> list[str]:
             "Best known: the shortest worst-case undetected time of a stored plan without collisions, of 4 episodes; "
             "`lissajous plan` plays these plans."
         )
-    if any(clairvoyant.NAME in policies for policies in table.estimates.values()):
-        words.append(f"({clairvoyant.NAME}) knows where all targets are; it is a reference, not a competitor.")
     return words
 
 

@@ -1,18 +1,33 @@
-"""The settings of a benchmark, its cells, failures and outcome."""
+"""The settings of a benchmark, its standard scenarios and policies, its cells, failures and outcome."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, Literal
 
 import tyro
 
-from baselines.benchmark import standard
 from baselines.benchmark.table import Table
 from baselines.policies.factories import Factory
-from lissajous_env.parameters.named import expanded
+from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import few_of
+
+SCENARIOS = (
+    "evaders", "evaders-failure", "evaders-lost", "evaders-fast", "team", "intruders", "intruders-inside", "rough",
+    "redundant",
+)  # fmt: skip
+"""Scenarios of the standard comparison, on which policies differ."""
+
+POLICIES = (
+    "kuramoto-mpcc", "kuramoto-mpcc-safe", "open-loop-mpcc", "consensus-mpcc", "partition", "partition-repair",
+    "line-abreast", "sweep", "laps",
+    "learned-intruders-proved", "portfolio", "portfolio-guarantee", "random", "kuramoto", "consensus", "open-loop",
+)  # fmt: skip
+"""Policies of the standard comparison, which the command, the table of the README and the figures show.
+
+A policy is played where it drives the robots, also where it was not made for.
+"""
 
 _MOST_EPISODES = 1_000_000
 _MOST_WORLDS = 65_536
@@ -22,13 +37,13 @@ _MOST_WORLDS = 65_536
 class Benchmark:
     """Episodes to play, and the folder of the results."""
 
-    scenarios: tuple[str, ...] = standard.SCENARIOS
+    scenarios: tuple[str, ...] = SCENARIOS
     """Scenarios to play. SPACE:SPLIT, such as monitoring-v1:test, stands for the first 32 scenarios of a split or shift
     of a scenario space, and SPACE:SPLIT:COUNT for the first COUNT."""
     policies: tuple[str, ...] = ()
-    """Policies to play, each on the scenarios whose robots it drives; by default those of the README's table, the
-    clairvoyant reference, and those that you registered. `all` plays every registered policy. Your own policy can be
-    given as a checkpoint's folder, as `module:factory`, or by a name that a module of the current folder registers."""
+    """Policies to play, each on the scenarios whose robots it drives; by default those of the README's table, and
+    those that you registered. `all` plays every registered policy. Your own policy can be given as a checkpoint's
+    folder, as `module:factory`, or by a name that a module of the current folder registers."""
     episodes: int = 16
     """Number of episodes of each policy on each scenario; more of them narrow the intervals."""
     seed: int = 0
@@ -45,20 +60,18 @@ class Benchmark:
     same."""
     address: str | None = None
     """Address of the Ray cluster: auto, HOST:PORT or ray://HOST:PORT; by default, engine ray starts one here."""
-    clairvoyant: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """Also play a reference that knows where all targets are; its name is shown in brackets."""
     against: str | None = None
     """Policy with which all others are compared, seed by seed; by default the paper's method if it is played, else the
     first policy."""
     replays: tuple[str, ...] = ("few",)
     """Episodes that report.html can play: `none`; `each`: the worst, median and best of each policy on each scenario;
-    `few`: as many of these as can be recorded in 6 s and 11 MB, the worst ones first; a number: that many of the worst
-    of each; `all`; or SCENARIO:POLICY:SEED. The reference policy is shown beside each."""
+    `few`: eight of the worst of these; a number: that many of the worst of each; `all`; or SCENARIO:POLICY:SEED. The
+    reference policy is shown beside each."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
     """Fields changed in every scenario, as {"task.duration": 30.0}."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "scenarios", expanded(self.scenarios))
+        object.__setattr__(self, "scenarios", named.expanded(self.scenarios))
 
     def check(self) -> None:
         """Raise ValueError for a value that a rule forbids."""
@@ -119,7 +132,7 @@ class Batch:
     rows: list[dict[str, Any]]
     """Their score rows."""
     detections: list[dict[str, Any]]
-    """Detection times of their targets: `baselines.benchmark.detections.detections_of`."""
+    """Detection times of their targets: `baselines.benchmark.results_folder.detections_of`."""
 
 
 Key = tuple[str, str, int]
@@ -128,17 +141,8 @@ Work = list[tuple[Cell, list[int]]]
 """Cells, each with the numbers of the episodes to play."""
 
 
-class Sink(Protocol):
-    """Receiver of what an engine plays; threads may share it."""
-
-    def begin(self, cell: Cell) -> None:
-        """Note that a cell begins."""
-
-    def step(self, cell: Cell, worlds: int) -> None:
-        """Note that a batch of some worlds took a step."""
-
-    def finish(self, cell: Cell, result: Batch | Failure) -> None:
-        """Store a batch, or note that the policy failed; what is stored is on the disk when this returns."""
+Finish = Callable[[Cell, Batch | Failure], None]
+"""Stores a batch of a cell, or notes that its policy failed; what is stored is on the disk when it returns."""
 
 
 @dataclass

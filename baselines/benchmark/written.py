@@ -17,7 +17,7 @@ from typing import Any
 from baselines.benchmark.shown_columns import MAIN, RATIOS, brought_in
 from baselines.benchmark.statistics import profile_over_scenarios
 from baselines.benchmark.table import Group, Table
-from baselines.benchmark.tables import Cell, bounds_in_words, lines_of, pair_in_words, shown_name, with_numbers
+from baselines.benchmark.tables import Cell, bounds_in_words, lines_of, pair_in_words, with_numbers
 from baselines.benchmark.types import Outcome
 from lissajous_env.console.terminal import plain
 from lissajous_env.device.devices import as_device, memory
@@ -164,7 +164,7 @@ def table_of(table: Table) -> dict[str, list]:
         pairs = against.policies if against is not None else {}
         where = f"`{name}`{bounds_in_words(bounds)}"
         for line in lines_of(policies, MAIN, bounds.best_known):
-            label = f"*{shown_name(line.name)}*" if line.is_reference else f"`{line.name}`"
+            label = f"*{line.name}*" if line.is_reference else f"`{line.name}`"
             sooner = pair_in_words(pairs[line.name][DETECTION_TIME.name])[0] if line.name in pairs else ""
             rows.append([where, label, *map(str, line.cells), str(sooner)])
             where = ""
@@ -199,7 +199,7 @@ def _paper_table(table: Table, scenario: str) -> str:
         r"\midrule",
     ]
     for line in lines_of(policies, columns, bounds.best_known):
-        lines.append(f"{_escaped(shown_name(line.name))} & {' & '.join(map(_paper_cell, line.cells))} \\\\")
+        lines.append(f"{_escaped(line.name)} & {' & '.join(map(_paper_cell, line.cells))} \\\\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table*}", ""])
 
 

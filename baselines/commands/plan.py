@@ -11,9 +11,10 @@ from rich import progress as bars
 from baselines.benchmark.progress import bar
 from baselines.commands.playing import progress_console
 from baselines.planning import report
+from baselines.planning.budget import Budget
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import top_speed
-from baselines.planning.request import Request, check_time
+from baselines.planning.request import Request
 from baselines.planning.search import Search
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out, print_line
 from lissajous_env.settings.checks import whole_number
@@ -27,6 +28,7 @@ def plan(
     scenario: _Scenario = None,
     width: float | None = None,
     height: float | None = None,
+    open: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     robots: str | None = None,
     robot_radius: float | None = None,
     sensor_radius: float | None = None,
@@ -36,7 +38,9 @@ def plan(
     entry: Literal["inside", "boundary", "unseen"] | None = None,
     failures: int = 0,
     guarantee: float | None = None,
-    seconds: float = 60.0,
+    clearance: float | None = None,
+    plans: int | None = None,
+    seconds: float | None = None,
     optimise: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     fixed_start: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     rows: int = 8,
@@ -57,6 +61,8 @@ def plan(
             the rectangle and the robots must be given.
         width: width of the rectangle [m].
         height: height of the rectangle [m].
+        open: plan for open ground: bodies may leave the rectangle, and the table has the space outside that a plan
+            needs. Without it, a rectangle that is given by its width and height has walls.
         robots: number of robots, or a range such as 3:8.
         robot_radius: radius of a robot's body [m].
         sensor_radius: radius of a robot's sensing disc [m].
@@ -68,7 +74,11 @@ def plan(
         failures: number of robots that fail for good: each combination of as many is removed once.
         guarantee: time within which every target must be detected [s]; if robots is a range, the command searches for
             the smallest number that achieves it.
-        seconds: duration of the search [s].
+        clearance: least distance of two bodies [m]; plans whose bodies come closer are marked and come after the
+            others. It is a tenth of a body's diameter by default.
+        plans: number of plans that are tried for each number of robots, 300 by default; a fifth as many of the best
+            ones are then simulated to the end. The result does not depend on the speed of the machine.
+        seconds: duration of the search [s], in place of a number of plans.
         optimise: also improve paths of any form by CMA-ES, from the best plans; requires the extra `plan` and a longer
             search.
         fixed_start: include only plans whose robots begin where the scenario places them.
@@ -78,26 +88,27 @@ def plan(
         output: Console output.
     """
     whole_number("rows", rows)
-    check_time("seconds", seconds, 1.0)
+    budget = Budget.of(plans, seconds)
     outcome = Outcome.of(Request(
-        scenario, width, height, _range(robots), robot_radius, sensor_radius, speed, turning_radius, rogue_speed, entry,
-        failures, guarantee, seed,
+        scenario, width, height, open, _range(robots), robot_radius, sensor_radius, speed, turning_radius, rogue_speed,
+        entry, failures, guarantee, clearance, seed,
     ))  # fmt: skip
     with nullcontext() if out is None else report.open_folder(out) as folder:
-        _search(outcome, seconds, optimise, fixed_start, output)
+        _search(outcome, budget, optimise, fixed_start, output)
         if outcome.interrupted and not outcome.finals:
             raise KeyboardInterrupt("no plan had been played to the end")
-        plans = outcome.plans[:rows]
-        _print(output.console(), outcome, plans)
-        if folder is not None and plans:
-            report.write(folder, plans, outcome.request.episodes)
-            output.print(f"wrote {len(plans)} plans and {report.PICTURE} in {out}")
+        shown_ones = outcome.plans[:rows]
+        _print(output.console(), outcome, shown_ones)
+        if folder is not None and shown_ones:
+            report.write(folder, shown_ones, outcome.request.episodes)
+            output.print(f"wrote {len(shown_ones)} plans and {report.PICTURE} in {out}")
             output.print(f"Watch one: lissajous run {out}/1 --out plan.html")
     output.print_json({
-        "plans": report.as_rows(plans),
+        "plans": report.as_rows(shown_ones),
         "limits": outcome.limits,
         "fewest_robots": outcome.fewest_robots,
         "looked_at": outcome.looks,
+        "seconds": outcome.seconds,
         "played": len(outcome.finals),
         "refusals": outcome.refusals,
         "untried": outcome.untried,
@@ -106,21 +117,21 @@ def plan(
     if outcome.interrupted:
         raise KeyboardInterrupt("the plans above are the best that were played until then")
     met = outcome.request.guarantee is None or outcome.fewest_robots is not None
-    return 0 if plans and met else 1
+    return 0 if shown_ones and met else 1
 
 
-def _search(outcome: Outcome, seconds: float, optimise: bool, fixed_start: bool, output: Any) -> None:
+def _search(outcome: Outcome, budget: Budget, optimise: bool, fixed_start: bool, output: Any) -> None:
     """Search with a progress bar."""
-    counted = bars.TextColumn("{task.fields[looks]} plans looked at, {task.fields[finals]} played")
+    counted = bars.TextColumn("{task.fields[looks]} plans tried, {task.fields[finals]} played")
     with bar(progress_console(output), bars.TextColumn("{task.description}"), counted) as shown_bar:
-        task = shown_bar.add_task("planning", total=seconds, looks=0, finals=0)
+        task = shown_bar.add_task("planning", total=1.0, looks=0, finals=0)
 
-        def progress(passed: float, outcome: Outcome, search: Search) -> None:
+        def progress(share: float, outcome: Outcome, search: Search) -> None:
             looks, finals = outcome.looks + len(search.looks), len(outcome.finals) + len(search.finals)
             name = f"planning {search.task.name}, N = {search.task.num_robots}"
-            shown_bar.update(task, completed=min(passed, seconds), description=name, looks=looks, finals=finals)
+            shown_bar.update(task, completed=min(share, 1.0), description=name, looks=looks, finals=finals)
 
-        outcome.search(seconds, optimise, fixed_start, progress)
+        outcome.search(budget, optimise, fixed_start, progress)
 
 
 def _print(console: Any, outcome: Outcome, plans: list) -> None:

@@ -101,8 +101,8 @@ def score(
 def _report_of(scored: Scored) -> str:
     """Return the report: the table of a log's score rows, and the episode of the first, which it can play."""
     from baselines.benchmark import written
-    from baselines.benchmark.detections import share_detected
     from baselines.benchmark.report_page import Played, Report
+    from baselines.benchmark.statistics import share_detected
     from baselines.benchmark.table import Table
     from lissajous_env.replay.contents import BRIEF, contents
 

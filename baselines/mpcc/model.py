@@ -48,6 +48,7 @@ class Table:
 
 def tabulate(curve: Curve, device: Any) -> Any:
     """Fit the pieces to value and slope at both ends of each cell; they are exact to float32."""
+    curve = curve.driven
     count = 512 << (max(curve.a, curve.b) - 1).bit_length()
     width = 2 * math.pi / count
     gamma = width * np.arange(count + 1)
@@ -111,10 +112,10 @@ def frame_at(curve: CurveStruct, gamma: float) -> Frame:
     b = float(curve.b)
     across = cos_sin(a * gamma)
     up = cos_sin(b * gamma)
-    first = wp.vec2(-curve.half_width * a * across[1], curve.half_height * b * up[0])
-    second = wp.vec2(-curve.half_width * a * a * across[0], -curve.half_height * b * b * up[1])
+    first = wp.vec2(-curve.reach_x * a * across[1], curve.reach_y * b * up[0])
+    second = wp.vec2(-curve.reach_x * a * a * across[0], -curve.reach_y * b * b * up[1])
     f = Frame()
-    f.point = wp.vec2(curve.half_width * across[0], curve.half_height * up[1])
+    f.point = wp.vec2(curve.reach_x * across[0], curve.reach_y * up[1])
     f.inverse = 1.0 / wp.length(first)
     f.tangent = first * f.inverse
     f.slope = -wp.dot(f.tangent, second) * f.inverse * f.inverse

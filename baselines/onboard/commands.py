@@ -15,6 +15,7 @@ from lissajous_env.device.work import Work
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
+from lissajous_env.world.robots.car import speed_limit_below
 
 wp.set_module_options(OPTIONS)
 
@@ -27,7 +28,7 @@ class Command(NamedTuple):
     steering: float
     """Steering angle, positive to the left [rad]."""
     throttle: float
-    """Throttle tau of (12), from `robot.throttle_min` to `robot.throttle_max`."""
+    """Throttle tau of (12), from `robot.throttle_min` to `robot.throttle_max`; below 0 in reverse."""
 
 
 class Twist(NamedTuple):
@@ -50,7 +51,7 @@ def to_physical(
     """Write steering angle [rad], throttle, speed at the end of the step [m/s], and yaw rate at it [rad/s], by (12)."""
     k = wp.tid()
     taken = steering_and_throttle(robot, wp.vec2(wp.clamp(action[0], -1.0, 1.0), wp.clamp(action[1], -1.0, 1.0)))
-    reached = twist_reached(robot, taken[0], taken[1], wp.max(speed[0], 0.0), step)
+    reached = twist_reached(robot, taken[0], taken[1], wp.max(speed[0], speed_limit_below(robot)), step)
     command_out[k] = wp.vec4(taken[0], taken[1], reached[0], reached[1])
 
 
@@ -73,7 +74,7 @@ class Actuation:
         self._command = wp.zeros(1, dtype=wp.vec4, device="cpu")
         self._hosts = tuple(array.numpy() for array in (self._action, self._speed, self._command))
         inputs = [self._robot, self._step, self._action, self._speed]
-        rest = np.array(model_of(scenario.robot.kind).rest, dtype=np.float32)
+        rest = np.array(model_of(scenario.robot.kind).rest_action(scenario.robot), dtype=np.float32)
         with compile_quietly():
             device = as_device("cpu")
             launch = wp.launch(to_physical, 1, inputs, [self._command], device=device, record_cmd=True)

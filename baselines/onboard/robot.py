@@ -263,7 +263,7 @@ class Onboard:
                 builder.age[side], builder.numbers[side] = -1, 0
         if phase is None and self._phase is None:
             near = float(self.scenario.equilibrium[self.robot])
-            builder.phase = locate(self.scenario.curve, self.scenario.alpha, pose.x, pose.y, pose.heading, near)
+            builder.phase = locate(self.scenario.driven, self.scenario.alpha, pose.x, pose.y, pose.heading, near)
         follows = pose is not self._announced or self._phase is None
         row = builder.fill(pose.x, pose.y, pose.heading, pose.speed, works, phase, follows)
         self._phase = builder.phase

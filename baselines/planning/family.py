@@ -72,7 +72,7 @@ class Family:
         collided = [look for look in looks if look.collisions]
         refusals = [*self.unmade, *(look.refusal for look in looks if look.refusal)]
         if not (looks or self.unmade):
-            return "there was no time to try one"
+            return "the search ended before it tried one"
         words = [f"{len(looks)} plans were looked at"]
         if collided:
             fewest = min(collided, key=lambda look: look.collisions)

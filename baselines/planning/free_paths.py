@@ -14,7 +14,6 @@ N. Hansen, A. Ostermeier, "Completely derandomized self-adaptation in evolution 
 """
 
 import importlib
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -57,7 +56,7 @@ _WIDER = 1.03
 """Size of first paths that break a limit, over that of the plan: partitions often turn as tightly as cars can."""
 _WORLDS = 24
 _FIRST = 0.4
-"""Share of the time for the first stage."""
+"""Share of the budget for the first stage."""
 _KEPT = 3
 """Results of the first stage that the second improves, and teams of a goal that become plans."""
 _FASTEST = 0.9
@@ -185,28 +184,27 @@ class _Team:
 
 def optimise(
     starts: Mapping[str, Sequence[Plan]],
-    seconds: float,
-    stopped: Callable[[], bool] = lambda: False,
+    budget: float,
+    on_progress: Callable[[], None] = lambda: None,
     seed: int = 0,
-    clock: Callable[[], float] = time.monotonic,
+    clock: Callable[[], float] | None = None,
 ) -> list[Plan]:
     """Return plans of free-form paths, the best of each goal in turn.
 
     Args:
         starts: For each goal, the plans of timed paths from which the search begins; others are left out.
-        seconds: Duration of the search [s].
-        stopped: Returns whether to stop.
+        budget: Populations that are simulated, or with a clock the duration of the search [s].
+        on_progress: Called before each population.
         seed: Seed of the search.
-        clock: Returns the time [s].
+        clock: Returns the time [s]; None to count populations in its place.
 
     Raises:
         MissingExtraError: the library `cma` is not installed.
     """
     require_cma()
-    begin = clock()
     found: list[list[Plan]] = []
-    for k, (goal, plans) in enumerate(starts.items()):
-        search = _Search(goal, begin + seconds * (k + 1) / len(starts), stopped, seed, clock)
+    for goal, plans in starts.items():
+        search = _Search(goal, budget / len(starts), on_progress, seed, clock)
         found.append([team.plan for team in search.run(plans)[:_KEPT]])
     return list(in_turn(found))
 
@@ -256,22 +254,33 @@ def moved(paths: np.ndarray, changes: np.ndarray) -> np.ndarray:
 class _Search:
     """A search with one goal."""
 
-    def __init__(self, goal: str, until: float, stopped: Callable[[], bool], seed: int, clock: Callable[[], float]):
-        self.goal, self.until, self.stopped, self.seed, self.clock = goal, until, stopped, seed, clock
+    def __init__(
+        self,
+        goal: str,
+        budget: float,
+        on_progress: Callable[[], None],
+        seed: int,
+        clock: Callable[[], float] | None,
+    ):
+        self.goal, self.budget, self.on_progress, self.seed = goal, budget, on_progress, seed
+        self.populations = 0
+        """Populations that were simulated."""
+        begin = 0.0 if clock is None else clock()
+        self.spent = lambda: float(self.populations) if clock is None else clock() - begin
 
     def run(self, plans: Sequence[Plan]) -> list[_Team]:
         """Return the best teams of each stage, the best first."""
         loops = [(plan.scenario, loop) for plan in plans if (loop := loop_of(plan)) is not None]
         described = [(task, _described(task, loop), loop.shape[1]) for task, loop in loops]
         begun = [(task, paths, tried) for task, paths, period in described for tried in _periods(task, paths, period)]
-        begin, first = self.clock(), []
+        first = []
         for k, (task, paths, period) in enumerate(begun):
-            until = begin + _FIRST * (self.until - begin) * (k + 1) / len(begun)
+            until = _FIRST * self.budget * (k + 1) / len(begun)
             first += self._moved(task, paths, period, until)
         kept = sorted(first, key=lambda team: team.value)[:_KEPT]
-        begin, second = self.clock(), []
+        begin, second = self.spent(), []
         for k, team in enumerate(kept):
-            second += self._bent(team, begin + (self.until - begin) * (k + 1) / len(kept))
+            second += self._bent(team, begin + (self.budget - begin) * (k + 1) / len(kept))
         return sorted([*kept, *second], key=lambda team: team.value)
 
     def _moved(self, task: Scenario, paths: np.ndarray, period: int, until: float) -> list[_Team]:
@@ -302,7 +311,8 @@ class _Search:
         search = require_cma().CMAEvolutionStrategy(start, sigma, options)
         limits, weight = Limits.of(task), _PENALTY * task.sensing_radius / task.robot.top_speed
         teams, best, drawn = Teams(task, period, _WORLDS, self.goal), None, 0
-        while self.clock() < until and not self.stopped() and not search.stop():
+        while self.spent() < until and not search.stop():
+            self.on_progress()
             asked = search.ask() if drawn else [start] * _WORLDS  # the start itself is the first that is scored
             paths = paths_of(np.array(asked))
             broken = violation(paths, period, limits)
@@ -312,6 +322,7 @@ class _Search:
             if drawn:
                 search.tell(asked, values.tolist())
             drawn += 1
+            self.populations += 1
             allowed = np.where((broken < _TOLERANCE) & (collisions == 0), values, np.inf)
             k = int(allowed.argmin())
             if allowed[k] < (np.inf if best is None else best.value):

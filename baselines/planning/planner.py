@@ -8,15 +8,16 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from baselines.planning import free_paths
+from baselines.planning.budget import DEFAULT, Budget
 from baselines.planning.plans import Planned, pareto_optimal
 from baselines.planning.rehearse import quietly
-from baselines.planning.request import Request, check_time
+from baselines.planning.request import Request
 from baselines.planning.search import Search
 from lissajous_env.episodes.limits import guaranteed_time_limit
 from lissajous_env.parameters.scenario import Scenario
 
 OnProgress = Callable[[float, "Outcome", Search], None]
-"""Called during the planning with the time that has passed [s], the outcome so far, and the running search."""
+"""Called during the planning with the share that is done, the outcome so far, and the running search."""
 
 
 @dataclass
@@ -33,14 +34,18 @@ class Outcome:
     refusals: dict[int, dict[str, str]] = field(default_factory=dict)
     """Reasons why families have no plan without collisions, by number of robots."""
     untried: dict[int, list[str]] = field(default_factory=dict)
-    """Families of which there was no time to try a plan, by number of robots."""
+    """Families of which no plan was tried, by number of robots."""
     looks: int = 0
     """Number of plans that were looked at."""
     unplayed: int = 0
-    """Number of defaults that were not played for lack of time."""
+    """Number of defaults that the budget left out."""
     broken: list[str] = field(default_factory=list)
     """Reasons of plans whose final episodes failed."""
     interrupted: bool = False
+    budget: Budget = field(default_factory=Budget)
+    """Extent of the search."""
+    seconds: float = 0.0
+    """Duration of the search [s]."""
 
     @classmethod
     def of(cls, request: Request) -> "Outcome":
@@ -67,44 +72,49 @@ class Outcome:
     def guarantees(self, planned: Planned) -> bool:
         """Return whether a plan guarantees the requested time, also with failures if these were requested."""
         figures = planned.figures
-        if self.request.guarantee is None or figures.collisions:
+        if self.request.guarantee is None or figures.collisions or figures.too_close:
             return False
         failed = figures.worst_case_failed if self.request.failures else 0.0
         return max(figures.worst_case, failed) <= self.request.guarantee
 
     def search(
-        self, seconds: float, optimise: bool = False, fixed_start: bool = False, on_progress: OnProgress | None = None
+        self,
+        budget: Budget = DEFAULT,
+        optimise: bool = False,
+        fixed_start: bool = False,
+        on_progress: OnProgress | None = None,
     ) -> None:
-        """Search for plans for a time [s] on the task of each number of robots, and add them.
+        """Search for plans on the task of each number of robots, and add them.
 
         With a guarantee, the search begins with the fewest robots and ends when a plan meets it.
 
         Args:
-            seconds: Duration of the search [s].
+            budget: Extent of the search: plans for each number of robots, or the duration of all.
             optimise: True to improve free-form paths by CMA-ES too; requires the extra `plan`.
             fixed_start: True to include only plans whose robots begin where the scenario places them.
-            on_progress: Called with the time that has passed [s], the outcome so far and the running search.
+            on_progress: Called with the share that is done, the outcome so far and the running search.
 
         Raises:
             MissingExtraError: `optimise`, and the library for it is not installed.
         """
-        check_time("seconds", seconds, 1.0)
         if optimise:
             free_paths.require_cma()
-        begin, guarantee, seed = time.monotonic(), self.request.guarantee, self.request.seed
+        self.budget, begin = budget, time.monotonic()
+        guarantee, seed = self.request.guarantee, self.request.seed
         # A team whose lower bound is above the requested time cannot meet it.
         open_ones = [number for number, limit in self.limits.items() if not (guarantee and limit > guarantee)]
+        count = len(open_ones)
         while open_ones and not self.interrupted and self.fewest_robots is None:
             number = open_ones.pop(0)
-            gone = time.monotonic() - begin
             running = Search(self.tasks[number], self.request.episodes, seed=seed, fixed_start=fixed_start)
 
-            def progress(passed: float, running: Search = running, before: float = gone) -> None:
+            def progress(share: float, running: Search = running, before: int = count - len(open_ones) - 1) -> None:
                 if on_progress is not None:
-                    on_progress(before + passed, self, running)
+                    on_progress((before + min(share, 1.0)) / count, self, running)
 
+            part = budget.part(time.monotonic() - begin, len(open_ones) + 1)
             with quietly():
-                running.run(max(seconds - gone, 0.0) / (len(open_ones) + 1), progress, optimise, self.guarantees)
+                running.run(part, progress, optimise, self.guarantees)
             self.finals += running.finals
             self.untried[number] = running.untried()
             self.refusals[number] = running.refusals()
@@ -112,12 +122,14 @@ class Outcome:
             self.broken += running.broken
             self.unplayed += running.unplayed
             self.interrupted = running.interrupted
+        self.seconds = time.monotonic() - begin
 
 
 def plan(
     scenario: str | os.PathLike[str] | Scenario | None = None,
     *,
-    seconds: float = 60.0,
+    plans: int | None = None,
+    seconds: float | None = None,
     optimise: bool = False,
     fixed_start: bool = False,
     on_progress: OnProgress | None = None,
@@ -127,10 +139,12 @@ def plan(
 
     Args:
         scenario: Scenario from which missing values are taken; without it, the rectangle and the robots must be given.
-        seconds: Duration of the search [s].
+        plans: Number of plans that are tried for each number of robots, 300 by default; a fifth as many of the best
+            ones are then played to the end.
+        seconds: Duration of the search [s], in place of a number of plans.
         optimise: True to improve free-form paths by CMA-ES too; requires the extra `plan`.
         fixed_start: True to include only plans whose robots begin where the scenario places them.
-        on_progress: Called with the time that has passed [s], the outcome so far and the running search.
+        on_progress: Called with the share that is done, the outcome so far and the running search.
         **requested: The other fields of `baselines.planning.request.Request`.
 
     Returns:
@@ -139,7 +153,7 @@ def plan(
     Raises:
         ValueError: a value is invalid or missing.
     """
-    check_time("seconds", seconds, 1.0)
+    budget = Budget.of(plans, seconds)
     outcome = Outcome.of(Request(scenario, **requested))
-    outcome.search(seconds, optimise, fixed_start, on_progress)
+    outcome.search(budget, optimise, fixed_start, on_progress)
     return outcome

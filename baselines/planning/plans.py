@@ -19,9 +19,10 @@ from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, OP
 
 WHOLE, SETTLED = "whole", "settled"
 """Goals: the worst case of whole episodes, and of their second halves, when all robots have reached their places."""
-LOST, SETTLED_TIME, GROWN = "lost", "settled_time", "still_growing"
+LOST, SETTLED_TIME, GROWN, BEYOND = "lost", "settled_time", "still_growing", "beyond_edge"
 """Entries of a score row of planning: the robots that are removed, the worst-case undetected time of the second half of
-the episode [s], and whether the worst case is that of the last moment and longer than any before it."""
+the episode [s], whether the worst case is that of the last moment and longer than any before it, and the largest
+distance of any part of a body beyond the edge of the rectangle [m]."""
 MESSAGES = "nothing", "phases of ring neighbours", "positions of ring neighbours"
 """Contents of messages, those that are the least to communicate first; any other comes last."""
 
@@ -67,6 +68,10 @@ class Figures:
     """Collisions of the episodes with failures."""
     clearance: float
     """Smallest distance between two bodies in the episodes without failures [m]; NaN for one robot."""
+    outside: float
+    """Largest distance of any part of a body beyond the edge of the rectangle in the episodes without failures [m]."""
+    too_close: bool
+    """Whether two bodies come closer than the requested clearance in an episode, also of those with failures."""
     distance: float
     """Distance that a robot drives in a minute, mean over robots and episodes without failures [m/min]."""
     messages: str
@@ -78,11 +83,11 @@ class Figures:
 
     @property
     def objectives(self) -> tuple[float, ...]:
-        """Return the numbers that a better plan has less of."""
+        """Return the numbers that a better plan has less of, the most important one first."""
         failed = 0.0 if math.isnan(self.worst_case_failed) else self.worst_case_failed
         rank = MESSAGES.index(self.messages) if self.messages in MESSAGES else len(MESSAGES)
         detection = math.inf if math.isnan(self.detection_time) else self.detection_time
-        return self.worst_case, self.settled, failed, detection, self.distance, float(rank)
+        return float(self.too_close), self.worst_case, self.settled, failed, detection, self.distance, float(rank)
 
 
 @dataclass(frozen=True)
@@ -132,8 +137,18 @@ def absolute(relative: PolicySettings, task: Scenario, digits: int | None = None
     return PolicySettings(relative.policy, given)
 
 
-def figures_of(rows: Sequence[dict[str, Any]], failed: Sequence[dict[str, Any]], plan: Plan, messages: str) -> Figures:
-    """Return the figures of a plan from its score rows, and `messages`, which is not among these."""
+def figures_of(
+    rows: Sequence[dict[str, Any]], failed: Sequence[dict[str, Any]], plan: Plan, messages: str, clearance: float
+) -> Figures:
+    """Return the figures of a plan.
+
+    Args:
+        rows: Score rows of the episodes without failures.
+        failed: Those with failures.
+        plan: The plan.
+        messages: Content of the messages that its policy uses.
+        clearance: Least distance of two bodies [m].
+    """
     duration, body = plan.scenario.task.duration, 2 * plan.scenario.robot.radius
     detection_low, detection_high = t_interval(_of(DETECTION_TIME, rows))
     collisions_failed = sum(_of(COLLISIONS, failed))
@@ -145,6 +160,8 @@ def figures_of(rows: Sequence[dict[str, Any]], failed: Sequence[dict[str, Any]],
         collisions=sum(_of(COLLISIONS, rows)),
         collisions_failed=collisions_failed,
         clearance=min(_of(SEPARATION, rows)) - body,
+        too_close=min(_of(SEPARATION, [*rows, *failed])) - body < clearance,
+        outside=max(row[BEYOND] for row in rows),
         distance=_mean(_of(DISTANCE, rows)) / duration * 60,
         messages=messages,
         detection_low=detection_low,

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.planning.plans import GROWN, LOST, SETTLED_TIME, Plan, Planned, figures_of
+from baselines.planning.plans import BEYOND, GROWN, LOST, SETTLED_TIME, Plan, Planned, figures_of
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.patience import StoppedError, patience
 from baselines.policies.settings import PolicySettings
@@ -58,6 +58,8 @@ class Episodes:
     failures: int = 0
     """Robots that fail for good in an episode with failures."""
     count: int = EPISODES
+    clearance: float = 0.0
+    """Distance of two bodies below which a plan is ranked after all others [m]."""
 
     def with_failures(self, scenario: Scenario) -> Scenario:
         """Return a scenario in which so many more robots fail for good; `remove_early` determines which and when."""
@@ -93,6 +95,8 @@ class Look:
     """The same with failures; 0 without."""
     settled: float = math.inf
     """Worst-case undetected time of the second half of the episodes [s]."""
+    too_close: bool = False
+    """Whether two bodies come closer than the requested clearance."""
     mean_age: float = math.inf
     """Mean over cells and time of how long a target can have been undetected [s], to compare plans without a bound."""
     refusal: str = ""
@@ -101,12 +105,12 @@ class Look:
     @property
     def by_worst_case(self) -> tuple[float, ...]:
         """Return numbers by which plans are sorted, without failures first."""
-        return self.worst_case, self.settled, self.worst_case_failed, self.mean_age
+        return self.too_close, self.worst_case, self.settled, self.worst_case_failed, self.mean_age
 
     @property
     def by_failed(self) -> tuple[float, ...]:
         """Return numbers by which plans are sorted, with failures first."""
-        return self.worst_case_failed, self.worst_case, self.settled, self.mean_age
+        return self.too_close, self.worst_case_failed, self.worst_case, self.settled, self.mean_age
 
     @property
     def fails(self) -> bool:
@@ -142,11 +146,19 @@ class _Run:
         """Longest undetected time since the middle of the episodes [steps]."""
         self.before = np.zeros(len(losses), dtype=int)
         """Longest undetected time before the last step [steps]."""
+        self.beyond = np.zeros(len(losses))
+        """Largest distance of any part of a body beyond the edge of the rectangle so far [m]; 0 with walls."""
 
     @property
     def longest(self) -> np.ndarray:
         """Return the longest undetected time of each episode so far [steps]."""
         return self.simulation.contamination.age_max.numpy()
+
+    @property
+    def gap(self) -> float:
+        """Return the smallest distance of two bodies so far [m]."""
+        robot = self.simulation.scenario.robot
+        return float(self.simulation.tally.min_separation.numpy().min()) - 2 * robot.radius
 
     @property
     def collisions(self) -> int:
@@ -156,11 +168,14 @@ class _Run:
     def play(self, until: int, is_over: Callable[[], bool]) -> bool:
         """Play until a step, and return True; return False where `is_over` has ended the episodes earlier."""
         runner = EpisodeRunner(self.policy, self.simulation)
+        has_walls = self.simulation.scenario.task.boundary == "wall"
         self.policy.reset()
         for self.step in range(1, until + 1):
             if self.step == until:
                 self.before[:] = self.longest
             runner.step()
+            if not has_walls:
+                np.maximum(self.beyond, self._beyond_now(), out=self.beyond)
             if 2 * self.step > until:
                 np.maximum(self.settled, self.simulation.contamination.age.numpy(), out=self.settled)
             if self.step % _EVERY == 0:
@@ -170,23 +185,29 @@ class _Run:
                     return False
         return True
 
+    def _beyond_now(self) -> np.ndarray:
+        """Return by how much a body sticks out of the rectangle in each episode now [m]."""
+        curve, robots = self.simulation.scenario.curve, self.simulation.robots.position.numpy()
+        over = np.abs(robots[..., :2]) - (curve.half_width, curve.half_height)
+        return over.max(axis=(1, 2)) + self.simulation.scenario.robot.radius
+
 
 def look_at(plan: Plan, episodes: Episodes, cutoff: float, stopped: Callable[[], bool]) -> Look:
     """Play a plan for half of its duration on a coarse grid; end at the first collision, or beyond a cutoff [s]."""
     try:
         task = plan.scenario.task
         scenario = named.build(plan.scenario, **{"task.contamination": coarse_grid(plan.scenario), "task.grid": (1, 1)})
-        look = _look(
-            plan, scenario, episodes.seed, [()] * _SCREENED, max(round(_SHARE * task.steps), 1), cutoff, stopped
-        )
+        until = max(round(_SHARE * task.steps), 1)
+        look = _look(plan, scenario, episodes, [()] * _SCREENED, until, cutoff, stopped)
         if not episodes.failures or look.collisions:
             return look
         if look.worst_case == math.inf:
             return dataclasses.replace(look, worst_case_failed=math.inf)
         scenario, losses = episodes.with_failures(scenario), episodes.losses(scenario)
         losses = losses[:: math.ceil(len(losses) / _SCREENED_LOSSES)]
-        failed = _look(plan, scenario, episodes.seed, losses, task.steps, math.inf, stopped)
-        return dataclasses.replace(look, worst_case_failed=failed.worst_case)
+        failed = _look(plan, scenario, episodes, losses, task.steps, math.inf, stopped)
+        too_close = look.too_close or failed.too_close
+        return dataclasses.replace(look, worst_case_failed=failed.worst_case, too_close=too_close)
     except StoppedError:
         raise
     except Exception as error:  # one policy that fails must not end the search
@@ -196,30 +217,32 @@ def look_at(plan: Plan, episodes: Episodes, cutoff: float, stopped: Callable[[],
 def _look(
     plan: Plan,
     scenario: Scenario,
-    seed: int,
+    episodes: Episodes,
     losses: Sequence[tuple[int, ...]],
     until: int,
     cutoff: float,
     stopped: Callable[[], bool],
 ) -> Look:
-    """Return the collisions, the worst cases and the mean age [s] of episodes, which may end early."""
-    run, step = _Run(plan, scenario, seed, losses, stopped), scenario.task.step
+    """Return the collisions, the worst cases and the mean age [s] of some episodes, which may end early."""
+    run, step = _Run(plan, scenario, episodes.seed, losses, stopped), scenario.task.step
     ended = run.play(until, lambda: bool(run.collisions) or run.longest.max() * step > cutoff)
     if run.collisions:
         return Look(plan, run.collisions, math.inf, 0.0)
     field = run.simulation.contamination
+    too_close = run.gap < episodes.clearance
     age = float(field.mean_age_sum.numpy().max()) / run.step * step
     at_end = zip(run.longest, field.age.numpy(), strict=True)
     if not (ended or run.step == until) or any(is_open(*each, until) for each in at_end):
-        return Look(plan, 0, math.inf, 0.0, mean_age=age)
-    return Look(plan, 0, float(run.longest.max()) * step, 0.0, int(run.settled.max()) * step, age)
+        return Look(plan, 0, math.inf, 0.0, too_close=too_close, mean_age=age)
+    worst_case, settled = float(run.longest.max()) * step, int(run.settled.max()) * step
+    return Look(plan, 0, worst_case, 0.0, settled, too_close, age)
 
 
 def play(
     plan: Plan,
     episodes: Episodes,
     stopped: Callable[[], bool] = lambda: False,
-    cutoff: Callable[[], float] = lambda: math.inf,
+    cutoff: float = math.inf,
 ) -> Planned | None:
     """Play the final episodes of a plan, all of them to the end.
 
@@ -227,8 +250,8 @@ def play(
         plan: The plan.
         episodes: The episodes.
         stopped: Returns whether to stop, by raising StoppedError.
-        cutoff: Returns a worst-case undetected time [s]; for a plan that exceeds it, or collides where it is not
-            infinite, the result is None.
+        cutoff: Worst-case undetected time [s]; for a plan that exceeds it, or collides where it is not infinite, the
+            result is None.
     """
     found = _played(plan, plan.scenario, episodes.seed, [()] * episodes.count, stopped, cutoff)
     if found is None:
@@ -241,7 +264,7 @@ def play(
         assert found is not None, "without a cutoff every episode is played to the end"
         failed, _ = found
     limit = guaranteed_time_limit(plan.scenario)
-    return Planned(plan, figures_of(rows, failed, plan, messages), limit, rows, failed)
+    return Planned(plan, figures_of(rows, failed, plan, messages, episodes.clearance), limit, rows, failed)
 
 
 def _played(
@@ -250,7 +273,7 @@ def _played(
     seed: int,
     losses: Sequence[tuple[int, ...]],
     stopped: Callable[[], bool],
-    cutoff: Callable[[], float] = lambda: math.inf,
+    cutoff: float = math.inf,
 ) -> tuple[list[dict[str, Any]], str] | None:
     """Return the score rows of some episodes, with what `plans` adds to these, and the policy's messages.
 
@@ -259,17 +282,17 @@ def _played(
     run = _Run(plan, scenario, seed, losses, stopped)
 
     def is_over() -> bool:
-        most = cutoff()
-        return float(run.longest.max()) * scenario.task.step > most or (most < math.inf and run.collisions > 0)
+        longest = float(run.longest.max()) * scenario.task.step
+        return longest > cutoff or (cutoff < math.inf and run.collisions > 0)
 
     if not run.play(scenario.task.steps, is_over):
         return None
-    more = zip(run.simulation.score(), losses, run.settled, run.longest > run.before, strict=True)
+    more = zip(run.simulation.score(), losses, run.settled, run.longest > run.before, run.beyond, strict=True)
     rows = [
         {"policy": plan.settings.policy}
         | row
-        | {LOST: lost, SETTLED_TIME: float(age) * scenario.task.step, GROWN: bool(grows)}
-        for row, lost, age, grows in more
+        | {LOST: lost, SETTLED_TIME: float(age) * scenario.task.step, GROWN: bool(grows), BEYOND: float(beyond)}
+        for row, lost, age, grows, beyond in more
     ]
     return rows, run.policy.communicates
 

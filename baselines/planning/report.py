@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Circle
 
-from baselines.benchmark.best_known import NAME as KNOWN
+from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
 from baselines.benchmark.tables import between
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import SETTLED_TIME, Figures, Planned, bounds_of
@@ -48,6 +48,7 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> lis
         Column("lower\nbound [s]", rank=1),
         Column("detected in\nmean [s]", rank=1),
         Column("least gap\n[m]", rank=2),
+        Column("outside\n[m]", rank=1) if _is_open(outcome) else None,
         Column("driven\n[m/min]", rank=2),
         Column("messages", left=True, rank=3),
         Column("details", prose=True, rank=4),
@@ -57,7 +58,7 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> lis
         figures = each.figures
         rows.append([
             str(k),
-            each.plan.settings.policy,
+            f"{each.plan.settings.policy} (close)" if figures.too_close else each.plan.settings.policy,
             str(each.plan.scenario.num_robots) if len(outcome.tasks) > 1 else None,
             worst_in_words(figures.worst_case, each.rows),
             worst_in_words(figures.settled, each.rows, SETTLED_TIME),
@@ -65,12 +66,18 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> lis
             _number(each.limit),
             _detection(figures),
             _number(figures.clearance),
+            _number(figures.outside) if _is_open(outcome) else None,
             _number(figures.distance),
             figures.messages,
             each.plan.about,
         ])  # fmt: skip
     kept = [k for k, column in enumerate(columns) if column is not None]
     return print_table(console, [c for c in columns if c is not None], [[row[k] or "" for k in kept] for row in rows])
+
+
+def _is_open(outcome: Outcome) -> bool:
+    """Return whether bodies may leave the rectangle."""
+    return any(task.task.boundary != "wall" for task in outcome.tasks.values())
 
 
 def print_formations(console: Any, plans: Sequence[Planned]) -> list[str]:
@@ -94,7 +101,13 @@ def untried_in_words(outcome: Outcome) -> str:
     names = list(dict.fromkeys(name for families in outcome.untried.values() for name in families))
     if not names:
         return ""
-    return f"Not tried for lack of time: {', '.join(names)}. Their plans may be better: more --seconds are needed."
+    remedy = "" if outcome.fewest_robots else f": {_more(outcome)} are needed"
+    return f"Not tried: {', '.join(names)}. Their plans may be better{remedy}."
+
+
+def _more(outcome: Outcome) -> str:
+    """Return the option that extends the search."""
+    return "more --plans" if outcome.budget.seconds is None else "more --seconds"
 
 
 def sentences(outcome: Outcome) -> list[str]:
@@ -109,15 +122,19 @@ def sentences(outcome: Outcome) -> list[str]:
         if "of" in _losses(outcome):
             all_or_some = "of as many combinations of robots, drawn at random"
         words[0] += f", and {_losses(outcome)} in which {lost} after a quarter of the episode ({all_or_some})"
-    words[0] += ". A guarantee is the largest time of these episodes; the median is in brackets where it differs."
+    words[0] += f". The search took {outcome.seconds:.0f} s."
+    words[0] += " A guarantee is the largest time of these episodes; the median is in brackets where it differs."
     if outcome.unplayed:
-        words.append(f"{outcome.unplayed} defaults were not simulated: more --seconds are needed.")
+        words.append(f"{outcome.unplayed} defaults were not simulated: {_more(outcome)} are needed.")
     if outcome.broken:
         words.append(f"{len(outcome.broken)} plans failed when they were simulated to the end: {outcome.broken[0]}.")
     if outcome.plans and all(math.isinf(each.figures.worst_case) for each in outcome.plans):
         words.append("No plan has a bound on the time for which such a target can stay undetected.")
     elif outcome.plans and episodes.failures:
         words += _of_failures(outcome)
+    if any(each.figures.too_close for each in outcome.plans):
+        least = outcome.request.least_gap
+        words.append(f"Close: two bodies come closer than {least:.3g} m (--clearance); such plans come last.")
     words.append("Detected in mean: mean detection time, with its 95 % interval over the episodes (Student's t).")
     if outcome.request.guarantee is not None:
         words += _of_guarantee(outcome)
@@ -138,7 +155,7 @@ def _of_failures(outcome: Outcome) -> list[str]:
         f"No plan has a bound with {lost} removed: {open_ones} of {len(outcome.plans)} leave a gap where a target can"
     )
     words += " stay undetected" + (f", {collide} collide" if collide else "")
-    return [f"{words}. More robots or longer sensors are needed, or more --seconds."]
+    return [f"{words}. More robots or longer sensors are needed, or {_more(outcome)}."]
 
 
 def _of_guarantee(outcome: Outcome) -> list[str]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from baselines.benchmark.standard import GRIDS
+from baselines.benchmark.bounds import GRIDS
 from baselines.planning.plans import top_speed
 from baselines.planning.rehearse import Episodes, grid
 from baselines.similarity import motion_scale
@@ -16,7 +16,8 @@ from lissajous_env.episodes.guarantee import CELLS
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
-from lissajous_env.settings.parts import Formation, Robot
+from lissajous_env.settings.parts import Formation
+from lissajous_env.settings.robot import Robot
 from lissajous_env.settings.targets import Targets
 from lissajous_env.settings.task import Task
 from lissajous_env.theory import closed_forms
@@ -35,6 +36,8 @@ _START = 0.5
 """Standard deviation of the robots' places along the curve at the start, in body radii."""
 _REACH_STEP = 0.25
 """Largest part of a sensor's radius that a robot moves in a control step."""
+_CLEARANCE = 0.1
+"""Default of the least distance of two bodies, over the diameter of one."""
 _GRID = 36
 """Cells of the coverage grid along the longer side of the rectangle."""
 _LEAST, _MOST = 0.01, 1e4
@@ -59,6 +62,9 @@ class Request:
     """Width of the rectangle [m]."""
     height: float | None = None
     """Height of the rectangle [m]."""
+    open: bool = False
+    """True for open ground, where bodies may leave the rectangle. A rectangle that is given by its sides has walls
+    otherwise, and a scenario its own boundary."""
     robots: int | Sequence[int] | None = None
     """Number of robots, or a pair of the fewest and the most."""
     robot_radius: float | None = None
@@ -78,6 +84,9 @@ class Request:
     it; of more than 64 combinations, 64 are drawn at random."""
     guarantee: float | None = None
     """Time within which every target must be detected [s]; the search ends at the fewest robots that achieve it."""
+    clearance: float | None = None
+    """Least distance of two bodies [m]; plans whose bodies come closer are ranked after the others. A tenth of a body's
+    diameter by default."""
     seed: int = 0
     """Seed of the episodes and of the search."""
 
@@ -92,6 +101,8 @@ class Request:
                 raise ValueError(f"{name} must be from {_LEAST:g} to {_MOST:g} [{unit}], got {shown(value)}")
         if self.rogue_speed is not None and not 0 <= self.rogue_speed <= 100:
             raise ValueError(f"rogue_speed must be from 0 to 100 [m/s], got {shown(self.rogue_speed)}")
+        if self.clearance is not None and not 0 <= self.clearance <= _MOST:
+            raise ValueError(f"clearance must be from 0 to {_MOST:g} [m], got {shown(self.clearance)}")
         check_time("guarantee", self.guarantee, 1e-3)
         whole_number("seed", self.seed, 0, _LAST_SEED)
         if not isinstance(self.failures, int) or not 0 <= self.failures < self.numbers[0]:
@@ -106,7 +117,15 @@ class Request:
     @property
     def episodes(self) -> Episodes:
         """Return the episodes of every plan."""
-        return Episodes(self.seed, self.failures)
+        return Episodes(self.seed, self.failures, clearance=self.least_gap)
+
+    @property
+    def least_gap(self) -> float:
+        """Return the least distance of two bodies [m]."""
+        if self.clearance is not None:
+            return self.clearance
+        radius = self.robot_radius or (0.0 if self.base is None else self.base.robot.radius)
+        return _CLEARANCE * 2 * radius
 
     @cached_property
     def numbers(self) -> range:
@@ -128,19 +147,32 @@ class Request:
         Raises:
             ValueError: a value that a field of the scenario forbids.
         """
-        made = self._rectangle(num_robots) if self.base is None else self._changed(self.base, num_robots)
         changed: dict[str, Any] = {}
         if self.base is None:
+            made = self._rectangle(num_robots, 0.0)
             changed |= _times(made)
+            if not self.open:
+                # The inset depends on the control step and on the speed along the curve, which the design determines.
+                walls = {"task.boundary": "wall"}
+                inset = named.build(made, **changed, **walls).inset
+                made = self._rectangle(num_robots, inset)
+                changed |= walls | _times(named.build(made, **{"curve.inset": inset}))
+        else:
+            made = self._changed(self.base, num_robots)
         if made.task.contamination is None:
             changed["task.contamination"] = GRIDS.get(made.name) or grid(made, CELLS, 4.0)
         return named.build(dataclasses.replace(made, extensions=()), **changed)
 
-    def _rectangle(self, num_robots: int) -> Scenario:
-        """Return the scenario of a rectangle and robots, which begin in the best design of the paper's formation."""
+    def _rectangle(self, num_robots: int, inset: float) -> Scenario:
+        """Return the scenario of a rectangle and robots, which begin in the best design of the paper's formation.
+
+        Args:
+            num_robots: Number of robots.
+            inset: Width of the strip along the edge in which nothing is driven [m], for the design.
+        """
         width, height, radius = self.width or 0.0, self.height or 0.0, self.sensor_radius or 0.0
         robot = _robot(Robot(kind="curve"), self)
-        chosen = _best_design(width / 2, height / 2, robot, radius, robot.top_speed, num_robots)
+        chosen = _best_design(width / 2, height / 2, robot, radius, robot.top_speed, num_robots, inset)
         moving = self.rogue_speed or 0.0
         base = Scenario(
             name="plan",
@@ -169,21 +201,25 @@ class Request:
             changed["targets.speed_limit"] = self.rogue_speed
         if self.entry is not None:
             changed["targets.entry"] = self.entry
+        if self.open:
+            changed["task.boundary"] = "open"
         curve = scenario.curve
         halves = (self.width or 2 * curve.half_width) / 2, (self.height or 2 * curve.half_height) / 2
         if halves != (curve.half_width, curve.half_height) or num_robots != scenario.num_robots:
+            inset = 0.0 if self.open else scenario.inset
             speed = robot.top_speed if robot.kind == "car" else self.speed or top_speed(scenario)
-            chosen = _best_design(*halves, robot, self.sensor_radius or scenario.sensing_radius, speed, num_robots)
+            sensor = self.sensor_radius or scenario.sensing_radius
+            chosen = _best_design(*halves, robot, sensor, speed, num_robots, inset)
             given = _apart(chosen, num_robots).items()
             changed |= {name: value for name, value in given if name.split(".")[0] in ("curve", "formation")}
             changed |= {f"faults.{name}": () for name in ("schedule", "removed")}
-            changed |= {"robot.count": None, "sensing.radius": self.sensor_radius or scenario.sensing_radius}
+            changed |= {"robot.count": None, "sensing.radius": sensor}
             changed["task.grid"] = _cells(halves, _GRID)
             changed["task.contamination"] = None
         made = named.build(scenario, **changed)
         if self.speed is None or made.robot.kind != "curve":
             return made
-        fastest = self.speed / (made.alpha * largest_speed(made.curve))
+        fastest = self.speed / (made.alpha * largest_speed(made.driven))
         return named.build(made, **{"robot.phase_rate_max": fastest})
 
 
@@ -206,7 +242,13 @@ def _robot(robot: Robot, request: Request) -> Robot:
 
 
 def _best_design(
-    half_width: float, half_height: float, robot: Robot, sensor_radius: float, speed: float, num_robots: int
+    half_width: float,
+    half_height: float,
+    robot: Robot,
+    sensor_radius: float,
+    speed: float,
+    num_robots: int,
+    inset: float,
 ) -> Candidate:
     """Return the design of the paper's formation that meets the bounds best."""
     return theory.design(
@@ -219,6 +261,7 @@ def _best_design(
         wheelbase=robot.wheelbase if robot.kind == "car" else None,
         steering_max=robot.steering_max,
         lateral_acceleration_max=robot.lateral_acceleration_max,
+        inset=inset,
     )[0]
 
 

@@ -2,20 +2,21 @@
 
 import itertools
 import math
-import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from baselines.benchmark.best_known import NAME as KNOWN
+from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
+from baselines.planning.budget import Budget
 from baselines.planning.families import FAMILIES
 from baselines.planning.families.defaults import DEFAULTS
 from baselines.planning.family import Family, Settings
 from baselines.planning.free_paths import optimise
+from baselines.planning.in_order import AHEAD, in_order
 from baselines.planning.plans import SETTLED, WHOLE, Plan, Planned, in_turn
 from baselines.planning.rehearse import Episodes, Look, look_at, play, reason_of
 from baselines.policies.patience import StoppedError
@@ -39,13 +40,16 @@ _CUTOFF = 3.0
 """A first look ends where the worst-case undetected time is beyond that of the best plan by this factor."""
 _FEWEST_FINALS = 3
 """Plans that are played to the end after Ctrl-C."""
-_STOPPED = "there was no time to play it to the end"
-_TICK = 0.2
-"""Time between two calls of `on_progress` [s]."""
+_STOPPED = "the time ended before it was played to the end"
+
+Job = tuple[Family, Settings, Plan]
+"""A plan that is to be looked at, with its family and its settings in it."""
 
 
 class Search:
     """A search for plans on one task.
+
+    The plans of a budget in plans, and their figures, depend on the seed alone, not on the speed of the machine.
 
     Args:
         task: The scenario on which plans are compared.
@@ -70,18 +74,18 @@ class Search:
         self.finals: list[Planned] = []
         self.interrupted = False
         self.unplayed = 0
-        """Defaults that were not played for lack of time."""
+        """Defaults that the budget left out."""
         self.broken: list[str] = []
         """Reasons of plans whose final episodes failed."""
         self._make_families, self.families = families, []
         self._random = np.random.default_rng(seed)
         self._known: set[tuple] = set()
+        """Plans of which the looks, or the final episodes of a default, were begun."""
         self._played: set[tuple] = set()
         """Plans of which the final episodes were begun."""
         self._optimised: list[Plan] = []
         self._longest = 0.0
         """Duration of the longest final episodes of a plan so far [s]."""
-        self._over = threading.Event()
 
     @property
     def looks(self) -> list[Look]:
@@ -99,37 +103,34 @@ class Search:
 
     def run(
         self,
-        seconds: float,
+        budget: Budget,
         on_progress: Callable[[float], None] = lambda _: None,
         free_paths: bool = False,
         is_enough: Callable[[Planned], bool] = lambda _: False,
     ) -> None:
-        """Search for a time [s].
+        """Search until the budget is spent.
 
-        Ctrl-C ends the current stage, and after it the final episodes.
+        Ctrl-C ends the search for plans, and once more the final episodes of the best ones.
 
         Args:
-            seconds: Duration [s].
-            on_progress: Called with the time that has passed [s].
-            free_paths: True to improve free-form paths too, in half of the time.
+            budget: Extent of the search.
+            on_progress: Called with the share of the search that is done.
+            free_paths: True to improve free-form paths too.
             is_enough: Returns whether a plan that was played to the end ends the search.
         """
-        self._is_enough = is_enough
+        self._is_enough, self._budget = is_enough, budget
         self._optimises = free_paths and self.task.robot.kind == "car"
         begin = self._time()
         self._clock = lambda: self._time() - begin
         self.families = [family_of(self.task) for family_of in self._make_families]
-        self._on_progress, self._seconds = on_progress, seconds
-        with ThreadPoolExecutor(cores()) as threads:
-            for stage in (self._look_at_firsts, self._play_defaults, self._look, self._optimise, self._finish):
-                if self._is_met:
-                    return
+        self._on_progress = on_progress
+        with ThreadPoolExecutor(min(cores(), AHEAD)) as threads:
+            for stages in ((self._look_at_firsts, self._play_defaults, self._look, self._optimise), (self._finish,)):
                 try:
-                    stage(threads)
+                    for stage in stages:
+                        if not self._is_met:
+                            stage(threads)
                 except KeyboardInterrupt:
-                    self._over.set()
-                    if self.interrupted:
-                        return
                     self.interrupted = True
 
     @property
@@ -139,13 +140,29 @@ class Search:
 
     @property
     def best(self) -> float:
-        """Return the least worst-case undetected time of a plan that was played to the end without a collision [s]."""
-        safe = [each.figures.worst_case for each in self.finals if each.figures.collisions == 0]
+        """Return the least worst-case undetected time of a plan that was played to the end and stays clear [s]."""
+        figures = [each.figures for each in self.finals]
+        safe = [each.worst_case for each in figures if not (each.collisions or each.too_close)]
         return min(safe, default=math.inf)
 
+    def _is_spent(self, share: float) -> bool:
+        """Return whether no further plan is tried: their number, or a share of the time, is spent."""
+        if self._budget.seconds is None:
+            return len(self._known) >= self._budget.plans
+        return self._clock() > share * self._budget.seconds
+
     def _is_late(self, share: float) -> bool:
-        """Return whether some share of the time is over, unless no plan was played yet: there is nothing to print."""
-        return self._over.is_set() or (bool(self.finals) and self._clock() > share * self._seconds)
+        """Return whether a share of the time is over, unless no plan was played yet: there is nothing to print."""
+        seconds = self._budget.seconds
+        return seconds is not None and bool(self.finals) and self._clock() > share * seconds
+
+    def _report(self) -> None:
+        """Report the share of the search that is done."""
+        budget = self._budget
+        if budget.seconds is not None:
+            self._on_progress(self._clock() / budget.seconds)
+        else:
+            self._on_progress((len(self.looks) + len(self.finals)) / (budget.plans + budget.finals))
 
     def _play_defaults(self, threads: ThreadPoolExecutor) -> None:
         """Play the defaults to the end, and in turn with them the best plans so far.
@@ -155,18 +172,14 @@ class Search:
         plans = [family.plan(settings) for family in self._of(DEFAULTS) for settings in family.starts]
         if not plans:
             return
-        self._known |= {plan.key for plan in plans}
-        until, waiting = _DEFAULTS * self._seconds, in_turn([plans, [look.plan for look in self.ranked()]])
+        waiting = in_turn([plans, [look.plan for look in self.ranked()[: len(plans)]]])
         # A default that is worse without failures may be better with them.
         slack = _CUTOFF if self.episodes.failures else 1.0
-
-        def may_begin() -> bool:
-            return self._clock() < until and not self._is_met
-
-        for look in self._play(threads, waiting, may_begin, _LATEST, lambda: slack * self.best):
+        for look in self._play(threads, waiting, lambda: self._is_spent(_DEFAULTS), _LATEST, slack):
             for family in self._of(DEFAULTS) if look.plan.family == DEFAULTS else ():
                 family.looks.append(({"policy": look.plan.settings.policy}, look))
-        self.unplayed = sum(plan.family == DEFAULTS for plan in waiting)
+        self.unplayed = sum(plan.key not in self._played for plan in plans)
+        self._known |= {plan.key for plan in plans}
 
     def _of(self, name: str) -> list[Family]:
         """Return the family of a name, if the search has it."""
@@ -175,39 +188,43 @@ class Search:
     def _play(
         self,
         threads: ThreadPoolExecutor,
-        waiting: Iterator[Plan],
-        may_begin: Callable[[], bool],
+        plans: Iterator[Plan],
+        is_over: Callable[[], bool],
         share: float,
-        cutoff: Callable[[], float] = lambda: math.inf,
+        slack: float = math.inf,
     ) -> Iterator[Look]:
         """Play the final episodes of plans, and yield what is known of each.
 
         Args:
             threads: Threads that play them.
-            waiting: The plans.
-            may_begin: Returns whether one more may begin.
+            plans: The plans.
+            is_over: Returns whether no further plan begins.
             share: Share of the time at which the episodes end.
-            cutoff: Returns the worst-case undetected time [s] of which a plan is not played to the end.
+            slack: Factor of the best worst case so far beyond which a plan is not played to the end.
         """
-        running: dict[Future, tuple[Plan, float]] = {}
-        while True:
-            while len(running) < cores() and may_begin() and (plan := next(waiting, None)) is not None:
-                self._played.add(plan.key)
-                stopped = partial(self._has_to_end, share)
-                running[threads.submit(play, plan, self.episodes, stopped, cutoff)] = plan, self._clock()
-            if not running:
+
+        def begun(plan: Plan) -> tuple[Plan, Callable]:
+            self._played.add(plan.key)
+            self._known.add(plan.key)
+            return plan, partial(self._played_within, plan, share, slack * self.best if slack < math.inf else math.inf)
+
+        for plan, ended in in_order(threads, map(begun, plans), is_over, self._report):
+            yield self._outcome_of(ended, plan)
+            if self._is_met:
                 return
-            for each in self._ended(running):
-                yield self._outcome_of(each, *running.pop(each))
 
-    def _has_to_end(self, share: float) -> bool:
-        """Return whether final episodes end: a plan is good enough, or a share of the time is over."""
-        return self._is_met or self._is_late(share)
+    def _played_within(
+        self, plan: Plan, share: float, cutoff: float, abandoned: Callable[[], bool]
+    ) -> tuple[Planned | None, float]:
+        """Play the final episodes of a plan; return the result, and the duration [s]."""
+        begin = self._clock()
+        planned = play(plan, self.episodes, lambda: abandoned() or self._is_late(share), cutoff)
+        return planned, self._clock() - begin
 
-    def _outcome_of(self, ended: Future, plan: Plan, began: float) -> Look:
+    def _outcome_of(self, ended: Future, plan: Plan) -> Look:
         """Add a plan to the final ones if it was played to the end, and return what is known of it."""
         try:
-            planned = ended.result()
+            planned, duration = ended.result()
         except StoppedError:
             return Look(plan, 0, math.inf, math.inf, refusal=_STOPPED)
         except Exception as error:  # one policy that fails must not end the search
@@ -215,15 +232,10 @@ class Search:
         if planned is None:
             return Look(plan, 0, math.inf, math.inf, refusal="another default is better")
         self.finals.append(planned)
-        self._longest = max(self._longest, self._clock() - began)
+        self._longest = max(self._longest, duration)
         figures = planned.figures
-        return Look(plan, figures.collisions, figures.worst_case, figures.worst_case_failed, figures.settled)
-
-    def _ended(self, running: Iterable[Future]) -> set[Future]:
-        """Wait for a moment, report the progress, and return those that have ended."""
-        done, _ = wait(running, _TICK, FIRST_COMPLETED)
-        self._on_progress(self._clock())
-        return done
+        times = figures.worst_case, figures.worst_case_failed, figures.settled
+        return Look(plan, figures.collisions, *times, too_close=figures.too_close)
 
     def _look_at_firsts(self, threads: ThreadPoolExecutor) -> None:
         """Look at the first plan of each family."""
@@ -236,38 +248,33 @@ class Search:
         self._look_at(threads, itertools.chain.from_iterable(firsts), share)
 
     def _look(self, threads: ThreadPoolExecutor) -> None:
-        """Look at plans until some share of the time has passed."""
+        """Look at plans until the budget for it is spent."""
         self._look_at(threads, self._jobs(), _LOOKING_LESS if self._optimises else _LOOKING)
 
-    def _look_at(
-        self, threads: ThreadPoolExecutor, jobs: Iterator[tuple[Family, Settings, Plan]], share: float
-    ) -> None:
-        """Look at the plans of some jobs until a share of the time has passed."""
+    def _look_at(self, threads: ThreadPoolExecutor, jobs: Iterator[Job], share: float) -> None:
+        """Look at the plans of some jobs until their number, or a share of the time, is spent."""
 
-        def over() -> bool:
+        def is_over() -> bool:
             # Without a plan that may be played to the end there is nothing to print.
             enough = share if any(not look.fails for look in self.looks) else 1.0
-            return self._over.is_set() or (bool(self.looks) and self._clock() > enough * self._seconds)
+            return bool(self.looks) and self._is_spent(enough)
 
-        running: dict[Future, tuple[Family, Settings, Plan]] = {}
-        while running or not over():
-            while len(running) < cores() and not over():
-                if (job := next(jobs, None)) is None:
-                    break
-                running[threads.submit(look_at, job[2], self.episodes, self._cutoff(), over)] = job
-            if not running:
-                break
-            for each in self._ended(running):
-                family, settings, plan = running.pop(each)
-                try:
-                    family.looks.append((settings, each.result()))
-                except StoppedError:
-                    self._known.discard(plan.key)
+        def look(plan: Plan, cutoff: float, abandoned: Callable[[], bool]) -> Look:
+            in_time = self._budget.seconds is not None
+            return look_at(plan, self.episodes, cutoff, lambda: abandoned() or (in_time and is_over()))
+
+        begun = ((job, partial(look, job[2], self._cutoff())) for job in jobs)
+        for (family, settings, plan), ended in in_order(threads, begun, is_over, self._report):
+            try:
+                family.looks.append((settings, ended.result()))
+            except StoppedError:
+                self._known.discard(plan.key)
 
     def _optimise(self, threads: ThreadPoolExecutor) -> None:
         """Improve free-form paths, from the best plans of timed paths."""
-        left = _OPTIMISING * self._seconds - self._clock()
-        if not self._optimises or self._over.is_set() or left <= 0:
+        budget = self._budget
+        left = budget.populations if budget.seconds is None else _OPTIMISING * budget.seconds - self._clock()
+        if not self._optimises or left <= 0:
             return
         timed = [look for look in self.looks if not look.fails and look.plan.family in _TIMED]
         orders = {WHOLE: lambda look: look.by_worst_case, SETTLED: lambda look: (look.settled, *look.by_worst_case)}
@@ -276,17 +283,13 @@ class Search:
         starts = {
             goal: [default, *(look.plan for look in sorted(timed, key=of)[:_STARTS])] for goal, of in orders.items()
         }
-
-        def stopped() -> bool:
-            self._on_progress(self._clock())
-            return self._over.is_set()
-
-        self._optimised = optimise(starts, left, stopped, self._seed, self._time)
+        clock = None if budget.seconds is None else self._time
+        self._optimised = optimise(starts, left, self._report, self._seed, clock)
 
     def _cutoff(self) -> float:
         return _CUTOFF * min(self.best, *(family.best for family in self.families))
 
-    def _jobs(self) -> Iterator[tuple[Family, Settings, Plan]]:
+    def _jobs(self) -> Iterator[Job]:
         """Yield what to look at: the starts of all families in turn, then changed copies of the best."""
         for family, settings in in_turn([[(family, each) for each in family.starts] for family in self.families]):
             if family.name != DEFAULTS:
@@ -306,8 +309,8 @@ class Search:
             fruitless = 0 if jobs else fruitless + 1
             yield from jobs
 
-    def _new(self, family: Family, settings: Settings) -> Iterator[tuple[Family, Settings, Plan]]:
-        """Yield the plan of some settings, unless there is none or it is known."""
+    def _new(self, family: Family, settings: Settings) -> Iterator[Job]:
+        """Yield a look at the plan of some settings, unless there is none or it is known."""
         try:
             plan = family.plan(settings)
         except ValueError as error:
@@ -320,22 +323,20 @@ class Search:
             yield family, settings, plan
 
     def _finish(self, threads: ThreadPoolExecutor) -> None:
-        """Play the best plans to the end, the best first, until the time is over."""
-        self._over.clear()
+        """Play the best plans to the end, the best first, until the budget for it is spent."""
         waiting = [*self._optimised, *(look.plan for look in self.ranked())]
         waiting = [plan for plan in waiting if plan.key not in self._played]
-        if self.interrupted:
-            waiting = waiting[:_FEWEST_FINALS]
+        if self.interrupted or self._budget.seconds is None:
+            waiting = waiting[: _FEWEST_FINALS if self.interrupted else self._budget.finals]
         share = math.inf if self.interrupted else 1.0
-        looks = list(self._play(threads, iter(waiting), self._may_begin, share))
+        looks = list(self._play(threads, iter(waiting), lambda: not self._may_begin(), share))
         self.broken += [look.refusal for look in looks if look.refusal not in ("", _STOPPED)]
 
     def _may_begin(self) -> bool:
         """Return whether there is time for final episodes of the longest duration so far."""
-        if self._is_met:
-            return False
+        seconds = self._budget.seconds
         few = len(self.finals) < _FEWEST_FINALS and (self.interrupted or not self.finals)
-        return few or self._clock() + self._longest < self._seconds
+        return few or seconds is None or self._clock() + self._longest < seconds
 
     def ranked(self) -> list[Look]:
         """Return the plans that are worth to be played to the end, the most important ones first.

@@ -119,7 +119,7 @@ def scenario_of_cars(scenario: Scenario) -> Scenario:
     """
     robot, as_car, model = scenario.robot, as_car_of(scenario), model_of(scenario.robot.kind)
     found = {
-        "speed_unit": model.speed_unit(scenario.curve, scenario.formation, robot),
+        "speed_unit": model.speed_unit(scenario.driven, scenario.formation, robot),
         "as_car.turning_radius": as_car.turning_radius(robot),
         "as_car.acceleration": as_car.acceleration(robot),
     }

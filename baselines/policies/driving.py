@@ -6,15 +6,10 @@ import warp as wp
 
 from baselines.similarity import EXPERIMENT, motion_scale
 from lissajous_env.device.car_input import car_action
-from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.part_structs import RobotStruct
-from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.car import car_rate, car_step, motor_push
-from lissajous_env.world.state import Robots
-
-wp.set_module_options(OPTIONS)
 
 SPREAD_MAX = 3.0
 """Deviations at which the spread of a car's constants is clipped."""
@@ -88,31 +83,3 @@ def twist_reached(robot: RobotStruct, steering: float, tau: float, speed: float,
     curvature = wp.tan(steering) / robot.wheelbase
     moved = car_step(robot, wp.vec4(0.0, 0.0, 0.0, speed), curvature, push, step)
     return wp.vec2(moved[3], car_rate(robot, moved, curvature, push)[2])
-
-
-@wp.kernel
-def drive_to_goals(
-    robot: RobotStruct,
-    driving: Driving,
-    reach: float,
-    goals: wp.array2d(dtype=wp.vec2),
-    robots: Robots,
-    action_out: wp.array3d(dtype=float),
-):
-    """Drive each car to within a reach [m] of its goal, slower when it is near: a fast one would go around it for good.
-
-    A car whose tightest turns, to either side, go around the goal out of reach drives straight on until they do not.
-    """
-    w, i = wp.tid()
-    place = wp.vec2(robots.position[w, i][0], robots.position[w, i][1])
-    ahead = cos_sin(robots.heading[w, i])
-    goal = goals[w, i]
-    away = goal - place
-    wanted = steady_speed(robot) * wp.min(1.0, wp.length(away) / driving.near)
-    turn = robot.wheelbase / wp.tan(robot.steering_max)
-    beside = wp.abs(ahead[0] * away[1] - ahead[1] * away[0])
-    if wp.length(wp.vec2(wp.dot(ahead, away), beside - turn)) < turn - reach:
-        goal = place + 2.0 * turn * ahead
-    action = drive_towards(robot, driving, place, robots.heading[w, i], robots.speed[w, i], goal, wanted)
-    action_out[w, i, 0] = action[0]
-    action_out[w, i, 1] = action[1]

@@ -73,6 +73,32 @@ def dubins_poses(
     return np.concatenate([place, heading[..., None]], axis=-1)
 
 
+def dubins_reach(start: np.ndarray, pieces: np.ndarray, radius: float) -> np.ndarray:
+    """Return the largest |x| and |y| (..., 6, 2) on paths of each kind, of finite pieces [m].
+
+    Args:
+        start: (..., 3) x, y [m] and heading [rad] of the starts.
+        pieces: (..., 6, 3) lengths of the pieces, of `dubins_lengths` [m].
+        radius: Radius of the turns [m].
+    """
+    place = np.broadcast_to(start[..., None, :2], (*pieces.shape[:-1], 2))
+    heading = np.broadcast_to(start[..., None, 2], pieces.shape[:-1])
+    reach = np.abs(place)
+    for k in range(3):
+        turn, length = TURNS[:, k], pieces[..., k]
+        # An arc is farthest out at its ends, or where it is parallel to an axis.
+        quarters = np.arange(4) * np.pi / 2
+        until = radius * _turned(turn[:, None] * (quarters - heading[..., None]))
+        gone = np.concatenate([np.minimum(until, length[..., None]), length[..., None]], axis=-1)
+        turned = turn[:, None] * gone / radius
+        middle = heading[..., None] + turned / 2
+        chord = (gone * np.sinc(turned / (2 * np.pi)))[..., None]
+        passed = place[..., None, :] + chord * np.stack([np.cos(middle), np.sin(middle)], axis=-1)
+        reach = np.maximum(reach, np.abs(passed).max(axis=-2))
+        place, heading = passed[..., -1, :], heading + turned[..., -1]
+    return reach
+
+
 def _centre(pose: np.ndarray, side: float, radius: float) -> np.ndarray:
     """Return the centre of a turn to a side (1 left, -1 right) of a pose [m]."""
     normal = np.stack([-np.sin(pose[..., 2]), np.cos(pose[..., 2])], axis=-1)

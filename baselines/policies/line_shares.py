@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baselines.policies.partition_plan import Plan, Room
+from baselines.policies.loop_shapes import Room
+from baselines.policies.partition_plan import Plan
 from baselines.policies.repair_plan import OFFSETS, SHAPES, UNKNOWN, LoopSearch, Takeover, middle_of
 
 

@@ -11,6 +11,7 @@ worst-case undetected time (`baselines.policies.partition_plan`).
 
 import dataclasses
 import math
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
@@ -18,7 +19,7 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.cells import tour
-from baselines.policies.partition_plan import PartitionParameters, Plan, car_of, partition_plan, required_distance
+from baselines.policies.partition_plan import PartitionParameters, Plan, car_of, partition_plans, required_distance
 from baselines.policies.path_tables import PathTables, path_tables
 from baselines.policies.registry import register
 from baselines.policies.safety.filter import Safe, SafetyParameters
@@ -32,6 +33,8 @@ wp.set_module_options(OPTIONS)
 
 ARRIVING = SafetyParameters(clearance=0.07, growth=0.2)
 """Parameters of the collision filter of cars on the way to their loops, which give way earlier than those on loops."""
+_PHASES = 4
+"""Phases of the team for which a transit within an inset is sought."""
 _LONGEST = 6.0
 """Longest planned transit, in the time in which a car drives half of the rectangle's half perimeter."""
 
@@ -128,14 +131,32 @@ def plain_of(scenario: Scenario) -> Scenario:
 @lru_cache(maxsize=64)
 def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tuple[Plan, PathTables, float]:
     """Return the plan of a scenario, its timed paths by robot, and how long the collision filter is needed [step]."""
-    plan = partition_plan(scenario, parameters)
-    planned = planned_transit(scenario, plan, parameters) if start_is_known(scenario) else None
-    if planned is None:
-        loop = plan.loop[cells_of_ring(scenario, plan)]
-        return plan, path_tables(scenario, loop), arrival_of_all(scenario, plan)
-    lead_in, chosen = planned
-    loop = np.roll(plan.loop[chosen], -lead_in.shape[1], axis=1)
-    return plan, path_tables(scenario, loop, lead_in), 0.0
+    plans = partition_plans(scenario, parameters)
+    for plan in (variant for each in plans for variant in variants_of(scenario, each)):
+        planned = planned_transit(scenario, plan, parameters) if start_is_known(scenario) else None
+        if planned is not None:
+            lead_in, chosen = planned
+            loop = np.roll(plan.loop[chosen], -lead_in.shape[1], axis=1)
+            return plan, path_tables(scenario, loop, lead_in), 0.0
+    loop = plans[0].loop[cells_of_ring(scenario, plans[0])]
+    return plans[0], path_tables(scenario, loop), arrival_of_all(scenario, plans[0])
+
+
+def variants_of(scenario: Scenario, plan: Plan) -> Iterator[Plan]:
+    """Yield plans of the same worst case among which one with a transit is selected: the plan alone without an inset.
+
+    Within an inset they are the plan and its mirror image, in which the cars go around the other way, in some phases of
+    the team.
+    """
+    if not scenario.inset:
+        yield plan
+        return
+    mirror = np.array([1.0, -1.0])
+    cells = np.concatenate([plan.cells[:, :2] * mirror, plan.cells[:, 2:]], axis=1)
+    for shift in np.arange(_PHASES) * plan.loop.shape[1] // _PHASES:
+        turned = np.roll(plan.loop, shift, axis=1)
+        yield dataclasses.replace(plan, loop=turned)
+        yield dataclasses.replace(plan, cells=cells, loop=turned * mirror)
 
 
 def arrival_of_all(scenario: Scenario, plan: Plan) -> float:

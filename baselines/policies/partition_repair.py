@@ -123,7 +123,7 @@ class PartitionRepair(TimedPaths):
         super().__init__(scenario, num_worlds, device, tables=tables, plan=plan, parameters=tracking)
         self._required = _avoided_distance(self.scenario, self.repair)
         self._watch = _watch_of(self.scenario, self.partition, self.repair)
-        half = np.array([self.scenario.curve.half_width, self.scenario.curve.half_height])
+        half = np.array([self.scenario.driven.half_width, self.scenario.driven.half_height])
         low, high = self.takeover.loop.min(axis=2), self.takeover.loop.max(axis=2)
         margins = np.concatenate([np.minimum(-half - low, 0), np.maximum(half - high, 0)], axis=-1)
         longest = self.partition.speed * self.scenario.task.step / FINE

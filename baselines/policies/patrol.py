@@ -344,8 +344,8 @@ class Still(Policy):
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
         super().__init__(scenario, num_worlds, device)
         action = np.zeros(self.action.shape, dtype=np.float32)
-        if rest := self.scenario.model.rest:
-            action[..., : len(rest)] = rest
+        rest = self.scenario.model.rest_action(self.scenario.robot)
+        action[..., : len(rest)] = rest
         self.action.assign(action)
 
     def decide(self, observation: wp.array) -> None:

@@ -57,7 +57,7 @@ class SweepParameters(Checked):
 
 def fastest_speed(scenario: Scenario) -> float:
     """Return the smaller one of the cars' top speed and the formation's speed where the curve is fastest [m/s]."""
-    return min(scenario.robot.top_speed, top_speed(scenario.curve, scenario.formation.phase_rate))
+    return min(scenario.robot.top_speed, top_speed(scenario.driven, scenario.formation.phase_rate))
 
 
 def cruising_speed(scenario: Scenario) -> float:
@@ -92,7 +92,7 @@ def file_by_phase(scenario: Scenario, loop: np.ndarray) -> tuple[float, float]:
     """
     count, size = scenario.num_robots, len(loop)
     phases = np.linspace(0, 2 * np.pi, 512, endpoint=False)
-    places = closed_forms.curve_point(scenario.curve, scenario.alpha * phases)[:, None, :2]
+    places = closed_forms.curve_point(scenario.driven, scenario.alpha * phases)[:, None, :2]
     origins = np.arange(64) * size // 64
     shift = scenario.formation.start_noise / (2 * np.pi) * size * loop_spacing(loop)
     best = (math.inf, 0.0, 0.0)
@@ -110,7 +110,7 @@ def patrol_loop(scenario: Scenario, parameters: SweepParameters | None = None) -
     boundary also reaches the middle. Otherwise it goes along lanes, two sensing radii apart, and back along one side.
     """
     parameters = parameters or SweepParameters()
-    curve, radius = scenario.curve, scenario.sensing_radius
+    curve, radius = scenario.driven, scenario.sensing_radius
     A, B = curve.half_width, curve.half_height
     corner = parameters.corner or corner_radius(scenario, parameters.cruise)
     at_boundary = scenario.targets.entry == "boundary"

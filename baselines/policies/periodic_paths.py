@@ -137,7 +137,7 @@ def _loop(scenario: Scenario, parameters: PathParameters) -> np.ndarray:
         padded = [[*row, *[0.0] * (longest - len(row))] for row in parameters.paths]
         return places_of(np.array(padded), period)
     gamma = scenario.alpha * scenario.equilibrium[:, None] + 2 * np.pi * np.arange(period) / period
-    return closed_forms.curve_point(scenario.curve, gamma)[..., :2]
+    return closed_forms.curve_point(scenario.driven, gamma)[..., :2]
 
 
 @register("periodic-paths", on_request=True)

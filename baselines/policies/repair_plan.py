@@ -16,7 +16,8 @@ import numpy as np
 
 from baselines.policies.cells import are_adjacent, closed_loop, evenly_spaced, length_of
 from baselines.policies.ideal_motion import coverage, worst_undetected_time
-from baselines.policies.partition_plan import Plan, Room, smallest_distance, speed_on
+from baselines.policies.loop_shapes import Room, smallest_distance, speed_on
+from baselines.policies.partition_plan import Plan
 
 SHAPES = 4
 """Loops of different shapes for each case."""
@@ -156,7 +157,7 @@ class LoopSearch:
         return least + 10 * (steps[:, None] ** 2 + steps**2)
 
     def _inside(self, around: np.ndarray, middle: np.ndarray) -> np.ndarray:
-        limit = np.maximum(np.array([self.room.half_width, 1.0]) - np.ptp(around, axis=0) / 2, 0)
+        limit = np.maximum(np.array(self.room.driven) - np.ptp(around, axis=0) / 2, 0)
         return np.clip(middle, -limit, limit) + around - middle_of(around)
 
 
@@ -188,7 +189,7 @@ def _quality(half: np.ndarray, around: np.ndarray, room: Room, offset: float) ->
 def _loops_in(half: np.ndarray, room: Room, count: int) -> list[np.ndarray]:
     """Return loops (K, 2) around the origin that a car can drive in K control steps, the best for a rectangle first."""
     found = []
-    largest = np.maximum(np.minimum(half, (room.half_width, 1.0)), room.turning)
+    largest = np.maximum(np.minimum(half, room.driven), room.turning)
     for share_x, share_y in itertools.product(_SHARES, _SHARES):
         size = room.turning + np.array([share_x, share_y]) * (largest - room.turning)
         for corner in dict.fromkeys(np.linspace(room.turning, size.min(), 4).tolist()):

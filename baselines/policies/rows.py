@@ -31,7 +31,7 @@ class Rows:
         self._layout = layout(self.scenario)
         curve, robot = self.scenario.curve, self.scenario.robot
         self._half = np.array([curve.half_width, curve.half_height])
-        self._speed_unit = model_of(robot.kind).speed_unit(curve, self.scenario.formation, robot)
+        self._speed_unit = model_of(robot.kind).speed_unit(self.scenario.driven, self.scenario.formation, robot)
 
     def entry(self, name: str) -> np.ndarray:
         """Return the raw values (W, N) of an entry, by its name in the layout of the observation."""

@@ -6,15 +6,17 @@ the fourth powers of the arrival times. The paths are then selected one car afte
 first: each enters its loop as early as it can without coming near the cars before it.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses
+from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses, dubins_reach
 from baselines.policies.patience import check_patience
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
+from lissajous_env.world.robots.facing import start_headings
 
 _PROFILE = np.linspace(0, 1, 21)
 _TRIES = 24
@@ -37,12 +39,14 @@ class Car:
     """Steady speed at full throttle of the weakest car [m/s]."""
     drag: float
     """Damping of the speed [1/s]."""
+    within: tuple[float, float] = (math.inf, math.inf)
+    """Half width and half height of the rectangle that the car does not leave [m]."""
 
 
 def start_is_known(scenario: Scenario) -> bool:
     """Return whether all robots know where all of them start, to within a body's diameter at two deviations."""
     formation = scenario.formation
-    farthest = scenario.alpha * float(closed_forms.curve_speed(scenario.curve, np.linspace(0, 2 * np.pi, 4096)).max())
+    farthest = scenario.alpha * float(closed_forms.curve_speed(scenario.driven, np.linspace(0, 2 * np.pi, 4096)).max())
     return formation.start == "equilibrium" and formation.start_noise * farthest <= scenario.robot.radius
 
 
@@ -53,10 +57,12 @@ def formation_starts(scenario: Scenario, turned: Any = 0.0) -> tuple[np.ndarray,
     """
     displaced = np.array([dict(scenario.formation.displaced).get(i, 0.0) for i in scenario.ring])
     gamma = scenario.alpha * (scenario.equilibrium + displaced + np.asarray(turned)[..., None])
-    velocity = closed_forms.curve_derivatives(scenario.curve, gamma)[0] * scenario.formation.phase_rate
+    velocity = closed_forms.curve_derivatives(scenario.driven, gamma)[0] * scenario.formation.phase_rate
     heading = np.arctan2(velocity[..., 1], velocity[..., 0])
-    place = closed_forms.curve_point(scenario.curve, gamma)[..., :2]
-    return np.concatenate([place, heading[..., None]], axis=-1), np.hypot(velocity[..., 0], velocity[..., 1])
+    speed = np.hypot(velocity[..., 0], velocity[..., 1])
+    pose = np.concatenate([closed_forms.curve_point(scenario.driven, gamma)[..., :2], heading[..., None]], axis=-1)
+    pose[..., 2] = start_headings(scenario, pose, speed)
+    return pose, speed
 
 
 def loop_poses(loop: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
@@ -154,6 +160,9 @@ def _drivable(
     lengths, duration = pieces.sum(axis=-1), (times * step)[:, None]
     swell = lengths / duration - (before + after) / 2
     possible = np.isfinite(lengths)
+    if np.isfinite(car.within).all():
+        reach = dubins_reach(start, np.where(possible[..., None], pieces, 0.0), car.turning)
+        possible &= (reach <= np.maximum(car.within, np.abs(start[:2])) * (1 + 1e-9)).all(axis=-1)
     for share in _PROFILE:
         speed = before + (after - before) * share + 6 * swell * share * (1 - share)
         gain = (after - before + 6 * swell * (1 - 2 * share)) / duration

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
-from baselines.benchmark.detections import share_detected
+from baselines.benchmark.statistics import share_detected
 from baselines.reproduce.claims import SILENT, Part, all_of, at_most, near, reported
 from baselines.reproduce.drawing import (
     BLUE,

@@ -86,7 +86,7 @@ class Played:
         """Return the distance of a robot from the point of the curve at its own phase (F, W) [m]."""
         gamma = self.scenario.alpha * self.phase[:, :, robot]
         return np.linalg.norm(
-            self.position[:, :, robot, :2] - closed_forms.curve_point(self.scenario.curve, gamma), axis=-1
+            self.position[:, :, robot, :2] - closed_forms.curve_point(self.scenario.driven, gamma), axis=-1
         )
 
     def smallest_distance(self) -> np.ndarray:

@@ -59,7 +59,7 @@ def fig9(player: Player) -> Part:
 def _picture_of_distances(played: Played, seed: int) -> Picture:
     """Draw Fig. 9: the distances of one run, and the rank of the paper's run among ours."""
     made = played.scenario
-    spacing, body = 2 * made.detection_radius, 2 * made.robot.radius
+    spacing, body = made.neighbour_distance, 2 * made.robot.radius
     series = (
         ("$d_{34}$ to robot 4", played.distance(2, 3), BLUE),
         ("$d_{35}$ to robot 5", played.distance(2, 4), GREEN),

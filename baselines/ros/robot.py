@@ -11,14 +11,12 @@ from typing import Any
 import numpy as np
 
 from baselines.onboard import Limits, Odometry, Onboard, Output
-from baselines.ros import conversions
 from baselines.ros import library as ros
-from baselines.ros.conversions import named_numbers, ring_message, seconds, yaw
+from baselines.ros import messages
 from baselines.ros.frames import Origin, SpeedOfPoses, relative
-from baselines.ros.outputs import CommandPublisher
+from baselines.ros.messages import named_numbers, ring_message, seconds, yaw
 from baselines.ros.pilot import LockstepPilot, Pilot, RealTimePilot
 from baselines.ros.settings import RobotSettings
-from baselines.ros.telemetry import diagnostics, markers
 
 NAME = "policy"
 _WAITS = "waits for the service start"
@@ -106,7 +104,9 @@ class RobotNode(ros.Node):
         self._send_phase = self.create_publisher(ros.Float64, "phase", ros.reliable(), **changes).publish
         self._send_markers = self.create_publisher(ros.MarkerArray, "markers", ros.reliable(1), **changes).publish
         self._send_diagnostics = self.create_publisher(ros.DiagnosticArray, "/diagnostics", ros.reliable()).publish
-        self._send_command = CommandPublisher(self, settings.command, self.onboard)
+        topics = messages.COMMAND_TOPICS[settings.command].items()
+        made = [self.create_publisher(getattr(ros, cls), name, ros.reliable(1), **changes) for name, cls in topics]
+        self._command_publishers = made
         if settings.pose == "odometry":
             self.create_subscription(ros.Odometry, "odom", self._take_odometry, measured, **changes)
         else:
@@ -164,7 +164,7 @@ class RobotNode(ros.Node):
         self._take("pose", odometry, odometry.stamp)
 
     def _take_simulated(self, message: Any) -> None:
-        simulated = conversions.simulated_of(message)
+        simulated = messages.simulated_of(message)
         if simulated is not None:
             self._take("simulated", simulated, seconds(message.header.stamp))
 
@@ -177,7 +177,7 @@ class RobotNode(ros.Node):
 
     def _hearing(self, sender: int) -> Any:
         def hear(message: Any) -> None:
-            heard = conversions.heard(message, sender)
+            heard = messages.heard(message, sender)
             lost = self.get_parameter("message_loss").value
             if heard is not None and not (lost > 0 and self._random.random() < lost):
                 self._pilot.hear(heard)
@@ -189,7 +189,7 @@ class RobotNode(ros.Node):
         def see(message: Any) -> None:
             frame, pose = message.header.frame_id, self._pilot.pose
             try:
-                rows = conversions.cloud_rows(message, width)
+                rows = messages.cloud_rows(message, width)
                 if pose is not None or frame.endswith("aligned"):
                     rows = relative(rows, frame, self.settings.frame, pose, self._origin)
                     self._take(name, rows, seconds(message.header.stamp))
@@ -220,6 +220,13 @@ class RobotNode(ros.Node):
             self._send_command(self._rest() if self._wrong_frame else self.onboard.command_at(time), time)
             self._times.append(wall.perf_counter() - before)
 
+    def _send_command(self, command: Any, time: float) -> None:
+        """Publish a command at a time [s]."""
+        largest, frame = self.scenario.robot.steering_max, f"{self.get_namespace()[1:]}/base_link".lstrip("/")
+        parts = messages.command_messages(command, self.settings.command, largest, time, frame)
+        for publisher, message in zip(self._command_publishers, parts, strict=True):
+            publisher.publish(message)
+
     def _rest(self) -> Any:
         return self.onboard.command_at(math.nan)
 
@@ -243,7 +250,9 @@ class RobotNode(ros.Node):
             values[f"message of robot {sender}, age [s]"] = math.nan if last is None else now - last.sent_at
         times = list(self._times)
         values["time of a step, 99th percentile [s]"] = float(np.percentile(times, 99)) if times else math.nan
-        self._send_diagnostics(diagnostics(self.get_namespace()[1:], self.onboard, self.reason, values, now))
+        self._send_diagnostics(messages.diagnostics(self.get_namespace()[1:], self.onboard, self.reason, values, now))
         if self._output is not None:
             places = [(message.x, message.y) for message in heard.values() if message is not None]
-            self._send_markers(markers(self.onboard, self._output, places, self.settings.frame, self._origin, now))
+            self._send_markers(
+                messages.markers(self.onboard, self._output, places, self.settings.frame, self._origin, now)
+            )

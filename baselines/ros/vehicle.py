@@ -8,8 +8,9 @@ import numpy as np
 
 from baselines.onboard import Command, Twist
 from lissajous_env.logs.car_input import actions_of
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.parts import Robot
+from lissajous_env.settings.robot import Robot
 
 
 def of_twist(robot: Robot, step: float, speed: float, twist: Twist) -> Command:
@@ -22,8 +23,9 @@ def of_twist(robot: Robot, step: float, speed: float, twist: Twist) -> Command:
     kept = 1 - decay + decay**2 / 2 - decay**3 / 6 + decay**4 / 24
     gain = step * (1 - decay / 2 + decay**2 / 6 - decay**3 / 24)
     push = (twist.speed - kept * speed) / gain
-    steering = math.atan(robot.wheelbase * twist.yaw_rate / twist.speed) if twist.speed > 0 else 0.0
-    return Command(steering, (push + robot.offset) / robot.drive)
+    steering = math.atan(robot.wheelbase * twist.yaw_rate / twist.speed) if twist.speed else 0.0
+    offset = math.copysign(robot.offset, push) if robot.reverses else robot.offset
+    return Command(steering, (push + offset) / robot.drive)
 
 
 class Vehicle:
@@ -49,11 +51,19 @@ class Vehicle:
         if command is not None and all(map(math.isfinite, command)):
             self._commands.append((now, command))
 
-    def take_part(self, now: float, name: str, value: float) -> None:
-        """Store the steering angle [rad] or the throttle, of which each has a message of its own."""
-        self._parts[name] = value
-        if name == "throttle" and "steering" in self._parts:
-            self.take(now, Command(self._parts["steering"], value))
+    def receive(self, now: float, topic: str, message: Any) -> None:
+        """Store the command in a message that arrived now; of two topics, when that of the throttle arrives."""
+        if topic == "cmd_vel":
+            twist = getattr(message, "twist", message)
+            self.take(now, Twist(twist.linear.x, twist.angular.z))
+            return
+        if topic == "command":
+            parts = dict(zip(message.name, message.position, strict=False))
+        else:
+            self._parts[topic] = message.data * (self._robot.steering_max if topic == "steering" else 1.0)
+            parts = self._parts if topic == "throttle" else {}
+        if {"steering", "throttle"} <= parts.keys():
+            self.take(now, Command(parts["steering"], parts["throttle"]))
 
     def action(self, time: float, speed: float) -> np.ndarray:
         """Return the action (A,) in force at a time of a car of a speed [m/s], that of rest without a valid command."""
@@ -64,9 +74,10 @@ class Vehicle:
             given = self._commands[0][1]
         action = np.zeros(self._size, dtype=np.float32)
         if isinstance(given, Twist):
-            given = of_twist(self._robot, self._step, speed, given) if given.speed > 0 else None
+            drives = given.speed > 0 or (given.speed < 0 and self._robot.reverses)
+            given = of_twist(self._robot, self._step, speed, given) if drives else None
         if given is None:
-            action[1] = -1.0
+            action[:2] = model_of(self._robot.kind).rest_action(self._robot)
             return action
         inputs = np.array(given, dtype=np.float32)
         action[:2] = actions_of(self._robot, inputs)

@@ -2,17 +2,26 @@
 
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from time import monotonic
 from typing import Any
 
 import numpy as np
 
-from baselines.onboard import Limits, Twist, inputs_of
-from baselines.ros import conversions
+from baselines.onboard import Limits, inputs_of
 from baselines.ros import library as ros
-from baselines.ros.conversions import cloud_message, odometry_message, pose_message, seconds, stamp_of
+from baselines.ros.messages import (
+    COMMAND_TOPICS,
+    Simulated,
+    cloud_message,
+    marker,
+    odometry_message,
+    pose_message,
+    seconds,
+    simulated_message,
+    stamp_of,
+)
 from baselines.ros.settings import WorldSettings
-from baselines.ros.telemetry import marker
 from baselines.ros.vehicle import Vehicle
 from lissajous_env.console.terminal import CommandError
 from lissajous_env.episodes.recording import Recorder, Recording
@@ -118,8 +127,7 @@ class WorldNode(ros.Node):
         super().destroy_node()
 
     def _connect(self, robot: int) -> dict[str, Any]:
-        names, kind = f"/robot_{robot}/", self.settings.command
-        reliable, vehicle = ros.reliable(), self._vehicles[robot]
+        names, reliable = f"/robot_{robot}/", ros.reliable()
 
         def publisher(name: str, cls: Any, quality: Any = reliable) -> Any:
             return self.create_publisher(cls, names + name, quality).publish
@@ -127,23 +135,12 @@ class WorldNode(ros.Node):
         def listen(name: str, cls: Any, take: Callable[[Any], None]) -> None:
             self.create_subscription(cls, names + name, take, reliable)
 
-        def take(convert: Callable[[Any], Any]) -> Callable[[Any], None]:
-            return lambda message: vehicle.take(self.now, convert(message))
-
-        def take_part(name: str, factor: float) -> Callable[[Any], None]:
-            return lambda message: vehicle.take_part(self.now, name, factor * message.data)
-
         if self.settings.lockstep:
             listen("action", ros.JointState, lambda message: self._take_action(robot, message))
-        elif kind == "car":
-            listen("command", ros.JointState, take(conversions.car_command))
-        elif kind == "dart":
-            listen("steering", ros.Float32, take_part("steering", self.scenario.resolve().robot.steering_max))
-            listen("throttle", ros.Float32, take_part("throttle", 1.0))
-        elif kind == "twist":
-            listen("cmd_vel", ros.Twist, take(lambda message: Twist(message.linear.x, message.angular.z)))
         else:
-            listen("cmd_vel", ros.TwistStamped, take(lambda m: Twist(m.twist.linear.x, m.twist.angular.z)))
+            for topic, cls in COMMAND_TOPICS[self.settings.command].items():
+                take = partial(self._vehicles[robot].receive, topic=topic)
+                listen(topic, getattr(ros, cls), lambda message, take=take: take(self.now, message=message))
         listen("message", ros.JointState, lambda _message: self._is_there.__setitem__(robot, True))
         calls = {name: self.create_client(ros.Trigger, names + name) for name in ("start", "stop")}
         return calls | {
@@ -284,8 +281,8 @@ class WorldNode(ros.Node):
             if lockstep:
                 heard = {message.sender: begun + message.sent_at for message in inputs.heard}
                 before, after = (heard.get(int(j), math.nan) for j in self.scenario.neighbours[k])
-                known = conversions.Simulated(inputs.phase, inputs.works, (before, after))
-                robot["simulated"](conversions.simulated_message(known, time))
+                known = Simulated(inputs.phase, inputs.works, (before, after))
+                robot["simulated"](simulated_message(known, time))
         present = self.simulation.targets.in_sight.numpy()[0] == 1
         targets = target_shape(self.scenario, self.simulation.targets.position.numpy()[0][present])
         self._send_markers(ros.MarkerArray(markers=[marker(targets, frame, time)]))

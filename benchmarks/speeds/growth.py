@@ -1,8 +1,8 @@
 """Growth of the cost of a step with the robots and targets of one world, compared with another version of this project.
 
-Each row is `swarm` as it is included, with a curve for a number of robots and bodies of 1 mm, in formation. Detected
-targets leave, as they do for a user, so both versions begin at the same step. The versions take turns, each in a
-process of its own, on one thread. A time is processor time, and a ratio is the median over pairs of turns, with its
+Each row is `swarm` with a curve for a number of robots and bodies of 1 mm, in formation at the speed of the included
+scenario. Targets that are detected stay, so that a step keeps its cost. The versions take turns, each in a process of
+its own, on one thread. A time is processor time, and a ratio is the median over pairs of turns, with its
 95 % interval by bootstrap. A second table has the largest worlds on one thread and on all, by the processor time of the
 first thread, whose share is as large as the others'. With as many idle cores, a step takes that time.
 """
@@ -88,7 +88,7 @@ def draw(found: dict[tuple[int, int], tuple[Any, list[float]]], path: Path) -> N
     axes.set(xscale="log", yscale="log", xlabel="targets in one world", ylabel="time of a step [ms]")
     axes.grid(which="major", color="0.85", linewidth=0.8)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False, loc="upper left")
+    axes.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     figure.tight_layout()
     figure.savefig(path)
     plt.close(figure)

@@ -32,6 +32,8 @@ def serve(robots: int, targets: int, threads: int) -> None:
 
     a, b = CURVES[robots]
     overrides = {"curve.a": a, "curve.b": b, "targets.count": targets, "robot.radius": 0.001, "task.duration": 1e5}
+    # Robots as fast as those of the included scenario; targets that are detected stay, so that a step keeps its cost.
+    overrides |= {"formation.phase_rate": 1.02 / a, "targets.leave": False}
     simulation = lissajous_env.Simulation(lissajous_env.scenario("swarm", **overrides), threads=threads)
     made = simulation.scenario
     rate = made.formation.phase_rate / made.formation.alpha / made.robot.phase_rate_max

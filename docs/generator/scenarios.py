@@ -24,7 +24,7 @@ from lissajous_env.world.reward import FORMULAS
 _HERE = Path(__file__).parent
 _BOUNDARY = {
     "open": "A car may leave the rectangle; `outside_time` counts the time for which whole bodies were outside.",
-    "wall": "A wall stops a car's centre and removes the component of its velocity into the wall.",
+    "wall": "A wall stops a car's body and removes the component of its velocity into the wall.",
     "remove": "A car whose whole body is outside is removed: its agent is terminated.",
 }
 _INSIDE = "Points remain on the curve, inside the rectangle."

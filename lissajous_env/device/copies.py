@@ -1,9 +1,8 @@
 """Objects with Warp arrays that can be copied and pickled at any time: made anew, then filled from the original.
 
 Structs, devices and recorded launches of Warp can be neither copied nor pickled. So a copy is constructed like the
-original, by its class with the same arguments, and thereby has Warp objects of its own. Then everything else is copied
-from the original: the contents of Warp arrays, and other attributes by value. Functions, work, and objects that only
-Warp can create are left as constructed.
+original, by its class with the same arguments, and thereby has Warp objects of its own. Then it receives the arrays of
+the original, and other attributes by value, unless they contain an object that only Warp can create.
 """
 
 import ctypes
@@ -68,58 +67,18 @@ class Copyable:
     def __reduce__(self) -> tuple:
         args, more = self.__dict__[_MADE_WITH]
         cls = ByValue(type(self)) if type(self).__module__ in PROMPT else type(self)
-        return _make_again, (cls, args, more), _contents(self)
+        values = {name: value for name, value in _entries(self) if _is_value(value)}
+        own = {name: array for name, array in self.save_state().items() if name.partition(".")[0] not in values}
+        return _make_again, (cls, args, more), (values, own)
 
-    def __setstate__(self, contents: dict[Any, Any]) -> None:
-        _fill(self, contents, type(self).__name__)
-
-
-class _Array(np.ndarray):
-    """Content of a Warp array."""
-
-
-class _Part(dict):
-    """Contents of an object that contains objects of Warp."""
+    def __setstate__(self, state: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
+        values, own = state
+        self.__dict__.update(values)
+        self.load_state({name: array for name, array in self.save_state().items() if name not in own} | own)
 
 
 def _make_again(cls: type, args: tuple, more: dict[str, Any]) -> Any:
     return cls(*args, **more)
-
-
-def _contents(owner: Any, within: tuple[int, ...] = ()) -> _Part:
-    """Return the contents of an object, list, tuple or dict, without those that the original's class creates."""
-    held = _Part()
-    for key, value in _entries(owner):
-        if _is_warp_array(value):
-            held[key] = value.numpy().copy().view(_Array)
-        elif isinstance(value, Copyable) or not _needs_making(value):
-            held[key] = value
-        elif not _stays(value) and id(value) not in within:
-            held[key] = _contents(value, (*within, id(owner)))
-    return held
-
-
-def _fill(owner: Any, contents: dict[Any, Any], name: str) -> None:
-    """Give an object that was made anew the contents of the original."""
-    made = dict(_entries(owner))
-    for key, value in contents.items():
-        current: Any = made.get(key)
-        if isinstance(value, _Array):
-            if not _is_warp_array(current) or current.numpy().shape != value.shape:
-                raise TypeError(
-                    f"{name} must make {key}, a Warp array of shape {value.shape}, in __init__ to be copied"
-                )
-            current.assign(np.asarray(value))
-        elif isinstance(value, _Part):
-            if type(current).__module__ == "builtins" and not isinstance(current, (list, tuple, dict)):
-                raise TypeError(f"{name} must make {key}, which contains objects of Warp, in __init__ to be copied")
-            _fill(current, value, f"{name}.{key}")
-        elif isinstance(value, np.ndarray) and isinstance(current, np.ndarray) and _can_take(current, value):
-            np.copyto(current, value)  # it may be a view of a Warp array
-        elif isinstance(owner, (list, dict)):
-            owner[key] = value
-        elif not isinstance(owner, tuple):
-            setattr(owner, key, value)
 
 
 def _arrays(owner: Any, prefix: str = "", within: tuple[int, ...] = ()) -> Iterator[tuple[str, Any]]:
@@ -136,6 +95,13 @@ def _entries(owner: Any) -> list[tuple[Any, Any]]:
         return list(enumerate(owner))
     held = owner if isinstance(owner, dict) else getattr(owner, "__dict__", {})
     return [] if _stays(owner) else [(key, value) for key, value in held.items() if key != _MADE_WITH]
+
+
+def _is_value(value: Any) -> bool:
+    """Return whether an attribute is copied by value; an array that is a view of a Warp array is not."""
+    if isinstance(value, np.ndarray):
+        return value.base is None
+    return isinstance(value, Copyable) or not _needs_making(value)
 
 
 def _needs_making(value: Any, within: tuple[int, ...] = ()) -> bool:
@@ -159,7 +125,3 @@ def _stays(value: Any) -> bool:
 
 def _is_warp_array(value: Any) -> bool:
     return isinstance(value, wp.array)
-
-
-def _can_take(current: np.ndarray, value: np.ndarray) -> bool:
-    return current.shape == value.shape and current.dtype == value.dtype and current.flags.writeable

@@ -6,6 +6,7 @@ Here gamma [rad] is the parameter of the curve; the phase theta of a robot that 
 gamma = alpha theta (Lemma 2).
 """
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -21,19 +22,29 @@ class CurveStruct:
     """`Curve` on a device."""
 
     half_width: wp.float32
+    """Half of the rectangle's width [m]."""
     half_height: wp.float32
+    """Half of the rectangle's height [m]."""
+    reach_x: wp.float32
+    """Half of the width of the curve, A of (3): that of the rectangle without the inset [m]."""
+    reach_y: wp.float32
+    """Half of the height of the curve, B of (3) [m]."""
     a: wp.int32
     b: wp.int32
     half_depth: wp.float32
     c: wp.int32
+    inset: wp.float32
+    """Difference of the two [m]."""
     harmonics: wp.array(dtype=wp.vec4)
     """(K,) cosine and sine of x, then of y [m]; empty for the Lissajous curve."""
 
 
 def curve_struct(curve: Curve, device: Any) -> Any:
-    """Copy a curve to a device."""
-    filled: Any = to_struct(CurveStruct, curve)
-    rows = np.array(curve.harmonics, dtype=np.float32).reshape(-1, 4)
+    """Copy the curve of a resolved scenario to a device."""
+    filled: Any = to_struct(CurveStruct, dataclasses.replace(curve, inset=curve.inset or 0.0))
+    driven = curve.driven
+    filled.reach_x, filled.reach_y = driven.half_width, driven.half_height
+    rows = np.array(driven.harmonics, dtype=np.float32).reshape(-1, 4)
     filled.harmonics = wp.array(rows, dtype=wp.vec4, device=device)
     return filled
 
@@ -87,7 +98,7 @@ def lissajous(curve: CurveStruct, gamma: float) -> wp.vec2:
     """r = (A cos(a gamma), B sin(b gamma)) [m], equation (3)."""
     across = cos_sin(float(curve.a) * gamma)
     up = cos_sin(float(curve.b) * gamma)
-    return wp.vec2(curve.half_width * across[0], curve.half_height * up[1])
+    return wp.vec2(curve.reach_x * across[0], curve.reach_y * up[1])
 
 
 @wp.func
@@ -112,7 +123,7 @@ def tangent2(curve: CurveStruct, gamma: float) -> wp.vec2:
         return series(curve, gamma, 1)
     a = float(curve.a)
     b = float(curve.b)
-    return wp.vec2(-curve.half_width * a * cos_sin(a * gamma)[1], curve.half_height * b * cos_sin(b * gamma)[0])
+    return wp.vec2(-curve.reach_x * a * cos_sin(a * gamma)[1], curve.reach_y * b * cos_sin(b * gamma)[0])
 
 
 @wp.func
@@ -130,8 +141,8 @@ def project_lissajous(curve: CurveStruct, x: float, y: float, gamma: float, larg
     b = float(curve.b)
     across = cos_sin(a * gamma)
     up = cos_sin(b * gamma)
-    nearest = wp.vec2(curve.half_width * across[0], curve.half_height * up[1])
-    tangent = wp.vec2(-curve.half_width * a * across[1], curve.half_height * b * up[0])
+    nearest = wp.vec2(curve.reach_x * across[0], curve.reach_y * up[1])
+    tangent = wp.vec2(-curve.reach_x * a * across[1], curve.reach_y * b * up[0])
     bend = wp.vec2(-a * a * nearest[0], -b * b * nearest[1])
     return newton(wp.vec2(x, y) - nearest, tangent, bend, gamma, largest_step)
 

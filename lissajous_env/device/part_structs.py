@@ -1,10 +1,10 @@
 """The parts of a scenario as kernels see them."""
 
 from lissajous_env.device.structs import struct_of
-from lissajous_env.settings import parts, targets, task
+from lissajous_env.settings import parts, robot, targets, task
 
 FormationStruct = struct_of(parts.Formation)
-RobotStruct = struct_of(parts.Robot)
+RobotStruct = struct_of(robot.Robot)
 SensingStruct = struct_of(targets.Sensing)
 TargetStruct = struct_of(targets.Targets)
 FaultsStruct = struct_of(parts.Faults)

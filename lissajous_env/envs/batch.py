@@ -23,11 +23,11 @@ from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.settings.checks import whole_number
-from lissajous_env.world.mixture import Together
 from lissajous_env.world.observation import layout
 from lissajous_env.world.selection import drawn_seeds
 from lissajous_env.world.simulation import Simulation, fold_seed
-from lissajous_env.world.state import ENDED
+from lissajous_env.world.state import ENDED, RUNNING
+from lissajous_env.world.together import Together
 
 LOOKED_AT = 64
 """Number of scenarios of a split, its first ones, whose largest team is the largest of a batch."""
@@ -52,6 +52,28 @@ class Rows(NamedTuple):
     """(W, N) True from the end of an agent on: a robot was removed, a rogue detected."""
     truncated: Any
     """(W, N) True where the time is over."""
+
+
+class Views:
+    """Arrays of a simulation as NumPy arrays or tensors, each made once where these share its memory."""
+
+    def __init__(self) -> None:
+        self._views: dict[tuple[int, str], tuple[wp.array, Any]] = {}
+
+    def __call__(self, array: wp.array, library: Any) -> Any:
+        """Return an array of Warp as one of `numpy`, or of `torch` on its device."""
+        key = id(array), library.__name__
+        known = self._views.get(key)
+        if known is not None and known[0] is array:
+            return known[1]
+        view = array.numpy() if library is np else wp.to_torch(array)
+        if library is not np or array.device.is_cpu:
+            self._views[key] = array, view
+        return view
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy has none of them, because its simulation has memory of its own."""
+        return Views, ()
 
 
 class Batch:
@@ -130,6 +152,7 @@ class Batch:
         self.simulations = [self._simulation(first)] * num_groups
         self.driver = None if robots is None else driver_of(robots, self.scenario, num_worlds, device)
         self._draws: Draws | None = None
+        self._views = Views()
         self._seeds = np.full(self.num_worlds, _FROM_SYSTEM, dtype=np.int64)
         self.seed(seed)
 
@@ -203,7 +226,7 @@ class Batch:
             if of_group.all():
                 made, seed = self._draws.next(group, self._fits)
                 self._check(made)
-                self.simulations[group] = self._simulation(made, seed)
+                self.simulations[group], self._views = self._simulation(made, seed), Views()
             elif of_group.any():
                 simulation.reset(of_group)
 
@@ -232,11 +255,10 @@ class Batch:
 
     def rows(self, side: Side, library: Any = np) -> Rows:
         """Return the rows of a side; `library` is `numpy`, or `torch` for tensors on the device."""
-        read = wp.array.numpy if library is np else wp.to_torch
-        parts = []
+        view, parts = self._views, []
         for simulation in self.simulations:
-            observation, reward, terminated, truncated = (read(array) for array in side.arrays(simulation))
-            mask = library.ones_like(terminated) if side.is_robots else read(simulation.rogue_present)
+            observation, reward, terminated, truncated = (view(array, library) for array in side.arrays(simulation))
+            mask = library.ones_like(terminated) if side.is_robots else view(simulation.rogue_present, library)
             missing = side.places - observation.shape[1]
             if missing:
                 observation, mask, reward, terminated, truncated = (
@@ -249,15 +271,14 @@ class Batch:
 
     def reward_terms(self, library: Any = np) -> Any:
         """Return (W, N, terms) the terms of the robots' reward, whose names are `simulation.reward_term_names`."""
-        read = wp.array.numpy if library is np else wp.to_torch
-        parts = [read(simulation.reward_terms) for simulation in self.simulations]
+        parts = [self._views(simulation.reward_terms, library) for simulation in self.simulations]
         parts = [padded(part, self._most_robots - part.shape[1], library) for part in parts]
         return parts[0] if len(parts) == 1 else library.concatenate(parts)
 
     @property
     def over(self) -> np.ndarray:
         """(W,) True on the host for worlds whose episode has ended; if only rogues act, also when none is left."""
-        parts = [simulation.over for simulation in self.simulations]
+        parts = [stage != int(RUNNING) for stage in self._stages()]
         over = parts[0] if len(parts) == 1 else np.concatenate(parts)
         if self.driver is not None:
             over = over | self.simulation.rogue_terminated.numpy().astype(bool).all(axis=1)
@@ -266,8 +287,11 @@ class Batch:
     @property
     def just_ended(self) -> np.ndarray:
         """(W,) True on the host for worlds whose episode the latest step ended."""
-        parts = [simulation.clock.stage.numpy() == int(ENDED) for simulation in self.simulations]
+        parts = [stage == int(ENDED) for stage in self._stages()]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def _stages(self) -> list[np.ndarray]:
+        return [self._views(simulation.clock.stage, np) for simulation in self.simulations]
 
     def score(self, worlds: np.ndarray) -> list[dict[str, Any]]:
         """Return the score row of the latest episode of the masked worlds so far, of a space with its `scenario`."""

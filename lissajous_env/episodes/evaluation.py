@@ -177,16 +177,13 @@ def episodes(
     seeds: Iterable[int],
     device: Any = "cpu",
     on_step: Callable[[Simulation], None] | None = None,
-    on_start: Callable[[Simulation], None] | None = None,
 ) -> Iterator[list[dict[str, Any]]]:
     """Yield the score rows of each batch of episodes when it has ended.
 
-    `on_start` is called once, before the first step, and `on_step` after each step.
+    `on_step` is called after each step.
     """
     seeds = list(seeds)
     simulation = Simulation(named.build(scenario), policy.num_worlds, device=device)
-    if on_start is not None:
-        on_start(simulation)
     runner = EpisodeRunner(policy, simulation)
     for first in range(0, len(seeds), policy.num_worlds):
         batch = seeds[first : first + policy.num_worlds]

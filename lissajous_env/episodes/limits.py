@@ -81,7 +81,7 @@ def robot_speed_limit(scenario: str | Scenario) -> float:
         strongest = made.robot.drive * made.noise.most_drive * float(made.drive_factors.max())
         return made.robot.steady_speed(strongest)
     if made.robot.kind == "curve":
-        return made.alpha * float(made.robot.phase_rate_max or 0.0) * largest_speed(made.curve)
+        return made.alpha * float(made.robot.phase_rate_max or 0.0) * largest_speed(made.driven)
     return math.nan
 
 

@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.car_input import car_action, steering_and_throttle
+from lissajous_env.device.car_input import action_of_input, steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
-from lissajous_env.settings.parts import Robot
+from lissajous_env.settings.robot import Robot
 
 wp.set_module_options(OPTIONS)
 
@@ -29,7 +29,7 @@ def to_inputs(robot: RobotStruct, action: wp.array(dtype=wp.vec2), input_out: wp
 def to_actions(robot: RobotStruct, given: wp.array(dtype=wp.vec2), action_out: wp.array(dtype=wp.vec2)):
     """Return the action of each steering angle [rad] and throttle."""
     k = wp.tid()
-    action_out[k] = car_action(robot, given[k][0], given[k][1])
+    action_out[k] = action_of_input(robot, given[k][0], given[k][1])
 
 
 def inputs_of(robot: Robot, actions: np.ndarray) -> np.ndarray:

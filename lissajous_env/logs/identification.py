@@ -18,7 +18,7 @@ from lissajous_env.logs.car_input import LARGEST_STEERING
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import SOME, local_deviations, motion_of
 from lissajous_env.logs.rollouts import CONSTANTS, Rollouts
-from lissajous_env.settings.parts import Robot
+from lissajous_env.settings.robot import Robot
 from lissajous_env.wording import few_of
 from lissajous_env.world.state import WORKING
 
@@ -128,7 +128,7 @@ class _Fit:
         self._known[:, 3] = (logged & (motion.track.speed == track.speed))[inside][chosen]
         self._begin = np.append(np.flatnonzero(np.diff(self._segment, prepend=-1)), len(self._segment))
         self._rollouts = Rollouts(guess, self._begin, time[chosen], commands.time, commands.value)
-        self._throttles = np.unique(commands.value[:, 1].round(7))
+        self._throttles = np.unique(np.abs(commands.value[:, 1]).round(7))  # of both directions
         # Between two throttles of the log, every value is as good.
         middles = 0.5 * (self._throttles[1:] + self._throttles[:-1])
         self._zones = np.concatenate([[self._throttles[0] - 1e-3], middles])

@@ -50,7 +50,7 @@ def ground_shapes(scenario: Scenario, number: int = 0) -> list[Shape]:
     a, b = curve.half_width, curve.half_height
     width = 0.01 * min(a, b)
     corners = (a, b), (-a, b), (-a, -b), (a, -b), (a, b)
-    line = curve_point(curve, np.linspace(0, 2 * np.pi, 400)).tolist()
+    line = curve_point(scenario.driven, np.linspace(0, 2 * np.pi, 400)).tolist()
     return [
         Shape("rectangle", number, LINE, (width, 0.0, 0.0), (0.5, 0.5, 0.5, 1.0), points=corners),
         Shape("curve", number, LINE, (width, 0.0, 0.0), _BLUE, points=tuple((x, y) for x, y in line)),

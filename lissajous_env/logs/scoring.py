@@ -31,7 +31,7 @@ _SAME = 1e-6
 """Share of a step by which a log may be shorter than a number of them."""
 _LATE_STATUS = 0.2
 """Share of a control step by which a status or a phase may be recorded after the pose that it belongs to."""
-OF_ACTIONS = ("return_mean", "smoothness")
+OF_ACTIONS = ("return_mean", "smoothness", "blocked_time")
 """Columns that cannot be computed without the commands."""
 
 
@@ -128,7 +128,7 @@ def score(
     name = str((log.episode or {}).get("policy") or log.name)
     unknown = dict.fromkeys(OF_ACTIONS, float("nan")) if actions is None else {}
     if unknown:
-        notes.append(f"{' and '.join(OF_ACTIONS)} are unknown without commands")
+        notes.append(f"{', '.join(OF_ACTIONS[:-1])} and {OF_ACTIONS[-1]} are unknown without commands")
     rows = [
         {"policy": name, "episode": k} | row | unknown for k, row in enumerate(simulation.score(np.arange(len(seeds))))
     ]
@@ -200,7 +200,7 @@ def _top_speeds(scenario: Scenario) -> np.ndarray:
     """Return the top speed of each robot [m/s]: of a point, on the curve at its highest phase rate."""
     if not model_of(scenario.robot.kind).keeps_to_curve:
         return scenario.top_speeds
-    along = curve_derivatives(scenario.curve, np.linspace(0, 2 * np.pi, 4096))[0]
+    along = curve_derivatives(scenario.driven, np.linspace(0, 2 * np.pi, 4096))[0]
     rate = scenario.resolve().robot.phase_rate_max or np.inf
     return np.full(scenario.num_robots, np.linalg.norm(along, axis=-1).max() * scenario.alpha * rate)
 
@@ -225,8 +225,9 @@ def _as_logged(scenario: Scenario, times: np.ndarray, status: np.ndarray) -> Sce
         edges = np.flatnonzero(np.diff(failed))
         schedule += [(robot, *(edge * step for edge in fault)) for fault in edges.reshape(-1, 2).tolist()]
     faults = dataclasses.replace(scenario.faults, schedule=tuple(schedule), removed=tuple(removed), rate=0.0, lost=0)
-    # Whatever a wall or a collision did to the robots, the log shows it.
-    task = dataclasses.replace(scenario.task, duration=(len(times) - 1) * step, boundary="open", on_collision="count")
+    # Whatever the edge or a collision did to the robots, the log shows it; contacts with walls are counted.
+    boundary = "wall" if scenario.task.boundary == "wall" else "open"
+    task = dataclasses.replace(scenario.task, duration=(len(times) - 1) * step, boundary=boundary, on_collision="count")
     return dataclasses.replace(scenario, faults=faults, task=task)
 
 
@@ -294,7 +295,7 @@ def _phases(
     phase[~begins] = np.nan
     for k in np.flatnonzero(begins & np.isnan(phase)).tolist():
         x, y, near = float(place[k, 0]), float(place[k, 1]), float(scenario.equilibrium[robot])
-        phase[k] = locate(scenario.curve, scenario.alpha, x, y, float(heading[k]), near)
+        phase[k] = locate(scenario.driven, scenario.alpha, x, y, float(heading[k]), near)
     return phase
 
 

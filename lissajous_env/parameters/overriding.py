@@ -5,7 +5,7 @@ from collections.abc import Container, Mapping
 from typing import Any
 
 from lissajous_env.parameters.scenario import PARTS, Scenario
-from lissajous_env.settings.parts import Robot
+from lissajous_env.settings.robot import Robot
 from lissajous_env.wording import nearest, shown
 
 _OF_THE_NUMBER = "ring", "p", "alpha"

@@ -12,7 +12,8 @@ import warp as wp
 from lissajous_env.by_value import replaces
 from lissajous_env.device.warp_abi import names_of_arguments
 from lissajous_env.parameters.registry import register
-from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
+from lissajous_env.settings.parts import Curve, Formation, Noise
+from lissajous_env.settings.robot import Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.wording import few_of, shown
 
@@ -62,8 +63,10 @@ class RobotModel:
     """Unit of observed speeds [m/s], such as the top speed."""
     meanings: tuple[str, ...] = ()
     """Description of each component of the action, with its unit."""
-    rest: tuple[float, ...] | None = None
-    """Action that brings a robot to rest; None means zeros."""
+    rest: Callable[[Robot], tuple[float, ...]] | None = None
+    """Function that returns the action that brings a robot to rest; None means zeros."""
+    driving: tuple[int, ...] | None = None
+    """Indices of the action's components that drive a robot away from its place; None means all."""
     check: Callable[[Curve, Formation, Robot, Noise, Task], None] = _nothing_to_check
     """Function that raises ValueError for fields that this model does not support."""
     shape: Callable[[Robot], list[tuple[np.ndarray, str | None]]] | None = None
@@ -78,6 +81,10 @@ class RobotModel:
     def action_size(self) -> int:
         """Number of components of an action."""
         return len(self.actions)
+
+    def rest_action(self, robot: Robot) -> tuple[float, ...]:
+        """Return the action that brings a robot to rest."""
+        return (0.0,) * self.action_size if self.rest is None else self.rest(robot)
 
 
 _SHIPPED = ("car", "curve")
@@ -103,12 +110,14 @@ def register_robot_model(model: RobotModel) -> RobotModel:
         raise ValueError(f"robot model {model.name} must move by a Warp kernel, got {shown(model.move)}")
     if not model.table:
         raise ValueError(f"robot model {model.name} must have a table of at least one row, got {shown(model.table)}")
-    rows = {"table": model.table, "rest": [model.rest] if model.rest is not None else []}
-    for what, given in rows.items():
+    for what, given in {"table": model.table, "rest": [model.rest_action(Robot())]}.items():
         for row in given:
             if len(row) != model.action_size or not all(_is_action(each) for each in row):
                 rule = f"must contain rows of {model.action_size} numbers from -1 to 1"
                 raise ValueError(f"{what} of robot model {model.name} {rule}, got {shown(row)}")
+    if not set(model.driving or ()) <= set(range(model.action_size)):
+        rule = f"must contain indices of components of the action, from 0 to {model.action_size - 1}"
+        raise ValueError(f"driving of robot model {model.name} {rule}, got {shown(model.driving)}")
     if model.as_car is not None:
         _check_as_car(model.name, model.as_car)
     before = _MODELS.get(str(model.name), model)
@@ -150,6 +159,7 @@ def driven_by_velocity(model: RobotModel) -> RobotModel:
         table=((0.0, 0.0), *directions),
         meanings=(axis.format("x"), axis.format("y")),
         rest=None,
+        driving=None,
         as_car=None,
     )
 

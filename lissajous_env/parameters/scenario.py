@@ -17,10 +17,11 @@ from lissajous_env.parameters.extensions import Extension, TargetMotion, as_exte
 from lissajous_env.parameters.robot_models import RobotModel, driven_by_velocity, model_of
 from lissajous_env.parameters.rogues import BringsRogues, rogue_of
 from lissajous_env.parameters.spreading import Spreading, spreading_of
-from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Messages, Noise, Robot
+from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Messages, Noise
+from lissajous_env.settings.robot import Robot
 from lissajous_env.settings.targets import MOST_TARGETS, Sensing, Targets
 from lissajous_env.settings.task import Task
-from lissajous_env.theory import closed_forms
+from lissajous_env.theory import closed_forms, geometry
 
 __all__ = [
     "PARTS",
@@ -72,6 +73,7 @@ class Scenario(BringsRogues):
         object.__setattr__(self, "extensions", as_extensions(self.extensions))
         self._check_harmonics()
         self._check_robots()
+        self._check_inset()
         self._check_times()
         if self.task.action == "velocity" and self.robot.kind != "car":
             raise ValueError(f"task.action must be control for robots of kind {self.robot.kind}, got velocity")
@@ -123,6 +125,20 @@ class Scenario(BringsRogues):
             raise ValueError(f"faults.lost must be at most the {n} robots, got {self.faults.lost}")
         if self.faults.stop == "coast" and self.robot.kind != "car":
             raise ValueError(f"faults.stop must be dead for robots of kind {self.robot.kind}, got coast")
+
+    def _check_inset(self) -> None:
+        half, radius = min(self.curve.half_width, self.curve.half_height), self.robot.radius
+        if self.task.boundary == "wall" and radius >= half:
+            raise ValueError(
+                f"robot.radius must be below {half:g}, half of the distance of the walls [m], got {radius}"
+            )
+        if self.inset >= half:
+            raise ValueError(
+                f"curve.inset must be below {half:g}, half of the rectangle's side [m], got {self.inset:g}"
+            )
+        if self.sensing.radius is not None and self.sensing.radius < self.inset:
+            rule = f"must be at least the inset of {self.inset:g}, or robots do not sense the edge [m]"
+            raise ValueError(f"sensing.radius {rule}, got {self.sensing.radius}")
 
     def _check_contamination(self) -> None:
         if self.task.contamination is not None and self.targets.custom > 0 and self.targets.speed_limit is None:
@@ -252,19 +268,71 @@ class Scenario(BringsRogues):
         return self.robot.steady_speed(drive)
 
     @cached_property
+    def inset(self) -> float:
+        """Width of the strip along the edge of the rectangle in which nothing is driven [m].
+
+        This is `curve.inset`. By default it is 0, or with walls the radius of a body, the way by which a car that turns
+        one step late comes closer to a wall, and three standard deviations of a measured coordinate.
+        """
+        if self.curve.inset is not None:
+            return self.curve.inset
+        if self.task.boundary != "wall":
+            return 0.0
+        return self.robot.radius + self._late_turn() + 3 * self.noise.position
+
+    def _late_turn(self) -> float:
+        """Return the way towards a wall during a step in which a car should have turned already [m]."""
+        model = model_of(self.robot.kind)
+        if model.keeps_to_curve:
+            return 0.0
+        fastest = self.formation.phase_rate * geometry.largest_speed(self.curve)
+        step = self.task.step * min(model.speed_unit(self.curve, self.formation, self.robot), fastest)
+        return min(step**2 / (2 * self._turning_radius()), step)
+
+    def _turning_radius(self) -> float:
+        """Return the radius of a robot's tightest turn [m]."""
+        model = model_of(self.robot.kind)
+        if model.as_car is not None:
+            return model.as_car.turning_radius(self.robot)
+        return geometry.turning_radius(self.robot.wheelbase, self.robot.steering_max)
+
+    @cached_property
+    def start_turning(self) -> float:
+        """Radius of the turn for which every car has room at the start [m]; 0 without walls, or if cars can reverse.
+
+        It is a tenth above that of the tightest turn of a car of the longest wheelbase (`world.robots.facing`).
+        """
+        if self.task.boundary != "wall" or self.robot.kind != "car" or self.robot.reverses:
+            return 0.0
+        return 1.1 * (1 + 3 * self.noise.wheelbase_spread) * self._turning_radius()
+
+    @cached_property
+    def driven(self) -> Curve:
+        """The curve that is driven: that of the rectangle without the inset."""
+        return dataclasses.replace(self.curve, inset=self.inset).driven if self.inset else self.curve
+
+    @cached_property
     def robot_radius_bound(self) -> float:
         """r_max of (6) [m]."""
-        return closed_forms.robot_radius_bound(self.curve, self.num_robots)
+        return closed_forms.robot_radius_bound(self.driven, self.num_robots)
 
     @cached_property
     def coverage_radius(self) -> float:
-        """Sensing radius of (7) [m]."""
-        return closed_forms.coverage_radius(self.curve)
+        """Sensing radius of (7) [m], with sqrt(2) `inset` added.
+
+        No point of the rectangle is farther than that from the rectangle of the curve that is driven.
+        """
+        return closed_forms.coverage_radius(self.driven) + math.sqrt(2) * self.inset
+
+    @cached_property
+    def neighbour_distance(self) -> float:
+        """Largest distance of ring neighbours in the undisturbed formation, twice (8) of the driven curve [m]."""
+        return 2 * closed_forms.detection_radius(self.driven, self.num_robots, self.clusters)
 
     @cached_property
     def detection_radius(self) -> float:
-        """Sensing radius of (8) [m]."""
-        return closed_forms.detection_radius(self.curve, self.num_robots, self.clusters)
+        """Sensing radius of (8) [m], with sqrt(2) `inset` added as for `coverage_radius`."""
+        return self.neighbour_distance / 2 + math.sqrt(2) * self.inset
 
     @property
     def sensing_radius(self) -> float:
@@ -351,6 +419,7 @@ class Scenario(BringsRogues):
             model_offset=offset,
             throttle_max=self.robot.full_throttle,
             speed_max=self.robot.top_speed,
+            speed_min=self.robot.lowest_speed,
         )
         formation = dataclasses.replace(
             self.formation, coupling=self.coupling, p=self.p, alpha=self.alpha, ring=self.ring
@@ -359,7 +428,10 @@ class Scenario(BringsRogues):
         targets = dataclasses.replace(self.targets, speed_limit=self.rogue_speed)
         if targets.rogues is not None:
             targets = dataclasses.replace(targets, drifting=0.0, wandering=0.0, fleeing=0.0, custom=1.0)
-        return dataclasses.replace(self, robot=robot, formation=formation, sensing=sensing, targets=targets)
+        curve = dataclasses.replace(self.curve, inset=self.inset)
+        return dataclasses.replace(
+            self, curve=curve, robot=robot, formation=formation, sensing=sensing, targets=targets
+        )
 
     def scaled(self, length: float = 1.0, time: float = 1.0) -> "Scenario":
         """Return the similar scenario with all lengths multiplied by `length` and all times by `time`.

@@ -20,11 +20,6 @@ HEADER, FOOTER, MARGIN = 46, 40, 14
 SMALLEST, LARGEST = 160, 3840 * 2160
 """Sides of a picture are at least so long [px], and it has at most so many pixels."""
 
-_AT_ONCE = 2**21
-"""Pixels that one stamp writes at a time."""
-
-_MASKS = (0xFF0000, 0x00FF00, 0x0000FF, 0)
-
 
 @dataclass(frozen=True)
 class View:
@@ -122,8 +117,8 @@ def cut(start: np.ndarray, end: np.ndarray, room: pygame.Rect) -> tuple[np.ndarr
 
 
 def opaque(size: tuple[int, int]) -> pygame.Surface:
-    """Make a surface without transparency, blue first in memory."""
-    return pygame.Surface(size, 0, 32, _MASKS)
+    """Make a surface without transparency."""
+    return pygame.Surface(size, 0, 32)
 
 
 def transparent(size: tuple[int, int]) -> pygame.Surface:
@@ -146,41 +141,20 @@ def stamp(
     hole: float = 0.0,
     alpha: float = 1.0,
 ) -> None:
-    """Draw the same disc, or ring with `hole` above 0, at thousands of points (n, 2) at once; lengths in pixels.
-
-    Where discs overlap the picture shows one colour, not a darker one: a crowd stays readable.
-    """
-    width, height = surface.get_size()
-    reach = int(radius) + 1
-    corner = np.rint(points)
-    inside = ((corner >= reach) & (corner < np.array([width, height]) - reach)).all(axis=1)
-    if not inside.any():
-        return
-    corner, offsets = corner[inside].astype(np.int64), _disc(round(radius, 1), round(hole, 1))
-    at = _covered(corner @ [1, width], offsets @ [1, width], width * height)
-    memory = pygame.surfarray.pixels2d(surface).T.reshape(-1)
-    if alpha >= 1:
-        memory[at] = (colour[0] << 16) | (colour[1] << 8) | colour[2]
-        return
-    channels = memory.view(np.uint8).reshape(-1, 4)
-    under = channels[at].astype(np.float32)
-    over = np.array([colour[2], colour[1], colour[0], 0], dtype=np.float32)
-    channels[at] = (under + alpha * (over - under) + 0.5).astype(np.uint8)
-
-
-def _covered(places: np.ndarray, offsets: np.ndarray, pixels: int) -> np.ndarray:
-    """Return the indices of the pixels at all offsets from all places, without duplicates if there are many."""
-    if len(places) * len(offsets) <= _AT_ONCE:
-        return (places[:, None] + offsets).ravel()
-    covered, some = np.zeros(pixels, dtype=bool), max(_AT_ONCE // len(offsets), 1)
-    for first in range(0, len(places), some):
-        covered[places[first : first + some, None] + offsets] = True
-    return np.flatnonzero(covered)
+    """Draw the same disc, or ring with `hole` above 0, at thousands of points (n, 2) at once; lengths in pixels."""
+    sprite = _disc(round(radius, 1), round(hole, 1), colour, round(255 * alpha))
+    size = np.array(sprite.get_size())
+    corner = np.rint(points) - size // 2
+    visible = ((corner > -size) & (corner < surface.get_size())).all(axis=1)
+    surface.fblits([(sprite, place) for place in corner[visible].astype(int).tolist()])
 
 
 @lru_cache(maxsize=256)
-def _disc(radius: float, hole: float) -> np.ndarray:
+def _disc(radius: float, hole: float, colour: palette.Colour, alpha: int) -> pygame.Surface:
     reach = int(radius) + 1
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     square = x * x + y * y
-    return np.argwhere((square <= radius * radius) & (square >= hole * hole))[:, ::-1] - reach
+    sprite = transparent((2 * reach + 1, 2 * reach + 1))
+    sprite.fill((*colour, 0))
+    pygame.surfarray.pixels_alpha(sprite)[(square <= radius * radius) & (square >= hole * hole)] = alpha
+    return sprite

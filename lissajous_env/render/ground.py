@@ -70,7 +70,7 @@ class Ground:
 
 def _curve(scenario: Scenario, view: View) -> pygame.Surface:
     """Draw the Lissajous curve; at crossings, the lower branch is interrupted."""
-    curve, rectangle = scenario.curve, view.rectangle(fine=True)
+    curve, rectangle = scenario.driven, view.rectangle(fine=True)
     surface = transparent(view.fine_size)
     # Dense curves are drawn fainter.
     share = float(np.clip(16 / (curve.oscillations), 0.35, 1.0)) ** 0.5

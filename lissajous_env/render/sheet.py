@@ -98,7 +98,7 @@ def _draw(axes: Axes, scenario: Scenario, seen: Snapshot) -> None:
     sensing = PatchCollection(discs, color=_colour(palette.SENSING), alpha=0.12, lw=0, zorder=3)
     axes.add_collection(sensing)
     sensing.set_clip_path(rectangle)
-    lap = closed_forms.curve_point(curve, np.linspace(0, 2 * np.pi, min(200 * curve.oscillations, 20_000)))
+    lap = closed_forms.curve_point(scenario.driven, np.linspace(0, 2 * np.pi, min(200 * curve.oscillations, 20_000)))
     axes.plot(*lap.T[:2], color=_colour(palette.CURVE), lw=0.7 if curve.oscillations < 40 else 0.2, zorder=2)
     _draw_targets(axes, scenario, seen)
     _draw_robots(axes, scenario, seen)

@@ -14,7 +14,7 @@ def trail_time(scenario: Scenario) -> float:
     That is how long a trail is; those of many robots are a fifth of it.
     """
     lap = np.linspace(0, 2 * np.pi, 512)
-    speed = scenario.formation.phase_rate * closed_forms.curve_speed(scenario.curve, lap).mean()
+    speed = scenario.formation.phase_rate * closed_forms.curve_speed(scenario.driven, lap).mean()
     return float(1.1 * min(scenario.curve.half_width, scenario.curve.half_height) / speed)
 
 

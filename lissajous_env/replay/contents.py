@@ -112,7 +112,7 @@ def _about(recording: Recording) -> dict[str, Any]:
 
 def _curve(recording: Recording) -> np.ndarray:
     """Return (K, 3) points of the curve [m]."""
-    curve = recording.scenario.curve
+    curve = recording.scenario.driven
     lap = np.linspace(0.0, 2 * np.pi, int(np.clip(90 * curve.oscillations, 600, 12_000)))
     return closed_forms.curve_point_3d(curve, lap)
 

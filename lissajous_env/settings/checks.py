@@ -175,6 +175,16 @@ def as_robot(value: Any) -> int:
     return int(value)
 
 
+def robot_and(low: float, high: float) -> Callable[[Any], tuple[int, float] | None]:
+    """Return the function that converts pairs of a robot and a number of a range."""
+
+    def convert(entry: Any) -> tuple[int, float] | None:
+        robot, value = entry
+        return (as_robot(robot), float(value)) if low <= value <= high else None
+
+    return convert
+
+
 def _checked(
     default: Any,
     rule: str,

@@ -1,11 +1,12 @@
 """The parts of a scenario: frozen dataclasses that declare the meaning, unit and range of each field.
 
-Sensing and targets are in `targets.py`, the task is in `task.py`.
+Robots are in `robot.py`, sensing and targets in `targets.py`, and the task is in `task.py`.
 
 Units are SI, angles radians. The ranges are wide: they ensure that kernels stay within the range of float32, and reject
 typing errors that would exhaust the memory. A field that is None by default is derived from others.
 """
 
+import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,10 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.settings.checks import Checked, as_robot, choice, is_whole, number, odd, rows, whole, word
+from lissajous_env.settings.checks import Checked, as_robot, choice, is_whole, number, odd, robot_and, rows, whole
 
-FULL_THROTTLE = 0.25
-"""Throttle of a car at action 1 where neither `robot.throttle_max` nor `robot.speed_max` is given, as in the paper."""
 SPRINT = 3.0
 """Default phase rate of a point at action 1, as a multiple of that of the formation."""
 _LONGEST = 1e9
@@ -25,16 +24,6 @@ _LONGEST = 1e9
 
 def _as_place(entry: Any) -> int | None:
     return entry if is_whole(entry) and 0 <= entry < 1024 else None
-
-
-def _robot_and(low: float, high: float) -> Callable[[Any], tuple[int, float] | None]:
-    """Return the function that converts pairs of a robot and a number of a range."""
-
-    def convert(entry: Any) -> tuple[int, float] | None:
-        robot, value = entry
-        return (as_robot(robot), float(value)) if low <= value <= high else None
-
-    return convert
 
 
 def _as_fault(entry: Any) -> tuple[int, float, float] | None:
@@ -69,6 +58,10 @@ class Curve(Checked):
     )
     """Fourier coefficients of another closed curve in place of (3): row k contains the factors of cos(k gamma) and
     sin(k gamma) in x, then in y [m]. The curve must stay in the rectangle. A circle of radius R is ((R, 0, 0, R),)."""
+    inset: float | None = number(None, 0, 1e4, "m")
+    """Distance from the edge of the rectangle within which nothing is driven [m]: the curve is scaled to the rectangle
+    without a strip of this width, and all other paths stay in it. None means 0, or with `task.boundary = wall` the
+    distance that robots need from a wall, `Scenario.inset`."""
 
     @classmethod
     def through(cls, position: Callable[[np.ndarray], Any], harmonics: int = 64, **fields: Any) -> "Curve":
@@ -101,11 +94,23 @@ class Curve(Checked):
         return cls(harmonics=tuple(map(tuple, np.where(told[: len(table)], table, 0.0).tolist())), **fields)
 
     @property
+    def driven(self) -> "Curve":
+        """The curve that is driven, as the curve of the rectangle without the inset."""
+        if not self.inset:
+            return self
+        half_width, half_height = self.half_width - self.inset, self.half_height - self.inset
+        x, y = half_width / self.half_width, half_height / self.half_height
+        rows = tuple((p * x, q * x, r * y, s * y) for p, q, r, s in self.harmonics)
+        return dataclasses.replace(self, half_width=half_width, half_height=half_height, harmonics=rows, inset=0.0)
+
+    @property
     def oscillations(self) -> int:
         """Number of oscillations in one lap: a + b, or twice the number of harmonics."""
         return 2 * len(self.harmonics) or self.a + self.b
 
     def _check_together(self) -> None:
+        half = min(self.half_width, self.half_height)
+        self._require((self.inset or 0.0) < half, "inset", f"must be below {half:g}, half of the rectangle's side [m]")
         if self.harmonics:
             self._require(len(self.harmonics) <= 64, "harmonics", "must contain at most 64 rows")
             self._require(any(any(row) for row in self.harmonics), "harmonics", "must contain a number that is not 0")
@@ -136,106 +141,13 @@ class Formation(Checked):
     displaced: tuple[tuple[int, float], ...] = rows(
         (),
         "must contain pairs of a robot and an angle from -100 to 100 [rad]",
-        _robot_and(-100, 100),
+        robot_and(-100, 100),
         units=("", "rad"),
     )
     """Robots displaced along the phase at reset, each as (robot, angle [rad])."""
     start_headway: float = number(0.0, 0, 1e3, "s")
     """Time within which no two robots that go straight on from the start collide [s]: the random displacement of a
     robot that would is drawn again, up to 99 times. With 0, none is, and bodies may overlap at the start."""
-
-
-@dataclass(frozen=True)
-class Robot(Checked):
-    """The robots: points on the curve, or cars, that is, kinematic bicycles (12) with a motor."""
-
-    kind: str = word("car", "must be the name of a robot model")
-    """`car`: action = steering, throttle. `curve`: a point on the curve, action = phase rate. Or a registered model."""
-    count: int | None = whole(None, 1, 1024)
-    """Number of robots, N; None means a + b."""
-    radius: float = number(0.125, 1e-6, 1e3, "m")
-    """Radius of a robot's body, r_i [m]: a disc, or a ball in three dimensions. Bodies that overlap collide."""
-    phase_rate_max: float | None = number(None, 1e-12, 1e4, "rad/s")
-    """Phase rate of a `curve` robot at action 1 [rad/s]; None means 3 omega / alpha, three times that of the formation.
-
-    The limit prevents policies from gaining by speed alone. (1), which can request omega / alpha + 2 K, needs
-    2.7 omega / alpha to recover in Fig. 6.
-    """
-    wheelbase: float = number(0.175, 1e-6, 1e3, "m")
-    """Distance between the axles, l [m]."""
-    steering_max: float = number(math.pi / 9, 1e-3, 1.57, "rad")
-    """Largest steering angle to either side [rad]."""
-    throttle_min: float = number(0.1, 0, 1e3)
-    """Throttle tau at action -1."""
-    throttle_max: float | None = number(None, 1e-6, 1e3)
-    """Throttle tau at action 1; None means the throttle that reaches `speed_max`, or 0.25 if that is None too."""
-    speed_max: float | None = number(None, 1e-3, 1e4, "m/s")
-    """Top speed, the steady speed of a car at full throttle [m/s]; None means (drive throttle_max - offset) / drag.
-
-    Give this or `throttle_max`, not both: (drag speed_max + offset) / drive is the throttle that reaches it.
-    """
-    drag: float = number(0.945, 1e-3, 1e3, "1/s")
-    """Damping of the speed, c [1/s].
-
-    Differs from the paper: it prints 0.94, the authors' program has one digit more.
-    """
-    drive: float = number(36.81, 1e-6, 1e6, "m/s^2")
-    """Acceleration per throttle, alpha of the motor [m/s^2]; unrelated to alpha of Lemma 2.
-
-    Differs from the paper: it prints 36.8, the authors' program has one digit more.
-    """
-    offset: float = number(3.681, 0, 1e6, "m/s^2")
-    """Deceleration of the motor, beta [m/s^2].
-
-    Differs from the paper: it prints 0.94, with which the slowest car does 2.9 m/s and cannot follow the curve.
-    """
-    dead_zone: float = number(0.1, 0, 1e3)
-    """Throttle up to which the motor does not drive and the car coasts."""
-    model_offset: float | None = number(None, 0, 1e6, "m/s^2")
-    """beta as assumed by model-based controllers [m/s^2]; None means `offset`."""
-    lateral_acceleration_max: float = number(math.inf, 1e-6, 1e6, "m/s^2", or_infinite=True)
-    """Largest lateral acceleration (grip) [m/s^2]; the yaw rate is limited to it divided by the speed."""
-    drive_factors: tuple[tuple[int, float], ...] = rows(
-        (), "must contain pairs of a robot and a factor from 0.01 to 10", _robot_and(0.01, 10), units=("", "")
-    )
-    """Cars with a weaker or stronger motor, each as (robot, factor on `drive`); model-based controllers ignore it."""
-
-    def _check_together(self) -> None:
-        if self.speed_max is None:
-            self._require(self.full_throttle > self.throttle_min, "throttle_max", "must be above throttle_min")
-            rule = "must lead to a top speed, (drive throttle_max - offset) / drag, from 0.001 to 10000 m/s"
-            self._require(1e-3 <= self.top_speed <= 1e4, "throttle_max", rule)
-            return
-        if self.throttle_max is None:
-            least = max(self.throttle_min, self.dead_zone)
-            rule = "must be reached at a throttle above throttle_min and dead_zone"
-            rule = f"{rule}, {least:g}, not at {self.full_throttle:.4g} [m/s]"
-            self._require(self.full_throttle > least, "speed_max", rule)
-            return
-        reached = (self.drive * self.throttle_max - self.offset) / self.drag
-        fits = math.isclose(self.drive * self.throttle_max, self.drag * self.speed_max + self.offset, rel_tol=1e-9)
-        rule = (
-            f"must be {reached:.6g} m/s for throttle_max = {self.throttle_max:g}, or one of the two must be None [m/s]"
-        )
-        self._require(fits, "speed_max", rule)
-
-    @property
-    def full_throttle(self) -> float:
-        """tau at action 1: `throttle_max`, or (drag speed_max + offset) / drive where only `speed_max` is given."""
-        if self.throttle_max is not None:
-            return self.throttle_max
-        return FULL_THROTTLE if self.speed_max is None else (self.drag * self.speed_max + self.offset) / self.drive
-
-    @property
-    def top_speed(self) -> float:
-        """Steady speed of a car at full throttle: `speed_max`, or (drive throttle_max - offset) / drag [m/s]."""
-        if self.speed_max is not None:
-            return self.speed_max
-        return self.steady_speed(self.drive)
-
-    def steady_speed(self, drive: float) -> float:
-        """Return the steady speed of a car at full throttle with its own drive: (drive tau - offset) / drag [m/s]."""
-        return (drive * self.full_throttle - self.offset) / self.drag
 
 
 @dataclass(frozen=True)
@@ -256,7 +168,7 @@ class Faults(Checked):
     removed: tuple[tuple[int, float], ...] = rows(
         (),
         "must contain pairs of a robot and a time from 0 to 1000000000 [s]",
-        _robot_and(0, _LONGEST),
+        robot_and(0, _LONGEST),
         units=("", "s"),
     )
     """Robots that are removed, each as (robot, time [s])."""

@@ -48,8 +48,10 @@ class Task(Checked):
     on_collision: str = choice("count", "count", "stop", "remove")
     """Effect of a collision on the two robots: counted only, both fail for good, or both are removed (terminated)."""
     boundary: str = choice("open", "open", "wall", "remove")
-    """Effect of the boundary on cars: none; a wall that stops their centres and cancels the velocity into it; or
-    removal (termination) once the whole body is outside."""
+    """Effect of the boundary on cars: none; a wall that stops their bodies and cancels the velocity into it; or removal
+    (termination) once the whole body is outside."""
+    blocked_after: float = number(2.0, 1e-4, 1e8, "s")
+    """Time after which a robot that its policy drives counts as blocked if it has not moved by its radius [s]."""
     reward_detection: float = number(1.0, -1e6, 1e6)
     """Reward of a robot for each target that it is the first to detect."""
     reward_waiting: float = number(-0.05, -1e6, 1e6, "1/s")

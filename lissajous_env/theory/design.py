@@ -25,7 +25,7 @@ class Candidate:
     """One design: a curve with a + b = N, its formation, and what they require of bodies, sensors and speeds."""
 
     curve: Curve
-    """The curve (3), and with it the rectangle."""
+    """The curve (3), and with it the rectangle and its inset."""
     num_robots: int
     """Number of robots, N = a + b."""
     phase_rate: float
@@ -51,9 +51,9 @@ class Candidate:
     robot_radius_bound: float
     """Bound r_max of (6) [m], below which the bodies must be; 0 if robots share a place."""
     coverage_radius: float
-    """Bound (7), which the sensing radius must exceed [m]."""
+    """Bound (7), which the sensing radius must exceed [m]: that of the driven curve and sqrt(2) times the inset."""
     detection_radius: float
-    """Bound (8), the least sensing radius [m]."""
+    """Bound (8), the least sensing radius [m], likewise."""
     detection_time_bound: float
     """Detection-time bound T_max [s]."""
     top_speed: float
@@ -108,7 +108,7 @@ class Candidate:
     @cached_property
     def mean_speed(self) -> float:
         """Mean speed along the curve [m/s]."""
-        return geometry.curve_length(self.curve) / self.lap_time
+        return geometry.curve_length(self.curve.driven) / self.lap_time
 
     @property
     def turning_radius(self) -> float | None:
@@ -118,7 +118,7 @@ class Candidate:
     @cached_property
     def tight_share(self) -> float | None:
         """Share of the arc that turns tighter than the cars can; None for robots that turn on the spot."""
-        return None if self.turning_radius is None else geometry.tight_share(self.curve, self.turning_radius)
+        return None if self.turning_radius is None else geometry.tight_share(self.curve.driven, self.turning_radius)
 
     @property
     def overrides(self) -> dict[str, Any]:
@@ -198,6 +198,7 @@ def design(
     steering_max: float = math.pi / 9,
     lateral_acceleration_max: float = math.inf,
     headroom: float = HEADROOM,
+    inset: float = 0.0,
 ) -> list[Candidate]:
     """List every design for a rectangle [-A, A] x [-B, B]: all N, a odd, b with a + b = N and gcd(a, b) = 1.
 
@@ -216,6 +217,7 @@ def design(
         steering_max: largest steering angle of a car [rad].
         lateral_acceleration_max: grip of a car [m/s^2].
         headroom: part of the top speed and of the grip that is reserved for robots that have to catch up.
+        inset: width of the strip along the edge in which nothing is driven [m].
 
     Returns:
         The feasible designs by T_max and margin, then the infeasible ones by margin.
@@ -246,7 +248,8 @@ def design(
         for a in range(1, n, 2):
             if math.gcd(a, n) > 1:
                 continue
-            curve = Curve(half_width, half_height, a, n - a)
+            whole = Curve(half_width, half_height, a, n - a, inset=inset or None)
+            curve, corner = whole.driven, math.sqrt(2) * inset
             p, alpha = best_formation(curve, n)
             kappa = closed_forms.cluster_size(n, p, alpha)
             fastest = geometry.largest_speed(curve)
@@ -256,7 +259,7 @@ def design(
                 rate = min(rate, (1 - headroom) * math.sqrt(grip))
             candidates.append(
                 Candidate(
-                    curve=curve,
+                    curve=whole,
                     num_robots=n,
                     phase_rate=rate,
                     robot_radius=robot_radius,
@@ -269,8 +272,8 @@ def design(
                     alpha=alpha,
                     clusters=kappa,
                     robot_radius_bound=closed_forms.robot_radius_bound(curve, n) if kappa == 1 else 0.0,
-                    coverage_radius=closed_forms.coverage_radius(curve),
-                    detection_radius=closed_forms.detection_radius(curve, n, kappa),
+                    coverage_radius=closed_forms.coverage_radius(curve) + corner,
+                    detection_radius=closed_forms.detection_radius(curve, n, kappa) + corner,
                     detection_time_bound=closed_forms.detection_time_bound(rate, n, kappa),
                     top_speed=rate * fastest,
                 )

@@ -208,7 +208,7 @@ LARGEST_TRACKING_ERROR = Column(
 )
 SPACING = Column(
     "spacing_factor", "largest distance of ring neighbours over 2 r_s of Eq. (8): eta_1 of the paper",
-    lambda e: e.totals["spacing_max"] / (2 * e.scenario.detection_radius), empty="no Lissajous curve", better=-1,
+    lambda e: e.totals["spacing_max"] / e.scenario.neighbour_distance, empty="no Lissajous curve", better=-1,
     place=13, page=False,
 )
 PHASE_ERROR = Column(
@@ -226,6 +226,22 @@ RECOVERY = Column(
 _OUTSIDE = Column(
     "outside_time", "time that bodies were wholly outside the rectangle, summed over robots",
     lambda e: e.totals["outside_steps"] * e.step, "s",
+)
+_PARTLY_OUTSIDE = Column(
+    "partly_outside_time", "time that some part of a body was outside the rectangle, summed over robots",
+    lambda e: e.totals["partly_outside_steps"] * e.step, "s", title="partly outside", better=-1,
+)
+_WALL_CONTACTS = Column(
+    "wall_contacts",
+    "number of times that a body came into contact with a wall; a contact lasts until the body is 5 % of its radius "
+    "away; 0 without walls",
+    lambda e: int(e.totals["wall_contacts"].sum()), rule=WHOLE, better=-1, summary=MEAN,
+)
+_BLOCKED = Column(
+    "blocked_time",
+    "time that working robots were blocked, summed over robots: their policy drove them for task.blocked_after, at a "
+    "speed that goes two radii in that time, and they did not move by their radius; 0 without walls",
+    lambda e: int(e.totals["blocked_steps"].sum()) * e.step, "s", better=-1, summary=MEAN,
 )
 DISTANCE = Column(
     "distance_mean", "distance travelled, mean over robots",

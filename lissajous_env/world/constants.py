@@ -37,8 +37,9 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
         "steps": task.steps,
         "cells_total": 0 if task.grid is None else task.grid[0] * task.grid[1],
         "age_per_step": scenario.task.step / scenario.time_unit,
-        "speed_unit": model.speed_unit(scenario.curve, scenario.formation, scenario.robot),
-        "curve_points": points_of(None if model.keeps_to_curve else scenario.curve, str(device)),
+        "speed_unit": model.speed_unit(scenario.driven, scenario.formation, scenario.robot),
+        "driving": wp.array(_driving(scenario), dtype=wp.float32, device=device, ndim=2),
+        "curve_points": points_of(None if model.keeps_to_curve else scenario.driven, str(device)),
         "equilibrium": wp.array(scenario.equilibrium, dtype=wp.float64, device=device),
         "neighbours": wp.array(scenario.neighbours, dtype=wp.int32, device=device, ndim=2),
         "hops": as_hops(scenario.spreading, device),
@@ -50,3 +51,15 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
         "removals": wp.array(removal_steps(scenario.faults, n, task.step), dtype=wp.int32, device=device),
         "schedule": wp.array(schedule, dtype=wp.int32, device=device, ndim=2),
     }
+
+
+def _driving(scenario: Scenario) -> np.ndarray:
+    """Return (A, 2) the value at rest of the components of an action, and the speed that each requests [m/s].
+
+    A component requests the unit of speed where it is farthest from its value at rest, and 0 if it drives no robot.
+    """
+    model = model_of(scenario.robot.kind)
+    rest = np.array(model.rest_action(scenario.robot))
+    unit = model.speed_unit(scenario.driven, scenario.formation, scenario.robot)
+    drives = np.isin(np.arange(model.action_size), range(model.action_size) if model.driving is None else model.driving)
+    return np.stack([rest, drives * unit / (1 + abs(rest))], axis=-1)

@@ -10,7 +10,7 @@ from lissajous_env.device.devices import as_device, check_room, compile_quietly,
 from lissajous_env.device.locks import Turn, in_turn
 from lissajous_env.device.program import Program, Stage, split_of
 from lissajous_env.device.stage import BIN, FIELD_ROW, ROBOT, ROW, TARGET
-from lissajous_env.device.warp_abi import fields_of, name_of
+from lissajous_env.device.warp_abi import fields_of, name_of, variables_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import RewardTerm
 from lissajous_env.parameters.rogues import AGENTS
@@ -256,7 +256,8 @@ class Simulation:
         self.contamination = allocate(Contamination, field, each, self.device)
         terms = {"in_sight": each, "waiting": each, "idle_ended": each, "terms": (w, n, len(self.reward_term_names))}
         self.latest = allocate(StepEvents, terms, robot, self.device)
-        self.tally = allocate(EpisodeTotals, {"contact": (w, n, n), "returns": robot}, each, self.device)
+        of_robots = {name: robot for name, array in variables_of(EpisodeTotals).items() if array.type.ndim == 2}
+        self.tally = allocate(EpisodeTotals, {"contact": (w, n, n), **of_robots}, each, self.device)
         names = (
             "clock",
             "robots",

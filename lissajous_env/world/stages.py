@@ -24,6 +24,7 @@ from lissajous_env.world.robots.bins import clear_bins, list_robots
 from lissajous_env.world.robots.collisions import find_collisions, find_listed_collisions, take_consequences
 from lissajous_env.world.robots.deviations import find_deviations, watch_boundary
 from lissajous_env.world.robots.driver import drive
+from lissajous_env.world.robots.facing import turn_inside
 from lissajous_env.world.robots.faults import reset_losses, update_status
 from lissajous_env.world.robots.messages import (
     hear,
@@ -35,6 +36,7 @@ from lissajous_env.world.robots.messages import (
 )
 from lissajous_env.world.robots.placing import draw_apart, follow_curve, reset_robots
 from lissajous_env.world.robots.signals import measure, take_commands
+from lissajous_env.world.robots.walls import watch_walls
 from lissajous_env.world.rogues.stages import rogue_motion, rogue_results
 from lissajous_env.world.tally import keep_score, reset_tally
 from lissajous_env.world.targets.detection import (
@@ -69,6 +71,7 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
         *_contamination_stages(scenario, range(scenario.spreading.ticks)),
         Stage("consequences", take_consequences, when=scenario.task.on_collision != "count"),
         Stage("boundary", watch_boundary),
+        Stage("walls", watch_walls, when=scenario.task.boundary == "wall" and not model.keeps_to_curve),
         Stage("deviations", find_deviations, barrier=False),
         Stage("score", keep_score),
         Stage("end", end_episodes),
@@ -83,7 +86,7 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
 
 def reset_stages(scenario: Scenario) -> list[Stage]:
     """Return the stages of a reset."""
-    many = has_bins(scenario)
+    many, turning = has_bins(scenario), scenario.start_turning
     return [
         Stage("clock", reset_clock),
         Stage("losses", reset_losses),
@@ -91,6 +94,7 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("events", clear_events, own={"resets": True}),
         Stage("robots", reset_robots),
         Stage("headway", draw_apart, when=scenario.formation.start_headway > 0),
+        Stage("facing", turn_inside, when=turning > 0, own={"turning": turning}),
         Stage("messages", reset_messages),
         Stage("policy messages", reset_policy_messages, when=scenario.messages.size > 0),
         Stage("measurement", measure),

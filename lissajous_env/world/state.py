@@ -274,6 +274,8 @@ class StepEvents:
     """(W,) undetected targets present."""
     outside: wp.array2d(dtype=wp.int32)
     """(W, N) 1 where the whole body is outside the rectangle."""
+    partly_outside: wp.array2d(dtype=wp.int32)
+    """(W, N) 1 where some part of the body is outside the rectangle."""
     idle_ended: wp.array(dtype=wp.int64)
     """(W,) idleness of the cells that were sensed, summed [step]."""
     terms: wp.array3d(dtype=wp.float32)

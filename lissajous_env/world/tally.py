@@ -6,7 +6,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import WORLD, stage
 from lissajous_env.device.trig import atan2
-from lissajous_env.world.state import NEVER, REMOVED, STUCK, Clock, Robots, StepEvents
+from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Robots, StepEvents
 
 wp.set_module_options(OPTIONS)
 
@@ -69,6 +69,18 @@ class EpisodeTotals:
     """(W,) mean square of the change of the action, summed over steps, mean over the robots that were not removed."""
     outside_steps: wp.array(dtype=wp.int64)
     """(W,) steps with the whole body outside the rectangle, summed over robots."""
+    partly_outside_steps: wp.array(dtype=wp.int64)
+    """(W,) steps with some part of the body outside the rectangle, summed over robots."""
+    wall_contacts: wp.array2d(dtype=wp.int32)
+    """(W, N) contacts with a wall that began."""
+    at_wall: wp.array2d(dtype=wp.int32)
+    """(W, N) 1 while a contact with a wall lasts."""
+    blocked_steps: wp.array2d(dtype=wp.int32)
+    """(W, N) steps in which a robot was blocked."""
+    driven_steps: wp.array2d(dtype=wp.int32)
+    """(W, N) steps in which its policy drove a robot since it last moved by its radius, from `driven_from`."""
+    driven_from: wp.array2d(dtype=wp.vec2)
+    """(W, N) place from which that motion is measured [m]."""
     returns: wp.array2d(dtype=wp.float64)
     """(W, N) sum of the rewards."""
 
@@ -80,6 +92,11 @@ def reset_tally(w: int, clock: Clock, tally: EpisodeTotals):
         for j in range(tally.contact.shape[1]):
             tally.contact[w, i, j] = 0
         tally.returns[w, i] = wp.float64(0.0)
+        tally.wall_contacts[w, i] = 0
+        tally.at_wall[w, i] = 0
+        tally.blocked_steps[w, i] = 0
+        tally.driven_steps[w, i] = 0
+        tally.driven_from[w, i] = wp.vec2(NOWHERE, NOWHERE)
     tally.collisions[w] = wp.int64(0)
     tally.contact_steps[w] = wp.int64(0)
     tally.min_separation[w] = 1.0e30
@@ -96,6 +113,7 @@ def reset_tally(w: int, clock: Clock, tally: EpisodeTotals):
     tally.speed_max[w] = 0.0
     tally.change_sum[w] = wp.float64(0.0)
     tally.outside_steps[w] = wp.int64(0)
+    tally.partly_outside_steps[w] = wp.int64(0)
     tally.spacing_max[w] = 0.0
     tally.phase_error_max[w] = 0.0
     tally.nominal_phase_error[w] = 0.0
@@ -225,8 +243,8 @@ def tally_coverage(w: int, now: int, robots: int, cells_total: int, tally: Episo
     WORLD,
     writes=(
         "tally: change_sum, covered_at, covered_each_at, distance_sum, fault_end, faulted, lateral_max, "
-        "lateral_sum, nominal_phase_error, observed, off_at, outside_steps, phase_error, phase_error_max, "
-        "spacing_max, speed_max, tracking_max, tracking_sum"
+        "lateral_sum, nominal_phase_error, observed, off_at, outside_steps, partly_outside_steps, phase_error, "
+        "phase_error_max, spacing_max, speed_max, tracking_max, tracking_sum"
     ),
 )
 def keep_score(
@@ -243,8 +261,9 @@ def keep_score(
     n = robots.status.shape[1]
     if now > 0:
         tally.observed[w] += wp.int64(latest.in_sight[w])
-    for i in range(n):
-        tally.outside_steps[w] += wp.int64(latest.outside[w, i])
+        for i in range(n):
+            tally.outside_steps[w] += wp.int64(latest.outside[w, i])
+            tally.partly_outside_steps[w] += wp.int64(latest.partly_outside[w, i])
     tally_tracking(w, now, robots, latest, tally)
     tally_driving(w, now, robots, latest, tally)
     tally_spacing(w, neighbours, robots, tally)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from baselines.benchmark import detections
+from baselines.benchmark import results_folder
 from baselines.benchmark.running import measure, run
+from baselines.benchmark.statistics import share_detected
 from baselines.benchmark.types import Benchmark
 
 QUIET = Console(quiet=True)
@@ -20,7 +21,7 @@ def small(out, **changes):
 
 
 def lines(folder):
-    return (folder / detections.NAME).read_text().splitlines()
+    return (folder / results_folder.DETECTIONS).read_text().splitlines()
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +34,7 @@ def made(tmp_path_factory):
 def test_the_share_detected_is_the_product_limit():
     # Oracle: Kaplan and Meier's product by hand. Of five, one is seen after 1 s; one was there for 2 s unseen; of the
     # three left one is seen after 3 s; one was there for 3 s; the last is seen after 5 s.
-    times, share = detections.share_detected([1.0, 3.0, 5.0], [2.0, 3.0])
+    times, share = share_detected([1.0, 3.0, 5.0], [2.0, 3.0])
     assert times.tolist() == [1, 2, 3, 5]
     survival = np.array([4 / 5, 4 / 5, 4 / 5 * 2 / 3, 0])
     assert share == pytest.approx(1 - survival)
@@ -45,7 +46,7 @@ def test_who_leaves_early_unseen_does_not_bend_the_curve():
     rng = np.random.default_rng(0)
     seen, left = rng.exponential(size=40_000), rng.uniform(0, 2, size=40_000)
     found = seen <= left
-    times, share = detections.share_detected(seen[found], left[~found])
+    times, share = share_detected(seen[found], left[~found])
     at = share[np.searchsorted(times, 1.0) - 1]
     assert at == pytest.approx(1 - np.exp(-1), abs=0.01)
     assert abs((seen[found] <= 1).sum() / len(seen) - at) > 0.05
@@ -70,7 +71,7 @@ def test_the_curves_are_those_of_all_episodes_of_a_cell(made):
     outcome, out = made
     of = [entry for entry in map(json.loads, lines(out)) if entry["policy"] == "still"]
     found, unfound = (np.concatenate([entry[name] for entry in of]) for name in ("found", "unfound"))
-    times, share = detections.share_detected(found, unfound)
+    times, share = share_detected(found, unfound)
     got_times, got_share = outcome.table.curves["failure"]["still"]
     np.testing.assert_array_equal(got_times, times)
     np.testing.assert_array_equal(got_share, share)
@@ -88,7 +89,7 @@ def test_an_interrupted_benchmark_ends_with_the_same_curves(made, tmp_path):
 
 
 def test_no_more_episodes_are_kept_than_a_curve_needs(monkeypatch, tmp_path):
-    monkeypatch.setattr(detections, "KEPT", 3)
+    monkeypatch.setattr(results_folder, "MOST_DETECTIONS", 3)
     run(small(tmp_path, policies=("still",)), console=QUIET)
     assert [json.loads(line)["episode"] for line in lines(tmp_path)] == [0, 1, 2]
 
@@ -100,6 +101,6 @@ def test_no_more_episodes_are_kept_than_a_curve_needs(monkeypatch, tmp_path):
 def test_a_damaged_line_is_refused_by_file_and_number(tmp_path, change):
     run(small(tmp_path, episodes=1), console=QUIET)
     first, second = lines(tmp_path)
-    (tmp_path / detections.NAME).write_text(f"{first}\n{json.dumps(json.loads(second) | change)}\n")
+    (tmp_path / results_folder.DETECTIONS).write_text(f"{first}\n{json.dumps(json.loads(second) | change)}\n")
     with pytest.raises(ValueError, match=r"detections\.jsonl, line 2: .*; delete that line"):
         run(small(tmp_path, episodes=1), console=QUIET)

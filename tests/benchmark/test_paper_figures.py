@@ -12,7 +12,7 @@ from scipy.stats import mannwhitneyu
 from test_table import INTRUDERS, rows
 
 import lissajous_env
-from baselines.benchmark import clairvoyant, paper_figures
+from baselines.benchmark import paper_figures
 from baselines.benchmark.running import run
 from baselines.benchmark.statistics import performance_profile, probability_of_improvement
 from baselines.benchmark.table import Table
@@ -39,7 +39,7 @@ def folder(tmp_path_factory):
     ]
     out = tmp_path_factory.mktemp("paper") / "results"
     settings = Benchmark(policies=("kuramoto-mpcc", "laps", "kuramoto", "random"), episodes=3, out=out,
-                         clairvoyant=True, replays=("none",))  # fmt: skip
+                         replays=("none",))  # fmt: skip
     run(settings, scenarios=made, console=QUIET)
     return out
 
@@ -134,12 +134,10 @@ def test_a_column_of_ones_own_is_in_its_distribution_and_in_the_table(folder, tm
 
 
 def test_the_table_escapes_what_latex_would_read_and_marks_the_best():
-    seer = rows(clairvoyant.NAME, detection_time_mean=[0.1, 0.1])
     played = [*rows("my_50%&#{x}~^\\$", detection_time_mean=[2.0, 2.0]), *rows("slow", detection_time_mean=[3.0, 3.0])]
-    text = latex(Table.of([*played, *seer], INTRUDERS))
+    text = latex(Table.of(played, INTRUDERS))
     assert r"my\_50\%\&\#\{x\}\textasciitilde{}\textasciicircum{}\textbackslash{}\$ & \textbf{2}" in text
     assert "slow & 3 " in text
-    assert r"(clairvoyant) & 0.100 " in text
     for line in text.splitlines():
         if line.endswith(r"\\"):
             assert line.replace(r"\&", "").count("&") == text.split(r"\begin{tabular}{@{}l")[1].index("@")

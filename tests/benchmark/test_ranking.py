@@ -30,13 +30,11 @@ def test_ranks_by_hand():
         *rows("team", "a", detection_time_mean=[3.0, 3.0], collisions=[1, 2]),
         *rows("team", "b", detection_time_mean=[2.0, 3.0], collisions=[1, 1]),
         *rows("team", "elsewhere not", detection_time_mean=[0.1, 0.1], collisions=[0, 0]),
-        *rows("evaders", "clairvoyant", detection_time_mean=[0.1, 0.1], collisions=[0, 0]),
-        *rows("team", "clairvoyant", detection_time_mean=[0.1, 0.1], collisions=[0, 0]),
         *rows("redundant", "point", detection_time_mean=[1.0], collisions=[0]),
     ]
     (cars,) = rankings(Table.of(played, SCENARIOS))
     assert (cars.group.kind, cars.group.scenarios) == ("car", ("evaders", "team"))
-    assert set(cars.ranks) == {"a", "b"}  # who did not play all of them, and who is no policy, has no rank
+    assert set(cars.ranks) == {"a", "b"}  # who did not play all of them has no rank
     assert cars.ranks["a"]["detection_time_mean"][0] == (1 + 1 + 2 + 1.5) / 4
     assert cars.ranks["b"]["detection_time_mean"][0] == (2 + 2 + 1 + 1.5) / 4
     assert cars.ranks["a"]["collisions"][0] == (1.5 + 2 + 1.5 + 2) / 4

@@ -39,16 +39,14 @@ def test_ratios_by_hand():
     rows = [
         row("small", "a", 0, 3.0, 4.0),
         row("small", "b", 0, 2.0, 8.0),
-        row("small", "clairvoyant", 0, 1.0, 2.0),
         row("small", "a", 1, 1.0, 6.0),
         row("small", "b", 1, 4.0, 7.0, is_open=1.0),
         row("large", "a", 0, 10.0, 5.0, at_end=5.0),
         row("large", "b", 0, 10.0, 5.0),
     ]
-    a, b, seer, a1, b1, grown, other = ratios(rows)
+    a, b, a1, b1, grown, other = ratios(rows)
     assert a == [1.5, 2.0, 1.0]
     assert b == [1.0, 4.0, 2.0]
-    assert seer == [0.5, 1.0, 0.5]  # it knows all targets, and is the best of none
     assert a1 == [1.0, 3.0, 1.0]
     assert b1 == [4.0, math.inf, math.inf]
     assert grown[0] == other[0] == 1.0

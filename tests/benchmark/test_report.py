@@ -159,20 +159,25 @@ def test_a_replay_is_the_episode_as_it_was_scored(small_one):
     assert len(json.dumps(blocks[name])) < 60_000
 
 
-def test_rounds_put_the_worst_of_all_before_medians_and_bests():
+def test_replays_are_chosen_by_a_word_a_number_or_a_name():
     rows = [{"scenario": "a", "policy": p, "seed": seed} for seed in range(5) for p in ("x", "y")]
     of = lambda *seeds: [("a", p, seed) for p in ("x", "y") for seed in seeds]  # noqa: E731
 
-    def rounds(*asked, cells=(("a", "x"), ("a", "y"))):
-        chosen = replays.chosen(asked, rows, cells)
-        return [[key for key in chosen if chosen[key] == number] for number in sorted(set(chosen.values()))]
+    def keys(*asked, cells=(("a", "x"), ("a", "y"))):
+        return replays.chosen(asked, rows, cells)
 
-    assert rounds("each") == rounds("few") == [of(0), of(2, 4)]
-    assert rounds("2") == [of(0, 1)]
-    assert rounds("all") == [of(0, 1, 2, 3, 4)]
-    assert rounds("none") == []
-    assert rounds("a:y:3", "none") == [[("a", "y", 3)]]
-    assert rounds("1", cells=[("a", "y")]) == [[("a", "y", 0)]]
+    assert keys("few") == keys("1") == of(0)
+    assert keys("each") == of(0, 2, 4)
+    assert keys("2") == of(0, 1)
+    assert keys("all") == of(0, 1, 2, 3, 4)
+    assert keys("none") == []
+    assert keys("a:y:3", "none", "1") == [("a", "y", 3), *of(0)]
+    assert keys("1", cells=[("a", "y")]) == [("a", "y", 0)]
+    assert replays.with_references([("a", "y", 3)], [("a", "x"), ("a", "y")], rows, {"a": "x"}) == of(3)
+    many = [{"scenario": "a", "policy": f"p{k}", "seed": 0} for k in range(20)]
+    assert replays.chosen(("few",), many, [("a", f"p{k}") for k in range(20)]) == [
+        ("a", f"p{k}", 0) for k in range(replays.FEW)
+    ]
 
 
 def test_replays_are_the_same_on_any_number_of_threads(tmp_path, monkeypatch):
@@ -194,16 +199,6 @@ def test_replays_are_the_same_on_any_number_of_threads(tmp_path, monkeypatch):
         assert len(blocks["data"]["replays"]) > 3
         found.append((blocks["data"]["replays"], {key: of for key, of in blocks.items() if key != "data"}))
     assert found[0] == found[1]
-
-
-def test_few_replays_end_in_time(tmp_path, monkeypatch):
-    monkeypatch.setattr(replays, "FEW_SECONDS", 0.0)
-    one = {"scenarios": ("failure",), "policies": ("kuramoto",), "episodes": 1}
-    run(small(tmp_path, replays=("few",), **one), console=QUIET)
-    assert blocks_of(tmp_path)["data"]["replays"] == {}
-    # Those that are requested by name are made however long it takes.
-    run(small(tmp_path, replays=("failure:kuramoto:0",), **one), console=QUIET)
-    assert len(blocks_of(tmp_path)["data"]["replays"]) == 1
 
 
 @pytest.mark.parametrize("word", ["some", "-1", "evaders:laps", "evaders:laps:9", "evaders:lap:1", "team:laps:0", "²"])

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.text import Text
 
 import lissajous_env
-from baselines.benchmark import clairvoyant, tables
+from baselines.benchmark import tables
 from baselines.benchmark.bounds import bounds_of
 from baselines.benchmark.running import run
 from baselines.benchmark.shown_columns import OVER_LOWER_BOUND, SHOWN
@@ -92,19 +92,6 @@ def test_only_seeds_that_both_have_are_compared():
     pair = against.policies["b"]["detection_time_mean"]
     assert (pair.n, pair.better, pair.difference) == (2, 0.5, -1.0)
     assert Table.of(played, INTRUDERS, "b").against["intruders"].reference == "b"
-
-
-def test_what_is_no_policy_stands_last_in_brackets_and_is_never_best_nor_the_reference():
-    seer = rows(clairvoyant.NAME, detection_time_mean=[0.1, 0.1])
-    played = [*seer, *rows("slow", detection_time_mean=[3.0, 3.0]), *rows("fast", detection_time_mean=[2.0, 2.0])]
-    table = Table.of(played, INTRUDERS, clairvoyant.NAME)
-    assert table.against["intruders"].reference == "slow"
-    text, _ = shown(table)
-    words = [line.split()[0] for line in text.splitlines()[4:] if line.strip()]
-    names = [word for word in words if word in ("slow", "fast", "(clairvoyant)")]
-    assert names == ["slow", "fast", "(clairvoyant)"]
-    assert "2*" in text.split()
-    assert "0.100*" not in text.split()
 
 
 def test_a_narrow_terminal_keeps_the_most_important_columns():

@@ -12,7 +12,7 @@ import trainings
 from rich.console import Console
 
 import lissajous_env
-from baselines.benchmark import best_known, clairvoyant, standard
+from baselines.benchmark import bounds, types
 from baselines.benchmark.running import measure, plan, run
 from baselines.benchmark.statistics import interquartile_mean
 from baselines.benchmark.table import Table
@@ -30,14 +30,13 @@ def rows(policy, times, scenario="intruders"):
 
 def test_the_table_says_what_the_rows_hold():
     scenario = lissajous_env.scenario("intruders")
-    played = [*rows("kuramoto-mpcc", [4.0] * 4), *rows("laps", [2.0, 2.0, 2.0, 6.0]), *rows("clairvoyant", [1.0] * 4)]
+    played = [*rows("kuramoto-mpcc", [4.0] * 4), *rows("laps", [2.0, 2.0, 2.0, 6.0])]
     made = table_of(Table.of(played, {"intruders": scenario}))
-    first, laps, seer = (dict(zip(made["columns"], row, strict=True)) for row in made["rows"])
+    first, laps = (dict(zip(made["columns"], row, strict=True)) for row in made["rows"])
     assert list(first)[:4] == ["scenario", "policy", "detection [s]", "over lower bound"]
     assert (first["scenario"], first["detection [s]"], first["sooner"]) == ("`intruders`, lower bound 0.582 s", "4", "")
     assert (laps["scenario"], laps["detection [s]"]) == ("", "2 (2\N{EN DASH}6)")
     assert laps["sooner"].startswith("75 %")
-    assert seer["policy"] == "*(clairvoyant)*"
     lines = markdown(made).splitlines()
     assert lines[2].startswith("| `intruders`, lower bound 0.582 s | `kuramoto-mpcc` | 4 |")
     assert len({line.count("|") for line in lines}) == 1
@@ -66,14 +65,14 @@ def test_the_command_makes_the_table_of_the_readme(tmp_path):
     made, told = ((tmp_path / "table.md").read_text().strip(), stored)
     assert made.splitlines()[0] == told.splitlines()[0]
     # Scenarios of another duration have no best known plan, and portfolios refuse such short ones.
-    known = {each.name for each in best_known.all_known()} & set(standard.SCENARIOS)
+    known = {each.name for each in bounds.all_known()} & set(types.SCENARIOS)
     assert {name for name, of in policies_of(told).items() if "*best known*" in of} == known
-    missing = {"*best known*", *(f"`{name}`" for name in standard.POLICIES if name in portfolio.NAMES)}
+    missing = {"*best known*", *(f"`{name}`" for name in types.POLICIES if name in portfolio.NAMES)}
     assert policies_of(made) == {name: of - missing for name, of in policies_of(told).items()}
     readme = (figures.ROOT / "README.md").read_text(encoding="utf-8")
     gist = re.search(r"<!-- figures: gist -->\s+(.*?)\s+<!-- end -->", readme, re.DOTALL)[1].splitlines()[2:]
     assert [line.split("|")[1].strip(" `") for line in gist] == list(figures.GIST_POLICIES)
-    assert set(standard.POLICIES) <= set(baselines.names())
+    assert set(types.POLICIES) <= set(baselines.names())
     # Every one of them has a guarantee, also where the scenario does not follow one by itself.
     rows = [json.loads(line) for line in (tmp_path / "episodes.jsonl").read_text().splitlines()]
     assert all(row["guaranteed_detection_time"] is not None for row in rows)
@@ -96,9 +95,8 @@ def test_policies_that_users_registered_are_played_beside_the_standard_ones_and_
     baselines.register("theirs", "car", lambda scenario, num_worlds, device: None)
     names = lambda *policies: [cell.policy for cell in plan(Benchmark(("evaders",), policies))]  # noqa: E731
     usual = names()
-    assert [name for name in usual if name not in standard.POLICIES] == ["theirs", clairvoyant.NAME]
+    assert [name for name in usual if name not in types.POLICIES] == ["theirs"]
     assert {"arc-mpcc", "still", "theirs"} <= set(names("all"))
-    assert clairvoyant.NAME not in names("all")
 
 
 def test_results_are_kept_of_each_policy_on_a_scenario(tmp_path, monkeypatch, capsys):

@@ -55,7 +55,7 @@ def test_scenarios_lists_each_one(width):
 
 def test_plan_prints_plans():
     sizes = ["--width", "10", "--height", "10", "--robot-radius", "0.08", "--sensor-radius", "2", "--speed", "2"]
-    ended = lissajous("plan", *sizes, "--robots", "15", "--seconds", "3")
+    ended = lissajous("plan", *sizes, "--robots", "15", "--plans", "8")
     assert ended.returncode == 0
     assert ended.stdout.startswith("Plans for 10 m x 10 m, 15 robots of 0.08 m and 2 m/s")
 
@@ -217,7 +217,7 @@ def test_run_and_replay_make_files_and_need_no_display(tmp_path, capsys):
         (["evaluate", "failure", "still", "--episodes", "few"], "'few'"),
         (["train", "--learning-rate", "1000"], "learning_rate must be from 1e-12 to 1, got 1000.0"),
         (["train", "--log-std", "nan"], "log_std must be from -20 to 2, got nan"),
-        (["train", "--worlds", "1000000000"], "worlds must be from 1 to 1,000,000"),
+        (["train", "--worlds", "1000000000"], "worlds must be a whole number from 1 to 1000000"),
     ],
 )
 def test_an_invalid_command_line_ends_with_exit_code_2_and_names_the_option(arguments, words, capsys):
@@ -282,7 +282,7 @@ SHORT = ["--episodes", "2", "--set", "task.duration=1"]
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["scenarios"], ["policies"], ["plan", "perturbation", "--seconds", "1"],
+        ["scenarios"], ["policies"], ["plan", "perturbation", "--plans", "4"],
         ["evaluate", "failure", "still", *SHORT],
         ["run", "failure", "still", "--set", "task.duration=1"],
         ["benchmark", "--scenarios", "failure", "--policies", "still", "kuramoto", *SHORT, "--out", "results"],

@@ -32,7 +32,8 @@ EVADERS = lissajous_env.scenario("evaders")
 PLANS = [
     Planned(
         Plan("Lissajous", EVADERS, PolicySettings("kuramoto-mpcc-safe"), f"a:b = {k}:2, omega = 0.31{k} rad/s"),
-        Figures(1.25 * k, 1.1, math.inf, 0.512, 0, 17, 0.0123, 123.4, "phases of ring neighbours"), 0.105, [], [],
+        Figures(1.25 * k, 1.1, math.inf, 0.512, 0, 17, 0.0123, 0.0, False, 123.4, "phases of ring neighbours"),
+        0.105, [], [],
     )
     for k in range(1, 4)
 ]  # fmt: skip

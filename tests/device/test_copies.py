@@ -32,8 +32,8 @@ def simulation(scenario, worlds, threads):
 MADE: dict[str, Callable[[int], Any]] = {
     "simulation": lambda threads: simulation("intruders", 6, threads),
     "crowd": lambda threads: simulation("swarm", 1, threads),
-    "mixture": lambda threads: lissajous_env.Mixture(SPACE, 3, 2, seed=2, threads=threads),
-    "mixture of one group": lambda threads: lissajous_env.Mixture(SPACE, 1, 2, seed=2, threads=threads),
+    "batch": lambda threads: lissajous_env.Batch(SPACE, 6, num_groups=3, seed=2, threads=threads),
+    "batch of one group": lambda threads: lissajous_env.Batch(SPACE, 2, seed=2, threads=threads),
     "vector": lambda threads: lissajous_env.vector_env("intruders", num_envs=3, threads=threads, **SHORT),
     "parallel": lambda threads: lissajous_env.parallel_env("intruders", **SHORT),
     "turns": lambda threads: lissajous_env.env("intruders", **SHORT),
@@ -53,7 +53,14 @@ def advance(env, step):
     """Take a step with drawn actions, after which an episode that is over begins anew; return its results as text."""
     draw = np.random.default_rng(step)
     with np.printoptions(threshold=np.inf, floatmode="unique"):
-        if isinstance(env, lissajous_env.Simulation | lissajous_env.Mixture):
+        if isinstance(env, lissajous_env.Batch):
+            (side,) = env.sides
+            shape = env.num_worlds, side.places, side.action_size
+            env.step({side.agent: draw.uniform(-1, 1, shape).astype(np.float32)})
+            result = [np.array(each) for each in env.rows(side)] + [str(env.score(np.ones(len(env.over), bool)))]
+            env.reset(env.over)
+            return repr(result)
+        if isinstance(env, lissajous_env.Simulation):
             env.step(draw.uniform(-1, 1, env.action_shape).astype(np.float32))
             result = [np.array(each) for each in (env.over, env.reward, env.observation)] + [str(env.score())]
             if np.any(env.over):
@@ -87,8 +94,8 @@ def advance(env, step):
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
 def test_a_copy_after_steps_continues_like_the_original(name, copied):
     env = MADE[name](2)
-    if not isinstance(env, lissajous_env.Simulation | lissajous_env.Mixture):
-        env.reset() if isinstance(env, RobotVecEnv | MixedVecEnv) else env.reset(seed=1)
+    if not isinstance(env, lissajous_env.Simulation):
+        env.reset() if isinstance(env, RobotVecEnv | MixedVecEnv | lissajous_env.Batch) else env.reset(seed=1)
     for step in range(5):
         advance(env, step)
     twin = copied(env)

@@ -41,7 +41,7 @@ NEEDS = {"training.sb3": "stable_baselines3", "training.torchrl": "torchrl", "tr
 SHORTER = {
     "benchmark": "--scenarios intruders --policies sweep laps --episodes 1",
     "evaluate": "--episodes 1",
-    "plan": "--seconds 4",
+    "plan": "--plans 24",
     "guarantee": "--radii 2 --cells 16 --episodes 1",
     "train": "--steps 2000 --worlds 4 --evaluation-episodes 1 --rivals sweep --imitation-steps 0 --rollout 8",
     "train --side": "--rogue-rounds 2 --evaluation-episodes 1",

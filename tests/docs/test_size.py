@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 51_450
+LINES = 51_960
 """Lines of the packages."""
-MODULES = 365
+MODULES = 363
 """Files of the packages."""
-TESTS = 36_300
+TESTS = 37_000
 """Lines of the tests."""
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from baselines import names
-from baselines.benchmark import clairvoyant, standard
+from baselines.benchmark import types
 from baselines.benchmark.plot_styles import COLOURS, MARKS, style_at, styles_of
 from baselines.policies.registry import unwrapped
 from baselines.reproduce import drawing
@@ -72,8 +72,8 @@ def test_policies_are_told_apart_by_every_reader(seen):
 @pytest.mark.parametrize("seen", SEEN)
 def test_the_standard_policies_share_neither_colour_nor_mark(seen, scenario):
     # Story: a scenario of the README's command has a dozen policies; each has a colour that nobody takes for another's.
-    played = [name for name in standard.POLICIES if name in names(scenario)]
-    plain = dict.fromkeys(unwrapped(name)[0] for name in (*played, clairvoyant.NAME))
+    played = [name for name in types.POLICIES if name in names(scenario)]
+    plain = dict.fromkeys(unwrapped(name)[0] for name in played)
     styles = styles_of(plain)
     assert len({each.mark for each in styles.values()}) == len(plain)
     for one, other in combinations(styles.values(), 2):
@@ -81,11 +81,11 @@ def test_the_standard_policies_share_neither_colour_nor_mark(seen, scenario):
 
 
 def test_a_policy_looks_the_same_whatever_else_is_drawn():
-    alone, together = styles_of(["sweep"]), styles_of(["mine", *standard.POLICIES])
+    alone, together = styles_of(["sweep"]), styles_of(["mine", *types.POLICIES])
     assert together["sweep"] == alone["sweep"]
     assert together["kuramoto-mpcc-safe"] == together["kuramoto-mpcc"] != together["sweep"]
     # One's own takes a colour that is left, and of many no two look the same.
-    assert together["mine"].colour not in {together[name].colour for name in standard.POLICIES}
+    assert together["mine"].colour not in {together[name].colour for name in types.POLICIES}
     assert styles_of(["b", "a"]) == styles_of(["a", "b"])
     assert len(set(styles_of([f"mine {k}" for k in range(60)]).values())) == 60
 

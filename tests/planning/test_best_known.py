@@ -7,9 +7,8 @@ import pytest
 
 import baselines
 import lissajous_env
-from baselines.benchmark import best_known, tables
-from baselines.benchmark.bounds import Bounds, bounds_of
-from baselines.benchmark.standard import as_played
+from baselines.benchmark import bounds, tables
+from baselines.benchmark.bounds import Bounds, as_played, bounds_of
 from baselines.benchmark.table import Table
 from baselines.benchmark.written import latex, table_of
 from baselines.planning.families.known import best_known as known_family
@@ -17,13 +16,13 @@ from baselines.planning.plans import SETTLED, WHOLE, Figures, Plan, Planned
 from baselines.planning.rehearse import Episodes, play
 from baselines.policies.settings import PolicySettings
 
-STORED = [each.name for each in best_known.all_known()]
+STORED = [each.name for each in bounds.all_known()]
 
 
 @pytest.mark.parametrize("name", STORED)
 def test_the_stored_figures_are_those_of_the_episodes(name):
     """Oracle: the episodes, on the scenario as a benchmark plays it, with its own start."""
-    (stored,) = (each for each in best_known.all_known() if each.name == name)
+    (stored,) = (each for each in bounds.all_known() if each.name == name)
     task = as_played(name.removesuffix(f"-{SETTLED}"), {})
     assert task.digest() == stored.scenario.digest()
     figures = play(known_family(task).plan({"stored": name}), Episodes()).figures
@@ -43,10 +42,10 @@ def test_the_best_known_plans_are_better_than_the_best_default():
 
 
 def test_a_changed_scenario_has_no_best_known_plan():
-    assert best_known.known_plans(lissajous_env.scenario("evaders"))
+    assert bounds.known_plans(lissajous_env.scenario("evaders"))
     for changed in ({"sensing.radius": 0.7}, {"task.duration": 50.0}, {"robot.count": 7}):
         made = lissajous_env.scenario("evaders", **changed)
-        assert best_known.known_plans(made) == []
+        assert bounds.known_plans(made) == []
         assert known_family(made).starts == []
         assert math.isnan(bounds_of(made).best_known)
 
@@ -66,20 +65,20 @@ def test_the_row_stands_below_the_policies():
 
 
 def planned(worst, settled, collisions=0):
-    figures = Figures(worst, settled, math.nan, 1.0, collisions, 0, 0.1, 1.0, "nothing")
+    figures = Figures(worst, settled, math.nan, 1.0, collisions, 0, 0.1, 0.0, False, 1.0, "nothing")
     plan = Plan("hand", lissajous_env.scenario("evaders"), PolicySettings("still"))
     return Planned(plan, figures, 1.0, [], [])
 
 
 def test_only_better_plans_are_stored(tmp_path, monkeypatch):
     """Story: by hand; of two goals met by one plan one folder is written; a plan that collides is never stored."""
-    monkeypatch.setattr(best_known, "FOLDER", tmp_path)
+    monkeypatch.setattr(bounds, "FOLDER", tmp_path)
     try:
         assert known.keep("evaders", [planned(0.5, 0.5, 1), planned(math.inf, math.inf)], "c") == []
         assert known.keep("evaders", [planned(3.0, 2.0)], "c") == ["evaders"]
         assert known.keep("evaders", [planned(3.0, 2.0)], "c") == []
         assert known.keep("evaders", [planned(2.5, 2.2), planned(3.0, 2.0)], "d") == ["evaders", "evaders-settled"]
-        found = {each.name: known.ranked(each, WHOLE) for each in best_known.all_known()}
+        found = {each.name: known.ranked(each, WHOLE) for each in bounds.all_known()}
         assert found == {"evaders": (2.5, 2.2), "evaders-settled": (3.0, 2.0)}
     finally:
-        best_known.all_known.cache_clear()
+        bounds.all_known.cache_clear()

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 import baselines
 import lissajous_env
 from baselines.planning import report
+from baselines.planning.budget import Budget
 from baselines.planning.families.defaults import default_policies, included
 from baselines.planning.families.lissajous import curves_of, formations
 from baselines.planning.family import Family
@@ -51,9 +52,17 @@ def small(tmp_path):
 
 
 def planned(
-    worst, settled=1.0, failed=math.nan, detection=1.0, distance=1.0, messages="nothing", collisions=0, robots=5
+    worst,
+    settled=1.0,
+    failed=math.nan,
+    detection=1.0,
+    distance=1.0,
+    messages="nothing",
+    collisions=0,
+    robots=5,
+    too_close=False,
 ):
-    figures = Figures(worst, settled, failed, detection, collisions, 0, 0.1, distance, messages)
+    figures = Figures(worst, settled, failed, detection, collisions, 0, 0.1, 0.0, too_close, distance, messages)
     scenario = lissajous_env.scenario("evaders", **{"robot.count": robots})
     return Planned(Plan("hand", scenario, PolicySettings("still")), figures, 1.0, [], [])
 
@@ -62,7 +71,7 @@ def test_the_best_plan_is_no_worse_than_any_default(small):
     """Oracle: every included classical policy on the same scenario and seeds, evaluated apart."""
     task = lissajous_env.scenario(small)
     search = Search(task, Episodes(), [included])
-    search.run(600)  # it ends when the defaults have been played
+    search.run(Budget())  # it ends when the defaults have been played
     best = pareto_optimal(search.finals)[0].figures
     assert (search.unplayed, best.collisions) == (0, 0)
     for name in default_policies(task):
@@ -78,9 +87,38 @@ def test_a_slow_machine_finds_a_plan_too(small):
     """A time that is over with the first call of the clock: one plan of each thread is looked at and played."""
     task, hours = lissajous_env.scenario(small), itertools.count(0.0, 3600.0)
     search = Search(task, Episodes(), [formations], clock=lambda: next(hours))
-    search.run(1)
+    search.run(Budget(seconds=1))
     assert search.looks
     assert any(not each.fails for each in search.looks) == bool(search.finals)
+
+
+def test_the_same_request_gives_the_same_table_on_a_slow_machine(small, monkeypatch):
+    """Law: neither the clock nor the number of cores changes a plan, a figure or their order.
+
+    The second search has one thread, and a clock on which it takes years.
+    """
+    fast = baselines.plan(small, plans=40, failures=1)
+    hours = itertools.count(0.0, 3600.0)
+    monkeypatch.setattr("baselines.planning.search.cores", lambda: 1)
+    monkeypatch.setattr(Search.__init__, "__defaults__", (*Search.__init__.__defaults__[:-1], lambda: next(hours)))
+    slow = baselines.plan(small, plans=40, failures=1)
+    assert (slow.looks, slow.untried) == (fast.looks, fast.untried)
+    assert repr(slow.finals) == repr(fast.finals)
+    assert [each.plan.key for each in slow.plans] == [each.plan.key for each in fast.plans]
+
+
+def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeypatch):
+    """Law: when a plan is changed for the first time, all families have been tried, and every start was begun."""
+    search, untried, changed = Search(lissajous_env.scenario(small), Episodes()), [], Family.changed
+
+    def recorded(family, *given):
+        untried.append(search.untried())
+        return changed(family, *given)
+
+    monkeypatch.setattr(Family, "changed", recorded)
+    search.run(Budget(plans=80))
+    assert untried
+    assert not any(untried)
 
 
 def test_the_folders_reproduce_the_printed_figures(small, tmp_path, capsys):
@@ -89,7 +127,7 @@ def test_the_folders_reproduce_the_printed_figures(small, tmp_path, capsys):
     The figures that the command printed are those of these rows, exactly.
     """
     out = tmp_path / "plans"
-    code, said, _ = called(capsys, "plan", small, "--seconds", 6, "--failures", 1, "--rows", 3, "--out", out, "--json")
+    code, said, _ = called(capsys, "plan", small, "--plans", 30, "--failures", 1, "--rows", 3, "--out", out, "--json")
     assert code == 0
     shown = json.loads(said)["plans"]
     assert 1 <= len(shown) <= 3
@@ -131,7 +169,7 @@ def worst_of(rows):
 
 def test_the_same_plan_has_the_same_figures_again(small):
     """The law of the batch: a plan's figures do not depend on what else was played."""
-    outcome = baselines.plan(small, seconds=3, failures=1)
+    outcome = baselines.plan(small, plans=24, failures=1)
     for each in outcome.plans[:2]:
         assert repr(play(each.plan, outcome.request.episodes).figures) == repr(each.figures)
 
@@ -164,6 +202,11 @@ def test_dominance_needs_a_difference():
     assert not dominates((1, 3), (2, 2))
 
 
+def test_a_plan_whose_bodies_come_close_is_last_and_dominates_none():
+    close, clear, worse = planned(1.0, too_close=True), planned(2.0), planned(3.0, too_close=True)
+    assert pareto_optimal([worse, close, clear]) == [clear, close]
+
+
 def test_a_team_of_fewer_robots_is_not_dominated():
     few, many = planned(3.0, robots=4), planned(3.0, robots=6)
     assert pareto_optimal([many, few]) == [few]
@@ -175,12 +218,14 @@ def test_ctrl_c_prints_the_best_so_far(small, capsys, monkeypatch):
     looked = Search._look
 
     def interrupted(self, threads):
-        self._seconds = self._clock() + 1.0
+        self._report = interrupt
         looked(self, threads)
+
+    def interrupt():
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Search, "_look", interrupted)
-    code, said, error = called(capsys, "plan", small, "--seconds", 600)
+    code, said, error = called(capsys, "plan", small)
     assert code == 130
     assert "Plans for 3.6 m x 1.6 m, 5 robots" in said
     assert "interrupted; the plans above" in error
@@ -189,12 +234,12 @@ def test_ctrl_c_prints_the_best_so_far(small, capsys, monkeypatch):
 def test_ctrl_c_during_the_final_episodes_keeps_what_was_played(small, monkeypatch):
     calls = []
 
-    def on_progress(passed, outcome, search):
-        calls.append(passed)
+    def on_progress(share, outcome, search):
+        calls.append(share)
         if search.finals:
             raise KeyboardInterrupt
 
-    outcome = baselines.plan(small, seconds=4, on_progress=on_progress)
+    outcome = baselines.plan(small, on_progress=on_progress)
     assert outcome.interrupted
     assert len(outcome.finals) >= 1
     assert calls == sorted(calls)
@@ -204,7 +249,7 @@ def test_the_fewest_robots_that_guarantee_a_time(capsys):
     """Story: three robots guarantee a generous time; the search ends there, long before its time is over."""
     hall = {name.replace("_", "-"): value for name, value in HALL.items()} | {"turning-radius": 0.5}
     line = [word for name, value in hall.items() for word in (f"--{name}", value)]
-    code, said, _ = called(capsys, "plan", *line, "--robots", "3:4", "--guarantee", 120, "--seconds", 600, "--json")
+    code, said, _ = called(capsys, "plan", *line, "--robots", "3:4", "--guarantee", 120, "--json")
     found = json.loads(said)
     assert code == 0
     assert found["fewest_robots"] == 3
@@ -231,7 +276,7 @@ def test_a_time_below_the_bound_is_refused_with_the_bound(small, capsys):
 
 def test_points_play_formations_alone(capsys):
     line = [word for name, value in HALL.items() for word in (f"--{name.replace('_', '-')}", value)]
-    code, said, _ = called(capsys, "plan", *line, "--robots", 5, "--seconds", 4)
+    code, said, _ = called(capsys, "plan", *line, "--robots", 5, "--plans", 12)
     assert code == 0
     assert "sweep and laps drive cars, and the robots are of kind curve (give a turning radius)" in said
     assert "line-abreast drive cars" in said
@@ -314,11 +359,14 @@ def test_a_scenario_is_the_task_as_it_is():
         ({}, "width must be given without a scenario [m], got None"),
         ({"scenario": "evaders", "failures": 5}, "failures must be a whole number from 0 to 4"),
         ({"scenario": "evaders", "seconds": 0}, "seconds must be from 1 to 1000000 [s], got 0"),
+        ({"scenario": "evaders", "plans": 0}, "plans must be a whole number of at least 1, got 0"),
+        ({"scenario": "evaders", "plans": 9, "seconds": 5}, "plans must be omitted if seconds is given, got 9 and 5 s"),
         ({"scenario": "evaders", "speed": -1.0}, "speed must be from 0.01 to 10000 [m/s], got -1.0"),
         ({"scenario": "evaders", "rogue_speed": math.nan}, "rogue_speed must be from 0 to 100 [m/s], got nan"),
         ({"scenario": "evaders", "robots": "x"}, "robots must be a number or a pair"),
         ({"scenario": "evaders", "robots": (3, 2)}, "robots must be a number, or a range few:many, from 2 to 64"),
         ({"scenario": "evaders", "guarantee": -1.0}, "guarantee must be from 0.001 to 1000000 [s], got -1.0"),
+        ({"scenario": "evaders", "clearance": -1.0}, "clearance must be from 0 to 10000 [m], got -1.0"),
         ({"scenario": "evaders", "entry": "nowhere"}, "targets.entry must be one of inside, boundary, unseen"),
     ],
 )
@@ -377,7 +425,7 @@ def test_plans_without_a_bound_after_failures_say_why():
 
 
 def test_a_fixed_start_is_that_of_every_plan(small):
-    outcome = baselines.plan(small, seconds=4, fixed_start=True)
+    outcome = baselines.plan(small, plans=24, fixed_start=True)
     task = lissajous_env.scenario(small)
     assert outcome.finals
     assert {each.plan.scenario.digest() for each in outcome.finals} == {task.digest()}

@@ -11,8 +11,11 @@ from command_line import called
 from rich.console import Console
 from test_plan import SMALL, planned
 
+import baselines
 import lissajous_env
 from baselines.planning import report
+from baselines.planning.budget import Budget
+from baselines.planning.families import FAMILIES
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import Plan, worst_case
 from baselines.planning.rehearse import Episodes, play, remove_early
@@ -115,7 +118,8 @@ def test_a_family_that_was_not_tried_is_named_in_the_first_line(small, capsys, m
     code, said, _ = called(capsys, "plan", small, "--seconds", 1)
     first = said.splitlines()[0]
     assert code in (0, 1)
-    assert first.startswith("Not tried for lack of time: ")
+    assert first.startswith("Not tried: ")
+    assert first.endswith("more --seconds are needed.")
     assert "loops" in first
 
 
@@ -124,8 +128,77 @@ def test_every_family_is_tried_before_the_defaults(small, monkeypatch):
     monkeypatch.setattr(Search, "_play_defaults", lambda self, threads: None)
     monkeypatch.setattr(Search, "_look", lambda self, threads: None)
     search = Search(lissajous_env.scenario(small), Episodes())
-    search.run(600)
+    search.run(Budget())
     tried = {look.plan.family for look in search.looks}
     assert tried == {"partition", "lines", "Lissajous", "loops"}
     assert search.untried() == ["defaults"]
     assert {each.plan.family for each in search.finals} <= tried
+
+
+ROOM = {"width": 9.0, "height": 6.0, "robots": 3, "robot_radius": 0.2, "sensor_radius": 2.5, "speed": 1.0}
+
+
+def positions_of(plan, seeds):
+    """Return the positions (W, T, N, 2) of the robots in episodes of a plan, played apart [m]."""
+    simulation = Simulation(plan.scenario, len(seeds))
+    simulation.reset(seeds=seeds)
+    policy, places = plan.settings.make(plan.scenario, len(seeds)), []
+    policy.reset()
+    for _ in range(plan.scenario.task.steps):
+        simulation.step(policy.act(simulation.observation))
+        places.append(simulation.robots.position.numpy()[..., :2].copy())
+    return np.stack(places, axis=1)
+
+
+@pytest.mark.parametrize("open_ground", [False, True])
+def test_a_rectangle_has_walls_and_open_ground_needs_space_outside(open_ground):
+    """Oracle: the positions of the robots in the same episodes, played apart."""
+    outcome = baselines.plan(**ROOM, turning_radius=0.5, rogue_speed=0.1, open=open_ground, plans=24)
+    best = outcome.plans[0]
+    half = np.array([best.plan.scenario.curve.half_width, best.plan.scenario.curve.half_height])
+    beyond = (np.abs(positions_of(best.plan, range(4))) - half).max() + 0.2
+    assert best.plan.scenario.task.boundary == ("open" if open_ground else "wall")
+    assert best.figures.outside == pytest.approx(max(beyond, 0.0), abs=1e-6)
+    if not open_ground:
+        assert beyond < 1e-5
+    console = Console(width=200, file=io.StringIO(), record=True)
+    report.print_plans(console, outcome, outcome.plans)
+    assert ("outside" in console.export_text()) == open_ground
+
+
+def test_a_scenario_has_its_own_boundary_unless_the_ground_is_open():
+    walls = lissajous_env.scenario("evaders", **{"task.boundary": "wall"})
+    assert Request("evaders").task(5).task.boundary == "open"
+    assert Request(walls).task(5).task.boundary == "wall"
+    assert Request(walls, open=True).task(5) == lissajous_env.scenario("evaders")
+
+
+def test_every_family_of_a_hall_has_walls():
+    """Law: each start of each family is a scenario with walls whose curve leaves room for the bodies."""
+    task = Request(**ROOM, turning_radius=0.5).task(3)
+    families = [family_of(task) for family_of in FAMILIES]
+    made = [family.plan(start).scenario for family in families for start in family.starts]
+    assert len({family.name for family in families if family.starts}) == 5
+    for scenario in made:
+        assert scenario.task.boundary == "wall"
+        assert scenario.driven.half_width <= scenario.curve.half_width - scenario.robot.radius
+
+
+def test_a_plan_whose_bodies_come_closer_than_the_clearance_is_marked():
+    """Oracle: the positions of the robots in the same episodes; the same plans with a clearance of 0 have no mark."""
+    outcome = baselines.plan(**ROOM, turning_radius=0.5, rogue_speed=0.1, clearance=2.0, plans=30)
+    for each in outcome.finals[:6]:
+        places = positions_of(each.plan, range(4))
+        first, second = np.triu_indices(3, 1)
+        gap = np.linalg.norm(places[:, :, first] - places[:, :, second], axis=-1).min() - 0.4
+        assert each.figures.too_close == (each.figures.clearance < 2.0)
+        assert gap >= each.figures.clearance - 1e-5  # between two steps they may be closer
+        assert not play(each.plan, Episodes()).figures.too_close or each.figures.clearance < 0
+    marks = [each.figures.too_close for each in outcome.plans]
+    assert marks == sorted(marks)
+    assert set(marks) == {False, True}
+    console = Console(width=200, file=io.StringIO(), record=True)
+    report.print_plans(console, outcome, outcome.plans)
+    assert console.export_text().count("(close)") == sum(marks)
+    assert any("come closer than 2 m" in each for each in report.sentences(outcome))
+    assert Request(**ROOM).least_gap == pytest.approx(0.04)

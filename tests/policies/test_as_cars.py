@@ -167,7 +167,7 @@ def test_a_world_depends_on_its_own_observation_alone(evaders):
 
 
 def test_a_plan_for_other_wheels_is_found_among_the_policies_for_cars(evaders):
-    found = baselines.plan(evaders, seconds=2)
+    found = baselines.plan(evaders, plans=24)
     assert found.finals
     made = PolicySettings("partition", {"rows": 1}).make(evaders)
     assert made.kind == evaders.robot.kind

@@ -12,8 +12,9 @@ from baselines.policies import partition_plan as partition_module
 from baselines.policies.cells import are_adjacent, closed_loop, divisions, evenly_spaced, length_of, tour
 from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses
 from baselines.policies.ideal_motion import worst_undetected_time
+from baselines.policies.loop_shapes import smallest_distance
 from baselines.policies.partition import Partition, cells_of_ring, plain_of
-from baselines.policies.partition_plan import PartitionParameters, partition_plan, smallest_distance, turning_radius_of
+from baselines.policies.partition_plan import PartitionParameters, partition_plan, turning_radius_of
 from baselines.policies.partition_repair import PartitionRepair, RepairParameters
 from lissajous_env.episodes.guarantee import worst_undetected_times
 

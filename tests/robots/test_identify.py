@@ -9,7 +9,7 @@ from lissajous_env.logs.identification import identify
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import motion_of
 from lissajous_env.logs.rollouts import CONSTANTS, Rollouts
-from lissajous_env.settings.parts import Robot
+from lissajous_env.settings.robot import Robot
 
 NOISE = {"noise.position": 0.01, "noise.heading": 0.02, "noise.speed": 0.02, "faults.schedule": ()}
 
@@ -87,6 +87,17 @@ def test_a_dead_zone_and_a_delay_are_recovered():
     found = identify(track, commands, Robot())
     for name in CONSTANTS:
         assert found.values[name] == pytest.approx(true[name], rel=0.02), name
+
+
+def test_the_constants_of_a_car_that_reverses_are_recovered():
+    back = {"robot.speed_min": -5.0, "robot.throttle_min": 0.0, "robot.dead_zone": 0.12}
+    ((track, commands, true),) = drive([1], **back)
+    assert track.speed.min() < -1.0
+    guess = lissajous_env.scenario("experiment", **back).resolve().robot
+    found = identify(track, commands, guess)
+    for name in CONSTANTS[:-1]:
+        assert found.values[name] == pytest.approx(true[name], rel=0.02), name
+    assert identify(track, commands, Robot()).misfits, "of a car that does not reverse"
 
 
 def test_a_bad_first_guess_and_uneven_times_do_not_matter():

@@ -13,8 +13,8 @@ from ros_team import AGILE, Team, in_real_time, in_ros, node_of
 import baselines
 import lissajous_env
 from baselines.onboard import Message, Odometry
-from baselines.ros import conversions
 from baselines.ros import library as ros
+from baselines.ros import messages
 from baselines.ros.running import RosProcess
 from baselines.ros.settings import RobotSettings, WorldSettings
 from lissajous_env.console.terminal import CommandError
@@ -33,11 +33,11 @@ def _ros():
 @pytest.mark.parametrize("count", [(2**32 - 1, 1), (2**32 - 1, 2**32 - 1), (10**9, 1), (4, 1)])
 def test_a_cloud_that_claims_more_points_than_its_data_contain_is_refused(count, step):
     # Story: a damaged message claims gigabytes. Nothing is allocated before its length has been compared.
-    cloud = conversions.cloud_message(np.ones((2, 2), dtype=np.float32), 1.0, "map")
+    cloud = messages.cloud_message(np.ones((2, 2), dtype=np.float32), 1.0, "map")
     cloud.width, cloud.height, cloud.point_step = *count, step
     tracemalloc.start()
     with pytest.raises(ValueError, match="a point cloud must have room and data"):
-        conversions.cloud_rows(cloud, 4)
+        messages.cloud_rows(cloud, 4)
     assert tracemalloc.get_traced_memory()[1] < 1e7
     tracemalloc.stop()
 
@@ -45,10 +45,10 @@ def test_a_cloud_that_claims_more_points_than_its_data_contain_is_refused(count,
 def test_a_cloud_whose_fields_are_beyond_its_points_is_refused():
     # Story: the offset of a field was damaged, so that a point would be read from the one after it, or from no data.
     for offset in (12, 2**32 - 1):
-        cloud = conversions.cloud_message(np.ones((2, 2), dtype=np.float32), 1.0, "map")
+        cloud = messages.cloud_message(np.ones((2, 2), dtype=np.float32), 1.0, "map")
         cloud.fields[1].offset = offset
         with pytest.raises(ValueError, match="a point cloud must have room and data"):
-            conversions.cloud_rows(cloud, 2)
+            messages.cloud_rows(cloud, 2)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -87,20 +87,20 @@ def test_headings_stamps_and_rows_survive_messages():
     draw = np.random.default_rng(3)
     for heading in draw.uniform(-math.pi, math.pi, 200).astype(np.float32).tolist():
         pose = Odometry(0.1, -0.2, heading, 0.4, 12.3)
-        message = conversions.odometry_message(pose, 0.0, "map", "car/base_link")
-        assert np.float32(conversions.yaw(message.pose.pose.orientation)) == np.float32(heading)
-        assert conversions.seconds(message.header.stamp) == 12.3
+        message = messages.odometry_message(pose, 0.0, "map", "car/base_link")
+        assert np.float32(messages.yaw(message.pose.pose.orientation)) == np.float32(heading)
+        assert messages.seconds(message.header.stamp) == 12.3
     for width in (2, 4):
         rows = draw.normal(size=(7, width)).astype(np.float32)
-        cloud = conversions.cloud_message(rows, 1.0, "car/aligned")
-        np.testing.assert_array_equal(conversions.cloud_rows(cloud, width), rows)
-        assert conversions.cloud_rows(conversions.cloud_message(rows[:0], 1.0, "map"), width).shape == (0, width)
+        cloud = messages.cloud_message(rows, 1.0, "car/aligned")
+        np.testing.assert_array_equal(messages.cloud_rows(cloud, width), rows)
+        assert messages.cloud_rows(messages.cloud_message(rows[:0], 1.0, "map"), width).shape == (0, width)
     sent = Message(3, 2.5, 0.6, -0.8, 1.0, -2.0, (0.25, -1.0))
-    assert conversions.heard(conversions.ring_message(sent, "map"), 3) == sent
-    assert conversions.heard(ros.JointState(name=["steering"], position=[1.0]), 3) is None
+    assert messages.heard(messages.ring_message(sent, "map"), 3) == sent
+    assert messages.heard(ros.JointState(name=["steering"], position=[1.0]), 3) is None
     tilted = ros.PoseStamped().pose.orientation
     tilted.w = 0.0  # no rotation at all
-    assert math.isnan(conversions.yaw(tilted))
+    assert math.isnan(messages.yaw(tilted))
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from ros_team import AGILE, Team, in_real_time, in_ros, process
 
 import lissajous_env
 from baselines.ros import library as ros
-from baselines.ros.conversions import seconds
+from baselines.ros.messages import seconds
 from baselines.ros.settings import WorldSettings
 
 STEP = 0.1

@@ -28,29 +28,29 @@ from lissajous_env.theory import closed_forms
 
 # Digests of all numbers of the scenarios that ship: a line that differs is a number that changed.
 DIGESTS = {
-    "ideal": "8d8a3a8a81474895",
-    "perturbation": "ae8114f88a8a065e",
-    "failure": "577ddd609e251949",
-    "experiment": "324701092390926d",
-    "experiment-printed": "c19afbe8f15d26c4",
-    "intruders": "d7e5625491a55390",
-    "intruders-inside": "177ea8f12f073669",
-    "evaders": "f58c76dc3e6272e0",
-    "evaders-failure": "79e922a97d86a6fc",
-    "evaders-lost": "25759b4d1891b126",
-    "evaders-fast": "c90e7e75f4312650",
-    "evaders-uneven": "297e2be75e3c3ea0",
-    "hall": "21bd300a7404947d",
-    "rough": "27c5fc3248e3d5d1",
-    "rough-lost": "23616571cf84f800",
-    "team": "71ba7d61b47e7454",
-    "redundant": "540ddded225858bb",
-    "knot": "44a0c78b18d70dc0",
-    "swarm": "f58515df31edbcec",
-    "city": "48c026b65ed43c92",
-    "watch": "8667b5ae687a2a42",
-    "intercept": "20e79ef7fcc7792c",
-    "hotspots": "efab6689ee2dceee",
+    "ideal": "165c21f68595bfcc",
+    "perturbation": "ca1178c9d6f21ba0",
+    "failure": "6ed71fd799669788",
+    "experiment": "3a734e53143aa831",
+    "experiment-printed": "d0f7297f2750ab7f",
+    "intruders": "6a4e6ebc82ff1527",
+    "intruders-inside": "f8ed5943529a14d4",
+    "evaders": "e17cbcf7fac51f79",
+    "evaders-failure": "5a7e0a82958c447d",
+    "evaders-lost": "9210656b6132a3d8",
+    "evaders-fast": "3bc365e13728753f",
+    "evaders-uneven": "3cac4a8eda9552ce",
+    "hall": "f4cf3b56fecebe76",
+    "rough": "605c5cc2f62faea1",
+    "rough-lost": "3479c92a2bb4df91",
+    "team": "f83a49cf4a14703a",
+    "redundant": "407b73402455851f",
+    "knot": "2fc6bd198403dce3",
+    "swarm": "153d89efd3fa4ae0",
+    "city": "ade27cefab1f5a7c",
+    "watch": "7b3471837beca74f",
+    "intercept": "067a44b5113483a6",
+    "hotspots": "0bff4f8461ff5654",
 }
 
 KINDS: dict[str, Any] = dict(PARTS)
@@ -364,3 +364,48 @@ def test_ring_neighbours_know_each_other(n):
     for robot in range(n):
         for other in neighbours[robot]:
             assert robot in neighbours[other]
+
+
+@pytest.mark.parametrize("curve", [Curve(20, 12.5, 3, 2), Curve(20, 12.5, harmonics=((6, 0, 0, 4), (0, 2, 1, 0)))])
+def test_a_curve_with_an_inset_is_that_of_the_rectangle_without_the_strip(curve):
+    # Law: scaled to its own rectangle, the curve that is driven is the same curve.
+    inset = dataclasses.replace(curve, inset=1.5)
+    gamma = np.linspace(0, 2 * np.pi, 100)
+    size, smaller = np.array([20, 12.5]), np.array([18.5, 11])
+    driven = closed_forms.curve_point(inset.driven, gamma)
+    np.testing.assert_allclose(driven / smaller, closed_forms.curve_point(curve, gamma) / size, atol=1e-12)
+    assert inset.driven.driven == inset.driven
+    assert curve.driven is curve
+
+
+def test_walls_bring_an_inset_that_scales_with_lengths_and_times():
+    walled = lissajous_env.scenario("evaders", **{"task.boundary": "wall", "noise.position": 0.01})
+    assert lissajous_env.scenario("evaders").inset == 0
+    assert walled.inset > walled.robot.radius + 0.03
+    assert walled.scaled(3.0, 2.0).inset == pytest.approx(3 * walled.inset)
+    assert walled.resolve().curve.inset == walled.inset
+    assert walled.resolve().resolve() == walled.resolve()
+    assert walled.resolve().driven == walled.driven
+
+
+def test_radii_with_an_inset_reach_the_edge():
+    # A disc around a robot that covers the nearest point of the inner rectangle covers a point of the strip as well.
+    inner = lissajous_env.scenario("ideal", **{"curve.half_width": 4.5, "curve.half_height": 4.5})
+    inset = lissajous_env.scenario("ideal", **{"curve.inset": 0.5})
+    for name in ("coverage_radius", "detection_radius"):
+        assert getattr(inset, name) == pytest.approx(getattr(inner, name) + math.sqrt(0.5))
+    assert inset.robot_radius_bound == inner.robot_radius_bound
+    assert inset.detection_time_bound == inner.detection_time_bound
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"curve.inset": 0.8}, "curve.inset must be below 0.8, half of the rectangle's side"),
+        ({"curve.inset": 0.7}, "sensing.radius must be at least the inset of 0.7"),
+        ({"task.boundary": "wall", "robot.radius": 0.9}, "robot.radius must be below 0.8"),
+    ],
+)
+def test_an_inset_leaves_room_that_sensors_cover(fields, words):
+    with pytest.raises(ValueError, match=words):
+        lissajous_env.scenario("evaders", **fields)

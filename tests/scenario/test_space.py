@@ -21,12 +21,12 @@ DRAW = {
 }
 
 FROZEN = [
-    "c5d0a586872ef155",
-    "f93f65d6d1029b5f",
-    "57e6e1c7b7a416df",
-    "3f132201779e1465",
-    "4974434f9c8b86c8",
-    "bb5acf042c59e09f",
+    "7e26ad303a9575c5",
+    "190dbce7e003c24e",
+    "46ae2f8a1fc1084b",
+    "c6b162169fe91705",
+    "f02f00d39bfb93d0",
+    "7a33a24ed6f1f268",
 ]
 """Digests of the first scenario of each split and shift of monitoring-v1."""
 

@@ -238,3 +238,21 @@ def test_bad_input(changed, message):
 def test_a_design_is_named_by_its_robots_and_its_curve():
     (row,) = [row for row in design(1.8, 0.8, 0.125, 1.3, 1.0, num_robots=5) if row.curve.a == 3]
     assert in_words(row) == "5 robots on a = 3, b = 2"
+
+
+def test_a_design_with_an_inset_is_that_of_the_smaller_rectangle():
+    """Law: the driven curve, its speed and (6) are those of the smaller rectangle; (7) and (8) also span the corner."""
+    inset, robots = (
+        0.7,
+        {"robot_radius": 0.2, "sensor_radius": 3.0, "speed_max": 1.0, "num_robots": 5, "wheelbase": 0.5},
+    )
+    inner = {(each.curve.a, each.curve.b): each for each in design(5.0, 3.0, **robots)}
+    outer = design(5.0 + inset, 3.0 + inset, **robots, inset=inset)
+    assert len(outer) == len(inner)
+    for each in outer:
+        one = inner[each.curve.a, each.curve.b]
+        assert each.overrides["curve.half_width"] == 5.0 + inset
+        same = ("phase_rate", "mean_speed", "tight_share", "robot_radius_bound")
+        assert [getattr(each, name) for name in same] == pytest.approx([getattr(one, name) for name in same])
+        for name in ("coverage_radius", "detection_radius"):
+            assert getattr(each, name) == pytest.approx(getattr(one, name) + math.sqrt(2) * inset)

@@ -118,7 +118,7 @@ def test_a_policy_that_was_better_untrained_is_not_said_to_have_become_so(tmp_pa
         return {"detection_time": time, "collisions": 0.0, "return": -time, "detected_fraction": 0.5}
 
     monkeypatch.setattr(Trainer, "_evaluated", evaluated)
-    monkeypatch.setattr(Trainer, "_rehearse", lambda trainer: ("laps",))
+    monkeypatch.setattr("training.sb3.trainer.best_policies", lambda *given: ("laps",))
     history = train(settings, Console(file=out, width=200))
     assert list(history.rivals) == ["kuramoto-mpcc", "laps", "sweep(cruise=1.9)"]
     (base,) = [policy for policy in played if policy.name == "sweep"]

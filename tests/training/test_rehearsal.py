@@ -14,31 +14,20 @@ import baselines
 import lissajous_env
 from baselines.policies import registry
 from baselines.policies.base import Policy
-from lissajous_env.storage.journal import Journal
 from training import rehearsal, scenarios
-from training.learned import checkpoint
 from training.learned.history import summarize_scores
-from training.rehearsal import Rehearsal
+from training.rehearsal import best_policies
 from training.sb3.trainer import train
 from training.settings import TrainingSettings
 
 SHORT = {"task.duration": 20.0}
 
 
-def nothing(_):
-    return None
-
-
-def rehearsed(path, *played_on, begin=nothing, leave_out=nothing):
-    with Journal(path) as journal:
-        return Rehearsal(played_on, journal, "cpu", begin, leave_out).best()
-
-
 @pytest.mark.parametrize("name", ["failure", "intruders-inside"])
-def test_no_classical_policy_is_better_than_the_one_that_a_rehearsal_finds(tmp_path, name):
+def test_no_classical_policy_is_better_than_the_one_that_a_rehearsal_finds(name):
     # Oracle: `lissajous_env.evaluate` of each policy on seeds that the rehearsal does not use.
     scenario, found = lissajous_env.scenario(name, **SHORT), {}
-    best = rehearsed(tmp_path / "rehearsal.jsonl", scenario)
+    best = best_policies([scenario])
     for policy in (each for each in registry.names(scenario) if registry.is_classical(each)):
         if policy in best or not registry.unwrapped(policy)[1]:
             made = baselines.make(policy, scenario, 24)
@@ -50,32 +39,7 @@ def test_no_classical_policy_is_better_than_the_one_that_a_rehearsal_finds(tmp_p
     assert max(found[policy]["return"] for policy in best) >= max(of["return"] for of in found.values()) - 0.5
 
 
-class StoppedError(Exception):
-    pass
-
-
-def test_a_rehearsal_that_was_interrupted_plays_no_policy_twice(tmp_path):
-    scenario, path, begun = lissajous_env.scenario("failure", **SHORT), tmp_path / "rehearsal.jsonl", []
-
-    def stop_later(name):
-        begun.append(name)
-        if len(begun) == 4:
-            raise StoppedError
-
-    with pytest.raises(StoppedError):
-        rehearsed(path, scenario, begin=stop_later)
-    before = begun[:3]
-    best = rehearsed(path, scenario, begin=begun.append)
-    assert not set(before) & set(begun[4 : begun.index("still", 4) + 1])
-    count = len(begun)
-    assert rehearsed(path, scenario, begin=begun.append) == best
-    assert len(begun) == count
-    # Another scenario is played anew.
-    rehearsed(path, lissajous_env.scenario("failure", **{"task.duration": 10.0}), begin=begun.append)
-    assert len(begun) >= 1.5 * count
-
-
-def test_a_policy_that_raises_is_left_out_by_name(tmp_path, monkeypatch):
+def test_a_policy_that_raises_is_left_out_by_name(monkeypatch):
     class Broken(Policy):
         kind = "curve"
 
@@ -94,13 +58,13 @@ def test_a_policy_that_raises_is_left_out_by_name(tmp_path, monkeypatch):
     baselines.register("broken", kind="curve", factory=Broken)
     baselines.register("unsuitable", kind="curve", factory=Perfect)
     said = []
-    best = rehearsed(tmp_path / "a.jsonl", lissajous_env.scenario("failure", **SHORT), leave_out=said.append)
+    best = best_policies([lissajous_env.scenario("failure", **SHORT)], say=said.append)
     assert best
     assert not {"broken", "unsuitable"} & {*best}
     assert [words.partition(":")[0] for words in said] == ["broken is left out of the rehearsal"]
 
 
-def test_on_several_scenarios_the_one_that_is_fast_on_all_is_best(tmp_path, monkeypatch):
+def test_on_several_scenarios_the_one_that_is_fast_on_all_is_best(monkeypatch):
     # Oracle: the mean of logarithms, by hand.
     times = {"laps": (1.0, 16.0), "sweep": (3.0, 3.0), "still": (9.0, 9.0)}
     monkeypatch.setattr(registry, "names", lambda scenario: tuple(times))
@@ -111,14 +75,14 @@ def test_on_several_scenarios_the_one_that_is_fast_on_all_is_best(tmp_path, monk
         return [{"detection_time_mean": time, "collisions": 0, "return_mean": time, "detected_fraction": 1.0}] * 2
 
     monkeypatch.setattr(rehearsal, "evaluate", evaluated)
-    assert rehearsed(tmp_path / "a.jsonl", *played_on) == ("sweep",)
-    assert rehearsed(tmp_path / "b.jsonl", played_on[0]) == ("laps", "still")
+    assert best_policies(played_on) == ("sweep",)
+    assert best_policies(played_on[:1]) == ("laps", "still")
 
 
 def test_the_default_rivals_are_rehearsed_once_for_a_training(tmp_path, monkeypatch):
     played = []
-    play = Rehearsal._play
-    monkeypatch.setattr(Rehearsal, "_play", lambda self, name, count: played.append(name) or play(self, name, count))
+    play = rehearsal._play
+    monkeypatch.setattr(rehearsal, "_play", lambda name, *given: played.append(name) or play(name, *given))
     given = {"scenario": "failure", "overrides": {"task.duration": 3.0}, "base": None, "rivals": None, "steps": 1280}
     out = io.StringIO()
     history = train(TrainingSettings(**SMALL | given | {"out": tmp_path}), Console(file=out, width=200))
@@ -127,7 +91,6 @@ def test_the_default_rivals_are_rehearsed_once_for_a_training(tmp_path, monkeypa
     best = line.partition(": ")[2].split(" and ")
     assert list(history.rivals) == list(dict.fromkeys(["kuramoto", *best]))
     assert history.curve[0]["steps"] == 0
-    assert (tmp_path / checkpoint.REHEARSAL).exists()
     assert words.index("on failure feedback has no value") < words.index("best classical policy")
     more = TrainingSettings(**SMALL | given | {"steps": 2560, "out": tmp_path})
     assert train(more, QUIET).rivals == history.rivals

@@ -279,9 +279,9 @@ def test_what_a_training_leaves(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"steps": 0}, "steps must be from 1 to .*, got 0"),
+        ({"steps": 0}, "steps must be a whole number from 1 to .*, got 0"),
         ({"learning_rate": -1.0}, "learning_rate must be from .*, got -1.0"),
-        ({"layers": (8, 0)}, r"layers must be from 1 to 65,536, got \(8, 0\)"),
+        ({"layers": (8, 0)}, r"layers must be whole numbers from 1 to 65,536, got \(8, 0\)"),
         ({"scenario": "intruder"}, "scenario must be one of .*did you mean intruders"),
         ({"base": "swep"}, "did you mean sweep"),
         ({"base": "kuramoto"}, "must drive robots of kind car"),

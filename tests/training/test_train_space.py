@@ -17,8 +17,7 @@ from lissajous_env import ScenarioSpace, Simulation
 from lissajous_env.parameters.named import is_space
 from training import scenarios
 from training.learned import checkpoint
-from training.learned.card import Card
-from training.learned.constants import CONSTANTS, constants_of
+from training.learned.card import CONSTANTS, Card, constants_of
 from training.learned.history import RELATIVE, History, summarize_scenarios
 from training.learned.network import Network
 from training.learned.policy import Learned

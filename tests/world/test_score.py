@@ -18,8 +18,9 @@ PROMISED = (
     "min_separation, coverage_time, "
     "coverage_time_each, idleness_mean, idleness_max, lateral_error_mean, lateral_error_max, "
     "tracking_error_mean, tracking_error_max, spacing_factor, phase_error, recovery_time, outside_time, "
-    "distance_mean, speed_max, smoothness, sensed_fraction, guaranteed_detection_time, unseen_at_end, "
-    "guarantee_open, contaminated_age_mean, guarantee_recovery_time, return_mean"
+    "partly_outside_time, wall_contacts, blocked_time, distance_mean, speed_max, smoothness, sensed_fraction, "
+    "guaranteed_detection_time, unseen_at_end, guarantee_open, contaminated_age_mean, guarantee_recovery_time, "
+    "return_mean"
 )
 
 

@@ -1,7 +1,7 @@
 """Card of a learned policy: its description without the weights, validated at construction."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,12 +13,43 @@ from baselines.policies.settings import PolicySettings
 from baselines.similarity import motion_scale
 from lissajous_env import Scenario
 from lissajous_env.console.terminal import plain
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.world.observation import layout
-from training.learned.constants import CONSTANTS
 
 LARGEST_RESIDUAL = 2.0
 """Residual with which the network can choose any action, whatever the base's is."""
+LARGEST_CONSTANT = 4.0
+"""Limit of each of the `CONSTANTS`."""
+
+
+def top_speed(scenario: Scenario) -> float:
+    """Return the top speed of a car, or that of a point in the equilibrium [m/s]."""
+    model = model_of(scenario.robot.kind)
+    return model.speed_unit(scenario.driven, scenario.formation, scenario.robot)
+
+
+CONSTANTS: dict[str, Callable[[Scenario], float]] = {
+    "team": lambda scenario: 3.0 / scenario.num_robots,
+    "sensing_x": lambda scenario: scenario.sensing_radius / scenario.curve.half_width,
+    "sensing_y": lambda scenario: scenario.sensing_radius / scenario.curve.half_height,
+    "body": lambda scenario: scenario.robot.radius / scenario.sensing_radius,
+    "boundary": lambda scenario: float(scenario.targets.entry == "boundary"),
+    "pace": lambda scenario: top_speed(scenario) * scenario.task.step / scenario.sensing_radius,
+}
+"""Dimensionless numbers of a scenario that do not change during an episode, by name.
+
+An observation is in units of the scenario: a relative position is divided by the rectangle for a ring neighbour, and by
+the sensing radius for a robot that is sensed. A policy for many scenarios also reads these ratios of the units: 3 over
+the number of robots; the sensing radius in half-widths and half-heights of the rectangle; the robots' radius in sensing
+radii; 1 where targets enter at the boundary, on which the loop of `sweep` depends, too; the distance driven in a
+control step at top speed, in sensing radii."""
+
+
+def constants_of(scenario: Scenario, names: tuple[str, ...]) -> np.ndarray:
+    """Return the numbers (C,) of a scenario by name, at most `LARGEST_CONSTANT`, as float32."""
+    values = [min(CONSTANTS[name](scenario), LARGEST_CONSTANT) for name in names]
+    return np.array(values, dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -49,7 +80,7 @@ class Card:
     residual: float = 1.0
     """Factor of the network's output, clipped to [-1, 1], before it is added to the base's action."""
     constants: tuple[str, ...] = ()
-    """Names of the scenario's numbers (`training.learned.constants`) that the network reads after `inputs`."""
+    """Names of the scenario's numbers (`CONSTANTS`) that the network reads after `inputs`."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Settings of the training."""
 
@@ -143,6 +174,11 @@ class Card:
                 f"policy trained on {self.scenario} must drive robots of kind {self.kind}, "
                 f"got {scenario.name}, with robots of kind {scenario.robot.kind}"
             )
+        robot = self.home.get("robot")
+        reverses = isinstance(robot, Mapping) and (robot.get("speed_min") or 0.0) < 0.0
+        if scenario.robot.reverses != reverses:
+            rule = f"must be {'below 0' if reverses else '0'} for the policy trained on {self.scenario}"
+            raise ValueError(f"robot.speed_min {rule} [m/s], got {scenario.robot.lowest_speed:g}")
         size = scenario.action_size
         silent = or_silent and self.action_size == size - scenario.messages.size
         fits = silent or self.action_size == size

@@ -32,8 +32,6 @@ from training.learned.history import check_notes
 from training.learned.network import ACTIVATIONS, Network
 
 FILE = "checkpoint.json"
-REHEARSAL = "rehearsal.jsonl"
-"""Results of the rehearsal before a training, from which it is resumed."""
 BEST = "best/"
 """Folder of the checkpoint of the best policy, inside that of the training."""
 FORMAT = 1
@@ -52,7 +50,7 @@ def hold(folder: str | Path) -> Folder:
     Raises:
         ValueError: it is in use, or contains files of a user under these names.
     """
-    return Folder(folder, (FILE, BEST, "report.html", REHEARSAL, "tensorboard/"))
+    return Folder(folder, (FILE, BEST, "report.html", "tensorboard/"))
 
 
 def save(
@@ -176,6 +174,17 @@ def resuming(folder: str | Path, text: Mapping[str, Any]) -> Iterator[None]:
 def to_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
     """Return named arrays in the safetensors format."""
     return to_safetensors({name: np.ascontiguousarray(array) for name, array in arrays.items()})
+
+
+def prefixed(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the arrays of a set with the prefix of the set."""
+    return {f"{part}.{name}": array for name, array in arrays.items()}
+
+
+def within(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the arrays of one set without its prefix."""
+    start = f"{part}."
+    return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}
 
 
 def home_scenario(card: Card) -> Scenario:

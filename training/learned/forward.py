@@ -3,6 +3,9 @@
 The action for a row is therefore bit-identical in any batch, at any position and for any number of threads, unlike with
 a matrix product, whose rounding depends on the number of rows.
 
+With a base, the action is the sum of a classical policy's and a learned one: clip(base + residual * clip(own)), all in
+[-1, 1] (T. Johannink et al., "Residual Reinforcement Learning for Robot Control", ICRA 2019).
+
 On a CPU the inner loop runs over the inputs, with WIDTH outputs of ROWS rows in vector registers, so that additions are
 independent and each weight is read once for all these rows.
 """
@@ -15,9 +18,10 @@ import warp as wp
 from lissajous_env.device.devices import compile_quietly, cores
 from lissajous_env.device.work import shared_launch
 from training.learned.network import ACTIVATIONS, Network
-from training.learned.residual import OPTIONS, added, limited
 
-wp.set_module_options(OPTIONS)
+# Fuse a multiplication with the addition after it, and use whole vector registers.
+_CPU_FLAGS = "-march=native -ffp-contract=fast -mprefer-vector-width=512"
+wp.set_module_options({"enable_backward": False, "max_unroll": 1, "cpu_compiler_flags": _CPU_FLAGS})
 
 WIDTH = wp.constant(32)
 """Number of outputs that are computed together."""
@@ -44,6 +48,24 @@ class Layers:
     """For each block of outputs: biases, then weights of each input, padded with zeros."""
     activation: int
     """Activation between layers."""
+
+
+@wp.func
+def limited(x: float, bound: float) -> float:
+    """Clip x to [-bound, bound]; NaN stays NaN, which a simulation reports."""
+    return wp.where(x > bound, bound, wp.where(x < -bound, -bound, x))
+
+
+@wp.func
+def added(base: float, residual: float, own: float) -> float:
+    """Return clip(base + residual * clip(own)), whose sum is rounded once, as `sum_of_actions` does on the host."""
+    return limited(float(wp.float64(base) + wp.float64(residual) * wp.float64(limited(own, 1.0))), 1.0)
+
+
+def sum_of_actions(base: np.ndarray, residual: float, own: np.ndarray) -> np.ndarray:
+    """Return the actions in [-1, 1] for a base's actions and those of a network, to the bits of the kernel."""
+    total = base.astype(np.float64) + np.float64(np.float32(residual)) * np.clip(own.astype(np.float32), -1.0, 1.0)
+    return np.clip(total, -1.0, 1.0).astype(np.float32)
 
 
 @wp.func

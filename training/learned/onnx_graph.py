@@ -20,8 +20,7 @@ from lissajous_env.extras import missing
 from lissajous_env.storage.files import replacing
 from lissajous_env.world.observation import layout
 from training.learned import checkpoint
-from training.learned.card import Card
-from training.learned.constants import constants_of
+from training.learned.card import Card, constants_of
 from training.learned.network import Network
 from training.learned.policy import Learned, find
 

@@ -12,8 +12,7 @@ from baselines.policies.base import Policy
 from lissajous_env import Scenario
 from lissajous_env.wording import few_of
 from training.learned import checkpoint
-from training.learned.card import Card
-from training.learned.constants import constants_of
+from training.learned.card import Card, constants_of
 from training.learned.forward import Forward
 from training.learned.network import Network
 

@@ -6,10 +6,9 @@ import numpy as np
 
 from lissajous_env import Scenario
 from lissajous_env.world.observation import layout
-from training.learned.card import Card
-from training.learned.constants import LARGEST, constants_of
-from training.learned.named_arrays import prefixed, within
-from training.learned.residual import Adder
+from training.learned.card import LARGEST_CONSTANT, Card, constants_of
+from training.learned.checkpoint import prefixed, within
+from training.learned.forward import sum_of_actions
 
 
 class Wiring:
@@ -32,15 +31,14 @@ class Wiring:
         ranges, columns = layout(scenario), card.columns(scenario)
         self._columns = None if np.array_equal(columns, np.arange(ranges.size)) else columns
         ends = np.zeros(0, dtype=np.float32)
-        self.base = card.make_base(scenario, num_worlds, device)
+        self.base, self._residual = card.make_base(scenario, num_worlds, device), card.residual
         constants = constants_of(scenario, card.constants)
         self._constants = np.broadcast_to(constants, (num_worlds, scenario.num_robots, len(constants)))
         if self.base is not None:
             self._base_action = np.zeros((num_worlds, scenario.num_robots, card.action_size), dtype=np.float32)
-            self._adder = Adder(self._base_action.shape, card.residual)
             ends = np.ones(card.action_size, dtype=np.float32)
         self.low = np.concatenate([ranges.low[columns], 0 * constants, -ends])
-        self.high = np.concatenate([ranges.high[columns], 0 * constants + LARGEST, ends])
+        self.high = np.concatenate([ranges.high[columns], 0 * constants + LARGEST_CONSTANT, ends])
         """Upper ends of the ranges of a row's entries, (inputs,); `low` are the lower ones."""
 
     def reset(self, worlds: Any = None) -> None:
@@ -63,7 +61,7 @@ class Wiring:
 
     def actions(self, outputs: np.ndarray) -> np.ndarray:
         """Return the actions (W, N, action_size) for a learner's outputs of the same shape."""
-        return outputs if self.base is None else self._adder(self._base_action, outputs)
+        return outputs if self.base is None else sum_of_actions(self._base_action, self._residual, outputs)
 
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy everything that changes during steps, by name."""

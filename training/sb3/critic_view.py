@@ -11,7 +11,7 @@ from lissajous_env.device.devices import compile_quietly
 from lissajous_env.device.program import Program, Stage
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.state import PRESENT, WORKING, Clock, Robots, Targets
-from training.learned.constants import CONSTANTS, constants_of, top_speed
+from training.learned.card import CONSTANTS, constants_of, top_speed
 
 wp.set_module_options(OPTIONS)
 

@@ -13,9 +13,9 @@ from lissajous_env.envs.actions import on_host
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.draws import Draws
 from lissajous_env.settings.checks import whole_number
-from lissajous_env.world.mixture import Together
+from lissajous_env.world.together import Together
 from training.learned.card import Card
-from training.learned.named_arrays import prefixed, within
+from training.learned.checkpoint import prefixed, within
 from training.sb3.vec_env import GOLDEN, RECENT, RobotVecEnv, RowsVecEnv, Stepped
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from training.learned.named_arrays import prefixed, within
+from training.learned.checkpoint import prefixed, within
 from training.learned.network import Network
 
 

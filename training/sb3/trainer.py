@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 from rich.console import Console
+from rich.markup import escape
 from stable_baselines3.common.logger import KVWriter
 
 import baselines
@@ -25,11 +26,11 @@ from training.display import Display
 from training.events import logging_to
 from training.learned import checkpoint
 from training.learned.card import Card
+from training.learned.checkpoint import prefixed, within
 from training.learned.history import RELATIVE, SCORES, History, summarize_scenarios, summarize_scores
-from training.learned.named_arrays import prefixed, within
 from training.learned.network import Network
 from training.learned.policy import Learned, find
-from training.rehearsal import Rehearsal
+from training.rehearsal import best_policies
 from training.report import TrainingReport
 from training.sb3.imitation import imitate
 from training.sb3.mixed_vec_env import MixedVecEnv
@@ -294,31 +295,22 @@ class Trainer:
 
     def _meet_rivals(self) -> None:
         """Evaluate the rivals that have not been evaluated."""
-        settings, device = self.settings, self.settings.device
+        settings, device, display = self.settings, self.settings.device, self.display
         names = [*settings.chosen_rivals]
         if settings.rivals is None:
-            names += [*self._rehearse(), settings.base_label]
+            if not self.history.rivals:
+                display.say("rehearsal: every classical policy plays; the best becomes a rival; --rivals names others")
+                best = best_policies(self.evaluated_on, device, display.show, display.say)
+                words = " and ".join(best) or "no policy can be played"
+                display.say(f"best classical policy in a rehearsal: {escape(words)}")
+                names += best
+            names.append(settings.base_label)
         for name in filter(None, dict.fromkeys(names)):
             if name not in self.history.rivals:
                 make = self.card.make_base if name == settings.base_label else partial(baselines.make, name)
-                self.display.show(f"evaluation of {name}")
+                display.show(f"evaluation of {name}")
                 self.history.rivals[name] = self._evaluated(lambda made, worlds, make=make: make(made, worlds, device))
-                self.display.meet(name)
-
-    def _rehearse(self) -> tuple[str, ...]:
-        """Return the best classical policies for the scenarios of the evaluations, by playing all of them."""
-        display = self.display
-        with self.folder.journal(checkpoint.REHEARSAL) as journal:
-            if not journal.entries:
-                display.say(
-                    "rehearsal: all classical policies play, and the best becomes a rival; --rivals names others"
-                )
-            device = self.settings.device
-            best = Rehearsal(
-                self.evaluated_on, journal, device, lambda name: display.show(f"rehearsal of {name}"), display.say
-            ).best()
-        display.rehearsed(best)
-        return best
+                display.meet(name)
 
     def _evaluated(self, make: Callable[[Scenario, int], Any]) -> dict[str, Any]:
         """Return the scores of the policy that `make` returns for a scenario and a number of worlds."""

@@ -13,7 +13,7 @@ from lissajous_env.envs.batch import Batch
 from lissajous_env.envs.one_world import METADATA
 from lissajous_env.wording import shown
 from training.learned.card import Card
-from training.learned.named_arrays import prefixed, within
+from training.learned.checkpoint import prefixed, within
 from training.learned.wiring import Wiring
 from training.sb3.critic_view import CriticView
 

@@ -126,29 +126,8 @@ class LissajousTaskClass(TaskClass):
         return env.render(size=_FILM)  # pyright: ignore[reportCallIssue]
 
 
-class LissajousTask(Task):
-    """The named scenarios."""
-
-    HALL = None
-    IDEAL = None
-    PERTURBATION = None
-    FAILURE = None
-    EXPERIMENT = None
-    EXPERIMENT_PRINTED = None
-    INTRUDERS = None
-    INTRUDERS_INSIDE = None
-    EVADERS = None
-    EVADERS_FAILURE = None
-    EVADERS_FAST = None
-    EVADERS_LOST = None
-    EVADERS_UNEVEN = None
-    ROUGH = None
-    ROUGH_LOST = None
-    TEAM = None
-    REDUNDANT = None
-    KNOT = None
-    SWARM = None
-    CITY = None
+class _NamedTask(Task):
+    """A named scenario as a task."""
 
     @staticmethod
     def associated_class() -> type[LissajousTaskClass]:
@@ -158,6 +137,11 @@ class LissajousTask(Task):
     def get_task(self, config: dict[str, Any] | None = None) -> TaskClass:
         """Return the task; without a config, the scenario without overrides."""
         return LissajousTaskClass(self.name, config)
+
+
+_NAMES = [name.upper().replace("-", "_") for name in named.scenarios()]
+LissajousTask: Any = _NamedTask("LissajousTask", [(name, None) for name in _NAMES], module=__name__)
+"""The named scenarios: `LissajousTask.INTRUDERS_INSIDE` is `intruders-inside`."""
 
 
 def _of_groups(env: EnvBase, name: str) -> Composite:

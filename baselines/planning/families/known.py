@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from baselines.benchmark.best_known import NAME, BestKnown, known_plans
+from baselines.benchmark.bounds import BEST_KNOWN, BestKnown, known_plans
 from baselines.planning.family import Family, without_plans
 from baselines.planning.plans import Plan
 from lissajous_env.parameters.scenario import Scenario
@@ -16,7 +16,7 @@ def best_known(task: Scenario) -> Family:
 def as_family(task: Scenario, plans: Sequence[BestKnown]) -> Family:
     """Return stored plans as a family of plans on a task."""
     if not plans:
-        return without_plans(NAME, "none is stored for this scenario")
+        return without_plans(BEST_KNOWN, "none is stored for this scenario")
     settings = {plan.name: plan.settings for plan in plans}
     starts = [{"stored": name} for name in settings]
-    return Family(NAME, lambda given: Plan(NAME, task, settings[given["stored"]], "best known"), starts)
+    return Family(BEST_KNOWN, lambda given: Plan(BEST_KNOWN, task, settings[given["stored"]], "best known"), starts)

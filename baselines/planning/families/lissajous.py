@@ -63,7 +63,7 @@ def _violation(task: Scenario) -> str:
     designs = theory.design(
         task.curve.half_width, task.curve.half_height, robot.radius, task.sensing_radius, top_speed(task),
         task.num_robots, None, robot.wheelbase if robot.kind == "car" else None, robot.steering_max,
-        robot.lateral_acceleration_max,
+        robot.lateral_acceleration_max, inset=task.inset,
     )  # fmt: skip
     return f"{theory.what_fails(designs)}. {theory.what_would_help(designs)}"
 
@@ -95,9 +95,9 @@ def _policies(task: Scenario) -> list[str]:
 
 @lru_cache(maxsize=64)
 def curves_of(task: Scenario) -> list[Curve]:
-    """Return the curves on which the formation of a task may work, those with the shortest laps first."""
+    """Return the driven curves on which the formation of a task may work, those with the shortest laps first."""
     n = task.num_robots
-    half = task.curve.half_width, task.curve.half_height
+    half = task.driven.half_width, task.driven.half_height
     ratios = ((a, b) for a in range(1, n + _MORE + 1, 2) for b in range(1, n + _MORE + 1 - a) if math.gcd(a, b) == 1)
     lap = {curve: 1 / _largest_rate(task, curve) for curve in (Curve(*half, a, b) for a, b in ratios)}
     first = sorted(lap, key=lambda curve: (curve.a + curve.b != n, lap[curve]))
@@ -118,7 +118,8 @@ def _may_work(task: Scenario, curve: Curve) -> bool:
         turning = geometry.turning_radius(robot.wheelbase, robot.steering_max)
         if geometry.tight_share(curve, turning) > _TIGHT:
             return False
-    return geometry.measured_coverage_radius(curve, 1e-2) * _ROOM < task.sensing_radius
+    gap = geometry.measured_coverage_radius(curve, 1e-2) + math.sqrt(2) * task.inset
+    return gap * _ROOM < task.sensing_radius
 
 
 def _largest_rate(task: Scenario, curve: Curve) -> float:
@@ -137,7 +138,7 @@ def formation_overrides(task: Scenario, curve: Curve, rate: float, ring: int = 0
 
     Args:
         task: The task.
-        curve: The curve, in the rectangle of the task.
+        curve: The curve, as it is driven.
         rate: Phase rate omega [rad/s].
         ring: Index of the equilibrium, and thereby of the order of the robots; 0 for the one that recovers fastest.
     """
@@ -151,7 +152,7 @@ def formation_overrides(task: Scenario, curve: Curve, rate: float, ring: int = 0
         alpha = closed_forms.default_alpha(curve, n, p)
     if closed_forms.cluster_size(n, p, alpha) > 1:
         raise ValueError(f"p and alpha must give every robot a place of its own, got {p} and {alpha}")
-    there = task.alpha * geometry.curve_length(task.curve)
+    there = task.alpha * geometry.curve_length(task.driven)
     noise = task.formation.start_noise * there / (alpha * geometry.curve_length(curve))
     point = {"robot.phase_rate_max": top_speed(task) / (alpha * geometry.largest_speed(curve))}
     return {
@@ -170,6 +171,6 @@ def on_ellipse(task: Scenario, fastest: float) -> Scenario:
         task: The task.
         fastest: Speed of the start where the ellipse is fastest [m/s].
     """
-    ellipse = Curve(task.curve.half_width, task.curve.half_height, 1, 1)
+    ellipse = Curve(task.driven.half_width, task.driven.half_height, 1, 1)
     rate = float(f"{fastest / geometry.largest_speed(ellipse):.6g}")
     return named.build(task, **formation_overrides(task, ellipse, rate))

@@ -103,8 +103,8 @@ class KuramotoByArc:
         self._preview = self._parameters.preview or PREVIEW * motion_scale(scenario).time
         self._age_unit = scenario.time_unit
         speed = self._parameters.speed or ground_speed(scenario)
-        self._rate = 2 * math.pi * speed / (lap_length(scenario.curve) * scenario.alpha)
-        self._tables = [wp.array(table, dtype=wp.float32, device=device) for table in arc_tables(scenario.curve)]
+        self._rate = 2 * math.pi * speed / (lap_length(scenario.driven) * scenario.alpha)
+        self._tables = [wp.array(table, dtype=wp.float32, device=device) for table in arc_tables(scenario.driven)]
         self.phase_rate = wp.zeros((num_worlds, scenario.num_robots), dtype=wp.float32, device=device)
         self._launch = launcher(device)
 
@@ -151,8 +151,8 @@ def ground_speed(scenario: Scenario) -> float:
     Grip must let it turn round in half of the rectangle's height, v^2 <= a_lat B / 2. The speed is never below the
     formation's mean, omega L / (2 pi), and equal to it if the scenario has no grip.
     """
-    mean = scenario.formation.phase_rate * lap_length(scenario.curve) / (2 * math.pi)
+    mean = scenario.formation.phase_rate * lap_length(scenario.driven) / (2 * math.pi)
     grip = scenario.robot.lateral_acceleration_max
     if math.isinf(grip):
         return mean
-    return max(mean, min(cruising_speed(scenario), math.sqrt(grip * scenario.curve.half_height / 2)))
+    return max(mean, min(cruising_speed(scenario), math.sqrt(grip * scenario.driven.half_height / 2)))

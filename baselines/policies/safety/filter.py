@@ -94,7 +94,7 @@ class Safe(Filter):
             limit = speed_limit(self.scenario, self.parameters)
             self.parameters = dataclasses.replace(self.parameters, speed_max=limit)
         self._safety = to_struct(SafetyStruct, self.parameters)
-        formation = top_speed(self.scenario.curve, self.scenario.formation.phase_rate)
+        formation = top_speed(self.scenario.driven, self.scenario.formation.phase_rate)
         self._listens = int(math.isinf(fastest) and speed_in_sight(self.scenario, self.parameters) < formation)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._seen = _scales(self.scenario, fastest)
@@ -127,7 +127,7 @@ def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
 
     It is at least `HEADROOM` times the formation's speed, and at most the top speed of the car.
     """
-    formation = top_speed(scenario.curve, scenario.formation.phase_rate)
+    formation = top_speed(scenario.driven, scenario.formation.phase_rate)
     limit = max(speed_in_sight(scenario, parameters), HEADROOM * formation)
     return float(min(limit, scenario.robot.top_speed))
 

@@ -22,6 +22,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.trig import cos_sin
+from lissajous_env.world.robots.car import motor_push, speed_limit_below
 
 wp.set_module_options(OPTIONS)
 
@@ -59,9 +60,11 @@ def drive_on(robot: RobotStruct, speed_max: float, car: wp.vec4, action: wp.vec2
     steering = cos_sin(given[0])
     curvature = steering[1] / (steering[0] * robot.wheelbase)
     push = wp.max(robot.drive * given[1] - robot.offset, 0.0)
+    if robot.speed_min < 0.0:
+        push = motor_push(robot, robot.drive, given[1])
     before = car[3]
     after = before + h * (push - robot.drag * (before + 0.5 * h * (push - robot.drag * before)))
-    after = wp.clamp(after, 0.0, wp.max(before, speed_max))
+    after = wp.clamp(after, speed_limit_below(robot), wp.max(before, speed_max))
     way = 0.5 * h * (before + after)
     grip = robot.lateral_acceleration_max / wp.max(before * before, 1.0e-20)
     turn = way * wp.clamp(curvature, -grip, grip)
@@ -80,7 +83,7 @@ def manoeuvre(robot: RobotStruct, k: int, speed: float) -> wp.vec2:
     """Return the action of manoeuvre k of a car with some speed [m/s] at its beginning."""
     throttle = float(1.0)
     if k // 3 == 0:
-        throttle = -1.0
+        throttle = car_action(robot, 0.0, robot.throttle_min)[1]
     elif k // 3 == 1:
         throttle = throttle_action(robot, robot.drag * speed)
     return wp.vec2(float(k % 3) - 1.0, throttle)
@@ -320,7 +323,7 @@ def keep_clear(
     for k in range(action_out.shape[2]):
         action_out[w, i, k] = wanted[w, i, k]  # beyond the first two, a message
     step = scales.step
-    speed = wp.max(own_speed(w, i, scales.speed, observation), 0.0)
+    speed = wp.max(own_speed(w, i, scales.speed, observation), speed_limit_below(robot))
     heading = own_heading(w, i, observation)
     n = see(w, i, scales, heading, speed, observation, others)
     if listens == 1:

@@ -106,7 +106,7 @@ class Proved(Filter):
         parameters: Parameters of the filter; by default those of the paper's experiment, scaled to the scenario.
 
     Raises:
-        ValueError: the robots are no cars.
+        ValueError: the robots are no cars, or cars that reverse.
     """
 
     suffix = "-proved"
@@ -121,6 +121,9 @@ class Proved(Filter):
         parameters: ProvedParameters | None = None,
     ):
         super().__init__(scenario, num_worlds, device)
+        if self.scenario.robot.reverses:
+            rule = f"must be 0 for cars behind {self.suffix}, whose tails end at rest [m/s]"
+            raise ValueError(f"robot.speed_min {rule}, got {self.scenario.robot.lowest_speed:g}")
         self.parameters = parameters or ProvedParameters().of(self.scenario)
         self._bounds = bounds_of(self.scenario, self.parameters)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
@@ -172,8 +175,8 @@ def bounds_of(scenario: Scenario, parameters: ProvedParameters) -> Any:
     bounds.fastest = _SEEN * robot.top_speed if exceeds else math.inf
     bounds.clip = _CLIP * robot.top_speed if exceeds else math.inf
     bounds.halts = int(task.on_collision == "stop")
-    room = 1.0 if task.boundary == "wall" else _SEEN
-    bounds.half_width, bounds.half_height = room * curve.half_width, room * curve.half_height
+    room, body = (1.0, robot.radius) if task.boundary == "wall" else (_SEEN, 0.0)
+    bounds.half_width, bounds.half_height = room * curve.half_width - body, room * curve.half_height - body
     bounds.loss = noise.message_loss**parameters.repeats
     bounds.chord = (task.step / task.substeps) ** 2 / 8
     bounds.coarseness = integration_error(scenario)

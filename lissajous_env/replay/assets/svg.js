@@ -43,5 +43,5 @@ export function markOf(policy) {
 
 export function badge(policy) {
   const sign = svg("svg", { viewBox: "-7 -7 14 14", width: 13, height: 13, "aria-hidden": "true" }, markOf(policy));
-  return element("span", "pair badge", sign, element("span", "", policy.shown));
+  return element("span", "pair badge", sign, element("span", "", policy.name));
 }

@@ -10,12 +10,12 @@ const NOTE =
   "Intervals: 95 % bootstrap over seeds.";
 
 export function comparison(report, scenario) {
-  const { shown } = report.policies[scenario.reference];
+  const { name } = report.policies[scenario.reference];
   return element(
     "details",
     "more-of against",
-    element("summary", "", `Seed by seed against ${shown}`),
-    scrolling(`Policies on ${scenario.name} against ${shown}`, pairsOf(report, scenario)),
+    element("summary", "", `Seed by seed against ${name}`),
+    scrolling(`Policies on ${scenario.name} against ${name}`, pairsOf(report, scenario)),
     element("p", "muted note", NOTE),
   );
 }

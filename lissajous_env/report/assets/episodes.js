@@ -25,7 +25,7 @@ export class Episodes {
     );
     this.choose(
       "of-policy",
-      report.policies.map((each) => each.shown),
+      report.policies.map((each) => each.name),
     );
     this.choose(
       "of-kind",
@@ -173,7 +173,7 @@ export function chip(kind, words) {
 
 // Return the command that replays an episode beside the reference, if a command can name it.
 function commandOf(report, scenario, policy, seed) {
-  if (!scenario.command || !policy.named || !policy.rival) return null;
+  if (!scenario.command || !policy.named) return null;
   const [name, ...changes] = scenario.command.split(" --set "),
     reference = report.policies[scenario.reference];
   const against = reference && reference.named && reference !== policy ? ` --against ${quoted(reference.name)}` : "";

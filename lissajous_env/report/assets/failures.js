@@ -38,11 +38,11 @@ function tally(report, kind, k, onPick) {
     const of = cells.filter((cell) => cell.policy === p);
     return [policy, count(of), of.reduce((sum, cell) => sum + cell.of.episodes, 0)];
   });
-  const worst = shares.filter(([policy, of]) => of > 0 && policy.rival).sort((a, b) => b[1] / b[2] - a[1] / a[2]);
-  const never = shares.filter(([policy, of]) => of === 0 && policy.rival).map(([policy]) => policy.shown);
+  const worst = shares.filter(([, of]) => of > 0).sort((a, b) => b[1] / b[2] - a[1] / a[2]);
+  const never = shares.filter(([, of]) => of === 0).map(([policy]) => policy.name);
   const most = worst
     .slice(0, 3)
-    .map(([policy, of, total]) => `${policy.shown} ${of}/${total}`)
+    .map(([policy, of, total]) => `${policy.name} ${of}/${total}`)
     .join(", ");
   const words =
     failed === 0
@@ -62,8 +62,8 @@ function inOrder(report) {
     sums[policy][1] += Math.log1p(of.badness[2]);
     sums[policy][2] += 1;
   }
-  const key = (p) => [Number(report.policies[p].rival), sums[p][0] / sums[p][2], sums[p][1] / sums[p][2]];
-  const worse = (a, b) => key(b)[0] - key(a)[0] || key(b)[1] - key(a)[1] || key(b)[2] - key(a)[2];
+  const key = (p) => [sums[p][0] / sums[p][2], sums[p][1] / sums[p][2]];
+  const worse = (a, b) => key(b)[0] - key(a)[0] || key(b)[1] - key(a)[1];
   return [...report.policies.keys()].filter((p) => sums[p][2]).sort(worse);
 }
 

@@ -33,7 +33,7 @@ function begin(report) {
 function replaysOf(report) {
   const entries = {};
   for (const [id, [s, p, seed, same]] of Object.entries(report.replays)) {
-    const policy = report.policies[p].shown,
+    const policy = report.policies[p].name,
       scenario = report.scenarios[s].name;
     const note = same
       ? ""

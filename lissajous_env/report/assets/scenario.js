@@ -49,9 +49,8 @@ function dotsOf(report, s, p, column) {
 }
 
 function fillPolicies(report, scenario, s, table) {
-  const of = (policy) => report.policies[policy.policy];
   const better = (a, b) => a.badness.map((value, k) => value - b.badness[k]).find((off) => off) || 0;
-  const rows = [...scenario.policies].sort((a, b) => Number(of(b).rival) - Number(of(a).rival) || better(a, b));
+  const rows = [...scenario.policies].sort(better);
   const columns = scenario.measures.map((measure) => {
     const values = scenario.policies.flatMap((policy) => policy.cells[measure.column].quartiles || []);
     return {
@@ -61,7 +60,7 @@ function fillPolicies(report, scenario, s, table) {
         measure.lines.map(([value]) => value),
         measure.whole ? 1 : 0,
       ),
-      best: bestOf(scenario, measure, of),
+      best: bestOf(scenario, measure),
     };
   });
   const top = columns.map(({ measure, scale }) => {
@@ -73,7 +72,7 @@ function fillPolicies(report, scenario, s, table) {
     return made;
   });
   const body = rows.map((policy, place) => {
-    const name = rowName(of(policy), failuresOf(report, policy)),
+    const name = rowName(report.policies[policy.policy], failuresOf(report, policy)),
       row = element("tr", "", name, ...columns.map((column) => measured(report, s, policy, column)));
     row.dataset.policy = policy.policy;
     row.dataset.place = place;
@@ -91,11 +90,11 @@ function failuresOf(report, policy) {
   return element("span", "row chips", ...chips);
 }
 
-function bestOf(scenario, measure, of) {
-  const rivals = scenario.policies.filter((policy) => of(policy).rival).map((policy) => policy.cells[measure.column]);
-  const most = Math.max(...rivals.map((cell) => cell.known));
-  const fit = rivals.filter((cell) => cell.known === most && cell.value !== null && !cell.words.startsWith(">"));
-  const words = new Set(rivals.map((cell) => cell.words));
+function bestOf(scenario, measure) {
+  const cells = scenario.policies.map((policy) => policy.cells[measure.column]);
+  const most = Math.max(...cells.map((cell) => cell.known));
+  const fit = cells.filter((cell) => cell.known === most && cell.value !== null && !cell.words.startsWith(">"));
+  const words = new Set(cells.map((cell) => cell.words));
   if (!measure.better || !fit.length || words.size < 2) return null;
   return fit.reduce((a, b) => (measure.better * b.value > measure.better * a.value ? b : a)).words;
 }
@@ -103,7 +102,7 @@ function bestOf(scenario, measure, of) {
 function measured(report, s, policy, { measure, scale, best }) {
   const of = policy.cells[measure.column],
     look = report.policies[policy.policy];
-  const words = reading(of.words, of.between, look.rival && of.words === best ? "best" : "");
+  const words = reading(of.words, of.between, of.words === best ? "best" : "");
   if (of.known < policy.episodes) words.append(element("small", "muted", `(${of.known}/${policy.episodes})`));
   const value = of.value !== null && of.words.startsWith(">") ? Number.MAX_VALUE : of.value;
   const made = cell(measure.strip ? "wide" : "", value, words);
@@ -147,7 +146,7 @@ function survival(report, scenario) {
         { class: `curve${policy.hollow ? " hollow" : ""}`, ...coloured(policy) },
         { stepped: true },
       );
-      group.append(svg("title", {}, policy.shown), line);
+      group.append(svg("title", {}, policy.name), line);
       const known = of.curve.filter((share) => share !== null && share > 0.004).length,
         spread = (of.policy % 6) * 7;
       for (let k = 24 + spread; k < known; k += 60) {
@@ -192,7 +191,7 @@ function against(report, scenario, across, up) {
     for (const policy of shown) {
       const [x, y] = [of(policy, across), of(policy, up)],
         look = report.policies[policy.policy];
-      const group = svg("g", { "data-policy": policy.policy, class: "series" }, svg("title", {}, look.shown));
+      const group = svg("g", { "data-policy": policy.policy, class: "series" }, svg("title", {}, look.name));
       const whisker = (x1, x2, y1, y2) => group.append(svg("line", { x1, x2, y1, y2, class: "whisker", ...coloured(look) }));
       const [left, top] = [plot.x(x.value), plot.y(y.value)];
       if (x.interval[0] !== null) whisker(plot.x(x.interval[0]), plot.x(x.interval[1]), top, top);
@@ -201,7 +200,7 @@ function against(report, scenario, across, up) {
         svg("g", { transform: `translate(${left.toFixed(1)} ${top.toFixed(1)})` }, markOf(look)),
       );
       plot.picture.append(group);
-      label(plot, group, look.shown, left, top, taken);
+      label(plot, group, look.name, left, top, taken);
     }
   });
 }

@@ -9,7 +9,7 @@ import { beginTheme } from "./theme.js";
 import { Viewer } from "./viewer.js";
 import { byId, element, number } from "./words.js";
 
-const LEARNED = { colour: 0, mark: "o", hollow: false, shown: "policy" };
+const LEARNED = { colour: 0, mark: "o", hollow: false, name: "policy" };
 
 function begin(training) {
   beginTheme();
@@ -101,7 +101,7 @@ function fillEvaluations(training) {
   const titles = ["steps", "time [min]", ...training.scores.map((score) => score.title)];
   const points = [
     ...training.curve.map((point) => [LEARNED, point]).reverse(),
-    ...training.rivals.map((rival) => [{ ...LEARNED, colour: colourOf(training, rival), shown: rival.name }, rival]),
+    ...training.rivals.map((rival) => [{ ...LEARNED, colour: colourOf(training, rival), name: rival.name }, rival]),
   ];
   const rows = points.map(([look, point]) => {
     const { steps, seconds } = point,

@@ -25,38 +25,47 @@ from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.part_structs import FaultsStruct, RobotStruct, TaskStruct
 from lissajous_env.device.stage import ROBOT, stage
-from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
-from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
+from lissajous_env.settings.parts import Curve, Formation, Noise
+from lissajous_env.settings.robot import Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.world.robots.faults import COAST, rolling
+from lissajous_env.world.robots.walls import WALL, stop_at_wall
 from lissajous_env.world.state import WORKING, Clock, Robots
 
 wp.set_module_options(MOTION)
-
-WALL = wp.constant(place_of(Task, "boundary", "wall"))
 
 
 @wp.func
 def motor_push(robot: RobotStruct, drive: float, tau: float) -> float:
     """Return the motor's acceleration, alpha tau - beta above the dead zone [m/s^2], equation (12).
 
-    Differs from the paper: it has no dead zone; the authors' plant has one, in which the car coasts.
+    Differs from the paper: it has no dead zone; the authors' plant has one, in which the car coasts. Nor does a car of
+    the paper reverse: one that does is pushed in the direction of its throttle, by alpha |tau| - beta, or not at all.
     """
-    return wp.where(tau > robot.dead_zone, drive * tau - robot.offset, 0.0)
+    push = wp.where(tau > robot.dead_zone, drive * tau - robot.offset, 0.0)
+    back = wp.where(tau < -robot.dead_zone, drive * tau + robot.offset, 0.0)
+    return wp.where(robot.speed_min < 0.0, wp.max(push, 0.0) + wp.min(back, 0.0), push)
+
+
+@wp.func
+def speed_limit_below(robot: RobotStruct) -> float:
+    """Return the limit below which no speed of a car falls [m/s]: 0, or none for one that reverses."""
+    return wp.where(robot.speed_min < 0.0, -1.0e30, 0.0)
 
 
 @wp.func
 def car_rate(robot: RobotStruct, state: wp.vec4, curvature: float, push: float) -> wp.vec4:
     """(x, y, heading, v)' = (v cos heading, v sin heading, v tan(delta) / l, -c v + push), equation (12).
 
-    `curvature` is tan(delta) / l [1/m]. The yaw rate is limited by grip to a_lat / v; a car does not reverse.
+    `curvature` is tan(delta) / l [1/m]. The yaw rate is limited by grip to a_lat / |v|; with `robot.speed_min` = 0 a
+    car does not reverse.
     """
-    speed = wp.max(state[3], 0.0)
+    speed = wp.max(state[3], speed_limit_below(robot))
     yaw_rate = speed * curvature
-    if speed * wp.abs(yaw_rate) > robot.lateral_acceleration_max:
-        yaw_rate = wp.sign(yaw_rate) * robot.lateral_acceleration_max / speed
+    if wp.abs(speed * yaw_rate) > robot.lateral_acceleration_max:
+        yaw_rate = wp.sign(yaw_rate) * robot.lateral_acceleration_max / wp.abs(speed)
     ahead = cos_sin(state[2])
     return wp.vec4(speed * ahead[0], speed * ahead[1], yaw_rate, push - robot.drag * speed)
 
@@ -69,19 +78,7 @@ def car_step(robot: RobotStruct, state: wp.vec4, curvature: float, push: float, 
     k3 = car_rate(robot, state + 0.5 * h * k2, curvature, push)
     k4 = car_rate(robot, state + h * k3, curvature, push)
     moved = state + (h / 6.0) * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    return wp.vec4(moved[0], moved[1], moved[2], wp.max(moved[3], 0.0))
-
-
-@wp.func
-def stop_at_wall(curve: CurveStruct, car: wp.vec4) -> wp.vec4:
-    """Keep a car's centre in the rectangle: what of its velocity goes into a wall is lost, its heading stays."""
-    along = cos_sin(car[2])
-    x = wp.clamp(car[0], -curve.half_width, curve.half_width)
-    y = wp.clamp(car[1], -curve.half_height, curve.half_height)
-    along_x = wp.where((car[0] - x) * along[0] > 0.0, 0.0, along[0])
-    along_y = wp.where((car[1] - y) * along[1] > 0.0, 0.0, along[1])
-    kept = wp.where(along_x == along[0] and along_y == along[1], 1.0, wp.length(wp.vec2(along_x, along_y)))
-    return wp.vec4(x, y, car[2], car[3] * kept)
+    return wp.vec4(moved[0], moved[1], moved[2], wp.max(moved[3], speed_limit_below(robot)))
 
 
 @wp.func
@@ -150,7 +147,7 @@ def move_cars(
         if task.boundary == WALL:
             for k in range(ABREAST):
                 if k < width():
-                    car = stop_at_wall(curve, wp.vec4(x[k], y[k], heading[k], speed[k]))
+                    car = stop_at_wall(curve, robot.radius, wp.vec4(x[k], y[k], heading[k], speed[k]))
                     x[k] = car[0]
                     y[k] = car[1]
                     speed[k] = car[3]
@@ -224,9 +221,10 @@ CAR = register_robot_model(
         move=move_cars,
         meanings=(
             "steering angle, from steering_max to the right to steering_max to the left [rad]",
-            "throttle tau, from throttle_min to throttle_max",
+            "throttle tau, from throttle_min to throttle_max; if cars reverse, of 0 to 1, and of 0 to -1 in reverse",
         ),
-        rest=(0.0, -1.0),
+        rest=lambda robot: (0.0, 0.0 if robot.reverses else -1.0),
+        driving=(1,),
         speed_unit=lambda curve, formation, robot: robot.top_speed,
         check=check,
         shape=shape,

@@ -130,7 +130,11 @@ def points_of(curve: Curve | None, device: str) -> Any:
 _REMOVE = wp.constant(place_of(Task, "boundary", "remove"))
 
 
-@stage(ROBOT, writes="latest: outside, terminated; robots: sensor, status")
+_EDGE = wp.constant(1e-3)
+"""Share of the radius by which a body must be beyond the edge for a part of it to count as outside."""
+
+
+@stage(ROBOT, writes="latest: outside, partly_outside, terminated; robots: sensor, status")
 def watch_boundary(
     block: Block,
     curve: CurveStruct,
@@ -140,16 +144,21 @@ def watch_boundary(
     robots: Robots,
     latest: StepEvents,
 ):
-    """Mark the robots whose whole body is outside the rectangle; remove them if `task.boundary` is `remove`."""
+    """Mark the robots that are partly or wholly outside the rectangle; `task.boundary=remove` removes the latter."""
     n = robots.status.shape[1]
     beyond = coordinates(block, robots.position, 0)
     y = coordinates(block, robots.position, 1)
+    most = Floats()
     for k in range(ABREAST):
         if k < width():
+            most[k] = wp.max(wp.abs(beyond[k]) - curve.half_width, wp.abs(y[k]) - curve.half_height)
             beyond_x = wp.max(wp.abs(beyond[k]) - curve.half_width, 0.0)
             beyond_y = wp.max(wp.abs(y[k]) - curve.half_height, 0.0)
             beyond[k] = beyond_x * beyond_x + beyond_y * beyond_y
-    outside = where_above(block, beyond, robot.radius * robot.radius) & ~where_equal(block, robots.status, REMOVED)
+    there = ~where_equal(block, robots.status, REMOVED)
+    outside = where_above(block, beyond, robot.radius * robot.radius) & there
+    partly = where_above(block, most, -(1.0 - _EDGE) * robot.radius) & there
+    put_bits(block, block.active_mask, partly, latest.partly_outside)
     put_bits(block, block.active_mask, outside, latest.outside)
     if task.boundary == _REMOVE:
         for k in range(block.count):

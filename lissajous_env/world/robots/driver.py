@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
@@ -17,7 +18,7 @@ _SLOWEST = wp.constant(1.0 / 3.0)
 
 @wp.func
 def steering_towards(wish: wp.vec2, heading: float, speed: float, step: float, robot: RobotStruct) -> float:
-    """Return the steering in [-1, 1] that turns a car to the direction of a wish within a step, or as far as it can.
+    """Return the steering angle [rad] that turns a car to the direction of a wish within a step.
 
     Of the bicycle (12), heading' = v tan(steering) / l, with the tangent's argument small: steering =
     arctan(l error / (v step)). A wish of 0 has no direction.
@@ -25,18 +26,13 @@ def steering_towards(wish: wp.vec2, heading: float, speed: float, step: float, r
     if wp.length_sq(wish) == 0.0:
         return 0.0
     error = wrap(atan2(wish[1], wish[0]) - heading)
-    steering = wp.atan(robot.wheelbase * error / (wp.max(speed, _SLOWEST * robot.speed_max) * step))
-    return wp.clamp(steering / robot.steering_max, -1.0, 1.0)
+    return wp.atan(robot.wheelbase * error / (wp.max(speed, _SLOWEST * robot.speed_max) * step))
 
 
 @wp.func
 def throttle_for(size: float, robot: RobotStruct) -> float:
-    """Return the throttle in [-1, 1] whose steady speed is a share in [0, 1] of the top speed.
-
-    The steady speed of a throttle tau is (drive tau - offset) / drag.
-    """
-    tau = (robot.drag * robot.speed_max * wp.min(size, 1.0) + robot.offset) / robot.drive
-    return wp.clamp(2.0 * (tau - robot.throttle_min) / (robot.throttle_max - robot.throttle_min) - 1.0, -1.0, 1.0)
+    """Return the throttle whose steady speed (drive throttle - offset) / drag is a share of the top speed."""
+    return (robot.drag * robot.speed_max * wp.min(size, 1.0) + robot.offset) / robot.drive
 
 
 @stage(ROBOT, writes="command_out", split=True)
@@ -52,5 +48,7 @@ def drive(
     """Replace the velocity that each car is to have by the steering and throttle of the driver."""
     wish = wp.vec2(command_out[w, i, 0], command_out[w, i, 1])
     pose = robots.measured[w, i]
-    command_out[w, i, 0] = steering_towards(wish, pose[2], pose[3], task.step, robot)
-    command_out[w, i, 1] = throttle_for(wp.length(wish), robot)
+    steering = steering_towards(wish, pose[2], pose[3], task.step, robot)
+    action = car_action(robot, steering, throttle_for(wp.length(wish), robot))
+    command_out[w, i, 0] = action[0]
+    command_out[w, i, 1] = action[1]

@@ -1,4 +1,4 @@
-"""Messages of ROS 2 as the input and output of `Onboard`, and back."""
+"""Messages of ROS 2: the input and output of `Onboard`, diagnostics and markers."""
 
 import math
 from collections.abc import Sequence
@@ -6,11 +6,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.onboard import Command, Message, Odometry
+from baselines.onboard import Command, Message, Odometry, Onboard, Output, Twist
 from baselines.ros import library as ros
+from baselines.ros.frames import Origin
+from lissajous_env.logs.markers import Shape, ground_shapes, link_shape, robot_shapes
 
 RING = ("cos_phase", "sin_phase", "x", "y")
 """Names in a message to the ring neighbours, before `number_0`, `number_1` ... of the policy."""
+
+COMMAND_TOPICS = {
+    "car": {"command": "JointState"},
+    "twist": {"cmd_vel": "Twist"},
+    "twist_stamped": {"cmd_vel": "TwistStamped"},
+    "dart": {"steering": "Float32", "throttle": "Float32"},
+}
+"""For each kind of commands the topics that a robot's base listens to, with the types of their messages."""
 
 SIMULATED = ("cos_phase", "sin_phase", "works", "heard_before", "heard_after")
 """Names in a message of the data that a simulated robot has besides its pose, in lock-step."""
@@ -109,12 +119,26 @@ def heard(message: Any, sender: int) -> Message | None:
     return Message(sender, seconds(message.header.stamp), cos_phase, sin_phase, x, y, tuple(numbers))
 
 
-def car_command(message: Any) -> Command | None:
-    """Return steering angle and throttle of a sensor_msgs/JointState; None if it does not have them."""
-    values = dict(zip(message.name, message.position, strict=False))
-    if not {"steering", "throttle"} <= values.keys():
-        return None
-    return Command(values["steering"], values["throttle"])
+def command_messages(command: Command | Twist, kind: str, steering_max: float, time: float, frame: str) -> list[Any]:
+    """Return the messages of a command at a time [s], one for each topic of its kind.
+
+    Args:
+        command: The command.
+        kind: One of `COMMAND_TOPICS`.
+        steering_max: Largest steering angle [rad].
+        time: Time [s].
+        frame: Frame of the robot.
+    """
+    if isinstance(command, Twist):
+        message = ros.Twist() if kind == "twist" else ros.TwistStamped()
+        twist = message if kind == "twist" else message.twist
+        twist.linear.x, twist.angular.z = command.speed, command.yaw_rate
+        if kind == "twist_stamped":
+            message.header.stamp, message.header.frame_id = stamp_of(time), frame
+        return [message]
+    if kind == "car":
+        return [named_numbers(command._fields, command, time)]
+    return [ros.Float32(data=command.steering / steering_max), ros.Float32(data=command.throttle)]
 
 
 def cloud_message(rows: np.ndarray, time: float, frame: str) -> Any:
@@ -150,3 +174,55 @@ def cloud_rows(message: Any, width: int) -> np.ndarray:
         if name in names and count:
             rows[:, k] = np.ndarray(count, order, data, offsets[name], (message.point_step,))
     return rows
+
+
+def diagnostics(name: str, onboard: Onboard, reason: str, values: dict[str, Any], time: float) -> Any:
+    """Return the state of a robot: OK while it drives, a warning with the reason where it is stopped."""
+    level = ros.DiagnosticStatus.WARN if reason else ros.DiagnosticStatus.OK
+    status = ros.DiagnosticStatus(level=level, name=f"lissajous: {name}", message=reason or "drives", hardware_id=name)
+    for key, value in ({"robot": onboard.robot, "scenario": onboard.scenario.name} | values).items():
+        shown = f"{value:.4g}" if isinstance(value, float) else str(value)
+        status.values.append(ros.KeyValue(key=key, value=shown))
+    message = ros.DiagnosticArray(status=[status])
+    message.header.stamp = stamp_of(time)
+    return message
+
+
+def markers(
+    onboard: Onboard, output: Output, neighbours: list[tuple[float, float]], frame: str, origin: Origin, time: float
+) -> Any:
+    """Return the markers of a robot for RViz and Foxglove: curve, body, sensing disc, links to its ring neighbours.
+
+    Args:
+        onboard: The robot's policy.
+        output: The output of its latest step.
+        neighbours: x, y [m] that its neighbours sent.
+        frame: Frame of the laboratory.
+        origin: The middle of the rectangle in this frame.
+        time: Time [s].
+    """
+    scenario, robot = onboard.scenario, onboard.robot
+    shapes = ground_shapes(scenario, robot)
+    if output.message is not None:
+        heading = math.atan2(output.row[3], output.row[2])
+        place = output.message.x, output.message.y, 0.0, heading
+        shapes += robot_shapes(scenario, robot, place, not output.stopped)
+        shapes.append(link_shape(scenario, robot, place, neighbours))
+    return ros.MarkerArray(markers=[marker(shape, frame, time, origin) for shape in shapes])
+
+
+def marker(shape: Shape, frame: str, time: float, origin: Origin = Origin()) -> Any:  # noqa: B008 - it never changes
+    """Return the message of a shape at a time [s]."""
+    x, y, z, heading = shape.place
+    message = ros.Marker(ns=shape.space, id=shape.number, type=shape.kind, action=shape.action)
+    message.header.stamp, message.header.frame_id = stamp_of(time), frame
+    if shape.points:
+        message.pose.orientation.w = 1.0
+        message.points = [ros.Point(x=u, y=v, z=0.0) for u, v, _ in (origin.outside(*end) for end in shape.points)]
+    else:
+        set_pose(message.pose, *origin.outside(x, y, heading))
+        message.pose.position.z = z
+    message.scale.x, message.scale.y, message.scale.z = shape.scale
+    red, green, blue, opacity = shape.colour
+    message.color = ros.ColorRGBA(r=red, g=green, b=blue, a=opacity)
+    return message

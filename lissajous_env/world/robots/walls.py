@@ -1,0 +1,92 @@
+"""Walls around the rectangle: they stop bodies; contacts with them and robots that are blocked are counted."""
+
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.part_structs import RobotStruct, TaskStruct
+from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.structs import place_of
+from lissajous_env.device.trig import cos_sin
+from lissajous_env.settings.task import Task
+from lissajous_env.world.state import REMOVED, WORKING, Clock, Robots, planar
+from lissajous_env.world.tally import EpisodeTotals
+
+wp.set_module_options(OPTIONS)
+
+WALL = wp.constant(place_of(Task, "boundary", "wall"))
+
+CONTACT = wp.constant(1e-3)
+"""Share of the radius within which a body is in contact with a wall; the rounding of coordinates is less."""
+APART = wp.constant(0.05)
+"""Share of the radius beyond which a contact with a wall is over."""
+
+
+@wp.func
+def stop_at_wall(curve: CurveStruct, radius: float, robot: wp.vec4) -> wp.vec4:
+    """Keep a body (x, y [m], heading [rad], speed [m/s]) in the rectangle.
+
+    What of its velocity goes into a wall is lost, its heading stays.
+    """
+    along = cos_sin(robot[2])
+    x = wp.clamp(robot[0], radius - curve.half_width, curve.half_width - radius)
+    y = wp.clamp(robot[1], radius - curve.half_height, curve.half_height - radius)
+    forwards = wp.where(robot[3] < 0.0, -1.0, 1.0)
+    along_x = wp.where((robot[0] - x) * along[0] * forwards > 0.0, 0.0, along[0])
+    along_y = wp.where((robot[1] - y) * along[1] * forwards > 0.0, 0.0, along[1])
+    kept = wp.where(along_x == along[0] and along_y == along[1], 1.0, wp.length(wp.vec2(along_x, along_y)))
+    return wp.vec4(x, y, robot[2], robot[3] * kept)
+
+
+@wp.func
+def wall_distance(curve: CurveStruct, radius: float, place: wp.vec2) -> float:
+    """Return the distance of a body at a place from the nearest wall [m]; negative beyond it."""
+    return wp.min(curve.half_width - wp.abs(place[0]), curve.half_height - wp.abs(place[1])) - radius
+
+
+@wp.func
+def driven_speed(w: int, i: int, driving: wp.array2d(dtype=float), taken: wp.array3d(dtype=float)) -> float:
+    """Return the speed that a robot's action requests [m/s], without its direction; `driving` as in `constants`."""
+    square = float(0.0)
+    for k in range(driving.shape[0]):
+        part = driving[k, 1] * (taken[w, i, k] - driving[k, 0])
+        square += part * part
+    return wp.sqrt(square)
+
+
+@stage(ROBOT, writes="tally: at_wall, blocked_steps, driven_from, driven_steps, wall_contacts")
+def watch_walls(
+    w: int,
+    i: int,
+    curve: CurveStruct,
+    robot: RobotStruct,
+    task: TaskStruct,
+    driving: wp.array2d(dtype=float),
+    clock: Clock,
+    robots: Robots,
+    taken: wp.array3d(dtype=float),
+    tally: EpisodeTotals,
+):
+    """Count contacts with a wall, and the steps in which robots are blocked.
+
+    A contact begins when a body reaches a wall and lasts until it is farther from it than APART. A working robot is
+    blocked if its policy has driven it for `task.blocked_after` since it last moved by its radius. A policy drives it
+    in a step if the speed that its action requests would take it two radii far in that time.
+    """
+    if robots.status[w, i] != REMOVED:
+        for s in range(1, robots.track.shape[2]):
+            distance = wall_distance(curve, robot.radius, planar(robots.track[w, i, s]))
+            if distance > APART * robot.radius:
+                tally.at_wall[w, i] = 0
+            if distance < CONTACT * robot.radius and tally.at_wall[w, i] == 0:
+                tally.at_wall[w, i] = 1
+                tally.wall_contacts[w, i] += 1
+        place = planar(robots.position[w, i])
+        moved = wp.length(place - tally.driven_from[w, i]) >= robot.radius
+        if moved or robots.status[w, i] != WORKING:
+            tally.driven_from[w, i] = place
+            tally.driven_steps[w, i] = 0
+        elif driven_speed(w, i, driving, taken) * task.blocked_after >= 2.0 * robot.radius:
+            tally.driven_steps[w, i] += 1
+            if float(tally.driven_steps[w, i]) * task.step > task.blocked_after:
+                tally.blocked_steps[w, i] += 1

@@ -1,0 +1,60 @@
+"""Planned paths within walls: bodies stay inside, do not collide, and detect every rogue within the printed time."""
+
+import numpy as np
+import pytest
+
+import baselines
+import lissajous_env
+from baselines.planning.request import Request
+from baselines.policies.partition_plan import PartitionParameters, partition_plan
+
+HALL = Request(width=40, height=25, robots=5, robot_radius=0.5, sensor_radius=6, speed=1.5, turning_radius=2,
+               rogue_speed=1.0).task(5)  # fmt: skip
+
+
+def play(policy, scenario, worlds, steps=None):
+    """Return the places (T, W, N, 2) of the robots in episodes of a policy, and the score rows."""
+    simulation, places = lissajous_env.Simulation(scenario, worlds, seed=1), []
+    for _ in range(steps or scenario.task.steps):
+        places.append(simulation.robots.position.numpy()[..., :2].copy())
+        simulation.step(policy.act(simulation.observation))
+    return np.array(places), simulation.score()
+
+
+def distance_from_walls(scenario, places):
+    half = np.array([scenario.curve.half_width, scenario.curve.half_height])
+    return (half - scenario.robot.radius - np.abs(places)).min()
+
+
+@pytest.mark.parametrize(("scenario", "longest"), [("evaders", 4.0), (HALL, 63.4)])
+def test_a_partition_stays_inside_and_detects_as_fast_as_without_walls(scenario, longest):
+    """Oracle: the simulated contamination, collisions and places; the times are those without walls."""
+    scenario = lissajous_env.scenario(scenario, **{"task.boundary": "wall"})
+    policy = baselines.make("partition", scenario, num_worlds=4)
+    places, rows = play(policy, scenario, 4)
+    assert distance_from_walls(scenario, places) > 0.5 * (scenario.inset - scenario.robot.radius)
+    assert all(row["collisions"] == 0 and row["guarantee_open"] == 0 for row in rows)
+    assert max(row["guaranteed_detection_time"] for row in rows) <= longest
+    tables = policy.tables.places(2 * policy.tables.lead_in + policy.tables.loop)
+    reach = np.array([scenario.driven.half_width, scenario.driven.half_height])
+    assert (np.abs(tables) <= reach * 1.005).all()
+
+
+def test_cars_share_a_loop_where_walls_leave_no_room_for_one_each():
+    """Physical story: circles side by side in a narrow hall leave no way past each other; cars in file need none."""
+    scenario = lissajous_env.scenario("evaders", **{"task.boundary": "wall"})
+    plan = partition_plan(scenario)
+    steps = plan.loop.shape[1]
+    for robot, loop in enumerate(plan.loop):
+        np.testing.assert_allclose(loop, np.roll(plan.loop[0], -robot * steps // 5, axis=0), atol=1e-9)
+    own = partition_plan(scenario, PartitionParameters(in_phase=True))
+    assert len(np.unique(own.loop.mean(axis=1).round(6), axis=0)) == 5
+
+
+@pytest.mark.parametrize(("changed", "words"), [
+    ({"sensing.radius": 0.4}, r"at least 0\.434 m to sense the corners .* turns of 0\.52 m .* 0\.155 m from the edge"),
+    ({"curve.inset": 0.35}, r"got one of 0\.45 m to a side within an inset of 0\.35 m"),
+])  # fmt: skip
+def test_loops_that_cannot_be_driven_or_do_not_sense_the_corners_are_refused(changed, words):
+    with pytest.raises(ValueError, match=words):
+        partition_plan(lissajous_env.scenario("evaders", **{"task.boundary": "wall"}, **changed))
