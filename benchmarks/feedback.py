@@ -38,13 +38,13 @@ POLICIES = {
     },
 }
 """Policies of each scenario, with their settings: the patrol first, the best one last."""
-LANES = {"lanes": (2, 4, 6, 8, 10, 12)}
+LANES = {"lanes": (2, 4, 6, 8, 10, 12, 14, 16)}
 GRIDS = {
     "watch": [
         (Lanes, LANES),
-        (Force, {"shared": (-0.2, 0.0, 0.2), "reach": (2.0, 3.0, 5.0), "apart": (2.5, 3.5), "push": (2.0, 5.0)}),
+        (Force, {"shared": (0.0, 0.1), "reach": (1.5, 2.0, 3.0), "apart": (2.0, 2.5, 3.5), "push": (1.0, 2.0)}),
     ],
-    "intercept": [(Lanes, LANES), (Chase, {"lead": (0.0, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0)})],
+    "intercept": [(Lanes, LANES), (Chase, {"lead": (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)})],
     "hotspots": [(Lanes, LANES), (Index, {"learns": (False, True), "delay": (0.5, 1.0, 1.5, 3.0)})],
 }
 
