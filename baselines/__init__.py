@@ -39,7 +39,7 @@ for _name, _factory, _scenarios in (
     ("follow", Follow, ("watch",)),
     ("a-cmommt", Force, ("watch",)),
     ("pure-pursuit", partial(Chase, lead=0.0), ("intercept",)),
-    ("lead-pursuit", partial(Chase, lead=0.7), ("intercept",)),
+    ("lead-pursuit", Chase, ("intercept",)),
     ("index", partial(Index, learns=False), ("hotspots",)),
     ("index-learned", Index, ("hotspots",)),
 ):

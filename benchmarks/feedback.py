@@ -22,19 +22,19 @@ SCORES = {"watch": "observed_fraction", "intercept": "detection_rate", "hotspots
 PATROL = "patrol in lanes"
 POLICIES = {
     "watch": {
-        PATROL: (Lanes, {"lanes": 6}),
+        PATROL: (Lanes, {"lanes": 8}),
         "follow the nearest": (Follow, {}),
-        "A-CMOMMT, tuned": (Force, {"shared": 0.0, "reach": 3.0, "apart": 2.5, "push": 2.0}),
+        "A-CMOMMT, tuned": (Force, {"shared": 0.0, "reach": 2.0, "apart": 3.0, "push": 1.0}),
     },
     "intercept": {
-        PATROL: (Lanes, {"lanes": 6}),
+        PATROL: (Lanes, {"lanes": 16}),
         "pure pursuit": (Chase, {"lead": 0.0}),
-        "lead pursuit, tuned": (Chase, {"lead": 0.7}),
+        "lead pursuit, tuned": (Chase, {"lead": 0.8}),
     },
     "hotspots": {
-        PATROL: (Lanes, {"lanes": 8}),
-        "index rule, uniform rates": (Index, {"learns": False, "delay": 1.5}),
-        "index rule, learned rates": (Index, {"learns": True, "delay": 1.5}),
+        PATROL: (Lanes, {"lanes": 12}),
+        "index rule, uniform rates": (Index, {"learns": False, "delay": 1.0}),
+        "index rule, learned rates": (Index, {"learns": True, "delay": 1.0}),
     },
 }
 """Policies of each scenario, with their settings: the patrol first, the best one last."""
@@ -42,7 +42,7 @@ LANES = {"lanes": (2, 4, 6, 8, 10, 12, 14, 16)}
 GRIDS = {
     "watch": [
         (Lanes, LANES),
-        (Force, {"shared": (0.0, 0.1), "reach": (1.5, 2.0, 3.0), "apart": (2.0, 2.5, 3.5), "push": (1.0, 2.0)}),
+        (Force, {"shared": (0.0, 0.1), "reach": (1.5, 2.0, 3.0), "apart": (2.0, 2.5, 3.0), "push": (0.5, 1.0, 2.0)}),
     ],
     "intercept": [(Lanes, LANES), (Chase, {"lead": (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)})],
     "hotspots": [(Lanes, LANES), (Index, {"learns": (False, True), "delay": (0.5, 1.0, 1.5, 3.0)})],

@@ -108,7 +108,7 @@ class Lanes(Reacting):
         scenario: The scenario.
         num_worlds: W.
         device: Warp device.
-        lanes: Number of lanes, even; by default they are about 1.7 `reach` apart.
+        lanes: Number of lanes, even; by default they are about 1.1 `reach` apart.
         reach: Distance that a robot searches to each side [m]; by default the sensing radius.
     """
 
@@ -123,7 +123,7 @@ class Lanes(Reacting):
         super().__init__(scenario, num_worlds, device)
         reach = self.scenario.sensing_radius if reach is None else reach
         edge = min(0.8 * reach, 0.5 * float(self.half.min()))
-        fitting = 2 * round((1 + (2 * self.half[0] - 2 * edge) / (1.7 * reach)) / 2)
+        fitting = 2 * round((1 + (2 * self.half[0] - 2 * edge) / (1.1 * reach)) / 2)
         self.corners = comb(self.half, max(fitting, 2) if lanes is None else lanes, edge)
         self._along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.corners, axis=0), axis=1))])
         self._ahead = 0.5 * reach
@@ -213,9 +213,9 @@ class Force(Searching):
         num_worlds: int = 1,
         device: Any = "cpu",
         shared: float = 0.0,
-        reach: float = 3.0,
-        apart: float = 2.5,
-        push: float = 2.0,
+        reach: float = 2.0,
+        apart: float = 3.0,
+        push: float = 1.0,
     ):
         super().__init__(scenario, num_worlds, device)
         self.shared, self.reach, self.apart, self.push = shared, reach, apart, push
@@ -248,7 +248,7 @@ class Chase(Searching):
             where the target is; 0 is pure pursuit.
     """
 
-    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", lead: float = 0.7):
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", lead: float = 0.8):
         super().__init__(scenario, num_worlds, device)
         self.lead = lead
 
@@ -282,7 +282,7 @@ class Index(Reacting):
     """
 
     def __init__(
-        self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", learns: bool = True, delay: float = 1.5
+        self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", learns: bool = True, delay: float = 1.0
     ):
         super().__init__(scenario, num_worlds, device)
         made, radius = self.scenario, self.scenario.sensing_radius

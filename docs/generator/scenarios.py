@@ -206,6 +206,8 @@ def _short(value: Any) -> str:
 
 
 def _listed(rows: np.ndarray) -> str:
-    """Return the rows of a table of actions as the product of the values of each component."""
+    """Return the rows of a table of actions, as the product of the values of each component where they are one."""
     each = [sorted(set(column)) for column in rows.T.tolist()]
+    if math.prod(map(len, each)) != len(rows):
+        return ", ".join("(" + ", ".join(f"{value:.3g}" for value in row) + ")" for row in rows.tolist())
     return " x ".join("{" + ", ".join(f"{value:g}" for value in values) + "}" for values in each)

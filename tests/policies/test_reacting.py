@@ -87,7 +87,7 @@ def test_the_lanes_are_a_closed_tour_with_ends_at_the_edge():
 
 
 def test_a_force_draws_a_robot_to_its_target_and_away_from_others():
-    # Story: one target to the right of robot 4; then another robot observes it, and it draws no more.
+    # Story: one target to the right of robot 4; then another robot observes it, and robot 4 patrols.
     simulation = lissajous_env.Simulation("watch", seed=1)
     far = [(-19.0, 12.0 - k) for k in range(9)]
     put(simulation, CORNERS, [(3.5, 0.0), *far])
@@ -96,7 +96,9 @@ def test_a_force_draws_a_robot_to_its_target_and_away_from_others():
     assert abs(alone[1]) < 0.3
     put(simulation, [*CORNERS[:3], (3.6, 3.3), (0.0, 0.0)], [(3.5, 0.0), *far])
     shared = Force(simulation.scenario).act(simulation.observation.numpy())[0, 4]
-    assert shared[0] < alone[0] - 0.4
+    patrol = Lanes(simulation.scenario, reach=simulation.scenario.sight).act(simulation.observation.numpy())[0, 4]
+    np.testing.assert_allclose(shared, patrol, atol=1e-6)
+    assert not np.allclose(shared, alone, atol=0.1)
 
 
 def test_a_chase_with_a_lead_meets_a_target_that_crosses():
