@@ -19,7 +19,8 @@ def wrapped(angle: float) -> float:
 
 def extents(curve) -> tuple[float, float]:
     """A and B of (3): half of the rectangle without the inset [m]."""
-    return curve.half_width - curve.inset, curve.half_height - curve.inset
+    inset = curve.inset or 0.0  # None: that of a scenario, which a curve by itself does not have
+    return curve.half_width - inset, curve.half_height - inset
 
 
 def curve_point(curve, gamma: float) -> np.ndarray:

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from baselines.benchmark.plot_styles import STYLE, saved, styles_of
-from baselines.benchmark.shown_columns import COMPARED, OVERALL, RATIOS, brought_in
+from baselines.benchmark.shown import COMPARED, OVERALL, RATIOS, brought_in
 from baselines.benchmark.statistics import (
     Band,
     Estimate,

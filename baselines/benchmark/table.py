@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from baselines.benchmark.bounds import Bounds, bounds_of
-from baselines.benchmark.shown_columns import (
+from baselines.benchmark.shown import (
     COMPARED,
     DETECTION_OVER_BEST,
     OVER_LOWER_BOUND,

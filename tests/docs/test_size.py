@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 51_960
+LINES = 52_188
 """Lines of the packages."""
-MODULES = 363
+MODULES = 360
 """Files of the packages."""
-TESTS = 37_000
+TESTS = 32_247
 """Lines of the tests."""
 
 

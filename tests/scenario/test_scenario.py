@@ -260,11 +260,6 @@ def test_bad_overrides(overrides, message):
         lissajous_env.scenario("experiment", **overrides)
 
 
-def test_unknown_scenario_offers_the_nearest():
-    with pytest.raises(ValueError, match=r"^scenario must be one of .*, got 'experimnt'; did you mean experiment\?"):
-        lissajous_env.scenario("experimnt")
-
-
 # What ships.
 
 FOLLOWING = ("sensing.sight", "targets.speed_min")

@@ -48,25 +48,6 @@ def test_shipped_policies_are_small_and_say_where_they_come_from(name):
     assert set(text["held_out_scores"]) == set(text["made_for"])
 
 
-@pytest.mark.parametrize("name", training.names())
-def test_what_a_robot_does_depends_on_its_own_row(name):
-    # Oracle: the rows of all other robots replaced by noise.
-    simulation, draw = Simulation(home(name), 1, seed=2), np.random.default_rng(0)
-    policy, other = training.load(name), training.load(name)
-    for step in range(20):
-        observation = simulation.observation.numpy().copy()
-        i = step % simulation.num_robots
-        noisy = np.where(
-            np.arange(simulation.num_robots)[:, None] == i, observation[0], draw.normal(size=observation[0].shape)
-        )
-        action = policy.act(observation)
-        policy.reset()
-        other.reset()
-        alone = other.act(noisy[None].astype(np.float32))
-        assert alone[0, i] == pytest.approx(training.load(name).act(observation)[0, i], abs=1e-6)
-        simulation.step(action)
-
-
 def test_a_base_carries_the_network():
     # Oracle: the base itself under a network of zeros, and a constant one by hand.
     base = baselines.make("sweep", "intruders", 2)
@@ -222,13 +203,6 @@ def test_a_base_that_is_no_classical_policy_is_refused(base, tmp_path):
     with pytest.raises(ValueError, match="base must be a registered"):
         Learned(make_network((44, 2)), Card.of(lissajous_env.scenario("intruders"), base=base), "intruders")
     assert Learned(make_network((44, 2)), Card.of(lissajous_env.scenario("intruders"), base="laps-safe"), "intruders")
-
-
-@pytest.mark.parametrize("residual", [float("nan"), float("inf")])
-def test_a_residual_that_is_no_number_is_refused(residual):
-    with pytest.raises(ValueError, match="residual must be"):
-        Learned(make_network((44, 2)), Card.of(lissajous_env.scenario("intruders"), base="laps", residual=residual),
-                "intruders")  # fmt: skip
 
 
 def test_a_network_that_does_not_fit_its_card_is_refused():

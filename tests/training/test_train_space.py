@@ -110,19 +110,6 @@ def test_the_splits_of_learning_and_evaluation_share_no_scenario(file, tmp_path)
     assert not learned & {made.name for made in settings.make_evaluation_scenarios()}
 
 
-def test_first_episodes_of_groups_end_one_after_another_and_then_after_equal_times():
-    env = MixedVecEnv(SPACE, num_groups=3, group_size=2, staggered=True)
-    env.reset()
-    changed = []
-    for _ in range(20):
-        before = env.scenarios
-        env.step(np.zeros((env.num_envs, 2)))
-        changed.append([now != then for now, then in zip(env.scenarios, before, strict=True)])
-    first = np.argmax(changed, axis=0)
-    assert sorted(first) == sorted(set(first))
-    assert all(np.flatnonzero(np.array(changed)[:, g]).tolist() == list(range(first[g], 20, 10)) for g in range(3))
-
-
 def test_a_restored_batch_goes_on_as_the_one_that_was_saved():
     # Oracle: the batch that was not interrupted. The first episode is over when it is saved.
     card = Card.of(SPACE.sample(0), base="sweep", constants=tuple(CONSTANTS))
@@ -140,17 +127,6 @@ def test_a_restored_batch_goes_on_as_the_one_that_was_saved():
             assert (mine == theirs).all()
     with pytest.raises(ValueError, match="state must be that of 1 groups, got 2"):
         MixedVecEnv(SPACE, 1, 2).load_state(made[0].save_state())
-
-
-def test_a_group_does_not_depend_on_the_others():
-    # Law: with the same actions, the rows of a group are those of a batch with fewer groups.
-    few, many = (MixedVecEnv(SPACE, groups, 2, seed=3) for groups in (1, 3))
-    few.reset(), many.reset()
-    own = few.num_envs
-    for _ in range(12):
-        few_rows, many_rows = few.step(np.zeros((own, 2)))[0], many.step(np.zeros((many.num_envs, 2)))[0]
-        assert (few_rows == many_rows[:own]).all()
-    assert few.scenarios[0] == many.scenarios[0]
 
 
 def test_constants_do_not_depend_on_the_units(file):
@@ -250,15 +226,6 @@ def test_waiting_counts_relative_to_the_reference():
     assert scaled.task.reward_waiting == pytest.approx(one.task.reward_waiting / 4.0)
     unpaid = lissajous_env.scenario(made, **{"task.reward_waiting": 0.0, "task.reward_detection": 0.0})
     assert scenarios.in_units_of("sweep", unpaid, "cpu") is unpaid
-
-
-def test_without_a_base_the_best_patrol_measures_the_targets_of_a_drawn_scenario(file, tmp_path, monkeypatch):
-    # Story: the paper's method would solve its controller in eight episodes of each scenario.
-    measured = []
-    monkeypatch.setattr(scenarios, "in_units_of", lambda name, made, device: measured.append(name) or made)
-    settings = small(file, tmp_path, base="none")
-    settings.change_drawn(settings.make_scenario())
-    assert measured == ["sweep"]
 
 
 def test_a_space_of_points_has_the_papers_method_as_its_base(monkeypatch):

@@ -59,16 +59,6 @@ def test_a_mixture_of_one_rogue_with_itself_is_that_rogue():
     assert np.abs(one).max() > 0
 
 
-def test_a_world_of_a_mixture_depends_on_its_seed_alone():
-    # Law: world k of a batch is the world alone, bit for bit, and other seeds draw other members.
-    together, alone = (
-        velocities("upwards-in-mixtures+wander", (3, 4))[0],
-        velocities("upwards-in-mixtures+wander", (4,))[0],
-    )
-    assert (together[:, 1] == alone[:, 0]).all()
-    assert (together[:, 0] != together[:, 1]).any()
-
-
 def test_bad_input_is_refused_by_name():
     with pytest.raises(ValueError, match=r"targets.rogues must be one of .*, got 'fle'; did you mean flee\?"):
         rogue_of("wander+fle")
