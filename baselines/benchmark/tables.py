@@ -135,7 +135,7 @@ def print_row(console: Console, row: dict[str, Any]) -> None:
 
 
 def print_theorem(console: Console, sentences: Mapping[str, Sequence[str]]) -> None:
-    """Print by scenario whether the theorem of the proved filter applies: the result of `theorem.about_theorem`."""
+    """Print by scenario whether the theorem of the proved filter applies: the result of `about_theorem`."""
     for scenario, said in sentences.items():
         for words in said:
             print_line(console, f"{scenario}: {words}", "dim" if "not apply" not in words else "yellow")

@@ -21,12 +21,12 @@ DRAW = {
 }
 
 FROZEN = [
-    "7e26ad303a9575c5",
-    "190dbce7e003c24e",
-    "46ae2f8a1fc1084b",
-    "c6b162169fe91705",
-    "f02f00d39bfb93d0",
-    "7a33a24ed6f1f268",
+    "57cf72b988048b69",
+    "6574519bdfd2792f",
+    "3be3a1eb9b64ca66",
+    "f1fc117ab90a1b32",
+    "d436cb05c8b03d99",
+    "88d9bfa92a1f296f",
 ]
 """Digests of the first scenario of each split and shift of monitoring-v1."""
 

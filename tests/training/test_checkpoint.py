@@ -115,7 +115,7 @@ def test_any_entry_may_be_missing_or_wrong(folder):
         (("policy", "action_size"), 2.0, "action_size must be a whole number of at least 1, got 2.0"),
         (("policy", "inputs"), "abc", "inputs must be words, each once, got 'abc'"),
         (("policy", "base"), "nothing", "base must be a registered classical policy, or none, got 'nothing'"),
-        (("policy", "activation"), "gelu", "activation must be one of relu, tanh, got 'gelu'"),
+        (("policy", "activation"), "gelu", "activation must be relu, got 'gelu'"),
         (("settings",), None, "settings must be an object, got None"),
         (("files",), {}, "files must name weights, and no others but state, got {}"),
         (("files", "weights", "name"), "../weights", r"name of weights must be weights-HASH.safetensors, got '\.\./"),

@@ -54,7 +54,7 @@ def test_a_base_carries_the_network():
     card = Card.of(lissajous_env.scenario("intruders"), base="sweep", residual=0.25)
 
     def constant(*bias):
-        return Network((np.zeros((2, 44)),), (np.array(bias),), "relu")
+        return Network((np.zeros((2, 44)),), (np.array(bias),))
 
     policy = Learned(constant(0.0, 0.0), card, "intruders", 2)
     simulation = Simulation("intruders", 2)
@@ -72,7 +72,7 @@ def test_a_base_has_the_parameters_of_the_card(tmp_path):
     # Oracle: the base made with them by hand, under a network of zeros, after a checkpoint was written and read.
     scenario, parameters = lissajous_env.scenario("intruders"), SweepParameters(cruise=1.2, inset=0.4)
     given = {"cruise": 1.2, "inset": 0.4}
-    network = Network((np.zeros((2, 44)),), (np.zeros(2),), "relu")
+    network = Network((np.zeros((2, 44)),), (np.zeros(2),))
     checkpoint.save(tmp_path, network, Card.of(scenario, base="sweep", base_parameters=given))
     _, actions = played(training.load(tmp_path, num_worlds=2), Simulation(scenario, 2), 30)
     _, expected = played(Sweep(scenario, 2, "cpu", parameters), Simulation(scenario, 2), 30)
@@ -104,7 +104,7 @@ def test_a_policy_is_played_as_it_was_trained_to_the_last_bit():
     # Oracle: what training makes of a network's outputs, and what playing does, over an episode of one network.
     scenario, bias = lissajous_env.scenario("intruders"), np.array([0.3141592, -0.2718281], np.float32)
     card = Card.of(scenario, ("x", "speed"), base="sweep", residual=0.3)
-    policy = Learned(Network((np.zeros((2, 4)),), (bias,), "relu"), card, scenario, 3)
+    policy = Learned(Network((np.zeros((2, 4)),), (bias,)), card, scenario, 3)
     wiring, simulation = Wiring(card, scenario, 3), Simulation(scenario, 3)
     for _ in range(40):
         observation = simulation.observation.numpy().copy()

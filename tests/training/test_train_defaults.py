@@ -55,7 +55,7 @@ def test_parameters_of_the_base_are_given_or_those_of_the_start(tmp_path):
     settings = TrainingSettings(base="sweep", base_parameters=given)
     assert settings.chosen_base_parameters == {"cruise": 1.9, "inset": 0.05}
     card = Card.of(settings.make_scenario(), base="sweep", base_parameters=settings.chosen_base_parameters)
-    checkpoint.save(tmp_path, Network((np.zeros((2, 44)),), (np.zeros(2),), "relu"), card)
+    checkpoint.save(tmp_path, Network((np.zeros((2, 44)),), (np.zeros(2),)), card)
     assert TrainingSettings(start=str(tmp_path)).chosen_base_parameters == settings.chosen_base_parameters
     assert TrainingSettings(start=str(tmp_path), base="sweep").chosen_base_parameters == {}
     # A training refuses to resume with other parameters, also where one has none.

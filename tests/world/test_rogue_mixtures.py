@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from baselines.exploitability.bracket import short_name
+from baselines.exploitability import short_name
 from lissajous_env import Simulation
 from lissajous_env.parameters.rogues import rogue_of
 from training.learned import checkpoint
@@ -39,7 +39,7 @@ def test_each_rogue_is_moved_by_one_member_with_its_share(tmp_path):
     # Oracle: a script that goes up, with 2 shares of 3, and a network that goes left; each rogue does one of both.
     scenario = lissajous_env.scenario("experiment", rogues="agents", **FIELD)
     card = rogue_card(scenario)
-    network = Network((np.zeros((2, len(card.inputs))),), (np.array([-1.0, 0.0]),), "relu")
+    network = Network((np.zeros((2, len(card.inputs))),), (np.array([-1.0, 0.0]),))
     checkpoint.save(tmp_path / "left", network, card)
     upwards, left = "upwards-in-mixtures", str(tmp_path / "left")
     moved, present = velocities(f"{upwards}+{left}+{upwards}")
