@@ -9,7 +9,7 @@ LINES = 52_510
 """Lines of the packages."""
 MODULES = 359
 """Files of the packages."""
-TESTS = 32_370
+TESTS = 32_381
 """Lines of the tests."""
 
 
