@@ -1,7 +1,5 @@
 """One robot's policy outside the simulator decides as in the simulator, and drives robots of another make."""
 
-import copy
-
 import numpy as np
 import pytest
 
@@ -188,20 +186,6 @@ def test_what_does_not_fit_is_refused(given, words):
         baselines.Onboard(**settings)
 
 
-def test_a_restricted_policy_decides_the_same_for_its_robot():
-    # Oracle: the same policy for the whole team; the rows of others are of any content.
-    made = lissajous_env.scenario("experiment").resolve()
-    simulation, policy = lissajous_env.Simulation(made), baselines.make("kuramoto-mpcc", made)
-    alone = copy.deepcopy(policy)
-    alone.restrict(3)
-    for _ in range(20):
-        rows = simulation.observation.numpy().copy()
-        rows[:, :3] = rows[:, 3:4]
-        action = policy.act(simulation.observation.numpy())
-        np.testing.assert_array_equal(alone.act(rows)[0, 3], action[0, 3])
-        simulation.step(action)
-
-
 def test_messages_that_are_no_messages_are_ignored():
     onboard = baselines.Onboard("kuramoto-mpcc", "experiment", 0)
     pose, good = Odometry(1.7, 0.0, 1.5, 0.5, 0.0), Message(onboard.neighbours[0], 0.0, 1.0, 0.0, 1.0, 0.0)
@@ -229,12 +213,3 @@ def test_the_steps_of_a_policy_follow_the_clock(policy):
             early = inputs._replace(now=inputs.now + 0.02)
             np.testing.assert_array_equal(uneven.act(*early).action, found)
         simulation.step(together.act(simulation.observation))
-
-
-def test_a_policy_is_restricted_to_a_robot_of_one_world():
-    with pytest.raises(ValueError, match="robot must be a whole number from 0 to 4, got 5"):
-        baselines.make("kuramoto-mpcc-safe", "experiment").restrict(5)
-    with pytest.raises(ValueError, match="must be for one world to be restricted, got 2"):
-        baselines.make("kuramoto-mpcc", "experiment", num_worlds=2).restrict(0)
-    with pytest.raises(ValueError, match="problem must be from 0 to 4"):
-        baselines.make("kuramoto-mpcc", "experiment").mpcc.restrict(-1)

@@ -10,6 +10,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_struct, wrap
+from lissajous_env.device.devices import compile_quietly
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.structs import to_struct
@@ -123,9 +124,11 @@ def start_headings(scenario: Scenario, pose: np.ndarray, speed: np.ndarray) -> n
     """
     if scenario.start_turning == 0:
         return pose[..., 2]
-    curve, robot = curve_struct(scenario.curve, "cpu"), to_struct(RobotStruct, scenario.robot)
-    poses = wp.array(pose.reshape(-1, 3), dtype=wp.vec3, device="cpu")
-    speeds = wp.array(speed.reshape(-1), dtype=float, device="cpu")
-    heading = wp.zeros(poses.shape, dtype=float, device="cpu")
-    wp.launch(_turn_all, poses.shape, [curve, robot, scenario.start_turning, poses, speeds], [heading], device="cpu")
+    with compile_quietly():
+        curve, robot = curve_struct(scenario.curve, "cpu"), to_struct(RobotStruct, scenario.robot)
+        poses = wp.array(pose.reshape(-1, 3), dtype=wp.vec3, device="cpu")
+        speeds = wp.array(speed.reshape(-1), dtype=float, device="cpu")
+        heading = wp.zeros(poses.shape, dtype=float, device="cpu")
+        given = [curve, robot, scenario.start_turning, poses, speeds]
+        wp.launch(_turn_all, poses.shape, given, [heading], device="cpu")
     return heading.numpy().reshape(speed.shape).astype(float)
