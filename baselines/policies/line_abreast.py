@@ -22,14 +22,13 @@ from baselines.policies.line_path import (
     turns_inside,
 )
 from baselines.policies.line_transit import Effort, Pace, angle_steps, effort_of, transit
-from baselines.policies.line_ways import ways_from_angles, ways_from_start
+from baselines.policies.line_ways import ways_from_start
 from baselines.policies.neighbour_watch import WATCH
 from baselines.policies.own_row import own_phase
-from baselines.policies.partition import FilteredPaths, plain_of
+from baselines.policies.partition import plain_of
 from baselines.policies.path_tables import PathTables, path_tables
 from baselines.policies.registry import register
-from baselines.policies.timed_paths import STEPS, TrackingParameters
-from baselines.policies.transit import start_is_known
+from baselines.policies.timed_paths import STEPS, TimedPaths, TrackingParameters
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.parameters.scenario import Scenario
@@ -120,8 +119,7 @@ def effort(scenario: Scenario, plan: LinePlan) -> Effort:
 def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[LinePlan, PathTables, np.ndarray]:
     """Return the lines of a scenario, the tables of the paths of its robots, and the place (N,) of each in the lines.
 
-    The tables have one plan for each angle of the formation, or one plan alone within an inset where robots know their
-    starts.
+    The tables have one plan for each angle of the formation, or one plan alone within an inset.
 
     Raises:
         UnsuitableScenarioError: no lines span the rectangle, or there are no ways into them without collisions inside.
@@ -131,37 +129,34 @@ def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[LinePla
     loops = loops_of(plan, plan.starts, plan.lanes)
     if scenario.curve.half_height > scenario.curve.half_width:
         loops = np.stack([-loops[..., 1], loops[..., 0], loops[..., 2] + np.pi / 2], axis=-1)
-    if scenario.inset and start_is_known(scenario):
+    if scenario.inset:
         lead_in, loop, slots = ways_from_start(scenario, loops, plan.speed, slots)
         return plan, path_tables(scenario, loop, lead_in), slots
     fastest = min(_FULL * slowest_top_speed(scenario), _HASTE * plan.speed)
     pace = Pace(scenario.robot.drag, max(fastest, 1.001 * plan.speed), plan.speed)
     radius = plan.aside or plan.speed * plan.step * plan.turn.short / plan.turn.angle
-    if scenario.inset:
-        ways, loop, slots = ways_from_angles(scenario, loops, radius, pace, effort(scenario, plan), slots)
-    else:
-        loop = loops[slots, :, :2]
-        ways = transit(scenario, effort(scenario, plan), loops[slots, 0], radius, pace)
+    loop = loops[slots, :, :2]
+    ways = transit(scenario, effort(scenario, plan), loops[slots, 0], radius, pace)
     return plan, path_tables(scenario, np.broadcast_to(loop, (len(ways), *loop.shape)), ways), slots
 
 
 @register("line-abreast", kind="car")
-class LineAbreast(FilteredPaths):
+class LineAbreast(TimedPaths):
     """Cars in straight lines across the rectangle, which sweep it back and forth.
 
     The cars of a line are so close that no rogue passes between two sensing discs (`line_path.speed_limit` has the
     spacing law), the outermost ones reach the walls, and all copy one path: to the end of the rectangle, a turn, and
     back. In the open the turn is outside of the rectangle, of three arcs back into the own lanes; within walls or an
-    inset it is a half circle inside, and the way back is beside the lane. Several lines,
-    where there are cars for them, are interleaved and spread over the period; their number is the one with the shortest
-    worst-case undetected time of the ideal motion. `line_transit` computes the ways from the formation into the lines,
-    chosen so that no two cars meet; `line_closing` closes a line up.
+    inset it is a half circle inside, and the way back is beside the lane. Several lines, where there are cars for them,
+    are interleaved and spread over the period; their number is the one with the shortest worst-case undetected time of
+    the ideal motion. `line_transit`, or `line_ways` within an inset, computes the ways from the formation into the
+    lines, chosen so that no two cars meet; `line_closing` closes a line up.
 
     A car's place in a line is fixed: neighbours on the communication ring are neighbours in a line. A line closes up
     where one of its robots has stopped or been removed, if the others can still span the rectangle. If they cannot, or
     where there are several lines, the others stay in their lanes. A robot that resumes catches up with its line without
-    regard to others: `line-abreast-safe` avoids collisions then. Lines that turn
-    inside need more cars or larger sensors, by the circle's radius at each wall; others are refused.
+    regard to others: `line-abreast-safe` avoids collisions then. Lines that turn inside need larger sensors and a start
+    that all robots know; others are refused.
 
     Lines of searchers that sweep a region in which rogues have a known top speed: Y. Altshuler, V. Yanovsky, I. A.
     Wagner, A. M. Bruckstein, "Efficient cooperative search of smart targets using UAV swarms", Robotica 26 (2008); R.
@@ -183,7 +178,7 @@ class LineAbreast(FilteredPaths):
         ValueError: sensing discs that are too small, or too few, for a line to span the shorter side.
     """
 
-    remembers = (*FilteredPaths.remembers, "_remembered")
+    remembers = (*TimedPaths.remembers, "_remembered")
 
     def __init__(
         self,
@@ -195,15 +190,8 @@ class LineAbreast(FilteredPaths):
     ):
         self.parameters = parameters or LineParameters()
         self.lines, tables, slots = line_tables(plain_of(scenario), self.parameters)
-        until = tables.lead_in if scenario.inset and not start_is_known(scenario) else 0
         super().__init__(
-            scenario,
-            num_worlds,
-            device,
-            tables=tables,
-            plan=np.zeros(num_worlds, int),
-            filtered_until=until,
-            tracking=tracking,
+            scenario, num_worlds, device, tables=tables, plan=np.zeros(num_worlds, int), parameters=tracking
         )
         self._closes = closes_up(self.scenario, self.lines)
         self._closing = closing_of(self.scenario, self.lines, tables.lead_in)

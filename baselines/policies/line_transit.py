@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses, dubins_reach
+from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses
 from baselines.policies.transit import formation_starts
 from lissajous_env.parameters.scenario import Scenario
 
@@ -29,8 +29,6 @@ _SLOWEST, _HASTY = 0.3, 0.92
 """Speeds that a way avoids: below this share of the last one, and above this share of the fastest."""
 _LATE, _POOR, _SLOW, _HURRY = 1e4, 1e3, 0.01, 0.01
 """Costs of ways that end too late, are too slow, or leave nothing for catching up."""
-_LEAVES = 1e4
-"""Cost of ways that leave the rectangle without the inset."""
 _WANTED = 5.0
 """Distance of two cars below which coming closer costs something, in radii of a car."""
 _CLOSE = 0.06
@@ -188,8 +186,6 @@ def transit(scenario: Scenario, effort: Effort, poses: np.ndarray, radius: float
     coarsely = np.linspace(0, times[-1], _INTERVALS + 1)
     between = speed_between(pace, wide, tilt, choices.length, coarsely)
     faults = _faults(pace, distances(pace, wide, between, tilt, coarsely), choices.length, coarsely)
-    if scenario.inset:
-        faults += _LEAVES * _leaves(choices, np.array([scenario.driven.half_width, scenario.driven.half_height]))
     order = np.argsort(faults + 1e-3 * np.abs(between / pace.final - 1), axis=-1, kind="stable")[..., : effort.choices]
     choices, faults, tilt, between = (_selected(each, order) for each in (choices, faults, tilt, between))
     gone = distances(pace, np.broadcast_to(speed[..., None], between.shape), between, tilt, times)
@@ -226,14 +222,6 @@ def _faults(pace: Pace, gone: np.ndarray, length: np.ndarray, times: np.ndarray)
         + _POOR * ((slowest < _SLOWEST / 3) + late)
         + (_HURRY * hasty + _SLOW * (slowest < _SLOWEST))
     )
-
-
-def _leaves(ways: Ways, half: np.ndarray) -> np.ndarray:
-    """Return which ways leave the rectangle of half extents `half` (2,) [m]."""
-    exists = np.isfinite(ways.pieces).all(axis=-1)
-    pieces = np.where(exists[..., None], ways.pieces, 0.0)
-    reach = dubins_reach(ways.begin, pieces, ways.turns, ways.radius)
-    return exists & (reach > np.maximum(half, np.abs(ways.begin[..., :2])) * (1 + 1e-9)).any(axis=-1)
 
 
 def _choices(begin: np.ndarray, poses: np.ndarray, radius: float) -> Ways:

@@ -61,7 +61,6 @@ class FilteredPaths(TimedPaths):
         num_worlds: W.
         device: Warp device.
         tables: The timed paths.
-        plan: (W,) plan of each world, as in `TimedPaths`.
         filtered_until: Duration of the collision filter [control step].
         tracking: Gains and limits of the following of the paths.
     """
@@ -73,20 +72,19 @@ class FilteredPaths(TimedPaths):
         device: Any = "cpu",
         *,
         tables: PathTables,
-        plan: np.ndarray | None = None,
         filtered_until: float = 0.0,
         tracking: TrackingParameters | None = None,
     ):
-        super().__init__(scenario, num_worlds, device, tables=tables, plan=plan, parameters=tracking)
+        super().__init__(scenario, num_worlds, device, tables=tables, parameters=tracking)
         self._filtered_until = filtered_until
         self._filter = None
         if filtered_until > 0:
             self._filter = Safe(self.scenario, num_worlds, self.device, ARRIVING.of(self.scenario))
         self.communicates = "nothing" if self._filter is None else self._filter.communicates
 
-    def follow(self, observation: wp.array) -> None:
-        """Write the `action` that follows the paths of `plan`, at first filtered."""
-        super().follow(observation)
+    def decide(self, observation: wp.array) -> None:
+        """Write `action`."""
+        self.follow(observation)
         if self._filter is not None:
             filtered = self._filter(observation, self.action)
             self.launch(take_filtered, self.shape, [self._filtered_until, self._memory, filtered], [self.action])
