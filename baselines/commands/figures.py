@@ -23,8 +23,8 @@ def figures(
     """Draw the results of a benchmark for a paper, and write its table in LaTeX; no episode is played.
 
     The figures are performance profiles, the probability of improvement over the reference on the same seeds, and
-    aggregates for each robot kind, with 95 % bootstrap intervals; and distributions of the scores for each scenario. All
-    are 7.16 inch wide, both columns of a paper.
+    aggregates for each robot kind, with 95 % bootstrap intervals; and distributions of the scores for each scenario.
+    All are 7.16 inch wide, both columns of a paper.
 
     Example:
         lissajous figures results/mine --format pdf

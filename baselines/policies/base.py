@@ -63,8 +63,8 @@ class Filter(Copyable):
     """Content of the messages that the filter uses."""
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
-        if scenario.robot.kind != self.kind:
-            raise ValueError(f"policy of a filter must drive robots of kind {self.kind}, got {scenario.robot.kind}")
+        if scenario.actuation != self.kind:
+            raise ValueError(f"policy of a filter must drive robots of kind {self.kind}, got {scenario.actuation}")
         self.scenario = scenario.resolve()
         self.num_worlds = num_worlds
         self.device = as_device(device)
@@ -110,7 +110,8 @@ class Policy(Copyable):
     arrays: str = "numpy"
     """Type of `decide`'s argument: "numpy", an array on the host; "torch" or "warp", one on the policy's device."""
     kind: str | None = None
-    """Kind of robot that the policy drives; None drives any."""
+    """Kind of robot that the policy drives, or `velocity` if its actions are velocities of cars (`task.action`); None
+    drives any."""
     communicates: str = "nothing"
     """Content of the messages that the policy uses; "nothing" if messages do not change its actions."""
     remembers: tuple[str, ...] = ()

@@ -338,8 +338,8 @@ class Inside(Copyable):
 
     @staticmethod
     def suits(scenario: Scenario) -> bool:
-        """Return whether the robots are cars between walls that are at least a circle at `CREEP` apart."""
-        if scenario.robot.kind != "car" or scenario.task.boundary != "wall":
+        """Return whether policies steer cars between walls that are at least a circle at `CREEP` apart."""
+        if scenario.actuation != "car" or scenario.task.boundary != "wall":
             return False
         walls = walls_of(scenario)
         return walls.turning < min(walls.half_width, walls.half_height)

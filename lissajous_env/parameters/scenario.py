@@ -14,21 +14,12 @@ import numpy as np
 
 from lissajous_env.device.locks import with_own_locks
 from lissajous_env.parameters.extensions import Extension, TargetMotion, as_extensions
-from lissajous_env.parameters.robot_models import model_of
+from lissajous_env.parameters.robot_models import RobotModel, driven_by_velocity, model_of
 from lissajous_env.parameters.rogues import BringsRogues, rogue_of
 from lissajous_env.parameters.spreading import Spreading, spreading_of
-from lissajous_env.settings.parts import (
-    MOST_TARGETS,
-    SPRINT,
-    Curve,
-    Faults,
-    Formation,
-    Messages,
-    Noise,
-    Sensing,
-    Targets,
-)
+from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Messages, Noise
 from lissajous_env.settings.robot import Robot
+from lissajous_env.settings.targets import MOST_TARGETS, Sensing, Targets
 from lissajous_env.settings.task import Task
 from lissajous_env.theory import closed_forms, geometry
 
@@ -84,6 +75,11 @@ class Scenario(BringsRogues):
         self._check_robots()
         self._check_inset()
         self._check_times()
+        if self.task.action == "velocity" and self.robot.kind != "car":
+            raise ValueError(f"task.action must be control for robots of kind {self.robot.kind}, got velocity")
+        if self.sight < self.sensing_radius:
+            rule = f"must be at least the sensing radius, {self.sensing_radius:g} [m]"
+            raise ValueError(f"sensing.sight {rule}, got {self.sensing.sight}")
         model_of(self.robot.kind).check(self.curve, self.formation, self.robot, self.noise, self.task)
         self._check_contamination()
         self._check_rogues()
@@ -148,6 +144,9 @@ class Scenario(BringsRogues):
         if self.task.contamination is not None and self.targets.custom > 0 and self.targets.speed_limit is None:
             rule = "must be given if targets have a custom motion and task.contamination is set"
             raise ValueError(f"targets.speed_limit {rule} [m/s], got None")
+        if self.task.contamination is not None and self.targets.respawn and self.targets.arrival_rate == 0:
+            rule = "must be above 0 if targets appear anew and task.contamination is set [1/s]"
+            raise ValueError(f"targets.arrival_rate {rule}, got 0")
         _ = self.spreading
 
     def _check_rogues(self) -> None:
@@ -339,6 +338,11 @@ class Scenario(BringsRogues):
         """r_s [m]: `sensing.radius`, or the smallest that satisfies (8) by default."""
         return self.detection_radius if self.sensing.radius is None else self.sensing.radius
 
+    @property
+    def sight(self) -> float:
+        """Radius within which targets and robots are observed [m]: `sensing.sight`, or r_s by default."""
+        return self.sensing_radius if self.sensing.sight is None else self.sensing.sight
+
     @cached_property
     def detection_time_bound(self) -> float:
         """Detection-time bound T_max [s]; it holds only where `detection_time_is_bounded`."""
@@ -381,14 +385,25 @@ class Scenario(BringsRogues):
         return self.targets.count + arrivals
 
     @property
+    def model(self) -> RobotModel:
+        """Model of the robots, with the actions of the task."""
+        model = model_of(self.robot.kind)
+        return driven_by_velocity(model) if self.task.action == "velocity" else model
+
+    @property
+    def actuation(self) -> str:
+        """What policies drive: robots of a kind, or cars by their `velocity`."""
+        return "velocity" if self.task.action == "velocity" else self.robot.kind
+
+    @property
     def action_size(self) -> int:
         """Number of components of a robot's action: those that move it, then those of its message."""
-        return model_of(self.robot.kind).action_size + self.messages.size
+        return self.model.action_size + self.messages.size
 
     @property
     def action_names(self) -> tuple[str, ...]:
         """Names of the components of a robot's action, such as steering, throttle and message_0."""
-        return (*model_of(self.robot.kind).actions, *(f"message_{m}" for m in range(self.messages.size)))
+        return (*self.model.actions, *(f"message_{m}" for m in range(self.messages.size)))
 
     def resolve(self) -> "Scenario":
         """Return the same scenario with every derived field filled in; it runs identically."""

@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 51_310
+LINES = 52_510
 """Lines of the packages."""
-MODULES = 354
+MODULES = 359
 """Files of the packages."""
-TESTS = 31_825
+TESTS = 32_370
 """Lines of the tests."""
 
 
