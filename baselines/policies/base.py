@@ -61,6 +61,9 @@ class Filter(Copyable):
     """True if a filter of cars also serves robots of other models that move like cars."""
     communicates: str = "nothing"
     """Content of the messages that the filter uses."""
+    stays_inside: bool = False
+    """True if the filter itself prevents contacts with walls; after others, the rule of `baselines.policies.inside`
+    decides, as it does before all of them."""
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
         if scenario.actuation != self.kind:
@@ -118,7 +121,7 @@ class Policy(Copyable):
     """Names of attributes with Warp arrays (W, ...) that are zero when an episode begins."""
     stays_inside: bool = True
     """True if actions of cars are changed where they would leave a car no way to stay inside walls
-    (`baselines.policies.inside`); False for a policy that contains another one, whose actions are changed already."""
+    (`baselines.policies.inside`); False for a policy that stays inside by itself."""
 
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"):
         if self.arrays not in _ARRAYS:
