@@ -9,7 +9,7 @@ pytest.importorskip("rosbags")
 
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
-from lissajous_env.logs.ros_types import rosbags, type_store
+from lissajous_env.logs.messages import rosbags, type_store
 
 STORE = type_store()
 KINDS = STORE.types

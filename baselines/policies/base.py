@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from baselines.policies.inside import Inside
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch
 from lissajous_env.device.program import launcher
@@ -114,6 +115,9 @@ class Policy(Copyable):
     """Content of the messages that the policy uses; "nothing" if messages do not change its actions."""
     remembers: tuple[str, ...] = ()
     """Names of attributes with Warp arrays (W, ...) that are zero when an episode begins."""
+    stays_inside: bool = True
+    """True if actions of cars are changed where they would leave a car no way to stay inside walls
+    (`baselines.policies.inside`); False for a policy that contains another one, whose actions are changed already."""
 
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"):
         if self.arrays not in _ARRAYS:
@@ -128,6 +132,9 @@ class Policy(Copyable):
         self.observation_shape = (*self.shape, layout(self.scenario).size)
         self._observation = wp.zeros(self.observation_shape, dtype=wp.float32, device=self.device)
         self.action = wp.zeros((*self.shape, self.scenario.action_size), dtype=wp.float32, device=self.device)
+        self._inside = None
+        if self.stays_inside and Inside.suits(self.scenario):
+            self._inside = Inside(self.scenario, self.num_worlds, self.device)
         self._compiled = False
         self.launch = launcher(self.device)
         """Launches a kernel, `launch(kernel, dim, inputs, outputs)`; with the same arguments again at little cost."""
@@ -272,6 +279,8 @@ class Policy(Copyable):
         decided = self.decide(observation)
         if decided is not self.action and not (decided is None and self.arrays == "warp"):
             copy_in(f"actions of {self.name}", decided, self.action)
+        if self._inside is not None:
+            self._inside(given, self.action)
 
     def _on_torch_stream(self, observation: Any) -> AbstractContextManager:
         """On a GPU, queue what Warp launches for torch, and for a policy in torch, on torch's own stream."""

@@ -1,14 +1,8 @@
 """Section VII as printed, and with what it does not print: the effect of the constants of car, controller and gain."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 
 from baselines.mpcc.parameters import MpccParameters
-from baselines.mpcc.solver import Mpcc
-from baselines.policies.base import Policy
-from baselines.policies.trackers.mpcc import WithMpcc
 from baselines.reproduce.claims import SILENT, Claim, Part, at_most, reported
 from baselines.reproduce.episodes import SEEDS, Played, Player
 from baselines.reproduce.tracking import CLOSEST, undisturbed
@@ -29,8 +23,13 @@ def printed(player: Player) -> Part:
     ours = player.play("kuramoto-mpcc", undisturbed(), worlds=SEEDS)
     beta = player.play("kuramoto-mpcc", scenario("experiment-printed", **{"faults.schedule": ()}), worlds=4)
     weights = MpccParameters()
-    reversed_order = _changed(weight_lateral=weights.weight_lag, weight_lag=weights.weight_lateral)
-    order = player.play("kuramoto-mpcc", undisturbed(), worlds=SEEDS, prepare=reversed_order)
+    order = player.play(
+        "kuramoto-mpcc",
+        undisturbed(),
+        worlds=SEEDS,
+        weight_lateral=weights.weight_lag,
+        weight_lag=weights.weight_lateral,
+    )
     outside, allowed = _outside(beta), 0.2
     made, model = beta.scenario, beta.scenario.robot
     slowest = (model.drive * model.throttle_min - model.offset) / model.drag
@@ -73,7 +72,7 @@ def _chosen(player: Player, ours: Played) -> list[Claim]:
     rounded = player.play("kuramoto-mpcc", as_printed, worlds=SEEDS)
     touches = []
     for step in (0.05, 0.15):
-        played = player.play("kuramoto-mpcc", undisturbed(), worlds=SEEDS, prepare=_changed(step=step))
+        played = player.play("kuramoto-mpcc", undisturbed(), worlds=SEEDS, step=step)
         touches.append(f"{played.score(COLLISIONS).mean():.1f} with {step:g} s")
     at_ours = ours.score(COLLISIONS).mean()
     return [
@@ -131,17 +130,6 @@ def _around_one(good: list[bool]) -> tuple[float, float]:
     while last + 1 < len(_GAINS) and good[last + 1]:
         last += 1
     return _GAINS[first], _GAINS[last]
-
-
-def _changed(**parameters: Any) -> Callable[[Policy], None]:
-    """Return a function that changes the parameters of a policy's controller."""
-
-    def change(policy: Policy) -> None:
-        assert isinstance(policy, WithMpcc)
-        given = policy.mpcc.parameters.replace(**parameters)
-        policy.mpcc = Mpcc(policy.scenario.curve, given, policy.num_worlds * policy.num_robots, policy.device)
-
-    return change
 
 
 def _outside(played: Played) -> float:

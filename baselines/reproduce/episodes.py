@@ -1,13 +1,11 @@
 """Episodes of a batch of worlds, stored as arrays over time; the same one is played once, for all callers."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from baselines.policies import registry
-from baselines.policies.base import Policy
+from baselines.policies.settings import PolicySettings
 from lissajous_env import scenario as make_scenario
 from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.parameters.scenario import Scenario
@@ -123,7 +121,7 @@ class Player:
         scenario: str | Scenario,
         worlds: int = 1,
         only_ends: bool = False,
-        prepare: Callable[[Policy], None] | None = None,
+        **parameters: float,
     ) -> Played:
         """Play one episode in each world, from `seed` on.
 
@@ -132,15 +130,13 @@ class Player:
             scenario: Name of the scenario, or one that was made.
             worlds: Number of episodes.
             only_ends: Keep the first and the last moment only.
-            prepare: Called with the policy before the first step; such an episode is not remembered.
+            **parameters: Parameters of the policy.
         """
         made = make_scenario(scenario).resolve()
-        key = (policy, made.digest(), worlds, only_ends)
-        if prepare is None and key in self._kept:
+        key = (policy, made.digest(), worlds, only_ends, tuple(parameters.items()))
+        if key in self._kept:
             return self._kept[key]
-        acting = registry.make(policy, made, worlds, self.device)
-        if prepare is not None:
-            prepare(acting)
+        acting = PolicySettings(policy, parameters).make(made, worlds, self.device)
         simulation = Simulation(made, worlds, self.device, self.seed)
         robots, kept = simulation.robots, []
 
@@ -155,6 +151,5 @@ class Player:
         scores = simulation.score()
         waited, found = map(list, zip(*map(simulation.detection_times, range(worlds)), strict=True))
         played = Played(made, scores, phase, position, heading, status == int(STUCK), deviation, waited, found)
-        if prepare is None:
-            self._kept[key] = played
+        self._kept[key] = played
         return played

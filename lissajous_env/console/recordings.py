@@ -51,7 +51,7 @@ def check_file(out: Path | None, *suffixes: str) -> None:
 
         pyav()
     if out.suffix.lower() == ".mcap":
-        from lissajous_env.logs.ros_types import rosbags
+        from lissajous_env.logs.messages import rosbags
 
         rosbags()
     check_writable_file(out)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from lissajous_env.logs.ros_types import any_encoding, rosbags, type_store
+from lissajous_env.extras import missing
 
 
 class Message(NamedTuple):
@@ -51,7 +51,7 @@ class Bags:
         for path in self.paths:
             if not path.exists():
                 raise FileNotFoundError(2, "there is no such log", str(path))
-            with _undamaged(path), any_encoding():
+            with _undamaged(path), _any_encoding():
                 self._readers.append(self._opened(path))
             for connection in self._connections(-1):
                 kind = _kind_of(connection)
@@ -119,3 +119,42 @@ def _undamaged(path: Path) -> Iterator[None]:
     except Exception as error:
         reason = str(error).partition("\n")[0] or type(error).__name__
         raise ValueError(f"{path} must be an undamaged rosbag2 file (.mcap) or folder, but {reason}") from error
+
+
+def rosbags() -> Any:
+    """Return the module of rosbags that reads and writes logs.
+
+    Raises:
+        MissingExtraError: it is not installed.
+    """
+    try:
+        from rosbags import rosbag2
+    except ImportError as error:
+        raise missing("a log (.mcap)", "logs", error) from error
+    return rosbag2
+
+
+def type_store() -> Any:
+    """Return the message types of ROS 2 Humble, which later distributions have too."""
+    rosbags()
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
+@contextlib.contextmanager
+def _any_encoding() -> Iterator[None]:
+    """Let the library open files in which some channels have another encoding than those of ROS 2.
+
+    It would refuse the whole file because of the schema of such a channel. No schema is needed here.
+    """
+    from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+    from rosbags.rosbag2 import storage_mcap as storage
+
+    before = storage.read_string, storage.get_msgdef
+    storage.read_string = lambda bio: storage.read_bytes(bio).decode(errors="replace")
+    storage.get_msgdef = lambda _schema: MessageDefinition(MessageDefinitionFormat.NONE, "")
+    try:
+        yield
+    finally:
+        storage.read_string, storage.get_msgdef = before

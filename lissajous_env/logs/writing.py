@@ -27,8 +27,8 @@ import numpy as np
 from lissajous_env.episodes.recording import Recording
 from lissajous_env.logs.car_input import inputs_of
 from lissajous_env.logs.markers import Shape, ground_shapes, robot_shapes, target_shape
+from lissajous_env.logs.messages import rosbags, type_store
 from lissajous_env.logs.reading import COMMAND, EPISODE, ODOMETRY, PHASE, STATUS
-from lissajous_env.logs.ros_types import rosbags, type_store
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import replacing
 from lissajous_env.world.state import REMOVED, WORKING

@@ -12,8 +12,8 @@ pytest.importorskip("rosbags")
 from ros_team import in_real_time, in_ros, process
 
 from baselines.ros import library as ros
+from lissajous_env.logs.messages import rosbags, type_store
 from lissajous_env.logs.reading import read
-from lissajous_env.logs.ros_types import rosbags, type_store
 from lissajous_env.logs.scoring import score
 
 ROBOTS, LASTS = 2, 4.0

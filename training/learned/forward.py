@@ -58,14 +58,8 @@ def limited(x: float, bound: float) -> float:
 
 @wp.func
 def added(base: float, residual: float, own: float) -> float:
-    """Return clip(base + residual * clip(own)), whose sum is rounded once, as `sum_of_actions` does on the host."""
+    """Return clip(base + residual * clip(own)), whose sum is rounded once, as in `wiring.sum_of_actions`."""
     return limited(float(wp.float64(base) + wp.float64(residual) * wp.float64(limited(own, 1.0))), 1.0)
-
-
-def sum_of_actions(base: np.ndarray, residual: float, own: np.ndarray) -> np.ndarray:
-    """Return the actions in [-1, 1] for a base's actions and those of a network, to the bits of the kernel."""
-    total = base.astype(np.float64) + np.float64(np.float32(residual)) * np.clip(own.astype(np.float32), -1.0, 1.0)
-    return np.clip(total, -1.0, 1.0).astype(np.float32)
 
 
 @wp.func

@@ -8,7 +8,6 @@ from lissajous_env import Scenario
 from lissajous_env.world.observation import layout
 from training.learned.card import LARGEST_CONSTANT, Card, constants_of
 from training.learned.checkpoint import prefixed, within
-from training.learned.forward import sum_of_actions
 
 
 class Wiring:
@@ -74,3 +73,9 @@ class Wiring:
         if self.base is not None:
             self.base.load_state(within("base", saved))
             self._base_action = saved["base_action"]
+
+
+def sum_of_actions(base: np.ndarray, residual: float, own: np.ndarray) -> np.ndarray:
+    """Return the actions in [-1, 1] for a base's actions and those of a network, to the bits of the kernel."""
+    total = base.astype(np.float64) + np.float64(np.float32(residual)) * np.clip(own.astype(np.float32), -1.0, 1.0)
+    return np.clip(total, -1.0, 1.0).astype(np.float32)

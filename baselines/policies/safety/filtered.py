@@ -20,6 +20,7 @@ class Filtered(Policy):
     """
 
     arrays = "warp"
+    stays_inside = False
 
     def __init__(self, policy: Policy, filter: type[Filter], parameters: Any = None):
         super().__init__(policy.scenario, policy.num_worlds, policy.device)
