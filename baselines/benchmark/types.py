@@ -17,8 +17,8 @@ SCENARIOS = (
     "evaders", "evaders-walls", "evaders-lost", "team", "intruders", "intruders-walls", "intruders-inside", "rough",
     "redundant",
 )  # fmt: skip
-"""Scenarios of the standard comparison, on which policies differ. `evaders-failure` and `evaders-fast` are left out: their
-order of the policies is about that of `evaders`."""
+"""Scenarios of the standard comparison, on which policies differ. `evaders-failure` and `evaders-fast` are left out,
+because they order the policies much like `evaders`."""
 
 POLICIES = (
     "kuramoto-mpcc", "kuramoto-mpcc-safe", "open-loop-mpcc", "consensus-mpcc", "partition", "partition-repair",
