@@ -15,7 +15,7 @@ import figures
 import numpy as np
 from publish import HELD_OUT, SCRIPTS
 
-from baselines.exploitability.survival import Survival, survive
+from baselines.exploitability import Survival, survive
 from baselines.policies.factories import named
 from lissajous_env import Scenario, Simulation
 from lissajous_env.episodes.missed.foresight import Foresight, Visits

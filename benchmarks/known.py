@@ -22,7 +22,7 @@ import figures
 
 from baselines.benchmark import bounds
 from baselines.benchmark.bounds import GRIDS, as_played, bounds_of
-from baselines.benchmark.tables import number
+from baselines.benchmark.shown import number
 from baselines.planning import portfolio
 from baselines.planning.budget import Budget
 from baselines.planning.families.defaults import included

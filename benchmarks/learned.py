@@ -17,9 +17,8 @@ from tuning import HELD_OUT, make
 import baselines
 import lissajous_env
 import training
-from baselines.benchmark.shown_columns import SHOWN
+from baselines.benchmark.shown import SHOWN, in_words, number
 from baselines.benchmark.statistics import Estimate, interquartile_mean, summarize
-from baselines.benchmark.tables import in_words, number
 from baselines.policies.base import Policy
 from baselines.policies.registry import unwrapped
 from baselines.policies.settings import PolicySettings

@@ -15,7 +15,7 @@ import numpy as np
 
 import baselines
 import lissajous_env
-from baselines.benchmark.tables import number
+from baselines.benchmark.shown import number
 from baselines.policies.partition_plan import PartitionParameters
 from baselines.policies.partition_repair import PartitionRepair
 from baselines.policies.safety.filtered import Filtered

@@ -14,8 +14,8 @@ import numpy as np
 
 import baselines
 from baselines.benchmark.bounds import as_played
+from baselines.benchmark.shown import in_words, number
 from baselines.benchmark.statistics import summarize_largest
-from baselines.benchmark.tables import in_words, number
 from baselines.policies.patrol import Sweep
 from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario, Simulation

@@ -20,8 +20,8 @@ import numpy as np
 
 import baselines
 import lissajous_env
+from baselines.benchmark.shown import between, number
 from baselines.benchmark.statistics import paired
-from baselines.benchmark.tables import between, number
 from lissajous_env.console.terminal import plain
 from lissajous_env.storage.files import read_json, write_atomically
 from training.learned import checkpoint

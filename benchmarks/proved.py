@@ -16,8 +16,8 @@ import warp as wp
 
 import baselines
 import lissajous_env
+from baselines.benchmark.shown import in_words, number
 from baselines.benchmark.statistics import summarize_largest
-from baselines.benchmark.tables import in_words, number
 from baselines.policies.base import Policy
 from baselines.policies.safety.filtered import Filtered
 from baselines.policies.safety.proved import Proved, ProvedParameters

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import tyro
 
 from baselines.benchmark.statistics import summarize
-from baselines.exploitability.survival import survive
+from baselines.exploitability import survive
 from lissajous_env import evaluate
 from lissajous_env.parameters import named
 from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, RECOVERY, RETURN

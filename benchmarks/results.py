@@ -14,9 +14,8 @@ from rich.console import Console
 
 import lissajous_env
 from baselines.benchmark.running import measure
-from baselines.benchmark.shown_columns import SHOWN
+from baselines.benchmark.shown import SHOWN, lines_of, with_numbers
 from baselines.benchmark.table import Table
-from baselines.benchmark.tables import lines_of, with_numbers
 from baselines.benchmark.types import Benchmark, Outcome
 from lissajous_env.console.terminal import make_console
 
@@ -38,7 +37,7 @@ def as_table(outcome: Outcome) -> dict[str, list]:
     (policies,), (bounds,) = table.estimates.values(), table.bounds.values()
     columns = with_numbers(policies, SHOWN)
     rows = [
-        [f"*{line.name}*" if line.is_reference else f"`{line.name}`", *map(str, line.cells)]
+        [f"*{line.name}*" if line.is_reference else f"`{line.name}`", *map(str, line.entries)]
         for line in lines_of(policies, columns, bounds.best_known)
     ]
     return {"columns": ["policy", *(column.heading for column in columns)], "rows": rows}

@@ -12,7 +12,7 @@ import numpy as np
 
 import baselines
 import lissajous_env
-from baselines.benchmark.tables import number
+from baselines.benchmark.shown import number
 from baselines.policies import registry
 from baselines.policies.safety.filtered import Filtered
 

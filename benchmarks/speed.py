@@ -41,8 +41,8 @@ from speeds import (
     training,
 )
 
-from baselines.benchmark.written import cpu_model
 from lissajous_env.device.devices import cores
+from lissajous_env.identity import cpu_model
 
 _MODULES = (step, rogues, memory, contamination, growth, controller, act, onboard, mixture, training, cluster)
 PARTS = {each.PART.name: each.PART for each in _MODULES}

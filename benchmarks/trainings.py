@@ -27,8 +27,8 @@ from tuning import HELD_OUT
 import baselines
 import lissajous_env
 import training
+from baselines.benchmark.shown import between, number
 from baselines.benchmark.statistics import CUT, RESAMPLES, interquartile_mean, middle_of, paired, summarize
-from baselines.benchmark.tables import between, number
 from lissajous_env.console.terminal import plain
 from lissajous_env.storage.files import read_json, write_atomically
 from training.learned import checkpoint

@@ -51,8 +51,7 @@ from baselines.policies.safety.filter import Safe, SafetyParameters
 from baselines.policies.safety.filtered import Filtered
 from baselines.policies.trackers.vector_field import FieldParameters, WithVectorField
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.storage.folder import Folder
-from lissajous_env.storage.journal import Journal
+from lissajous_env.storage.folder import Folder, Journal
 
 POLICIES = (
     "open-loop-mpcc", "tracked-reference-mpcc", "kuramoto-mpcc", "kuramoto-mpcc-safe", "arc-mpcc",

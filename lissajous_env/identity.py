@@ -1,15 +1,22 @@
-"""Identify the code of users by the files of its modules, so that results of different code are never mixed.
+"""Where results come from: the code of users, the command, the machine, and versions.
 
-Code of this distribution is identified by its version, which results store beside these parts.
+The files of its modules identify the code of a user, so that results of different code are never mixed. Code of this
+distribution is identified by its version, which results store beside these parts.
 """
 
 import functools
 import hashlib
 import inspect
+import os
+import platform
+import shlex
 import sys
 import types
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+from lissajous_env.device.devices import as_device, memory
 
 OURS = ("lissajous_env", "baselines", "training")
 """Packages of this distribution."""
@@ -51,3 +58,43 @@ def _source(definition: Any, module: str) -> dict[str, str]:
 def digest_of(data: bytes) -> str:
     """Return a short digest of some bytes."""
     return hashlib.sha256(data).hexdigest()[:16]
+
+
+def command() -> str:
+    """Return the command line of this process."""
+    return shlex.join(sys.argv)
+
+
+def machine(device: str) -> dict[str, Any]:
+    """Return a description of this machine and of a device."""
+    warp_device = as_device(device)
+    return {
+        "cpu": cpu_model(),
+        "cores": os.cpu_count(),
+        "memory_gib": round(memory() / 2**30, 1),
+        "os": platform.platform(),
+        "device": device if warp_device.is_cpu else f"{device}: {warp_device.name}",
+    }
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python and the packages on which the numbers depend."""
+    names = ("lissajous-env", "numpy", "warp-lang", "gymnasium", "pettingzoo")
+    return {"python": platform.python_version()} | {name: version(name) for name in names}
+
+
+def cpu_model() -> str:
+    """Return the name of this machine's processor."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return models[0] if models else platform.machine()
+
+
+def provenance(device: str) -> dict[str, str]:
+    """Return in words the command, machine and versions of numbers that are computed now."""
+    of = machine(device)
+    return {
+        "command": command(),
+        "machine": f"{of['cpu']}, {of['cores']} cores, {of['device']}",
+        "versions": ", ".join(f"{name} {number}" for name, number in versions().items()),
+    }

@@ -17,6 +17,7 @@ from reference_motion import (
     curve_point,
     curve_tangent,
     curve_tree,
+    drive_way,
     meetings,
     move_target,
     projection,
@@ -49,6 +50,8 @@ class Car:
     """Angle at which it steered last."""
     touches: bool = False
     """True while a contact with a wall lasts."""
+    yaw_rate: float = 0.0
+    """That of a differential drive."""
     driven_from: np.ndarray | None = None
     """Place from which its progress is measured."""
     driven: int = 0
@@ -75,9 +78,9 @@ class World:
 
     def __init__(self, scenario, phases, bodies, targets):
         self.scenario = scenario = scenario.resolve()
-        self.bodies = [
-            dataclasses.replace(scenario.robot, wheelbase=base, drive=drive, speed_max=None) for base, drive in bodies
-        ]
+        bodies, robot = list(bodies), scenario.robot
+        self.bodies = [dataclasses.replace(robot, wheelbase=base, drive=own, speed_max=None) for base, own in bodies]
+        self.wheels = [(own / robot.drive, base / robot.wheelbase) for base, own in bodies]
         self.alpha = scenario.formation.alpha
         self.n = scenario.num_robots
         task = scenario.task
@@ -207,6 +210,15 @@ class World:
             car.speed = float(np.linalg.norm(tangent))
             if rate != 0:
                 car.heading = math.atan2(tangent[1], tangent[0])
+        elif robot.kind == "differential" and self.at_work[i]:
+            state = np.array([*car.position[:2], car.heading, car.speed, car.yaw_rate])
+            for _ in range(substeps):
+                state = drive_way(robot, state, command, *self.wheels[i], self.dt / substeps)
+                if self.scenario.task.boundary == "wall":
+                    state[:4] = stopped_by_walls(self.scenario.curve, robot.radius, state[:4])
+                car.way.append(np.array([state[0], state[1], 0.0]))
+            car.heading, car.speed, car.yaw_rate = map(float, state[2:])
+            car.phase += projection(curve, state[:2], self.alpha * car.phase) / self.alpha
         elif self.at_work[i] or (self.scenario.faults.stop == "coast" and not car.stopped):
             throttle = 0.0  # a failed car rolls on as it steered last
             if self.at_work[i]:
@@ -221,7 +233,7 @@ class World:
             car.heading, car.speed = float(state[2]), float(state[3])
             car.phase += projection(curve, state[:2], self.alpha * car.phase) / self.alpha
         else:
-            car.speed = 0.0
+            car.speed = car.yaw_rate = 0.0
             car.way += [car.position] * substeps
         car.position = car.way[-1]
 
@@ -293,7 +305,10 @@ class World:
     def _requested_speed(self, command: np.ndarray) -> float:
         """Speed that an action requests, as a share of the top speed that is linear from rest to the end [m/s]."""
         robot = self.scenario.robot
-        share = abs(command[1]) if robot.reverses else (command[1] + 1) / 2
+        if robot.kind == "differential":
+            share = abs(command[0])
+        else:
+            share = abs(command[1]) if robot.reverses else (command[1] + 1) / 2
         return float(share) * robot.speed_max
 
     def _sensors(self) -> dict[int, np.ndarray]:
@@ -418,4 +433,8 @@ def world_like(simulation, world: int = 0) -> World:
     )
     robots = simulation.robots
     bodies = zip(robots.wheelbase.numpy()[world].tolist(), robots.drive.numpy()[world].tolist(), strict=True)
-    return World(simulation.scenario, robots.phase.numpy()[world].tolist(), bodies, list(targets))
+    made = World(simulation.scenario, robots.phase.numpy()[world].tolist(), bodies, list(targets))
+    if simulation.scenario.start_turning > 0:  # robots that would drive into a wall at once face away from it
+        for robot, heading in zip(made.robots, robots.heading.numpy()[world].tolist(), strict=True):
+            robot.heading = heading
+    return made

@@ -19,7 +19,8 @@ def wrapped(angle: float) -> float:
 
 def extents(curve) -> tuple[float, float]:
     """A and B of (3): half of the rectangle without the inset [m]."""
-    return curve.half_width - curve.inset, curve.half_height - curve.inset
+    inset = curve.inset or 0.0  # None: that of a scenario, which a curve by itself does not have
+    return curve.half_width - inset, curve.half_height - inset
 
 
 def curve_point(curve, gamma: float) -> np.ndarray:
@@ -107,6 +108,29 @@ def car_runge_kutta(robot, state: np.ndarray, steering: float, throttle: float, 
     if not robot.reverses:
         after[3] = max(after[3], 0.0)
     return after
+
+
+def ramped(before: float, wanted: float, rate: float, times: np.ndarray) -> np.ndarray:
+    """Values at some times of a quantity that changes towards another value at a rate."""
+    return before + np.clip(wanted - before, -rate * times, rate * times)
+
+
+def drive_way(robot, state: np.ndarray, action: np.ndarray, motor: float, wheels: float, h: float) -> np.ndarray:
+    """[x, y, heading, speed, yaw rate] of a differential drive after h [s], by the trapezoidal rule in 400 steps.
+
+    Its motor and the distance of its wheels are relative to the scenario's.
+    """
+    x, y, heading, speed, yaw_rate = state
+    times = np.linspace(0, h, 401)
+    wanted = action[0] * robot.speed_max if action[0] > 0 else -action[0] * robot.speed_min
+    speeds = ramped(speed, wanted, motor * robot.acceleration_max, times)
+    grip = robot.lateral_acceleration_max / max(abs(speeds[0]), abs(speeds[-1]), 1e-6)
+    turning = np.clip([yaw_rate, action[1] * robot.yaw_rate_max / wheels], -grip, grip)
+    rates = ramped(*turning, robot.yaw_acceleration_max, times)
+    headings = heading + np.concatenate([[0.0], np.cumsum((rates[1:] + rates[:-1]) / 2)]) * times[1]
+    x += np.trapezoid(speeds * np.cos(headings), times)
+    y += np.trapezoid(speeds * np.sin(headings), times)
+    return np.array([x, y, headings[-1], speeds[-1], rates[-1]])
 
 
 def closest_approach(before: np.ndarray, after: np.ndarray) -> float:

@@ -18,6 +18,8 @@ def _speed_unit(scenario) -> float:
     robot, curve = scenario.robot, scenario.curve
     if robot.kind == "car":
         return (robot.drive * robot.throttle_max - robot.offset) / robot.drag
+    if robot.kind == "differential":
+        return robot.speed_max
     speeds = [float(np.linalg.norm(curve_tangent(curve, gamma))) for gamma in np.linspace(0, 2 * math.pi, 20001)]
     return max(speeds) * scenario.formation.phase_rate
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from baselines.exploitability.survival import with_starts
+from baselines.exploitability import with_starts
 from baselines.policies.factories import named
 from lissajous_env import Scenario
 from lissajous_env import scenario as make_scenario

@@ -16,7 +16,7 @@ from rich.console import Console
 from torch import Tensor, nn
 
 from baselines.benchmark.progress import in_words
-from baselines.exploitability.survival import survive
+from baselines.exploitability import survive
 from baselines.policies.factories import named
 from lissajous_env import Simulation
 from lissajous_env.console.terminal import make_console
@@ -159,7 +159,7 @@ class RogueTrainer:
         weight = learned.weights[0] / spread
         weights = (weight.astype(np.float32), *learned.weights[1:])
         biases = ((learned.biases[0] - weight @ mean).astype(np.float32), *learned.biases[1:])
-        return Network(weights, biases, learned.activation)
+        return Network(weights, biases)
 
     def _save(self, labelled: Mapping[str, np.ndarray]) -> None:
         """Write a checkpoint with the state of the training, and the labels so far unless it is complete."""

@@ -3,8 +3,8 @@
 The conventions are those of R. Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice"
 (NeurIPS 2021, the library rliable) and R. Gorsane et al., "Towards a Standardised Performance Evaluation Protocol for
 Cooperative MARL" (NeurIPS 2022, marl-eval): interquartile means, percentile bootstrap intervals stratified by scenario,
-whole distributions. Times are over T_max of their scenario, so that another policy moves no curve; the profiles of
-ratios to the best policy are the exception.
+whole distributions. The probability of improvement is that of tables, on the same seeds. Times are over T_max of their
+scenario, so that another policy moves no curve; the profiles of ratios to the best policy are the exception.
 """
 
 import math
@@ -17,15 +17,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from baselines.benchmark.plot_styles import STYLE, saved, styles_of
-from baselines.benchmark.shown_columns import COMPARED, OVERALL, RATIOS, brought_in
+from baselines.benchmark.shown import COMPARED, OVERALL, RATIOS, brought_in
 from baselines.benchmark.statistics import (
     Band,
     Estimate,
     performance_profile,
-    probability_of_improvement,
     profile_over_scenarios,
 )
-from baselines.benchmark.table import Group, Rows, Table, grouped, numbers, reference_of
+from baselines.benchmark.table import Against, Group, Rows, Table, compare, grouped, numbers
 from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render.plotting import own_settings
@@ -51,34 +50,12 @@ _STYLE: dict[Any, Any] = STYLE | {
 }
 _VALUES = 200
 """Values at which a profile is drawn."""
+_Scores = dict[Column, dict[str, list[np.ndarray]]]
+"""Scores of each scenario of a group, by column and policy."""
 _FIRST_ROW = 0.7
 """Height of a figure of rows beside its rows [inch]."""
 _ROW = 0.17
 """Height of a row [inch]."""
-
-
-class _Scores:
-    """Scores of a group of scenarios, times over T_max; the worst case of an open episode is infinite."""
-
-    def __init__(self, group: Group, scenarios: Mapping[str, Scenario], against: str | None):
-        self.policies = list(group.rows)
-        self.reference = reference_of(group.rows, against)
-        """Policy that the others are compared with."""
-        self.of = {
-            policy: {
-                column: [_scaled_scores(rows, column, scenarios[name]) for name, rows in by.items()]
-                for column in COMPARED
-            }
-            for policy, by in group.rows.items()
-        }
-        """Scores of each scenario, by policy and column."""
-        every = {column: [scores for of in self.of.values() for scores in of[column]] for column in COMPARED}
-        self.columns = [
-            column
-            for column, of in every.items()
-            if all((~np.isnan(scores)).any() for scores in of) and any(np.isfinite(scores).any() for scores in of)
-        ]
-        """Columns with a number of every policy on every scenario, some of them finite."""
 
 
 def draw(table: Table, against: str | None, form: str) -> Iterator[tuple[str, bytes]]:
@@ -86,15 +63,14 @@ def draw(table: Table, against: str | None, form: str) -> Iterator[tuple[str, by
     styles = styles_of(dict.fromkeys(row["policy"] for row in table.rows))
     with own_settings(_STYLE):
         for group in table.groups():
-            scores = _Scores(group, table.scenarios, against)
-            if not scores.reference or not scores.columns:
-                continue
-            yield f"profiles-{group.kind}.{form}", saved(_profiles(scores, styles), form)
-            if len(scores.policies) > 1:
-                yield f"improvement-{group.kind}.{form}", saved(_improvement(scores, styles), form)
-            if group.name in table.overall:
-                overall = _aggregates(table.overall[group.name], styles)
-                yield f"aggregates-{group.kind}.{form}", saved(overall, form)
+            if scores := _scores(group, table.scenarios):
+                yield f"profiles-{group.kind}.{form}", saved(_profiles(scores, styles), form)
+                pooled = {policy: [row for rows in by.values() for row in rows] for policy, by in group.rows.items()}
+                if pairs := compare(pooled, against):
+                    yield f"improvement-{group.kind}.{form}", saved(_improvement(pairs, [*scores], styles), form)
+                if group.name in table.overall:
+                    overall = _aggregates(table.overall[group.name], styles)
+                    yield f"aggregates-{group.kind}.{form}", saved(overall, form)
         for group in table.groups():
             ratios = [c for c in RATIOS if any(np.isfinite(x).any() for p in group.rows for x in group.strata(p, c))]
             if ratios and len(group.scenarios) > 1:
@@ -104,6 +80,23 @@ def draw(table: Table, against: str | None, form: str) -> Iterator[tuple[str, by
             columns = [c for c in (*COMPARED, *brought_in(rows)) if np.isfinite(numbers(rows, c)).any()]
             if columns:
                 yield f"distribution-{name}.{form}", saved(_distribution(name, of, columns, styles), form)
+
+
+def _scores(group: Group, scenarios: Mapping[str, Scenario]) -> _Scores:
+    """Return the scores of the columns with a number of every policy on every scenario, some of them finite.
+
+    Times are over T_max, and the worst case of an open episode is infinite.
+    """
+    scores = {}
+    for column in COMPARED:
+        of = {
+            policy: [_scaled_scores(rows, column, scenarios[name]) for name, rows in by.items()]
+            for policy, by in group.rows.items()
+        }
+        every = [values for strata in of.values() for values in strata]
+        if all((~np.isnan(values)).any() for values in every) and any(np.isfinite(values).any() for values in every):
+            scores[column] = of
+    return scores
 
 
 def _scaled_scores(rows: Rows, column: Column, scenario: Scenario) -> np.ndarray:
@@ -152,17 +145,17 @@ def _draw_share(axes: Axes, policy: str, at: np.ndarray, band: Band, styles: Map
 
 def _profiles(scores: _Scores, styles: Mapping[str, Any]) -> Figure:
     """Draw for each policy the share of the episodes of all scenarios that are at least as good as a value."""
-    figure, panels = _panels(scores.columns, 2.35)
+    figure, panels = _panels([*scores], 2.35)
     for column, axes in panels.items():
-        values = np.concatenate([part for of in scores.of.values() for part in of[column]])
+        values = np.concatenate([stratum for strata in scores[column].values() for stratum in strata])
         _scaled(axes, column, values)
         low, high = (
             axes.get_xlim() if axes.get_xscale() != "linear" else (0, max(values[np.isfinite(values)].max(), 1e-9))
         )
         at = np.geomspace(low, high, _VALUES) if axes.get_xscale() == "log" else np.linspace(low, high, _VALUES)
         at = np.sort(np.concatenate([at, np.linspace(low, min(10, high), _VALUES)])) if column.rule is WHOLE else at
-        for policy, of in scores.of.items():
-            _draw_share(axes, policy, at, performance_profile(of[column], at, column.better), styles)
+        for policy, strata in scores[column].items():
+            _draw_share(axes, policy, at, performance_profile(strata, at, column.better), styles)
         axes.set_xlabel(f"{_title(column)} $\\tau$")
         axes.set_title(f"$P(\\mathrm{{score}} {'≤' if column.better < 0 else '≥'} \\tau)$", fontweight="normal")
     _legend(figure)
@@ -184,20 +177,18 @@ def _ratios(group: Group, columns: Sequence[Column], styles: Mapping[str, Any]) 
     return figure
 
 
-def _improvement(scores: _Scores, styles: Mapping[str, Any]) -> Figure:
-    """Draw the probability that a policy is better than the reference, averaged over the scenarios."""
-    others = [policy for policy in scores.policies if policy != scores.reference]
-    figure, panels = _panels(scores.columns, _FIRST_ROW + _ROW * len(others) + 0.2, rows=others)
+def _improvement(pairs: Against, columns: Sequence[Column], styles: Mapping[str, Any]) -> Figure:
+    """Draw the probability that a policy is better than the reference on the same seed of a scenario."""
+    others = list(pairs.policies)
+    figure, panels = _panels(columns, _FIRST_ROW + _ROW * len(others) + 0.2, rows=others)
     for column, axes in panels.items():
         axes.axvline(0.5, color="#444444", lw=0.8, ls="--", zorder=1)
         for place, policy in enumerate(others):
-            share = probability_of_improvement(
-                scores.of[policy][column], scores.of[scores.reference][column], column.better
-            )
-            _interval(axes, place, share, styles[policy], policy)
+            of = pairs.policies[policy][column.name]
+            _interval(axes, place, (of.better, of.better_low, of.better_high), styles[policy], policy)
         axes.set_xlim(-0.03, 1.03)
         axes.set_title(column.short)
-    figure.supxlabel(f"probability of improvement over {scores.reference}", fontsize=7.5)
+    figure.supxlabel(f"probability of improvement over {pairs.reference}", fontsize=7.5)
     return figure
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from baselines.benchmark.shown_columns import COMPARED
+from baselines.benchmark.shown import COMPARED
 from baselines.benchmark.statistics import bootstrap_interval
 from baselines.benchmark.table import Group, Row, Rows, Table, numbers
 from lissajous_env.parameters.scenario import Scenario

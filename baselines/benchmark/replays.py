@@ -21,6 +21,7 @@ from lissajous_env.device.devices import cores
 from lissajous_env.episodes import missed
 from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.episodes.recording import Recorder, Recording
+from lissajous_env.identity import provenance
 from lissajous_env.replay.contents import BRIEF, contents
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import where_raised
@@ -39,10 +40,8 @@ def write_report(folder: Folder, outcome: Outcome, progress: Console) -> str:
 
     It depends only on the score rows and their seeds, so that a benchmark that was interrupted has the same report.
     """
-    provenance = written.provenance(outcome.stored["device"])
-    report = Report(
-        outcome.table, provenance, _commands(outcome), _nameless(outcome), outcome.failures, outcome.theorem
-    )
+    made = provenance(outcome.stored["device"])
+    report = Report(outcome.table, made, _commands(outcome), _nameless(outcome), outcome.failures, outcome.theorem)
     ranked, cells, asked = report.ranked(), playable(outcome), outcome.settings.replays
     folder.write(written.REPORT, report.html(ranked, {}))
     wanted = with_references(chosen(asked, ranked, cells), cells, ranked, outcome.table.references())

@@ -12,19 +12,21 @@ import numpy as np
 from baselines.benchmark.bounds import Bounds
 from baselines.benchmark.plot_styles import COLOURS, styles_of
 from baselines.benchmark.ranking import KINDS, Ranking, badness, failed, headline, rankings, worst_first
-from baselines.benchmark.shown_columns import (
+from baselines.benchmark.shown import (
     COMPARED,
     MAIN,
     OVER_LOWER_BOUND,
     OVERALL,
     SHOWN,
     brought_in,
+    in_words,
+    pair_in_words,
     shown_columns,
     values_of_theory,
+    with_numbers,
 )
 from baselines.benchmark.statistics import Estimate, Paired
 from baselines.benchmark.table import Row, Rows, Table, grouped, numbers
-from baselines.benchmark.tables import in_words, pair_in_words, with_numbers
 from baselines.benchmark.types import Failure, Key
 from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from baselines.benchmark.shown_columns import column_of
+from baselines.benchmark.shown import column_of
 from baselines.benchmark.statistics import share_detected
 from baselines.benchmark.table import Curve
 from baselines.benchmark.types import Batch, Benchmark, Cell
@@ -25,8 +25,7 @@ from lissajous_env.parameters.rogues import folder_of, members_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.storage.files import read_json
-from lissajous_env.storage.folder import Folder
-from lissajous_env.storage.journal import Journal
+from lissajous_env.storage.folder import Folder, Journal
 from lissajous_env.world.columns import COLUMNS, NAMES, WHOLE
 from lissajous_env.world.simulation import Simulation
 

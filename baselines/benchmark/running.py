@@ -19,11 +19,10 @@ from baselines.benchmark import (
     tables,
     written,
 )
-from baselines.benchmark.bounds import as_played
+from baselines.benchmark.bounds import about_theorem, as_played
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import Results
 from baselines.benchmark.table import Table
-from baselines.benchmark.theorem import about_theorem
 from baselines.benchmark.types import POLICIES, Batch, Benchmark, Cell, Failure, Outcome
 from baselines.policies import registry
 from baselines.policies.factories import Factory, as_factory, is_ones_own, named
@@ -89,7 +88,8 @@ def measure(
         for failure in raised:
             is_wanted = not failure.is_refusal or failure.policy in settings.policies
             (outcome.failures if is_wanted else outcome.left_out).append(failure)
-        outcome.theorem = about_theorem(replays.playable(outcome).values(), stored_rows, outcome.device)
+        playable = [(cell.scenario, cell.policy, cell.factory) for cell in replays.playable(outcome).values()]
+        outcome.theorem = about_theorem(playable, stored_rows, outcome.device)
         written.write_files(folder, outcome, stored_rows)
         said = replays.write_report(folder, outcome, progress)
     if len(rows) < len(stored_rows):

@@ -176,24 +176,6 @@ def performance_profile(
     return reached.mean(axis=0), low, high
 
 
-def probability_of_improvement(
-    policy: Sequence[np.ndarray], reference: Sequence[np.ndarray], better: int = -1
-) -> tuple[float, float, float]:
-    """Return P(policy better than reference), averaged over scenarios, with its 95 % stratified bootstrap interval.
-
-    On a scenario it is the share of all pairs of an episode of the one and an episode of the other, ties counted half:
-    U / (n m) of Mann and Whitney. Episodes of the two are drawn again apart. NaN is left out.
-    """
-    means, drawn = [], np.zeros(RESAMPLES)
-    for k, (own, other) in enumerate(zip(policy, reference, strict=True)):
-        own, other = better * own[~np.isnan(own)], better * other[~np.isnan(other)]
-        won = (own[:, None] > other[None]) + (own[:, None] == other[None]) / 2
-        means.append(won.mean())
-        counts = draws(len(own), RESAMPLES, 2 * k), draws(len(other), RESAMPLES, 2 * k + 1)
-        drawn += ((counts[0] @ won) * counts[1]).sum(axis=1) / won.size
-    return float(np.mean(means)), *middle_of(drawn / len(means), 0.95)
-
-
 def middle_of(values: np.ndarray, confidence: float = 0.95) -> tuple[float, float]:
     """Return the ends of the middle share of some values."""
     tail = (1 - confidence) / 2

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from baselines.benchmark.bounds import Bounds, bounds_of
-from baselines.benchmark.shown_columns import (
+from baselines.benchmark.shown import (
     COMPARED,
     DETECTION_OVER_BEST,
     OVER_LOWER_BOUND,
@@ -122,7 +122,7 @@ class Table:
         }
         played = grouped(derived)
         estimates = {name: {p: estimates_of(of) for p, of in by.items()} for name, by in played.items()}
-        pairs = {name: _against(policies, against) for name, policies in played.items()}
+        pairs = {name: compare(policies, against) for name, policies in played.items()}
         known = {name: of for name, of in pairs.items() if of is not None}
         return cls(derived, dict(scenarios), bounds, estimates, overall, known, curves or {})
 
@@ -235,8 +235,8 @@ def reference_of(policies: Iterable[str], against: str | None = None) -> str:
     return next((name for name in (against, *_REFERENCES, *played) if name in played), "")
 
 
-def _against(policies: Mapping[str, Rows], against: str | None) -> Against | None:
-    """Compare all policies of a scenario with its reference, on the seeds that both have played; None without any.
+def compare(policies: Mapping[str, Rows], against: str | None) -> Against | None:
+    """Compare policies with a reference, on the scenarios and seeds that both have played; None without any.
 
     A worst-case undetected time of an open episode is worse than any other, and two of them are equal. A time that was
     still growing at the end counts as worse than a shorter one; otherwise the two count as equal.
@@ -244,9 +244,9 @@ def _against(policies: Mapping[str, Rows], against: str | None) -> Against | Non
     reference = reference_of(policies, against)
     if not reference or len(policies) < 2:
         return None
-    other = {row["seed"]: row for row in policies[reference]}
+    other = {(row["scenario"], row["seed"]): row for row in policies[reference]}
     pairs = {
-        policy: [(row, other[row["seed"]]) for row in rows if row["seed"] in other]
+        policy: [(row, other[place]) for row in rows if (place := (row["scenario"], row["seed"])) in other]
         for policy, rows in policies.items()
         if policy != reference
     }

@@ -1,99 +1,38 @@
-"""The results table in the terminal, and its numbers in words, which all views share."""
+"""The results table in the terminal."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from rich.console import Console
 from rich.text import Text
 
-from baselines.benchmark.bounds import BEST_KNOWN, Bounds
-from baselines.benchmark.shown_columns import COMPARED, OVER_LOWER_BOUND, OVERALL, numbers_of, shown_columns
-from baselines.benchmark.statistics import Estimate, Paired
+from baselines.benchmark.shown import (
+    COMPARED,
+    DASH,
+    OVER_LOWER_BOUND,
+    OVERALL,
+    Entry,
+    Line,
+    between,
+    bounds_in_words,
+    in_words,
+    lines_of,
+    number,
+    numbers_of,
+    pair_in_words,
+    shown_columns,
+    with_numbers,
+)
+from baselines.benchmark.statistics import Estimate
 from baselines.benchmark.table import Against, Table
 from baselines.benchmark.types import Outcome
 from lissajous_env.console import terminal
 from lissajous_env.console.terminal import print_left_out, print_line, print_table
 from lissajous_env.world.columns import LARGEST, WORST_CASE, Column
 
-_DASH, _TO = "\N{EM DASH}", "\N{EN DASH}"
 _MOST_NAMED = 12
 """Limit on the scenarios that the heading of a table names."""
-
-
-class Cell(NamedTuple):
-    """What a table shows of an estimate."""
-
-    value: str = ""
-    beside: str = ""
-    """Interval, or what else is beside the value."""
-    is_best: bool = False
-
-    def __str__(self) -> str:
-        return f"{self.value} ({self.beside})" if self.beside else self.value
-
-
-class Line(NamedTuple):
-    """A line of a table: a policy, or a reference that is no competitor."""
-
-    name: str
-    cells: list[Cell]
-    is_reference: bool = False
-    has_failed: bool = False
-
-
-def lines_of(
-    policies: Mapping[str, Mapping[str, Estimate]],
-    columns: Sequence[Column],
-    best_known: float = math.nan,
-    failed: Iterable[str] = (),
-) -> list[Line]:
-    """Return the lines of a table: the policies, then the best known worst-case time [s].
-
-    Args:
-        policies: Estimates by policy and column.
-        columns: Columns of the table.
-        best_known: `Bounds.best_known`.
-        failed: Policies that raised.
-    """
-    best = [best_of([*policies.values()], column) for column in columns]
-    lines = []
-    for name in dict.fromkeys((*policies, *failed)):
-        of = policies.get(name)
-        cells = [
-            Cell() if of is None else _cell(of.get(column.name), mark)
-            for column, mark in zip(columns, best, strict=True)
-        ]
-        lines.append(Line(name, cells, has_failed=name in failed))
-    if math.isfinite(best_known) and WORST_CASE in columns:
-        known = [Cell(number(best_known)) if column is WORST_CASE else Cell() for column in columns]
-        lines.append(Line(BEST_KNOWN, known, True))
-    return lines
-
-
-def _cell(of: Estimate | None, best: str) -> Cell:
-    if of is None:
-        return Cell(_DASH)
-    value, beside = in_words(of)
-    counted = f"{of.n_finite}/{of.n}" if 0 < of.n_finite < of.n else ""
-    return Cell(value, ", ".join(filter(None, (beside, counted))), value == best)
-
-
-def best_of(policies: Sequence[Mapping[str, Estimate]], column: Column) -> str:
-    """Return the best number, as shown, of the policies with most episodes that have one; "" if all agree."""
-    known = [of[column.name] for of in policies if column.name in of]
-    most = max((of.n_finite / of.n for of in known), default=0)
-    if not most or not column.better or len({in_words(of)[0] for of in known}) == 1:
-        return ""
-    values = [of.value for of in known if of.n_finite == most * of.n and not of.at_least]
-    return number(column.better * max(column.better * value for value in values)) if values else ""
-
-
-def with_numbers(policies: Mapping[str, Mapping[str, Estimate]], columns: Iterable[Column]) -> list[Column]:
-    """Return the columns of which some policy has a number."""
-    return [
-        column for column in columns if any(column.name in of and of[column.name].n_finite for of in policies.values())
-    ]
 
 
 def print_tables(console: Console, outcome: Outcome, table: Table, said: str = "") -> None:
@@ -152,7 +91,7 @@ def print_lines(console: Console, title: Text, columns: Sequence[Column], lines:
     for line in lines:
         label = Text(line.name, "italic" if line.is_reference else "")
         label = Text.assemble(label, ("\nfailed", "red")) if line.has_failed else label
-        rows.append([label, *(_in_two_lines(cell) for cell in line.cells)])
+        rows.append([label, *(_in_two_lines(entry) for entry in line.entries)])
     head = [terminal.Column("policy", left=True, style="cyan")]
     head += [terminal.Column(_broken(column.heading), name=column.name) for column in columns]
     rivals = sum(not line.is_reference for line in lines)
@@ -162,8 +101,9 @@ def print_lines(console: Console, title: Text, columns: Sequence[Column], lines:
     return left_out
 
 
-def _in_two_lines(cell: Cell) -> Text:
-    return _two_lines(f"{cell.value}{'*' if cell.is_best else ' '}", cell.beside, "bold green" if cell.is_best else "")
+def _in_two_lines(entry: Entry) -> Text:
+    mark = "*" if entry.is_best else " "
+    return _two_lines(f"{entry.value}{mark}", entry.beside, "bold green" if entry.is_best else "")
 
 
 def print_scores(console: Console, policy: str, scenario: str, columns: Mapping[str, Estimate]) -> list[str]:
@@ -175,8 +115,8 @@ def print_scores(console: Console, policy: str, scenario: str, columns: Mapping[
         others = (number(value) for value in (of.median, of.min, of.max, of.mean, of.std))
         counted = str(of.n) if of.n_finite == of.n else f"{of.n_finite}/{of.n}"
         counted += f", {of.open} open" if of.open else ""
-        interval = between(*of.interval) if of.n_finite > 1 and of.summary != LARGEST else _DASH
-        worst = _DASH if of.worst is None else str(of.worst)
+        interval = between(*of.interval) if of.n_finite > 1 and of.summary != LARGEST else DASH
+        worst = DASH if of.worst is None else str(of.worst)
         rows.append([name, of.summary, Text(in_words(of)[0], "bold"), interval, counted, worst, *others])
     left_out = print_table(
         console, [terminal.Column("score", left=True, style="cyan"), *map(terminal.Column, names)], rows
@@ -195,52 +135,10 @@ def print_row(console: Console, row: dict[str, Any]) -> None:
 
 
 def print_theorem(console: Console, sentences: Mapping[str, Sequence[str]]) -> None:
-    """Print by scenario whether the theorem of the proved filter applies: the result of `theorem.about_theorem`."""
+    """Print by scenario whether the theorem of the proved filter applies: the result of `about_theorem`."""
     for scenario, said in sentences.items():
         for words in said:
             print_line(console, f"{scenario}: {words}", "dim" if "not apply" not in words else "yellow")
-
-
-def number(value: float) -> str:
-    """Format a number with three significant digits and at most three decimals; an em dash for NaN."""
-    if value != value:
-        return _DASH
-    if value == math.inf:
-        return "infinite"
-    if abs(value) >= 1e7:
-        return f"{value:.3g}"
-    if float(value).is_integer() or abs(value) >= 100:
-        return f"{value:.0f}"
-    return f"{value:#.3g}" if abs(value) >= 0.9995 else f"{value:.3f}"
-
-
-def in_words(of: Estimate) -> tuple[str, str]:
-    """Return the number that stands for the episodes as tables show it, and its interval ("" if both ends agree).
-
-    Beside a largest value is instead the median of the episodes, unless half of them are open, and the number of the
-    episodes and of the open ones. A lower bound is written `> 59.9`.
-    """
-    if not of.n_finite:
-        return _DASH, ""
-    if of.summary != LARGEST:
-        return number(of.value), between(*of.interval)
-    value = ("> " if of.at_least else "") + number(of.value) if math.isfinite(of.value) else "no bound"
-    median = f"median {number(of.median)}" if math.isfinite(of.median) else ""
-    counted = f"{of.open} of {of.n_finite} open"
-    return value, ", ".join(filter(None, (median, counted))) if of.open else f"{median} of {of.n_finite}"
-
-
-def bounds_in_words(bounds: Bounds) -> str:
-    """Return the bounds of a scenario in words, each after a comma."""
-    words = f", lower bound {number(bounds.mean_time)} s" if math.isfinite(bounds.mean_time) else ""
-    words += f", guaranteed at least {number(bounds.worst_case)} s" if math.isfinite(bounds.worst_case) else ""
-    if math.isfinite(bounds.best_known):
-        words += f", best known {number(bounds.best_known)} s (second halves {number(bounds.best_known_settled)} s)"
-    if math.isnan(bounds.in_formation):
-        return words
-    return f"{words}, in formation " + (
-        f"{number(bounds.in_formation)} s" if bounds.in_formation < math.inf else "never"
-    )
 
 
 def _broken(title: str) -> str:
@@ -270,17 +168,6 @@ def _print_against(console: Console, scenario: str, against: Against) -> list[st
     left_out = print_table(console, head, rows)
     console.print()
     return left_out
-
-
-def pair_in_words(pair: Paired) -> tuple[Cell, Cell]:
-    """Return the share of the seeds on which a policy is better than the reference, and the difference."""
-    share = f"{100 * pair.better:.0f} %" if pair.n else _DASH
-    difference = number(pair.difference)
-    sign = "" if difference.startswith(("-", _DASH)) or not pair.difference else "+"
-    return (
-        Cell(share, between(pair.better_low, pair.better_high, 100)),
-        Cell(sign + difference, between(pair.difference_low, pair.difference_high)),
-    )
 
 
 def legend(table: Table, episodes: int) -> list[str]:
@@ -319,21 +206,3 @@ def _print_title(console: Console, title: Text) -> None:
 
 def _two_lines(value: str, below: str, style: str = "") -> Text:
     return Text.assemble((value, style), (f"\n{below} ", "dim") if below else "")
-
-
-def between(low: float, high: float, times: float = 1.0) -> str:
-    """Return both ends of an interval as tables show them; "" for NaN, or if both read the same.
-
-    Without an upper end it is `at least` the lower one; without either it is "".
-
-    Args:
-        low: lower end.
-        high: upper end.
-        times: factor by which both ends are shown, as 100 for a percentage.
-    """
-    if low != low or low == math.inf:
-        return ""
-    if high == math.inf:
-        return f"at least {number(low)}"
-    ends = (f"{times * low:.0f}", f"{times * high:.0f}") if times != 1 else (number(low), number(high))
-    return "" if ends[0] == ends[1] else (" to " if low < 0 else _TO).join(ends)

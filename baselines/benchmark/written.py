@@ -4,23 +4,26 @@ import csv
 import io
 import json
 import math
-import os
-import platform
 import re
-import shlex
-import sys
 from collections.abc import Iterable, Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from baselines.benchmark.shown_columns import MAIN, RATIOS, brought_in
+from baselines.benchmark.shown import (
+    MAIN,
+    RATIOS,
+    Entry,
+    bounds_in_words,
+    brought_in,
+    lines_of,
+    pair_in_words,
+    with_numbers,
+)
 from baselines.benchmark.statistics import profile_over_scenarios
 from baselines.benchmark.table import Group, Table
-from baselines.benchmark.tables import Cell, bounds_in_words, lines_of, pair_in_words, with_numbers
 from baselines.benchmark.types import Outcome
 from lissajous_env.console.terminal import plain
-from lissajous_env.device.devices import as_device, memory
+from lissajous_env.identity import command, machine, versions
 from lissajous_env.storage.files import write_atomically
 from lissajous_env.storage.folder import Folder
 from lissajous_env.world.columns import DETECTION_TIME, NAMES
@@ -111,46 +114,6 @@ def as_csv(rows: Iterable[dict[str, Any]]) -> str:
     return text.getvalue()
 
 
-def command() -> str:
-    """Return the command line of this process."""
-    return shlex.join(sys.argv)
-
-
-def machine(device: str) -> dict[str, Any]:
-    """Return a description of this machine and of a device."""
-    warp_device = as_device(device)
-    return {
-        "cpu": cpu_model(),
-        "cores": os.cpu_count(),
-        "memory_gib": round(memory() / 2**30, 1),
-        "os": platform.platform(),
-        "device": device if warp_device.is_cpu else f"{device}: {warp_device.name}",
-    }
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of Python and the packages on which the numbers depend."""
-    names = ("lissajous-env", "numpy", "warp-lang", "gymnasium", "pettingzoo")
-    return {"python": platform.python_version()} | {name: version(name) for name in names}
-
-
-def cpu_model() -> str:
-    """Return the name of this machine's processor."""
-    lines = Path("/proc/cpuinfo").read_text().splitlines()
-    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return models[0] if models else platform.machine()
-
-
-def provenance(device: str) -> dict[str, str]:
-    """Return in words the command, machine and versions of numbers that are computed now."""
-    of = machine(device)
-    return {
-        "command": command(),
-        "machine": f"{of['cpu']}, {of['cores']} cores, {of['device']}",
-        "versions": ", ".join(f"{name} {number}" for name, number in versions().items()),
-    }
-
-
 def table_of(table: Table) -> dict[str, list]:
     """Return titles and rows of text: a row for each policy, the scenario and its bounds in the first of its rows.
 
@@ -166,7 +129,7 @@ def table_of(table: Table) -> dict[str, list]:
         for line in lines_of(policies, MAIN, bounds.best_known):
             label = f"*{line.name}*" if line.is_reference else f"`{line.name}`"
             sooner = pair_in_words(pairs[line.name][DETECTION_TIME.name])[0] if line.name in pairs else ""
-            rows.append([where, label, *map(str, line.cells), str(sooner)])
+            rows.append([where, label, *map(str, line.entries), str(sooner)])
             where = ""
     return {"columns": ["scenario", "policy", *(column.heading for column in MAIN), "sooner"], "rows": rows}
 
@@ -199,7 +162,7 @@ def _paper_table(table: Table, scenario: str) -> str:
         r"\midrule",
     ]
     for line in lines_of(policies, columns, bounds.best_known):
-        lines.append(f"{_escaped(line.name)} & {' & '.join(map(_paper_cell, line.cells))} \\\\")
+        lines.append(f"{_escaped(line.name)} & {' & '.join(map(_paper_entry, line.entries))} \\\\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table*}", ""])
 
 
@@ -210,9 +173,9 @@ _CAPTION = (
 )
 
 
-def _paper_cell(cell: Cell) -> str:
-    words = rf"\textbf{{{_escaped(cell.value)}}}" if cell.is_best else _escaped(cell.value)
-    return words + (rf" {{\scriptsize({_escaped(cell.beside)})}}" if cell.beside else "")
+def _paper_entry(entry: Entry) -> str:
+    words = rf"\textbf{{{_escaped(entry.value)}}}" if entry.is_best else _escaped(entry.value)
+    return words + (rf" {{\scriptsize({_escaped(entry.beside)})}}" if entry.beside else "")
 
 
 def _escaped(words: str) -> str:

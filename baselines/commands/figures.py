@@ -22,8 +22,8 @@ def figures(
 ) -> list[Path]:
     """Draw the results of a benchmark for a paper, and write its table in LaTeX; no episode is played.
 
-    The figures are performance profiles, the probability of improvement over the reference, and aggregates for each
-    robot kind, with 95 % bootstrap intervals stratified by scenario; and distributions of the scores for each scenario.
+    The figures are performance profiles, the probability of improvement over the reference on the same seeds, and
+    aggregates for each robot kind, with 95 % bootstrap intervals; and distributions of the scores for each scenario.
     All are 7.16 inch wide, both columns of a paper.
 
     Example:

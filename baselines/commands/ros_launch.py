@@ -61,7 +61,8 @@ def launch(
     changes = parse_overrides(overrides) | ({} if duration is None else {"task.duration": duration})
     made = named.scenario(scenario, **changes)
     console = progress_console(output)
-    Onboard(policy, made, 0)  # a wrong policy is reported once, and the kernels are compiled once
+    kind = "twist" if command.startswith("twist") else "car"
+    Onboard(policy, made, 0, kind)  # a wrong policy is reported once, and the kernels are compiled once
     with contextlib.ExitStack() as stack:
         given = scenario
         if changes:

@@ -1,4 +1,4 @@
-"""Commands of a car in physical units, computed from an action by the functions of the simulated car."""
+"""Commands of a robot in physical units, computed from an action by the functions of the simulated robot."""
 
 from typing import Any, NamedTuple
 
@@ -14,12 +14,28 @@ from lissajous_env.device.structs import to_struct
 from lissajous_env.device.work import Work
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.robot import Robot
 from lissajous_env.wording import shown
 from lissajous_env.world.robots.car import speed_limit_below
+from lissajous_env.world.robots.differential import commanded_speed
 
 wp.set_module_options(OPTIONS)
 
 KINDS = ("car", "twist")
+
+
+def check_robots(scenario: Scenario, command: str) -> Robot:
+    """Return the robots of a scenario, which must be cars or differential drives.
+
+    Raises:
+        ValueError: they are others, or are differential drives and the command is no twist.
+    """
+    kind = scenario.robot.kind
+    if kind not in ("car", "differential"):
+        raise ValueError(f"scenario must be of robots of kind car or differential, got {kind}")
+    if kind == "differential" and not command.startswith("twist"):
+        raise ValueError(f"command must be a twist for differential drives, got {command}")
+    return scenario.robot
 
 
 class Command(NamedTuple):
@@ -55,19 +71,34 @@ def to_physical(
     command_out[k] = wp.vec4(taken[0], taken[1], reached[0], reached[1])
 
 
+@wp.kernel
+def to_twist(
+    robot: RobotStruct,
+    step: float,
+    action: wp.array(dtype=float),
+    speed: wp.array(dtype=float),
+    command_out: wp.array(dtype=wp.vec4),
+):
+    """Write two zeros, the speed [m/s] and the yaw rate [rad/s] that the action of a differential drive commands."""
+    k = wp.tid()
+    commanded = commanded_speed(robot, wp.clamp(action[0], -1.0, 1.0))
+    command_out[k] = wp.vec4(0.0, 0.0, commanded, wp.clamp(action[1], -1.0, 1.0) * robot.yaw_rate_max)
+
+
 class Actuation:
-    """Conversion of the actions of a scenario's cars into commands of one kind.
+    """Conversion of the actions of a scenario's robots into commands of one kind.
 
     A `Twist` has the speed that the car of the scenario would reach at the end of the control step, and the yaw rate
-    that this car has at that speed and steering angle.
+    that this car has at that speed and steering angle. For a differential drive it is the commanded twist.
 
     Raises:
-        ValueError: an unknown kind of command.
+        ValueError: an unknown kind of command, or as `check_robots`.
     """
 
     def __init__(self, scenario: Scenario, kind: str):
         if kind not in KINDS:
             raise ValueError(f"command must be one of {', '.join(KINDS)}, got {shown(kind)}")
+        drives = check_robots(scenario, kind).kind == "differential"
         self._kind, self._step = kind, scenario.task.step
         self._robot = to_struct(RobotStruct, scenario.robot)
         self._action, self._speed = (wp.zeros(size, dtype=wp.float32, device="cpu") for size in (2, 1))
@@ -77,12 +108,14 @@ class Actuation:
         rest = np.array(model_of(scenario.robot.kind).rest_action(scenario.robot), dtype=np.float32)
         with compile_quietly():
             device = as_device("cpu")
-            launch = wp.launch(to_physical, 1, inputs, [self._command], device=device, record_cmd=True)
+            launch = wp.launch(
+                to_twist if drives else to_physical, 1, inputs, [self._command], device=device, record_cmd=True
+            )
             self._work = Work([[[launch]]], device, 1)
             self.stop: Command | Twist = Twist(0.0, 0.0) if kind == "twist" else self.command(rest, 0.0)
 
     def command(self, action: np.ndarray, speed: float) -> Any:
-        """Return the command of an action in [-1, 1], of a car at a speed [m/s]."""
+        """Return the command of an action in [-1, 1], of a robot at a speed [m/s]."""
         action_host, speed_host, command_host = self._hosts
         action_host[:], speed_host[0] = action[:2], speed
         self._work.lead()

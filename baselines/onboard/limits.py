@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number
 from lissajous_env.theory.geometry import turning_radius
@@ -24,7 +25,7 @@ class Limits(Checked):
     """Age of the pose, or of the speed [s]; None means 2.5 control steps."""
     fence: float | None = _limit("m")
     """Distance of the robot's centre beyond the rectangle [m]; None means the diameter of its turning circle, which
-    a car needs to come back."""
+    a car needs to come back, or one like the robot."""
     clock_jump: float | None = _limit("s")
     """Deviation of the time between two calls from a control step, and how far ahead of the own clock a time stamp may
     be [s]; None means 2.5 control steps. A clock that stops or goes back counts as a jump."""
@@ -37,10 +38,11 @@ class Limits(Checked):
 
     def of(self, scenario: Scenario) -> "Limits":
         """Return the limits of a scenario, in which none is None."""
-        some, robot = 2.5 * scenario.task.step, scenario.robot
+        some, robot, as_car = 2.5 * scenario.task.step, scenario.robot, model_of(scenario.robot.kind).as_car
         derived = {
             "pose_age": some,
-            "fence": 2 * turning_radius(robot.wheelbase, robot.steering_max),
+            "fence": 2
+            * (turning_radius(robot.wheelbase, robot.steering_max) if as_car is None else as_car.turning_radius(robot)),
             "clock_jump": some,
             "silence": scenario.time_unit,
             "watchdog": some,

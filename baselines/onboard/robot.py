@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from baselines.onboard.commands import Actuation, Command, Twist
+from baselines.onboard.commands import Actuation, Command, Twist, check_robots
 from baselines.onboard.inputs import Message, Odometry, seen_rows
 from baselines.onboard.limits import Limits
 from baselines.policies import factories
@@ -53,9 +53,9 @@ class Onboard:
 
     Args:
         policy: A name, a checkpoint's folder, `module:factory`, a factory, or a policy for one world.
-        scenario: Scenario of the robots, which must be cars.
+        scenario: Scenario of the robots, which must be cars or differential drives.
         robot: Index of this robot, from 0.
-        command: `car` for steering angle and throttle; `twist` for speed and yaw rate.
+        command: `car` for steering angle and throttle; `twist` for speed and yaw rate, as differential drives require.
         limits: The limits beyond which the robot stops.
 
     Attributes:
@@ -64,7 +64,7 @@ class Onboard:
         listens: True if the policy uses the messages of the ring neighbours.
 
     Raises:
-        ValueError: the policy, the scenario or the kind of command is unknown, the robots are not cars, the index is
+        ValueError: the policy, the scenario or the kind of command is unknown, as `check_robots`, the index is
             out of range, or the scenario has observation entries of extensions, which require a simulation.
     """
 
@@ -77,8 +77,7 @@ class Onboard:
         limits: Limits | None = None,
     ):
         self.scenario = make_scenario(scenario).resolve()
-        if self.scenario.robot.kind != "car":
-            raise ValueError(f"scenario must be of robots of kind car, got {self.scenario.robot.kind}")
+        check_robots(self.scenario, command)
         n = self.scenario.num_robots
         self.robot = whole_number("robot", robot, 0, n - 1)
         self.neighbours = tuple(int(each) for each in self.scenario.neighbours[self.robot])

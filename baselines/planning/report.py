@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.patches import Circle
 
 from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
-from baselines.benchmark.tables import between
+from baselines.benchmark.shown import between
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import SETTLED_TIME, Figures, Planned, bounds_of
 from baselines.planning.rehearse import Episodes, quietly

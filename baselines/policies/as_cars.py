@@ -112,7 +112,7 @@ def like_cars(scenario: Scenario) -> Scenario | None:
 
 
 def scenario_of_cars(scenario: Scenario) -> Scenario:
-    """Return a scenario with the cars that are like its robots: a motor without dead zone, unlimited grip.
+    """Return a scenario with the cars that are like its robots: a motor without dead zone, and their grip.
 
     Raises:
         ValueError: a top speed, turning radius or acceleration that is not above 0, or the scenario does not fit cars.
@@ -140,7 +140,7 @@ def scenario_of_cars(scenario: Scenario) -> Scenario:
         offset=0.0,
         dead_zone=0.0,
         model_offset=None,
-        lateral_acceleration_max=math.inf,
+        lateral_acceleration_max=robot.lateral_acceleration_max,
         drive_factors=(),
     )
     return dataclasses.replace(scenario, robot=car).resolve()

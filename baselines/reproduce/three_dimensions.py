@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+from scipy.ndimage import generate_binary_structure, minimum_filter
 
 from baselines.reproduce.claims import Claim, Part, all_of, at_most
 from baselines.reproduce.drawing import DARK, SERIES, Sheet, panel_name
@@ -28,11 +29,8 @@ def branch_radius(curve: Curve) -> float:
     u, v = np.meshgrid(u, v, indexing="ij")
     d = geometry.chord_length(curve, u, v)
     # r(u - v), r(u + v) is the same pair as with u + pi, pi - v.
-    before, after = np.roll(d, 1, axis=0), np.roll(d, -1, axis=0)
-    before[0], after[-1] = d[-1, ::-1], d[0, ::-1]
-    local = (d <= before) & (d <= after)
-    local[:, 1:] &= d[:, 1:] <= d[:, :-1]
-    local[:, :-1] &= d[:, :-1] <= d[:, 1:]
+    around = np.concatenate([d[-1:, ::-1], d, d[:1, ::-1]])
+    local = d == minimum_filter(around, footprint=generate_binary_structure(2, 1), mode="nearest")[1:-1]
     local[:, [0, -1]] = False
     u, v, size = u[local], v[local], np.pi / (24 * most)
     offsets = np.stack(np.meshgrid(np.linspace(-1, 1, 7), np.linspace(-1, 1, 7)), axis=-1).reshape(-1, 2)

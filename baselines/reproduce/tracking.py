@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from baselines.reproduce.claims import SILENT, Claim, Part, at_most, reported, within_range
 from baselines.reproduce.drawing import BLUE, DARK, GREEN, RED, Picture, Sheet
@@ -160,10 +161,7 @@ def _at_the_end(played: Played) -> np.ndarray:
 
 def _moving_mean(played: Played, values: np.ndarray) -> np.ndarray:
     """Return the mean of (F, W) values over the 5 s around each moment, (F, W)."""
-    width = round(_SETTLED / played.scenario.task.step)
-    padded = np.pad(values, ((width // 2, width - 1 - width // 2), (0, 0)), mode="edge")
-    sums = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), padded]), axis=0)
-    return (sums[width:] - sums[:-width]) / width
+    return uniform_filter1d(values, round(_SETTLED / played.scenario.task.step), axis=0, mode="nearest")
 
 
 def _time_above(played: Played, limit: float) -> np.ndarray:

@@ -28,6 +28,13 @@ def of_twist(robot: Robot, step: float, speed: float, twist: Twist) -> Command:
     return Command(steering, (push + offset) / robot.drive)
 
 
+def action_of(robot: Robot, twist: Twist) -> tuple[float, float]:
+    """Return the action of a differential drive for a twist, clipped to what the drive can do."""
+    end = robot.top_speed if twist.speed > 0 else -robot.lowest_speed
+    speed = twist.speed / end if end > 0 else 0.0
+    return min(max(speed, -1.0), 1.0), min(max(twist.yaw_rate / robot.top_yaw_rate, -1.0), 1.0)
+
+
 class Vehicle:
     """Commands that a simulated robot has received; all times are of the same clock [s].
 
@@ -44,7 +51,8 @@ class Vehicle:
 
     def warm_up(self) -> None:
         """Compile and load the kernel by which commands are converted."""
-        actions_of(self._robot, np.zeros(2, dtype=np.float32))
+        if self._robot.kind == "car":
+            actions_of(self._robot, np.zeros(2, dtype=np.float32))
 
     def take(self, now: float, command: Any) -> None:
         """Store a command that arrived now; one that is not finite is ignored."""
@@ -66,13 +74,16 @@ class Vehicle:
             self.take(now, Command(parts["steering"], parts["throttle"]))
 
     def action(self, time: float, speed: float) -> np.ndarray:
-        """Return the action (A,) in force at a time of a car of a speed [m/s], that of rest without a valid command."""
+        """Return the action (A,) in force at a time, of a robot of a speed [m/s]; without a command that of rest."""
         while len(self._commands) > 1 and self._commands[1][0] <= time:
             self._commands.popleft()
         given = None
         if self._commands and self._commands[0][0] <= time <= self._commands[0][0] + self._watchdog:
             given = self._commands[0][1]
         action = np.zeros(self._size, dtype=np.float32)
+        if self._robot.kind == "differential":
+            action[:2] = (0.0, 0.0) if given is None else action_of(self._robot, given)
+            return action
         if isinstance(given, Twist):
             drives = given.speed > 0 or (given.speed < 0 and self._robot.reverses)
             given = of_twist(self._robot, self._step, speed, given) if drives else None

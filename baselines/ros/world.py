@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from baselines.onboard import Limits, inputs_of
+from baselines.onboard.commands import check_robots
 from baselines.ros import library as ros
 from baselines.ros.messages import (
     COMMAND_TOPICS,
@@ -50,7 +51,7 @@ class WorldNode(ros.Node):
     """The simulation as a node of ROS 2, in real time or in lock-step.
 
     Args:
-        scenario: The scenario, of cars.
+        scenario: The scenario, of cars or differential drives.
         settings: Settings.
         **options: Further arguments of `rclpy.node.Node`.
 
@@ -61,15 +62,14 @@ class WorldNode(ros.Node):
         discovery: Time for which the node waits at least, so that a recorder that was there before misses nothing [s].
 
     Raises:
-        ValueError: the robots of the scenario are not cars.
+        ValueError: as `baselines.onboard.commands.check_robots`.
     """
 
     loop: Any = None
     discovery = DISCOVERY
 
     def __init__(self, scenario: Scenario, settings: WorldSettings, **options: Any):
-        if scenario.robot.kind != "car":
-            raise ValueError(f"scenario must be of robots of kind car, got {scenario.robot.kind}")
+        check_robots(scenario, settings.command)
         super().__init__(NAME, **options)
         self.settings, self.simulation = settings, Simulation(scenario, seed=settings.seed)
         self._begun, self._clock_sent_at = monotonic(), -math.inf

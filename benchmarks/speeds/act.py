@@ -8,7 +8,7 @@ from timing import by_turns
 
 import lissajous_env
 import training
-from baselines.benchmark.tables import number
+from baselines.benchmark.shown import number
 from speeds import Options, Part
 
 POLICY = "learned-intruders"

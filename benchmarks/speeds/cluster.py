@@ -11,8 +11,8 @@ from figures import Table
 from rich.console import Console
 
 from baselines.benchmark.running import run
+from baselines.benchmark.shown import between, number
 from baselines.benchmark.statistics import summarize
-from baselines.benchmark.tables import between, number
 from baselines.benchmark.types import Benchmark
 from speeds import Options, Part
 

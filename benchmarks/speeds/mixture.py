@@ -12,7 +12,7 @@ import numpy as np
 from figures import Table
 from timing import by_turns, ratio_in_words
 
-from baselines.benchmark.tables import number
+from baselines.benchmark.shown import number
 from lissajous_env import scenario_space
 from lissajous_env.parameters.draws import Draws
 from speeds import Options, Part

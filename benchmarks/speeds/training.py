@@ -20,8 +20,8 @@ from typing import Any
 from figures import ROOT, Table
 from rich.console import Console
 
+from baselines.benchmark.shown import between, number
 from baselines.benchmark.statistics import summarize
-from baselines.benchmark.tables import between, number
 from speeds import Options, Part
 
 SCENARIO = "intruders"

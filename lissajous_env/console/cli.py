@@ -24,7 +24,7 @@ import tyro
 from lissajous_env.console import interrupts
 from lissajous_env.console.interrupts import INTERRUPTED
 from lissajous_env.console.terminal import CommandError, complain, make_console
-from lissajous_env.device import kernel_cache
+from lissajous_env.device import compilation
 from lissajous_env.plugins import search_current_folder
 from lissajous_env.wording import few_of, nearest, shown
 
@@ -110,7 +110,7 @@ def _run(arguments: list[str]) -> int:
     if name.startswith("ros ") and ROS_ARGUMENTS in options:
         options = options[: options.index(ROS_ARGUMENTS)]
     quiet = "--quiet" in options
-    kernel_cache.listener = None if quiet else complain
+    compilation.listener = None if quiet else complain
     if quiet:
         warnings.simplefilter("ignore")  # warnings of libraries
     search_current_folder()

@@ -1,11 +1,27 @@
-"""Compiler options of kernels; a module with kernels calls `wp.set_module_options`, usually with OPTIONS.
+"""Compilation of kernels: the compiler's options, and the compiled kernels on the disk.
 
-They also apply to all functions that its kernels call, so a module of functions alone needs none.
+A module with kernels calls `wp.set_module_options`, usually with OPTIONS. They also apply to all functions that its
+kernels call, so a module of functions alone needs none.
+
+Warp compiles a module when one of its kernels is first launched, and stores the result in a folder of its cache. A
+message says so before, and where that folder cannot be used there is another one. Warp has no hook before that moment,
+so its `Module.load` is wrapped, for the modules of this project only.
 """
 
+import atexit
+import contextlib
+import functools
+import os
+import shutil
+import tempfile
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 import warp as wp
+
+from lissajous_env.device.warp_abi import folder_of, replace_load
 
 # LLVM's own options, of which the compiler accepts one set at a time: where they differ, modules wait for each other.
 # The last one concerns the vectoriser of straight-line code, so it has no effect where that is left out.
@@ -35,3 +51,115 @@ def module_apart(name: str, options: dict[str, Any]) -> Any:
     module = wp.get_module(name)
     module.options.update(options)
     return module
+
+
+OURS = ("lissajous_env.", "baselines.", "training.")
+
+listener: Callable[[str], None] | None = None
+"""Function that receives one-line messages for the user, such as that kernels are compiled; the command line prints
+them."""
+
+
+def start(silence: Callable[[], contextlib.AbstractContextManager[None]]) -> None:
+    """Start Warp, in silence, where need be with a cache of its own, and watch what it loads."""
+    if not (wp.config.kernel_cache_dir or os.environ.get("WARP_CACHE_PATH") or _has_home()):
+        _keep_for_this_run("the user has no home folder")
+    try:
+        with silence():
+            wp.init()
+    except OSError as error:
+        _keep_for_this_run(str(error.strerror))
+        with silence():
+            wp.init()
+    _watch()
+
+
+def _has_home() -> bool:
+    """Return whether the user's folder for caches is known; without a home, it would be in the current folder."""
+    return os.path.isabs(os.environ.get("XDG_CACHE_HOME", os.path.expanduser("~/.cache")))
+
+
+@functools.cache
+def _watch() -> None:
+    loaded = set()
+
+    def watch(load: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(load)
+        def watched(module: Any, device: Any, *args: Any, **kwargs: Any) -> Any:
+            key = (id(module), str(device), args, tuple(kwargs.items()))
+            if key in loaded or not module.name.startswith(OURS):
+                return load(module, device, *args, **kwargs)
+            with _loading.setdefault(id(module), threading.RLock()), _small_frames():
+                _announce(folder_of(module, args[0] if args else kwargs.get("block_dim")))
+                executable = load(module, device, *args, **kwargs)
+            loaded.add(key)
+            return executable
+
+        return watched
+
+    replace_load(watch)
+
+
+def load_together(kernels: Iterable[Any], device: Any, threads: Callable[[], int]) -> None:
+    """Compile or load the modules of some kernels side by side, those that were not loaded together before."""
+    key = str(device)
+    modules = {id(kernel.module): kernel.module for kernel in kernels if (id(kernel.module), key) not in _together}
+    if modules:
+        with _small_frames():
+            wp.force_load(device, list(modules.values()), max_workers=threads())
+        _together.update((each, key) for each in modules)
+
+
+_together: set[tuple[int, str]] = set()
+
+
+@contextlib.contextmanager
+def _small_frames() -> Iterator[None]:
+    """Compile kernels without the 256 KiB of stack that Warp reserves for tiles, which our kernels do not use."""
+    before = wp.config.enable_tiles_in_stack_memory
+    wp.config.enable_tiles_in_stack_memory = None  # where the processor can do without
+    try:
+        yield
+    finally:
+        wp.config.enable_tiles_in_stack_memory = before
+
+
+def _announce(name: str) -> None:
+    """Say that a module must be compiled if it is not in the cache, and make sure that it can be stored there."""
+    with _loading.setdefault(0, threading.RLock()):
+        folder = Path(str(wp.config.kernel_cache_dir), name)
+        if not folder.is_dir():
+            try:
+                tempfile.TemporaryFile(dir=folder.parent).close()
+            except OSError as error:
+                _keep_for_this_run(str(error.strerror))
+            _say_that_it_compiles()
+
+
+_loading: dict[int, Any] = {}
+"""A lock for each module, by its id, which the compiling thread owns; other threads that need the module wait for it.
+Lock 0 is for announcements."""
+os.register_at_fork(after_in_child=_loading.clear)
+
+
+def _keep_for_this_run(reason: str) -> None:
+    """Let Warp store compiled kernels in a temporary folder, which is removed when the process ends."""
+    where, made_by = wp.config.kernel_cache_dir or "the cache of Warp", os.getpid()
+    folder = tempfile.mkdtemp(prefix="lissajous-kernels-")
+    wp.config.kernel_cache_dir = folder
+    # A process that was forked off has the same list of things to do at its end.
+    atexit.register(lambda: shutil.rmtree(folder, ignore_errors=True) if os.getpid() == made_by else None)
+    _say(
+        f"{where} cannot be written to ({reason}): kernels are compiled for this run alone; "
+        "WARP_CACHE_PATH names another folder"
+    )
+
+
+@functools.cache
+def _say_that_it_compiles() -> None:
+    _say("compiling kernels, once: about 10 s")
+
+
+def _say(words: str) -> None:
+    if listener is not None:
+        listener(words)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.device import kernel_cache
+from lissajous_env.device import compilation
 from lissajous_env.device.locks import COMPILING
 from lissajous_env.wording import shown
 
@@ -129,7 +129,7 @@ def _start() -> None:
 @cache
 def _started() -> None:
     with compile_quietly():
-        kernel_cache.start(silent_stderr)
+        compilation.start(silent_stderr)
 
 
 @contextlib.contextmanager

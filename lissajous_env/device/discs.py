@@ -1,4 +1,4 @@
-"""Points of a grid that discs cover, at one place or on their way, as bits of its rows.
+"""Points of a grid that discs cover, at one place or on their way, as bits of its rows, 64 columns in a word.
 
 Each cell is represented by one point. The outermost points are `inset` cells from the edges of the rectangle, and the
 points are evenly spaced: with 0.5 they are the centres of the cells, with 0 the outermost ones are on the edges.
@@ -9,11 +9,32 @@ rarely required. For the same reason the bits of the rows are adjacent in memory
 
 import warp as wp
 
-from lissajous_env.device.bits import run_of_bits
 from lissajous_env.device.curve import CurveStruct
 
 CENTRE = wp.constant(0.5)
 """Distance of the outermost points from the edges where each is the centre of its cell [cell]."""
+
+
+@wp.func
+def run_of_bits(word: int, low: int, high: int) -> wp.uint64:
+    """Return the bits of columns low ... high in the word of columns 64 word ... 64 word + 63."""
+    start = wp.max(low - 64 * word, 0)
+    stop = wp.min(high - 64 * word, 63)
+    if start > stop:
+        return wp.uint64(0)
+    return (~wp.uint64(0) >> wp.uint64(63 - (stop - start))) << wp.uint64(start)
+
+
+@wp.func
+def half_of(bits: wp.uint64, half: int) -> wp.uint32:
+    """Return the lower 32 columns of a word if `half` is even, the upper ones if it is odd."""
+    return wp.uint32(bits >> wp.uint64(32 * (half & 1)))
+
+
+@wp.func
+def lowest(bits: wp.uint32) -> int:
+    """Place of the lowest bit that is set."""
+    return int(wp.bit_count((bits & (~bits + wp.uint32(1))) - wp.uint32(1)))
 
 
 @wp.func

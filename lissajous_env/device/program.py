@@ -30,8 +30,8 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.abreast import width_on
+from lissajous_env.device.compilation import OURS, load_together
 from lissajous_env.device.devices import as_device, cores
-from lissajous_env.device.kernel_cache import OURS, load_together
 from lissajous_env.device.stage import BLOCKS, LANES, PARTS, WORLD, WORLDS
 from lissajous_env.device.warp_abi import Call, content_of, is_struct, names_of_arguments
 from lissajous_env.device.work import TASKS_PER_THREAD, Work, require_room

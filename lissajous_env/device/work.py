@@ -22,9 +22,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.compilation import OPTIONS, load_together
 from lissajous_env.device.devices import cores
-from lissajous_env.device.kernel_cache import load_together
 from lissajous_env.device.locks import Turn, in_turn
 from lissajous_env.device.warp_abi import Call
 

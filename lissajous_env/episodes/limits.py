@@ -73,13 +73,12 @@ def mean_time_on_boundary(length: float, num_robots: int, radius: float, speed: 
 def robot_speed_limit(scenario: str | Scenario) -> float:
     """Return the top speed of a robot over the ground [m/s]; NaN for registered models.
 
-    For a car it is the speed at full throttle with the largest drive that `robot.drive_factors` and
+    For a car or differential drive it is that with the largest drive that `robot.drive_factors` and
     `noise.drive_spread` allow; for a point it is alpha `phase_rate_max` max ||r'||.
     """
     made = named.build(scenario).resolve()
-    if made.robot.kind == "car":
-        strongest = made.robot.drive * made.noise.most_drive * float(made.drive_factors.max())
-        return made.robot.steady_speed(strongest)
+    if made.robot.kind in ("car", "differential"):
+        return made.top_speed_bound
     if made.robot.kind == "curve":
         return made.alpha * float(made.robot.phase_rate_max or 0.0) * largest_speed(made.driven)
     return math.nan

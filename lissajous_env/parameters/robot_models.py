@@ -85,7 +85,7 @@ class RobotModel:
         return (0.0,) * self.action_size if self.rest is None else self.rest(robot)
 
 
-_SHIPPED = ("car", "curve")
+_SHIPPED = ("car", "curve", "differential")
 _NAMES = r"\w[\w-]{0,62}", "of letters, digits, _ and -"
 _TO_ACT = ("robot", "heading", "speed", "yaw_rate", "action_out")
 _MODELS: dict[str, RobotModel] = {}

@@ -257,16 +257,15 @@ class Scenario(BringsRogues):
 
     @cached_property
     def top_speeds(self) -> np.ndarray:
-        """(N,) steady speed of each robot at full throttle [m/s]; infinite for robots that are no cars."""
-        if self.robot.kind != "car":
+        """(N,) top speed of each robot [m/s]; infinite for points and registered models."""
+        if self.robot.kind not in ("car", "differential"):
             return np.full(self.num_robots, np.inf)
         return np.array([self.robot.steady_speed(self.robot.drive * factor) for factor in self.drive_factors])
 
     @property
     def top_speed_bound(self) -> float:
-        """Largest steady speed of a car at full throttle that the factors and the spread of drives permit [m/s]."""
-        drive = self.robot.drive * self.noise.most_drive * float(self.drive_factors.max())
-        return self.robot.steady_speed(drive)
+        """Largest top speed of a car or drive that the factors and the spread of drives permit [m/s]."""
+        return self.robot.steady_speed(self.robot.drive * self.noise.most_drive * float(self.drive_factors.max()))
 
     @cached_property
     def inset(self) -> float:
@@ -405,6 +404,9 @@ class Scenario(BringsRogues):
             throttle_max=self.robot.full_throttle,
             speed_max=self.robot.top_speed,
             speed_min=self.robot.lowest_speed,
+            yaw_rate_max=self.robot.top_yaw_rate,
+            acceleration_max=self.robot.top_acceleration,
+            yaw_acceleration_max=self.robot.top_yaw_acceleration,
         )
         formation = dataclasses.replace(
             self.formation, coupling=self.coupling, p=self.p, alpha=self.alpha, ring=self.ring

@@ -100,22 +100,6 @@ def within(points: np.ndarray, room: pygame.Rect) -> np.ndarray:
     return np.asarray(((points >= room.topleft) & (points < room.bottomright)).all(axis=-1))
 
 
-def cut(start: np.ndarray, end: np.ndarray, room: pygame.Rect) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the ends of the part of a line in a rectangle, or None if it is outside.
-
-    pygame iterates over the whole line, even if only a little of it is visible.
-    """
-    way, first, last = end - start, 0.0, 1.0
-    for axis, (low, high) in enumerate(zip(room.topleft, room.bottomright, strict=True)):
-        if way[axis] == 0:
-            if not low <= start[axis] <= high:
-                return None
-            continue
-        enters, leaves = sorted(((low - start[axis]) / way[axis], (high - start[axis]) / way[axis]))
-        first, last = max(first, enters), min(last, leaves)
-    return (start + first * way, start + last * way) if first <= last else None
-
-
 def opaque(size: tuple[int, int]) -> pygame.Surface:
     """Make a surface without transparency."""
     return pygame.Surface(size, 0, 32)

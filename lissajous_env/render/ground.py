@@ -22,10 +22,7 @@ _LAYERS = 8.0
 """Area of all discs, in multiples of the rectangle's, above which they are drawn as one: their union, with its rim.
 Discs that are wider than the rectangle are, too."""
 
-_TOGETHER = 64
-"""Discs whose rows are looked at together."""
-
-_FARTHEST = 1e9
+_FARTHEST = 1e6
 """Radius [fine px] at which a rim is as good as straight, and further of no matter."""
 
 
@@ -131,22 +128,6 @@ class Sensors:
     def _lay_union(self, layer: pygame.Surface, middles: np.ndarray) -> None:
         """Draw the union of the discs with its rim."""
         layer.fill((*palette.SENSING, 0))
-        alpha = pygame.surfarray.pixels_alpha(layer).T
-        alpha[_union(middles, self.radius, alpha.shape)] = self._rim[3]
-        alpha[_union(middles, self.radius - FINE, alpha.shape)] = self._fill[3]
-
-
-def _union(middles: np.ndarray, radius: float, shape: tuple[int, int]) -> np.ndarray:
-    """Return (H, W) bool: pixels in a disc around any of the centres (n, 2)."""
-    height, width = shape
-    rows, entered = np.arange(height), np.zeros((height, width + 1), dtype=np.int32)
-    for first in range(0, len(middles), _TOGETHER):
-        x, y = middles[first : first + _TOGETHER].T[..., None]
-        away = np.abs(rows - y)
-        reach = np.sqrt(np.maximum((radius - away) * (radius + away), 0.0))
-        left = np.clip(np.ceil(x - reach), 0, width).astype(np.int64)
-        right = np.clip(np.floor(x + reach) + 1, 0, width).astype(np.int64)
-        disc, row = np.nonzero((away <= radius) & (right > left))
-        np.add.at(entered, (row, left[disc, row]), 1)
-        np.add.at(entered, (row, right[disc, row]), -1)
-    return np.cumsum(entered, axis=1)[:, :width] > 0
+        for colour, radius in ((self._rim, self.radius), (self._fill, self.radius - FINE)):
+            for middle in np.rint(middles).tolist():
+                pygame.draw.circle(layer, colour, middle, radius)

@@ -7,13 +7,15 @@ from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
-from lissajous_env.render.canvas import FINE, View, cut, transparent, within
+from lissajous_env.render.canvas import FINE, View, transparent, within
 from lissajous_env.render.text import write, write_outlined
 from lissajous_env.render.times import trail_time
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
 
 MOST_CONTACTS = 2000
 """Contacts that are ringed at most; a crowd in one heap has hundreds of thousands."""
+_FARTHEST = 1e6
+"""Distance from the picture beyond which it is of no matter where a link ends [px of the fine surface]."""
 
 
 class Team:
@@ -49,9 +51,10 @@ class Team:
         soft, there = self._soft, snapshot.status != int(REMOVED)
         soft.fill((0, 0, 0, 0))
         places = self.view.fine(snapshot.position[:, :2])
+        ends = np.clip(places, -_FARTHEST, _FARTHEST).tolist()
         for i, j in self._edges:
-            seen = cut(places[i], places[j], self._room) if there[i] and there[j] else None
-            if seen is not None:
+            # pygame iterates over the whole line, even if only a little of it is visible.
+            if there[i] and there[j] and (seen := self._room.clipline(ends[i], ends[j])):
                 pygame.draw.line(soft, (*palette.LINK, 84), *seen, FINE)
         # Drawn without blending, oldest first, so that joints do not appear darker.
         width = 0.42 * min(FINE * self.radius, 8 * FINE)

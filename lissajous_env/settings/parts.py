@@ -271,9 +271,10 @@ class Noise(Checked):
     speed: float = number(0.0, 0, 1e4, "m/s")
     """Standard deviation of a measured speed [m/s]."""
     wheelbase_spread: float = number(0.0, 0, 0.3)
-    """Relative standard deviation of the wheelbase between robots."""
+    """Relative standard deviation of the wheelbase between cars, and of the distance of the wheels of differential
+    drives, which turn more slowly where it is larger."""
     drive_spread: float = number(0.0, 0, 0.3)
-    """Relative standard deviation of the motor's drive between robots."""
+    """Relative standard deviation of the motor's drive between cars, and of the acceleration of differential drives."""
     message_loss: float = number(0.0, 0, 1)
     """Probability that a message to a ring neighbour is lost."""
     message_delay: float = number(0.0, 0, 1e5, "s")

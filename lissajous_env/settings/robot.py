@@ -11,10 +11,11 @@ FULL_THROTTLE = 0.25
 
 @dataclass(frozen=True)
 class Robot(Checked):
-    """The robots: points on the curve, or cars, that is, kinematic bicycles (12) with a motor."""
+    """The robots: points on the curve, cars, that is, kinematic bicycles (12) with a motor, or differential drives."""
 
     kind: str = word("car", "must be the name of a robot model")
-    """`car`: action = steering, throttle. `curve`: a point on the curve, action = phase rate. Or a registered model."""
+    """`car`: action = steering, throttle. `differential`: action = speed, yaw rate. `curve`: a point on the curve with
+    action = phase rate. Or a registered model."""
     count: int | None = whole(None, 1, 1024)
     """Number of robots, N; None means a + b."""
     radius: float = number(0.125, 1e-6, 1e3, "m")
@@ -40,7 +41,17 @@ class Robot(Checked):
     """
     speed_min: float | None = number(None, -1e4, 0, "m/s")
     """Steady speed of a car in full reverse, at throttle action -1 [m/s]; None means 0: as in the paper, cars do not
-    reverse. If it is below 0, throttle actions from 0 to 1 drive forwards and those from 0 to -1 backwards."""
+    reverse. If it is below 0, throttle actions from 0 to 1 drive forwards and those from 0 to -1 backwards. For a
+    differential drive, the speed at action -1; None means its top speed in reverse."""
+    yaw_rate_max: float | None = number(None, 1e-6, 1e10, "rad/s")
+    """Yaw rate of a differential drive at action 1 [rad/s]; None means that of wheels at the edge of its body, which
+    turn at the top speed: `speed_max` / `radius`."""
+    acceleration_max: float | None = number(None, 1e-6, 1e7, "m/s^2")
+    """Largest acceleration and deceleration of a differential drive [m/s^2]; None means drag `speed_max`, with which a
+    car begins at full throttle."""
+    yaw_acceleration_max: float | None = number(None, 1e-9, 1e13, "rad/s^2")
+    """Largest change of the yaw rate of a differential drive per time [rad/s^2]; None means 2 `acceleration_max` /
+    `radius`, that of a uniform disc whose wheels push at its edge as much as for `acceleration_max`."""
     drag: float = number(0.945, 1e-3, 1e3, "1/s")
     """Damping of the speed, c [1/s].
 
@@ -65,7 +76,8 @@ class Robot(Checked):
     drive_factors: tuple[tuple[int, float], ...] = rows(
         (), "must contain pairs of a robot and a factor from 0.01 to 10", robot_and(0.01, 10), units=("", "")
     )
-    """Cars with a weaker or stronger motor, each as (robot, factor on `drive`); model-based controllers ignore it."""
+    """Cars with a weaker or stronger motor, each as (robot, factor on `drive`), or differential drives with another
+    `acceleration_max`; model-based controllers ignore it."""
 
     def _check_together(self) -> None:
         self._check_forwards()
@@ -107,18 +119,42 @@ class Robot(Checked):
         """Steady speed of a car at full throttle: `speed_max`, or (drive throttle_max - offset) / drag [m/s]."""
         if self.speed_max is not None:
             return self.speed_max
-        return self.steady_speed(self.drive)
+        return (self.drive * self.full_throttle - self.offset) / self.drag
 
     @property
     def lowest_speed(self) -> float:
-        """Steady speed in full reverse: `speed_min`, or 0 by default [m/s]."""
-        return 0.0 if self.speed_min is None else self.speed_min
+        """Steady speed in full reverse: `speed_min`, or by default 0 or the top speed of a differential drive [m/s]."""
+        if self.speed_min is not None:
+            return self.speed_min
+        return -self.top_speed if self.kind == "differential" else 0.0
 
     @property
     def reverses(self) -> bool:
         """Return True if a robot can drive backwards."""
         return self.lowest_speed < 0
 
+    @property
+    def top_yaw_rate(self) -> float:
+        """Largest yaw rate of a differential drive: `yaw_rate_max`, or by default top speed / radius [rad/s]."""
+        return self.top_speed / self.radius if self.yaw_rate_max is None else self.yaw_rate_max
+
+    @property
+    def top_acceleration(self) -> float:
+        """Largest acceleration of a differential drive: `acceleration_max`, or by default drag top speed [m/s^2]."""
+        return self.drag * self.top_speed if self.acceleration_max is None else self.acceleration_max
+
+    @property
+    def top_yaw_acceleration(self) -> float:
+        """Largest yaw acceleration of a differential drive, by default 2 acceleration / radius [rad/s^2]."""
+        given = self.yaw_acceleration_max
+        return 2 * self.top_acceleration / self.radius if given is None else given
+
     def steady_speed(self, drive: float) -> float:
-        """Return the steady speed of a car at full throttle with its own drive: (drive tau - offset) / drag [m/s]."""
+        """Return the steady speed at action 1 of a robot with its own drive [m/s].
+
+        For a car it is (drive tau - offset) / drag at full throttle. A differential drive controls its speed: with a
+        stronger motor it only reaches the same speed sooner.
+        """
+        if self.kind == "differential":
+            return self.top_speed
         return (drive * self.full_throttle - self.offset) / self.drag

@@ -1,7 +1,7 @@
 """Files that survive a kill at any moment, never overwrite a file of a user, and are read strictly.
 
-A file is replaced as a whole. A link is replaced too and never followed. `lissajous_env.storage.journal` is for files
-that only grow, and `lissajous_env.storage.folder` for files that belong together.
+A file is replaced as a whole. A link is replaced too and never followed. `lissajous_env.storage.folder` is for files
+that belong together, or only grow.
 """
 
 import contextlib

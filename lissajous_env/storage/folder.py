@@ -1,23 +1,106 @@
-"""A folder of results in which one process writes, and which replaces and removes only the files that it wrote.
+"""A folder of results in which one process writes, and JSON Lines files that only grow.
 
-`.lissajous.jsonl` lists these files. Each is listed before it is written, so the list is complete after a kill at any
-moment. The list is also the lock. If a file of a user has the name of a result, an error is raised before any work is
-done.
+A folder replaces and removes only the files that it wrote. `.lissajous.jsonl` lists these files. Each is listed before
+it is written, so the list is complete after a kill at any moment. The list is also the lock. If a file of a user has
+the name of a result, an error is raised before any work is done.
+
+Lines of a file that grows are flushed to the disk, and a line that a kill left unfinished is dropped.
 """
 
 import contextlib
+import fcntl
+import json
 import os
-import secrets
 from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePosixPath
+from typing import Any
 
-from lissajous_env.storage.files import open_plainly, replacing, sync, write_atomically
-from lissajous_env.storage.journal import Journal
+from lissajous_env.storage.files import open_plainly, parse_json, replacing, sync, write_all, write_atomically
 from lissajous_env.wording import shown
 
 LIST = ".lissajous.jsonl"
 """Name of the list of the files that were written."""
-_BEGINS = b'{"lissajous": '
+_HEAD = {"lissajous": 1}
+"""First entry of the list."""
+_BEGINS = json.dumps(_HEAD).encode()
+_TEMPORARY = ".lissajous-writing"
+"""Name of a file that is being written, before its suffix."""
+
+
+class Journal:
+    """A JSON Lines file that only grows; its lines are on the disk when `append` returns.
+
+    When the file is opened, a last line that a kill left unfinished is dropped.
+
+    Args:
+        path: The file; it is created if it does not exist.
+        exclusive: True to lock the file before it is read, until the process ends or closes it.
+
+    Raises:
+        BlockingIOError: another process has locked the file.
+        ValueError: the file is a link, or a line before the last is damaged; the message names file and line.
+    """
+
+    def __init__(self, path: str | Path, exclusive: bool = False):
+        self.path = Path(path)
+        self.entries: list[dict[str, Any]] = []
+        """Entries of the file when it was opened; entry k was on line k + 1."""
+        self._end = 0
+        self._descriptor = open_plainly(self.path, os.O_RDWR | os.O_APPEND | os.O_CREAT)
+        try:
+            if exclusive:
+                fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._read()
+            sync(self.path.parent)
+        except BaseException:
+            self.close()
+            raise
+
+    def _read(self) -> None:
+        """Read the entries, and drop an unfinished last line."""
+        with open(self._descriptor, "rb", closefd=False) as file:
+            file.seek(0)
+            *lines, torn = file.read().split(b"\n")
+            self._end = file.tell() - len(torn)
+        for number, line in enumerate(lines, start=1):
+            place = f"{self.path}, line {number}"
+            try:
+                entry = parse_json(line, place)
+                if not isinstance(entry, dict):
+                    raise ValueError(f"{place} is damaged: it must contain one JSON object")
+            except ValueError as error:
+                what = f"got {line.decode(errors='replace')[:60]!r}; delete that line to create it again"
+                raise ValueError(f"{error}; {what}") from None
+            self.entries.append(entry)
+        if torn:
+            os.ftruncate(self._descriptor, self._end)
+            os.fsync(self._descriptor)
+
+    def append(self, entries: Iterable[dict[str, Any]]) -> None:
+        """Add one line for each entry, all in one write, and flush them to the disk.
+
+        Raises:
+            OSError: the lines cannot be written; then none of them is in the file.
+        """
+        lines = b"".join(json.dumps(entry, allow_nan=False).encode() + b"\n" for entry in entries)
+        try:
+            write_all(self._descriptor, lines)
+            os.fsync(self._descriptor)
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._descriptor, self._end)
+            raise OSError(error.errno, error.strerror or str(error), str(self.path)) from error
+        self._end += len(lines)
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self._descriptor)
+
+    def __enter__(self) -> "Journal":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 class Folder:
@@ -47,10 +130,10 @@ class Folder:
             words = f"got {shown(str(self.path))}: {error.strerror}"
             raise ValueError(f"out must be a folder that can be written to, {words}") from error
         try:
-            self._token = self._read_list()
+            self._read_list()
             self._check(writes)
-            self._remove_leftovers()
-            self._list.append([{"process": os.getpid()}])
+            for leftover in self.path.glob(f"{_TEMPORARY}*"):
+                leftover.unlink()
         except BaseException:
             self._list.close()
             raise
@@ -133,8 +216,7 @@ class Folder:
                 raise ValueError(f"{path} must be a {'folder' if name.endswith('/') else 'file'}, got a {kind}")
 
     def _temporary(self, path: Path) -> Path:
-        """Return a temporary path for a file; the token shows that one that is left over belongs to this folder."""
-        return self.path / f".lissajous-{self._token}{path.suffix}"
+        return self.path / f"{_TEMPORARY}{path.suffix}"
 
     def _path(self, name: str) -> Path:
         """Return the path of a name, and require that its folder was made here and is no link."""
@@ -158,38 +240,23 @@ class Folder:
         try:
             return Journal(path, exclusive=True)
         except BlockingIOError:
-            user = f"another process ({_user_of(path)})"
-            raise ValueError(f"{self.path} is in use by {user}; wait for it or choose another folder") from None
-
-    def _read_list(self) -> str:
-        """Read the names of the files that were written, and return the folder's token, which a new folder draws."""
-        if not self._list.entries:
-            token = secrets.token_hex(8)
-            self._list.append([{"lissajous": 1, "token": token}])
-            return token
-        head, *entries = self._list.entries
-        token = head.get("token")
-        if head.get("lissajous") != 1 or not (isinstance(token, str) and len(token) == 16 and token.isalnum()):
             raise ValueError(
-                f"{self._list.path}, line 1 is damaged: it must be of format 1 and contain a token, got {head}"
-            )
-        for number, entry in enumerate(entries, start=2):
+                f"{self.path} is in use by another process; wait for it or choose another folder"
+            ) from None
+
+    def _read_list(self) -> None:
+        """Read the names of the files that were written."""
+        if not self._list.entries:
+            self._list.append([_HEAD])
+        for number, entry in enumerate(self._list.entries[1:], start=2):
             match entry:
                 case {"wrote": str(name)}:
                     self._written.add(name)
                 case {"removed": str(name)}:
                     self._written.discard(name)
-                case {"process": int()}:
-                    continue
                 case _:
                     raise ValueError(f"{self._list.path}, line {number} must contain what was written, got {entry}")
             _require_plain(name)
-        return token
-
-    def _remove_leftovers(self) -> None:
-        for leftover in self.path.glob(f".lissajous-{self._token}*"):
-            if not leftover.is_dir() or leftover.is_symlink():
-                leftover.unlink(missing_ok=True)
 
 
 def _require_plain(name: str) -> None:
@@ -198,9 +265,3 @@ def _require_plain(name: str) -> None:
     wrong = "\\" in name or ":" in name or name.startswith("/") or len(parts) > 2 or name.rstrip("/") != "/".join(parts)
     if not parts or wrong or any(part in (".", "..") or part.startswith(".lissajous") for part in parts):
         raise ValueError(f"name of a result must be that of a file in its folder, got {name!r}")
-
-
-def _user_of(path: Path) -> str:
-    """Return the number of the process that uses a folder, from its list."""
-    processes = [line for line in path.read_bytes().splitlines() if line.startswith(b'{"process": ')]
-    return processes[-1].decode()[12:-1] if processes else "unknown"

@@ -7,9 +7,9 @@ from typing import Any
 
 import warp as wp
 
-from lissajous_env.device.bits import lowest
 from lissajous_env.device.compilation import OPTIONS, module_apart
 from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.discs import lowest
 from lissajous_env.device.part_structs import SensingStruct
 from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.trig import cos_sin

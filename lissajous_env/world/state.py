@@ -74,6 +74,8 @@ class Robots:
     """Wheelbase of this car [m]."""
     drive: wp.array2d(dtype=wp.float32)
     """Motor's drive of this car [m/s^2]."""
+    yaw_rate: wp.array2d(dtype=wp.float32)
+    """Yaw rate of a differential drive [rad/s]; 0 for other robots."""
     sensor: wp.array2d(dtype=wp.vec2)
     """x, y of a working robot [m]; NOWHERE for a robot that has failed or been removed."""
     measured: wp.array2d(dtype=wp.vec4)

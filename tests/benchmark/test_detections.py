@@ -88,12 +88,6 @@ def test_an_interrupted_benchmark_ends_with_the_same_curves(made, tmp_path):
         np.testing.assert_array_equal(outcome.table.curves["failure"][policy][1], share)
 
 
-def test_no_more_episodes_are_kept_than_a_curve_needs(monkeypatch, tmp_path):
-    monkeypatch.setattr(results_folder, "MOST_DETECTIONS", 3)
-    run(small(tmp_path, policies=("still",)), console=QUIET)
-    assert [json.loads(line)["episode"] for line in lines(tmp_path)] == [0, 1, 2]
-
-
 @pytest.mark.parametrize(
     "change",
     [{"found": [-1.0]}, {"unfound": ["long"]}, {"episode": 64}, {"policy": 3}, {"found": [1e300]}, {"more": 1}],

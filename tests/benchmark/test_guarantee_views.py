@@ -1,12 +1,10 @@
 """Guarantees in every table, page and file: the largest of the episodes, their number and their median."""
 
-import contextlib
 import io
 import json
 import math
 import re
 
-import figures
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
@@ -14,11 +12,10 @@ from rich.console import Console
 import lissajous_env
 from baselines.benchmark import tables
 from baselines.benchmark.report_page import Report
-from baselines.benchmark.shown_columns import SHOWN
+from baselines.benchmark.shown import SHOWN, lines_of, number
 from baselines.benchmark.table import Table
 from baselines.benchmark.types import Benchmark, Outcome
 from baselines.benchmark.written import latex, markdown, summarized, table_of
-from lissajous_env.console.cli import main
 from lissajous_env.console.terminal import plain
 from lissajous_env.world.columns import COLUMNS, LARGEST, WORST_CASE
 
@@ -45,7 +42,7 @@ def views_of(episodes):
     settings_ = Benchmark(("evaders",), ("ours", "other"), episodes=len(episodes))
     outcome = Outcome(settings_, [], played, table, {"device": "cpu"})
     wide = Console(width=400, record=True, file=io.StringIO())
-    tables.print_lines(wide, tables.Text("t"), SHOWN, tables.lines_of({"ours": of["ours"]}, SHOWN))
+    tables.print_lines(wide, tables.Text("t"), SHOWN, lines_of({"ours": of["ours"]}, SHOWN))
     terminal = re.sub(r"[^\x21-\x7e]+", " ", wide.export_text())
     wide = Console(width=400, record=True, file=io.StringIO())
     tables.print_scores(wide, "ours", "evaders", of["ours"])
@@ -71,44 +68,19 @@ def views_of(episodes):
 def test_every_view_shows_the_largest_and_the_number_of_episodes(episodes):
     # Law: of any episodes, every view shows the same three numbers.
     views, is_open = views_of(episodes), [flag for _, flag in episodes]
-    largest = tables.number(max(time for time, _ in episodes))
+    largest = number(max(time for time, _ in episodes))
     ordered = sorted(math.inf if flag else time for time, flag in episodes)
     middle = (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2
     summary = views.pop("summary")
     assert (summary["summary"], summary["n"], summary["open"]) == (LARGEST, len(episodes), sum(is_open))
-    assert tables.number(summary["max"]) == largest
+    assert number(summary["max"]) == largest
     assert summary["at_least"] == any(is_open)
     scores = views.pop("scores")
     assert f"{LARGEST} " in scores
     assert f"{'> ' if any(is_open) else ''}{largest}" in scores
     for name, words in views.items():
         assert largest in words, name
-        assert (f"median {tables.number(middle)}" in words) == math.isfinite(middle), name
+        assert (f"median {number(middle)}" in words) == math.isfinite(middle), name
         assert (f"{sum(is_open)} of {len(episodes)} open" if any(is_open) else f" of {len(episodes)}") in words, name
         assert ("open" in words) == any(is_open), name
         assert ("> " in words or "$>$ " in words) == any(is_open), name
-
-
-def test_every_stored_table_with_a_guarantee_shows_the_number_of_episodes():
-    # Law: of the tables of the documentation, a cell below the heading of the worst case is "largest (median ...)".
-    found = 0
-    for name, table in (figures.load() | figures.made_now()).items():
-        for place, title in enumerate(table["columns"]):
-            if title.endswith(WORST_CASE.heading):
-                for row in table["rows"]:
-                    if row[place] and not any("best known" in cell for cell in row[:2]):
-                        assert re.fullmatch(
-                            r"(> )?[\d.]+ \((median [\d.]+ of \d+|(median [\d.]+, )?\d+ of \d+ open)\)", row[place]
-                        ), name
-                        found += 1
-    assert found > 100
-
-
-def test_the_command_guarantee_prints_the_largest_of_its_episodes(tmp_path):
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
-        main(["guarantee", "evaders", "--policies", "still", "--radii", "2", "--cells", "10", "--episodes", "3",
-              "--out", str(tmp_path), "--set", "task.duration=3.0", "--json"])  # fmt: skip
-    result = json.loads(said.getvalue())
-    of = result["guarantees"]["evaders"]["still"]
-    assert (of["max"], of["n"], of["open"]) == (max(result["unseen"]["evaders"]["still"]), 3, 3)

@@ -1,6 +1,5 @@
 """The benchmark on this machine: what runs on which thread, and how it ends."""
 
-import io
 import threading
 
 import pytest
@@ -9,9 +8,8 @@ from rich.console import Console
 import baselines
 import lissajous_env
 from baselines.benchmark import results_folder
-from baselines.benchmark.progress import Progress
 from baselines.benchmark.running import measure, run
-from baselines.benchmark.types import Benchmark, Cell
+from baselines.benchmark.types import Benchmark
 
 QUIET = Console(quiet=True)
 SHORT = {"task.duration": 2.0}
@@ -74,21 +72,6 @@ def test_an_error_of_the_disk_on_another_thread_reaches_the_caller(tmp_path, mon
     monkeypatch.setattr(results_folder.Results, "add", full)
     with pytest.raises(OSError, match="No space left"):
         run(settings(tmp_path), console=QUIET)
-
-
-def test_each_cell_has_its_line_when_it_ends():
-    scenario = lissajous_env.scenario("failure", **SHORT)
-    first, second = (Cell(scenario, name, baselines.make) for name in ("first", "second"))
-    lines = io.StringIO()
-    with Progress([(first, [0, 1]), (second, [0])], Console(file=lines, width=80)) as progress:
-        progress.begin(first)
-        progress.begin(second)
-        progress.step(first, 2)
-        progress.finished(second, 1)
-        progress.finished(first, 1)
-        progress.failed(first, "failed")
-    told = [line.rpartition(",")[0] for line in lines.getvalue().splitlines()]
-    assert told == ["failure second: 1 episode", "failure first: failed"]
 
 
 def test_a_policy_that_refuses_a_scenario_is_left_out_unless_it_was_asked_for(tmp_path):

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from PIL import Image
 from rich.console import Console
-from scipy.stats import mannwhitneyu
 from test_table import INTRUDERS, rows
 
 import lissajous_env
-from baselines.benchmark import paper_figures
+from baselines.benchmark import paper_figures, results_folder
 from baselines.benchmark.running import run
-from baselines.benchmark.statistics import performance_profile, probability_of_improvement
-from baselines.benchmark.table import Table
+from baselines.benchmark.statistics import performance_profile
+from baselines.benchmark.table import Table, compare
 from baselines.benchmark.types import Benchmark
 from baselines.benchmark.written import latex
 from baselines.commands.figures import figures
+from lissajous_env.storage.folder import Folder
 
 QUIET = Console(quiet=True)
 
@@ -44,20 +44,17 @@ def folder(tmp_path_factory):
     return out
 
 
-def test_improvement_is_mann_whitneys_u_averaged_over_scenarios():
-    rng = np.random.default_rng(0)
-    ours, theirs = ([np.round(rng.normal(m, 1, 12), 1) for m in means] for means in ((0, 1, 3), (0.5, 1, 1)))
-    found, low, high = probability_of_improvement(ours, theirs, better=-1)
-    # scipy's statistic counts pairs in which the first is larger, ties half; less is better here.
-    oracle = [mannwhitneyu(b, a).statistic / 144 for a, b in zip(ours, theirs, strict=True)]
-    assert found == pytest.approx(np.mean(oracle))
-    assert probability_of_improvement(ours, theirs, better=1)[0] == pytest.approx(1 - found)
-    # Oracle of the interval: each sample drawn again by itself, in plain loops.
-    drawn = []
-    for _ in range(2000):
-        again = [(rng.choice(a, 12), rng.choice(b, 12)) for a, b in zip(ours, theirs, strict=True)]
-        drawn.append(np.mean([((a[:, None] < b) + (a[:, None] == b) / 2).mean() for a, b in again]))
-    assert (low, high) == pytest.approx(tuple(np.quantile(drawn, [0.025, 0.975])), abs=0.02)
+def test_improvement_is_that_of_tables_over_all_scenarios(folder):
+    # Oracle: the shares of the table of each scenario, which have as many seeds.
+    with Folder(folder, results_folder.FILES) as there, results_folder.Results(there) as results:
+        table = Table.of(results.rows(), results.scenarios)
+    group = next(of for of in table.groups() if of.kind == "car")
+    pooled = {policy: [row for rows in by.values() for row in rows] for policy, by in group.rows.items()}
+    pair = compare(pooled, None).policies["laps"]["detection_time_mean"]
+    each = [table.against[name].policies["laps"]["detection_time_mean"] for name in group.scenarios]
+    assert pair.n == sum(of.n for of in each) == 6
+    assert pair.better == pytest.approx(np.mean([of.better for of in each]))
+    assert pair.better_low <= pair.better <= pair.better_high
 
 
 def test_profiles_are_shares_of_all_episodes():

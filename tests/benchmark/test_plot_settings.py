@@ -66,16 +66,3 @@ def test_pictures_are_the_same_with_any_settings(tmp_path):
     notebook = {"MPLBACKEND": "module://matplotlib_inline.backend_inline"}
     assert drawn(tmp_path / "plain", **notebook) == expected
     assert drawn(tmp_path / "hostile") == expected
-
-
-def test_settings_of_the_user_come_back():
-    import matplotlib
-
-    from lissajous_env.render.plotting import own_settings
-
-    with matplotlib.rc_context({"font.size": 31.0, "savefig.bbox": "tight"}):
-        with own_settings({"font.size": 7.0}):
-            assert (matplotlib.rcParams["font.size"], matplotlib.rcParams["savefig.bbox"]) == (7.0, None)
-            backend = matplotlib.rcParams._get_backend_or_none()
-        assert (matplotlib.rcParams["font.size"], matplotlib.rcParams["savefig.bbox"]) == (31.0, "tight")
-        assert matplotlib.rcParams._get_backend_or_none() == backend

@@ -7,6 +7,7 @@ import pytest
 
 import lissajous_env
 from baselines.benchmark.bounds import Bounds
+from baselines.benchmark.shown import in_words
 from baselines.benchmark.statistics import (
     bootstrap_interval,
     interquartile_mean,
@@ -16,7 +17,6 @@ from baselines.benchmark.statistics import (
     profile_over_scenarios,
 )
 from baselines.benchmark.table import with_derived
-from baselines.benchmark.tables import in_words
 from baselines.benchmark.written import TAUS
 from lissajous_env.world.columns import AT_END, COLUMNS, DETECTION_TIME, OPEN, WORST_CASE
 

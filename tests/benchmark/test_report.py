@@ -4,7 +4,6 @@ import io
 import json
 import math
 import re
-import threading
 
 import numpy as np
 import pytest
@@ -12,19 +11,15 @@ from rich.console import Console
 
 import baselines
 import lissajous_env
-import training.report
 from baselines.benchmark import local, ranking, replays, report_page
 from baselines.benchmark.ranking import rankings
 from baselines.benchmark.running import run
+from baselines.benchmark.shown import number
 from baselines.benchmark.table import Table
-from baselines.benchmark.tables import number
 from baselines.benchmark.types import Benchmark
 from lissajous_env.episodes.recording import record
 from lissajous_env.replay.contents import BRIEF, contents
-from lissajous_env.storage.folder import Folder
 from lissajous_env.world.columns import COLUMNS
-from training.learned.history import History
-from training.settings import TrainingSettings
 
 QUIET = Console(quiet=True)
 HOSTILE = "</script><img src=x onerror=alert(1)>"
@@ -180,27 +175,6 @@ def test_replays_are_chosen_by_a_word_a_number_or_a_name():
     ]
 
 
-def test_replays_are_the_same_on_any_number_of_threads(tmp_path, monkeypatch):
-    # Oracle: the report of one thread.
-    threads, before = set(), replays.record_together
-
-    def noting(*given):
-        threads.add(threading.current_thread())
-        return before(*given)
-
-    monkeypatch.setattr(replays, "record_together", noting)
-    found = []
-    for name, cores in (("one", 1), ("three", 3)):
-        threads.clear()
-        monkeypatch.setattr(replays, "cores", lambda cores=cores: cores)
-        run(small(tmp_path / name, replays=("2",)), console=QUIET)
-        assert (len(threads) > 1) == (cores > 1)
-        blocks = blocks_of(tmp_path / name)
-        assert len(blocks["data"]["replays"]) > 3
-        found.append((blocks["data"]["replays"], {key: of for key, of in blocks.items() if key != "data"}))
-    assert found[0] == found[1]
-
-
 @pytest.mark.parametrize("word", ["some", "-1", "evaders:laps", "evaders:laps:9", "evaders:lap:1", "team:laps:0", "²"])
 def test_replays_of_what_is_not_played_are_refused_at_once(tmp_path, word):
     with pytest.raises(ValueError, match=r"replays must be none, few, each, all, a number, or SCENARIO:POLICY:SEED"):
@@ -276,28 +250,3 @@ def test_of_many_episodes_the_worst_are_listed(small_one, tmp_path, monkeypatch)
     assert sorted(place[:2] for place in kept) == sorted(
         2 * list(dict.fromkeys(zip(before["scenario"], before["policy"], strict=True)))
     )
-
-
-def test_a_training_replays_no_oftener_than_its_share_of_the_time_allows(tmp_path, monkeypatch):
-    # Story: three evaluations within a moment; the first and the last are replayed, the rival's episode once.
-    played = []
-
-    def counted(policy, *given):
-        played.append(policy.name)
-        return record(policy, *given)
-
-    monkeypatch.setattr(training.report, "record", counted)
-    settings = TrainingSettings(scenario="intruders", rivals=("laps",), out=tmp_path, overrides=SHORT)
-    scenario = settings.make_scenario()
-    with Folder(tmp_path) as held:
-        written = training.report.TrainingReport(held, settings, scenario, 20_000)
-        for last in (False, False, True):
-            written.write(History(steps=1000), baselines.make("still", scenario), last)
-            assert (tmp_path / "report.html").stat().st_size > 100_000
-    assert played == ["still", "laps", "still"]
-
-
-def test_a_command_names_the_scenario_as_it_was_changed():
-    assert report_page.command_of("team", {}) == "team"
-    changes = {"task.duration": 30.0, "faults.schedule": ((0, 1.0, 2.0),)}
-    assert report_page.command_of("team", changes) == "team --set task.duration=30.0 'faults.schedule=((0, 1.0, 2.0),)'"

@@ -13,7 +13,7 @@ import lissajous_env
 from baselines.benchmark import tables
 from baselines.benchmark.bounds import bounds_of
 from baselines.benchmark.running import run
-from baselines.benchmark.shown_columns import OVER_LOWER_BOUND, SHOWN
+from baselines.benchmark.shown import OVER_LOWER_BOUND, SHOWN, in_words, lines_of, with_numbers
 from baselines.benchmark.statistics import summarize
 from baselines.benchmark.table import Table, groups
 from baselines.benchmark.types import Benchmark
@@ -32,8 +32,8 @@ def rows(policy, scenario="intruders", first=0, **columns):
 def shown(table, width=200):
     """Return the text of a table of the scenario, and the columns that do not fit."""
     console = Console(width=width, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
-    columns = tables.with_numbers(table.estimates["intruders"], SHOWN)
-    left_out = tables.print_lines(console, Text("t"), columns, tables.lines_of(table.estimates["intruders"], columns))
+    columns = with_numbers(table.estimates["intruders"], SHOWN)
+    left_out = tables.print_lines(console, Text("t"), columns, lines_of(table.estimates["intruders"], columns))
     return console.export_text(), left_out
 
 
@@ -44,7 +44,7 @@ def test_over_the_limit_is_the_mean_over_the_bound():
     of = cells["intruders"]["a"][OVER_LOWER_BOUND.name]
     assert of.mean == pytest.approx(4 / limit)
     assert of.mean_low < of.mean < of.mean_high
-    assert tables.in_words(of)[0] == f"{4 / limit:.3g}"
+    assert in_words(of)[0] == f"{4 / limit:.3g}"
 
 
 def test_no_ratio_to_a_limit_that_says_nothing():

@@ -2,19 +2,13 @@
 
 import json
 import re
-import sys
 
 import figures
-import numpy as np
-import pytest
-import results
-import trainings
 from rich.console import Console
 
 import lissajous_env
 from baselines.benchmark import bounds, types
 from baselines.benchmark.running import measure, plan, run
-from baselines.benchmark.statistics import interquartile_mean
 from baselines.benchmark.table import Table
 from baselines.benchmark.types import Benchmark
 from baselines.benchmark.written import markdown, table_of
@@ -97,62 +91,3 @@ def test_policies_that_users_registered_are_played_beside_the_standard_ones_and_
     usual = names()
     assert [name for name in usual if name not in types.POLICIES] == ["theirs"]
     assert {"arc-mpcc", "still", "theirs"} <= set(names("all"))
-
-
-def test_results_are_kept_of_each_policy_on_a_scenario(tmp_path, monkeypatch, capsys):
-    # Story: one short scenario is played and stored; the page of that scenario reads it. Oracle: `evaluate`.
-    import baselines
-
-    monkeypatch.setattr(figures, "STORE", tmp_path / "figures.json")
-    settings = ["--scenarios", "perturbation", "--episodes", "2", "--out", str(tmp_path / "kept"), "--store"]
-    monkeypatch.setattr(sys, "argv", ["results.py", *settings])
-    results.main()
-    kept = figures.load()["results perturbation"]
-    assert kept["episodes"] == 2
-    assert "perturbation, 2 seeds" in capsys.readouterr().out
-    told = {row[0]: dict(zip(kept["columns"], row, strict=True)) for row in kept["rows"]}
-    assert {"`kuramoto`", "`open-loop`", "`random`", "`still`"} <= set(told)
-    rows = lissajous_env.evaluate(baselines.make("still", "perturbation", 2), "perturbation", seeds=range(2))
-    assert float(told["`still`"]["sensed"].split()[0]) == pytest.approx(
-        np.mean([row["sensed_fraction"] for row in rows]), abs=2e-3
-    )
-
-
-def test_trainings_are_judged_together_and_alone():
-    # Oracle: by hand, and the two-level interval of the same numbers.
-    rng = np.random.default_rng(0)
-    times = rng.uniform(1, 3, (3, 8))
-    reference = list(rows("kuramoto-mpcc", [2.5] * 8))
-    judged = trainings.judged([list(rows(f"training {k}", each)) for k, each in enumerate(times)], reference)
-    of = judged["detection_time_mean"]
-    assert of["value"] == pytest.approx(interquartile_mean(times.ravel()))
-    assert of["interval"] == trainings.two_level_interval(times)
-    assert of["better"] == pytest.approx((times < 2.5).mean())
-    assert [each["iqm"] for each in of["trainings"]] == pytest.approx([interquartile_mean(each) for each in times])
-    assert judged["collisions"]["statistic"] == "mean"
-    assert judged["sensed_fraction"]["better"] == 0.5
-    assert trainings.judged([list(rows("alone", times[0]))], reference)["collisions"]["interval"] is None
-
-
-def cell(made, row, column):
-    mark = f"<!-- figures: made / {row} / {column} -->"
-    return figures.filled(f"{mark}<!-- end -->", {"made": made}).removeprefix(mark).removesuffix("<!-- end -->")
-
-
-def test_the_table_of_trainings_has_each_of_them_all_and_the_reference():
-    # Oracle: by hand. The second training is better on half of the seeds.
-    reference = list(rows("kuramoto-mpcc", [2.0] * 4))
-    tables = [list(rows("a", [1.0] * 4)), list(rows("b", [1.0, 1.0, 3.0, 3.0]))]
-    judgement = {"seeds": [0, 1], "columns": trainings.judged(tables, reference)}
-    made = trainings.as_table({"5000000": judgement, "15000000": judgement})
-    assert [row[0] for row in made["rows"]][2:] == [
-        "after 5 million steps, all",
-        *(f"after 15 million steps, {who}" for who in ("seed 0", "seed 1", "all")),
-        "`kuramoto-mpcc`",
-    ]
-    assert cell(made, "after 5 million steps, seed 0", "detection [s]") == "1"
-    assert cell(made, "after 5 million steps, seed 0", "sooner") == "100 %"
-    assert cell(made, "after 15 million steps, seed 1", "sooner").startswith("50 % (")
-    assert cell(made, "after 15 million steps, all", "sooner").startswith("75 % (")
-    assert cell(made, "`kuramoto-mpcc`", "detection [s]") == "2"
-    assert cell(made, "`kuramoto-mpcc`", "sooner") == ""

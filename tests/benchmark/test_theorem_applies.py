@@ -8,8 +8,7 @@ import pytest
 
 import baselines
 import lissajous_env
-from baselines.benchmark.theorem import about_theorem, compatible_starts
-from baselines.benchmark.types import Cell
+from baselines.benchmark.bounds import about_theorem, compatible_starts
 from baselines.policies.base import Policy
 from baselines.policies.factories import as_factory, named
 from baselines.policies.safety.proved import ProvedParameters, unmet_conditions
@@ -61,9 +60,9 @@ class Around(Policy):
 
 
 def said(scenario, policy, factory=None):
-    cell = Cell(scenario, policy, named(policy) if factory is None else as_factory(factory, policy))
+    made = named(policy) if factory is None else as_factory(factory, policy)
     rows = [{"scenario": scenario.name, "policy": policy, "seed": seed} for seed in range(8)]
-    return about_theorem([cell], rows).get(scenario.name, [])
+    return about_theorem([(scenario, policy, made)], rows).get(scenario.name, [])
 
 
 def test_the_sentence_names_the_conditions_or_that_there_are_none():

@@ -8,11 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
-import rich.progress
 from command_line import called
 
 import lissajous_env
-from baselines.benchmark.progress import Clock, in_words
 from baselines.planning import report
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import Figures, Plan, Planned
@@ -21,7 +19,7 @@ from baselines.policies.settings import PolicySettings
 from baselines.reproduce import claims
 from baselines.reproduce.claims import Claim
 from lissajous_env.console.terminal import make_console
-from lissajous_env.device import kernel_cache
+from lissajous_env.device import compilation
 from lissajous_env.parameters import named
 
 CLAIMS = [
@@ -82,10 +80,10 @@ def test_streams_that_are_closed_or_full_end_no_command_in_a_traceback(line, cod
 LOAD = """
 import sys
 import warp as wp
-from lissajous_env.device import kernel_cache
+from lissajous_env.device import compilation
 from lissajous_env.world.robots import collisions
 from lissajous_env.device.devices import as_device, compile_quietly
-kernel_cache.listener = print
+compilation.listener = print
 as_device("cpu")
 with compile_quietly():
     wp.load_module(collisions, device="cpu")
@@ -128,40 +126,13 @@ def test_the_first_run_says_that_it_compiles(tmp_path):
 
 
 def test_the_command_says_that_it_compiles_unless_quiet(monkeypatch, capsys):
-    monkeypatch.setattr(kernel_cache, "listener", None)
+    monkeypatch.setattr(compilation, "listener", None)
     for options, heard in (([], "compiling\n"), (["--quiet"], "")):
         monkeypatch.setattr(
-            named, "scenarios", lambda: (kernel_cache.listener and kernel_cache.listener("compiling")) or ()
+            named, "scenarios", lambda: (compilation.listener and compilation.listener("compiling")) or ()
         )
         code, _, error = called(capsys, "scenarios", *options)
         assert (code, error) == (0, heard)
-
-
-@pytest.mark.parametrize(
-    ("seconds", "words"),
-    [(0, "0 s"), (59.4, "59 s"), (60, "1 min"), (78, "1 min 20 s"), (3599, "1 h"), (3600, "1 h"), (5400, "1 h 30 min"),
-     (90_000, "1 d 1 h")],
-)  # fmt: skip
-def test_time_in_words(seconds, words):
-    assert in_words(seconds) == words
-
-
-def test_time_left_is_said_once_there_is_something_to_judge_by():
-    clock, now = Clock(), 0.0
-    bars = rich.progress.Progress(get_time=lambda: now)
-    bars.add_task("", total=100)
-    (task,) = bars.tasks
-    now = 1.0
-    bars.update(task.id, completed=1)
-    assert clock.render(task).plain == "1 s"
-    now = 40.0
-    bars.update(task.id, completed=10)
-    # Ten took 40 s, so the other ninety take 360 s, unless the task itself says what is left.
-    assert clock.render(task).plain == "40 s, 6 min left"
-    bars.update(task.id, left="2 h left")
-    assert clock.render(task).plain == "40 s, 2 h left"
-    bars.update(task.id, left=None, completed=100)
-    assert clock.render(task).plain == "40 s"
 
 
 def test_names_in_brackets_stand_in_what_is_printed(tmp_path, monkeypatch, capsys):

@@ -42,7 +42,7 @@ SHORTER = {
     "benchmark": "--scenarios intruders --policies sweep laps --episodes 1",
     "evaluate": "--episodes 1",
     "plan": "--plans 24",
-    "guarantee": "--radii 2 --cells 16 --episodes 1",
+    "guarantee": "--radii 2 --cells 16",
     "train": "--steps 2000 --worlds 4 --evaluation-episodes 1 --rivals sweep --imitation-steps 0 --rollout 8",
     "train --side": "--rogue-rounds 2 --evaluation-episodes 1",
     "exploit": "--episodes 1",
@@ -52,10 +52,9 @@ LASTING = ("benchmark", "evaluate", "exploit", "guarantee", "replay", "run", "tr
 """Commands that run episodes, here of half a second."""
 IMAGES = {
     "intruders.gif": "lissajous run intruders kuramoto-mpcc --seed 1 --set task.duration=14",
-    "unseen.png": "lissajous guarantee evaders-failure --policies kuramoto-mpcc kuramoto-mpcc-safe open-loop-mpcc",
     "critical_speed.png": "lissajous guarantee`",
     "trainings.png": "python benchmarks/trainings.py --store",
-    "growth.png": "python benchmarks/speed.py --parts growth --against FOLDER --store",
+    "growth.png": "python benchmarks/speed.py --parts growth --against",
     "fig3.png": "lissajous reproduce fig3 fig6 fig9",
     "fig6.png": "lissajous reproduce fig3 fig6 fig9",
     "fig9.png": "lissajous reproduce fig3 fig6 fig9",

@@ -1,12 +1,11 @@
 """Parts of the documentation that are made when it is built: pages of scenarios, drawings, docstrings."""
 
 import re
-from xml.etree import ElementTree
 
 import pytest
 
 import lissajous_env
-from docs.generator import concepts, design, docstrings, files, pictures, scenarios
+from docs.generator import scenarios
 from lissajous_env import Curve, Robot, Scenario, Sensing, Targets, Task
 
 
@@ -68,72 +67,3 @@ def test_every_scenario_has_a_page_with_its_results(name):
     listed = [row[0] for row in rows_below("Results of the policies", text)]
     assert {"`random`", "`still`"} <= set(listed) or set(listed) == {"`kuramoto`", "`open-loop`", "`consensus`"}
     assert len(set(listed)) == len(listed)
-
-
-def test_the_list_links_every_page():
-    given = [lissajous_env.scenario(name) for name in lissajous_env.scenarios()]
-    text = scenarios.listing(given)
-    assert all(f"[`{each.name}`]({each.name}.md)" in text for each in given)
-    assert re.search(r"```\{toctree\}\n:hidden:\n\n" + "\n".join(each.name for each in given) + "\n```", text)
-
-
-def test_the_picture_of_a_scenario_is_a_moment_of_it():
-    short = lissajous_env.scenario("failure", **{"task.duration": 1.0})
-    png = pictures.picture_of(short)
-    assert png[:8] == b"\x89PNG\r\n\x1a\n"
-    assert len(png) > 10_000
-    assert pictures.picture_of(short) == png, "the same seed, the same picture"
-
-
-@pytest.mark.parametrize("name", ["curve", "ring", "stages", "folders"])
-def test_a_drawing_is_the_same_each_time(name):
-    draw = {**concepts.DRAWINGS, **design.DRAWINGS}[name]
-    svg = draw()
-    assert ElementTree.fromstring(svg).tag.endswith("svg")
-    assert draw() == svg
-
-
-def test_the_folders_are_those_of_the_package_and_import_one_way():
-    lines = design.lines_by_folder("lissajous_env")
-    assert {"world", "envs", "parameters", "theory"} <= set(lines)
-    assert lines["world"] > 1000
-    order, imports = design.PACKAGES, design.imports_between()
-    assert imports
-    assert all(order.index(source) > order.index(target) for source, target in imports)
-
-
-def test_docstrings_become_restructured_text():
-    given = [
-        "A policy writes one method:",
-        "",
-        "    def decide(self):",
-        "",
-        "Args:",
-        "    name: What it is:",
-        "        so.",
-    ]
-    assert docstrings.with_literal_blocks(given) == ["A policy writes one method::", *given[1:]]
-
-
-def test_an_absolute_value_is_no_substitution():
-    assert docstrings.without_substitutions("|x - y|, as `a | b` says") == "\\|x - y\\|, as `a | b` says"
-
-
-def test_a_file_is_written_only_if_it_has_changed(tmp_path):
-    # Story: Sphinx reads only changed files again.
-    path = tmp_path / "folder" / "page.md"
-    files.write_changed(path, "one")
-    path.touch()
-    before = path.stat().st_mtime_ns
-    files.write_changed(path, "one")
-    assert path.stat().st_mtime_ns == before
-    files.write_changed(path, "two")
-    assert path.read_text() == "two"
-
-
-def test_cells_cannot_break_a_table():
-    assert files.table(["a", "b"], [["x|y", "two\nlines"]]).splitlines() == [
-        "| a | b |",
-        "| --- | --- |",
-        "| x\\|y | two lines |",
-    ]

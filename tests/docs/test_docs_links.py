@@ -86,10 +86,3 @@ def test_a_newcomer_finds_the_answer_within_two_clicks(first, question, texts):
 def test_nothing_names_the_machine_that_wrote_it(texts):
     for name, text in texts.items():
         assert not re.search(r"/(?:tmp|work|root|home)/|localhost", text), name
-
-
-def test_every_page_is_in_the_contents():
-    listed = (DOCS / "index.md").read_text(encoding="utf-8") + (DOCS / "api" / "index.md").read_text(encoding="utf-8")
-    for path in sorted(DOCS.glob("*.md")) + sorted((DOCS / "notebooks").glob("*.md")) + sorted(DOCS.glob("api/*.md")):
-        name = path.relative_to(DOCS).with_suffix("").as_posix().removeprefix("api/")
-        assert re.search(rf"^(?:api/)?{name}$", listed, re.MULTILINE) or path.name == "index.md", name

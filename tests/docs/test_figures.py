@@ -40,18 +40,6 @@ def test_a_typed_number_is_replaced():
     assert figures.filled(right, TABLES) == right
 
 
-def test_a_row_by_its_whole_name_is_not_another_that_goes_on():
-    # Story: a policy, and the same one with a filter below it.
-    tables = {"speeds": {"columns": SPEEDS["columns"], "rows": [["fast, safe", "1"], ["fast", "2"]]}}
-    assert ">2<" in figures.filled("<!-- figures: speeds / fast / speed [m/s] --><!-- end -->", tables)
-
-
-def test_a_shown_table_keeps_its_units(capsys):
-    figures.show("how fast", SPEEDS)
-    shown = capsys.readouterr().out
-    assert all(words in shown for words in ("how fast", "speed [m/s]", "slow|er"))
-
-
 def test_a_table_is_written_and_tables_are_joined():
     alone = figures.filled("<!-- figures: others -->old<!-- end -->", TABLES)
     assert alone.splitlines()[2:5] == ["| policy | speed [m/s] |", "| --- | --- |", "| other | 5 |"]
@@ -82,21 +70,3 @@ def test_tables_are_stored_beside_the_others(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match="rows of table ragged"):
         figures.store({"ragged": {"columns": ["one"], "rows": [["a", "b"]]}})
     assert "ragged" not in figures.load()
-
-
-def test_the_gist_is_picked_from_the_table_of_the_policies(monkeypatch):
-    # Oracle: one cell of each scenario, found by eye in the stored table's way of writing a scenario once.
-    stored = {
-        "columns": ["scenario", "policy", "detection [s]", "guaranteed [s]", "collisions", "sensed"],
-        "rows": [
-            ["`evaders`, limit 1 s", "`a`", "1", "2", "3", "4"], ["", "`b`", "5", "6", "7", "8"],
-            ["`evaders-lost`", "`a`", "29", "30", "31", "32"], ["", "`b`", "33", "34", "35", "36"],
-            ["`intruders`", "`a`", "9", "10", "11", "12"], ["", "`b`", "13", "14", "15", "16"],
-            ["`rough`", "`a`", "17", "18", "19", "20"], ["", "`b`", "21", "22", "23", "24"],
-            ["`redundant`", "`point`", "25", "26", "27", "28"],
-        ],
-    }  # fmt: skip
-    monkeypatch.setattr(figures, "GIST_POLICIES", ("a", "b"))
-    assert figures.gist_of(stored)["rows"] == [
-        ["`a`", "2", "3", "30", "10", "9", "19"], ["`b`", "6", "7", "34", "14", "13", "23"]
-    ]  # fmt: skip

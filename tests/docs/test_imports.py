@@ -40,19 +40,6 @@ def test_no_name_is_a_module_and_something_else():
     assert clashes(ROOT, PACKAGES) == []
 
 
-def test_a_clash_of_names_is_found(tmp_path):
-    # Story: a package has modules a, b and c, takes a from b, makes its own c, and takes b as the module that it is.
-    (tmp_path / "ours").mkdir()
-    for name, text in {
-        "a": "",
-        "b": "a = 1",
-        "c": "",
-        "__init__": "from ours import b\nfrom ours.b import a\nc = 2",
-    }.items():
-        (tmp_path / "ours" / f"{name}.py").write_text(text)
-    assert clashes(tmp_path, ["ours"]) == ["ours.a", "ours.c"]
-
-
 HEAVY = ("torch", "stable_baselines3", "torchrl", "benchmarl", "ray", "casadi", "supersuit", "jax", "numba")
 
 PROGRAM = """

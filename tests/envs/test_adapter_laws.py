@@ -1,8 +1,11 @@
-"""Laws of every adapter: the rows of the simulation, time limits, seeds, padding, and refused actions.
+"""Laws of every adapter: rows of the simulation, time limits, seeds, copies, padding, and refused actions.
 
 An adapter here plays W worlds with arrays by side, `robot` or `rogue`: rows and actions (W, N, ...). A new library is
 one more class. What is a library's own, its checker and a short training, is in the test file of that library.
 """
+
+import copy
+import pickle
 
 import numpy as np
 import pytest
@@ -11,18 +14,18 @@ import lissajous_env
 from lissajous_env import ScenarioSpace, Simulation
 
 CARS = {"task.duration": 1.0}
+MESSAGES = CARS | {"messages.size": 4}
 ROGUES = {"targets.count": 3, "targets.arrival_rate": 0.0, "targets.entry": "unseen", "sensing.radius": 0.4} | CARS
 SPACE = ScenarioSpace("small", lissajous_env.scenario("evaders"), {
     "curve": {"choices": [{"a": 1, "b": 2}, {"a": 3, "b": 2}], "half_height": {"low": 0.8, "high": 1.0}},
     "task": {"duration": {"choices": [0.5, 1.0]}, "contamination": None},
 })  # fmt: skip
-STEPS = 10
 
 
 class Dicts:
     """PettingZoo's parallel environment, and RLlib's: dicts of agents."""
 
-    worlds, roles = 1, ("robots", "both", "space")
+    worlds, roles = 1, ("robots", "messages", "both", "space")
 
     def __init__(self, name, scenario, **settings):
         if name == "rllib":
@@ -62,7 +65,7 @@ class Dicts:
 class Turns(Dicts):
     """PettingZoo's AEC environment: agents act in turn."""
 
-    roles = ("robots", "both")
+    roles = ("robots", "messages", "both")
 
     def __init__(self, name, scenario, **settings):
         self.env = lissajous_env.env(scenario, **settings)
@@ -92,7 +95,7 @@ class Turns(Dicts):
 class Team:
     """Gymnasium's environment of one world, whose agent is a team."""
 
-    worlds, roles = 1, ("robots", "rogues", "space")
+    worlds, roles = 1, ("robots", "messages", "rogues", "space")
 
     def __init__(self, name, scenario, **settings):
         self.env = lissajous_env.LissajousEnv(scenario, **settings)
@@ -114,7 +117,7 @@ class Team:
 class Vector:
     """Gymnasium's vector environment; a row is a team or, if `as_rows`, a robot."""
 
-    worlds, roles = 2, ("robots",)
+    worlds, roles = 2, ("robots", "messages")
 
     def __init__(self, name, scenario, **settings):
         self.as_rows = name == "vector rows"
@@ -139,7 +142,7 @@ class Vector:
 class Rows:
     """Stable-Baselines3: a row for each agent; the rows after an end are in the infos."""
 
-    worlds, roles = 2, ("robots", "rogues")
+    worlds, roles = 2, ("robots", "messages", "rogues")
 
     def __init__(self, name, scenario, **settings):
         pytest.importorskip("stable_baselines3")
@@ -171,7 +174,7 @@ class Rows:
 class Tensors:
     """TorchRL: a group for each side."""
 
-    worlds, roles = 2, ("robots", "both", "space")
+    worlds, roles = 2, ("robots", "messages", "both", "space")
 
     def __init__(self, name, scenario, **settings):
         pytest.importorskip("torchrl")
@@ -203,7 +206,8 @@ class Tensors:
 
 ADAPTERS = {"parallel": Dicts, "rllib": Dicts, "aec": Turns, "gymnasium": Team, "vector": Vector, "vector rows": Vector,
             "sb3": Rows, "torchrl": Tensors}  # fmt: skip
-SETTINGS = {"robots": CARS, "rogues": ROGUES | {"robots": "still"}, "both": ROGUES | {"rogues": "agents"}, "space": {}}
+SETTINGS = {"robots": CARS, "messages": MESSAGES, "rogues": ROGUES | {"robots": "still"},
+            "both": ROGUES | {"rogues": "agents"}, "space": {}}  # fmt: skip
 PLAYED = [(name, roles) for name, adapter in ADAPTERS.items() for roles in adapter.roles]
 
 
@@ -252,6 +256,9 @@ def test_rows_and_rewards_are_those_of_the_simulation_until_the_time_limit_which
             break
         assert truncated.tolist() == [step == made.task.steps] * adapter.worlds
     assert compared > 0
+    if roles == "messages":
+        heard = [name.startswith("neighbour_") and "message" in name for name in simulation.layout.names]
+        assert rows["robot"][..., heard].all()
 
 
 @pytest.mark.parametrize(("name", "roles"), PLAYED, ids=str)
@@ -259,11 +266,36 @@ def test_a_seed_repeats_an_episode_and_without_one_episodes_differ(name, roles):
     first, again, other = make(name, roles), make(name, roles), make(name, roles)
     same = [adapter.reset(seed=3) for adapter in (first, again)]
     assert all((same[0][side] == same[1][side]).all() for side in same[0])
-    changed = [adapter.reset() for adapter in (first, again)]
-    assert all((changed[0][side] == changed[1][side]).all() for side in changed[0])
+    for _ in range(2):
+        changed = [adapter.reset() for adapter in (first, again)]
+        assert all((changed[0][side] == changed[1][side]).all() for side in changed[0])
     unseeded = other.reset()
     if roles != "rogues":  # these enter unseen
-        assert unseeded["robot"].tolist() != same[0]["robot"].tolist()
+        assert unseeded["robot"].tolist() != same[0]["robot"].tolist() != changed[0]["robot"].tolist()
+
+
+@pytest.mark.parametrize(("name", "roles"), PLAYED, ids=str)
+def test_a_copy_goes_on_bit_for_bit_and_returned_arrays_do_not_change(name, roles):
+    # Oracle: the adapter that was pickled, before the first reset or in mid-episode, over the end of the episode.
+    adapter, draw = make(name, roles), np.random.default_rng(0)
+    adapter = pickle.loads(pickle.dumps(adapter))
+    rows = adapter.reset(seed=4)
+    for _ in range(3):
+        rows, *_ = adapter.step(drawn(adapter, rows, draw))
+    returned, before = rows, {side: of.copy() for side, of in rows.items()}
+    copies = [pickle.loads(pickle.dumps(adapter)), copy.deepcopy(adapter)]
+    over = np.array([False])
+    while not over.all():
+        given = drawn(adapter, rows, draw)
+        rows, *mine = adapter.step(given)
+        for of_copy, *its in [each.step(given) for each in copies]:
+            assert all((rows[side] == of_copy[side]).all() for side in rows)
+            assert str(mine) == str(its)
+        over = mine[1] | mine[2]
+    assert all((returned[side] == before[side]).all() for side in before)
+    begun = adapter.reset()
+    for of_copy in [each.reset() for each in copies]:
+        assert all((begun[side] == of_copy[side]).all() for side in begun)
 
 
 @pytest.mark.parametrize("name", [name for name in ADAPTERS if not name.startswith("vector")])

@@ -186,16 +186,6 @@ def test_tensors_are_actions(discrete):
             assert got[0][agent].tobytes() == expected[0][agent].tobytes()
 
 
-@pytest.mark.parametrize("wrong", [True, np.True_, np.array(True), np.array([True])])
-@pytest.mark.parametrize("discrete", [False, True])
-def test_truth_is_no_action(wrong, discrete):
-    env = lissajous_env.parallel_env("experiment", discrete_actions=discrete)
-    env.reset(seed=1)
-    actions = {agent: env.action_space(agent).sample() for agent in env.agents} | {"robot_2": wrong}
-    with pytest.raises(ValueError, match="action of robot_2 must be"):
-        env.step(actions)
-
-
 def test_lists_of_pictures():
     env = made(render_mode="rgb_array_list")
     env.reset(seed=1)

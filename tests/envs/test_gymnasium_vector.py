@@ -1,7 +1,5 @@
 """`gymnasium_vector`: one row per robot, with the same worlds as the simulation and flags per robot."""
 
-import copy
-
 import gymnasium
 import numpy as np
 import pytest
@@ -88,16 +86,3 @@ def test_a_mask_holds_whole_worlds():
             rows.reset(options={"reset_mask": mask})
     with pytest.raises(ValueError, match="options must be a dict"):
         rows.reset(options=5)
-
-
-def test_copied_in_mid_episode_it_goes_on():
-    rows, _ = pair(render_mode="rgb_array")
-    rows.reset(seed=1)
-    draw = np.random.default_rng(0)
-    for _ in range(12):
-        rows.step(draw.uniform(-1, 1, (20, 2)).astype(np.float32))
-    rows.render()
-    twin = copy.deepcopy(rows)
-    for _ in range(30):
-        action = draw.uniform(-1, 1, (20, 2)).astype(np.float32)
-        assert str(rows.step(action)) == str(twin.step(action))

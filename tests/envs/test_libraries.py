@@ -146,14 +146,6 @@ def test_the_wrapper_that_records_videos_of_a_batch(rows, tmp_path, monkeypatch)
     assert all(np.ptp(frame) > 100 for frame in kept[0])
 
 
-def test_torchrl_tries_keywords_and_makes_the_environment():
-    torchrl = pytest.importorskip("torchrl.envs")
-    env = torchrl.GymEnv(ID, max_cycles=6)
-    data = env.rollout(10)
-    assert data["next", "reward"].shape == (6, 1)
-    assert data["next", "truncated"][-1]
-
-
 def test_torchrl_wraps_it_and_reads_the_infos():
     torchrl = pytest.importorskip("torchrl.envs")
     env = torchrl.GymWrapper(gymnasium.make(ID)).auto_register_info_dict()
@@ -192,22 +184,6 @@ def test_torchrl_wraps_the_parallel_environment():
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_supersuit_pads_flattens_and_stacks():
-    supersuit = pytest.importorskip("supersuit")
-    env = lissajous_env.parallel_env("experiment", max_cycles=5)
-    size = env.observation_space("robot_0").shape[0]
-    env = supersuit.flatten_v0(supersuit.pad_observations_v0(supersuit.pad_action_space_v0(env)))
-    env = supersuit.frame_stack_v1(env, 3)
-    env.reset(seed=1)
-    steps = 0
-    while env.agents:
-        observations, *_ = env.step({agent: env.action_space(agent).sample() for agent in env.agents})
-        steps += 1
-    assert steps == 5
-    assert observations["robot_0"].shape == (3 * size,)
-
-
-@pytest.mark.filterwarnings("ignore")
 def test_supersuit_makes_a_vector_of_the_robots():
     supersuit = pytest.importorskip("supersuit")
     env = supersuit.pettingzoo_env_to_vec_env_v1(lissajous_env.parallel_env("experiment", max_cycles=5))
@@ -230,56 +206,6 @@ def test_stable_baselines_learns_on_one_world_after_another():
     model = sb3.PPO("MlpPolicy", env, n_steps=16, batch_size=16, n_epochs=1, seed=1).learn(32)
     # Its own monitor has seen whole episodes, with none of our infos in the place of its own.
     assert [episode["l"] for episode in model.ep_info_buffer] == [8] * 4
-
-
-def test_stable_baselines_normalises_the_rows_of_a_batch():
-    sb3 = pytest.importorskip("stable_baselines3")
-    from stable_baselines3.common.vec_env import VecCheckNan, VecMonitor, VecNormalize
-
-    from training.sb3 import RobotVecEnv
-
-    scenario = lissajous_env.scenario("experiment", **{"task.duration": 0.8})
-    env = VecNormalize(VecMonitor(VecCheckNan(RobotVecEnv(scenario, 2), raise_exception=True)))
-    model = sb3.PPO("MlpPolicy", env, n_steps=16, batch_size=40, n_epochs=1, seed=1).learn(160)
-    assert [episode["l"] for episode in model.ep_info_buffer] == [8] * 20
-
-
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore")
-def test_tianshou_collects_and_learns():
-    """Install it first, `pip install tianshou`; then `pytest --long tests/envs/test_libraries.py -k tianshou`."""
-    pytest.importorskip("tianshou")
-    torch = pytest.importorskip("torch")
-    from tianshou.algorithm import PPO
-    from tianshou.algorithm.modelfree.reinforce import ProbabilisticActorPolicy
-    from tianshou.algorithm.optim import AdamOptimizerFactory
-    from tianshou.data import Collector, VectorReplayBuffer
-    from tianshou.env import DummyVectorEnv
-    from tianshou.utils.net.common import Net
-    from tianshou.utils.net.continuous import ContinuousActorProbabilistic, ContinuousCritic
-
-    def make():
-        return FlattenObservation(gymnasium.make(ID, max_cycles=8, flat_actions=True))
-
-    envs = DummyVectorEnv([make for _ in range(2)])
-    space, action = make().observation_space, make().action_space
-    bodies = [Net(state_shape=space.shape, hidden_sizes=[32]) for _ in range(2)]
-    actor = ContinuousActorProbabilistic(preprocess_net=bodies[0], action_shape=action.shape, unbounded=True)
-    policy = ProbabilisticActorPolicy(
-        actor=actor,
-        dist_fn=lambda both: torch.distributions.Independent(torch.distributions.Normal(*both), 1),
-        action_space=action,
-    )
-    learner = PPO(policy=policy, critic=ContinuousCritic(preprocess_net=bodies[1]), optim=AdamOptimizerFactory(lr=3e-4))
-    collector = Collector(learner, envs, VectorReplayBuffer(64, 2))
-    collector.reset()
-    stats = collector.collect(n_step=32)
-    assert stats.n_collected_episodes == 4
-    with torch.no_grad():
-        before = [parameter.clone() for parameter in actor.parameters()]
-    policy.is_within_training_step = True
-    learner.update(buffer=collector.buffer, batch_size=16, repeat=1)
-    assert any((old != new).any() for old, new in zip(before, actor.parameters(), strict=True))
 
 
 @pytest.mark.long

@@ -1,12 +1,8 @@
-"""Messages of policies in every interface: the libraries' checkers, the simulation's rows, and trainings."""
-
-import warnings
+"""Messages of policies: refused ones, discrete ones, and trainings in which robots speak."""
 
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
-from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test, seed_test
 from rich.console import Console
 
 import lissajous_env
@@ -15,150 +11,6 @@ from lissajous_env.envs.actions import action_table
 
 TALKING = {"scenario": "failure", "messages.size": 4, "task.duration": 2.0}
 FORMS = pytest.mark.parametrize("discrete", [False, True])
-STEPS = 12
-
-
-@pytest.fixture(autouse=True)
-def _warnings_of_checkers_are_errors():
-    with warnings.catch_warnings():
-        warnings.filterwarnings("error", module="gymnasium|pettingzoo")
-        warnings.filterwarnings("ignore", ".*environment not having a spec.*")
-        yield
-
-
-# The libraries' own checkers.
-
-
-@FORMS
-def test_the_checkers_of_pettingzoo(discrete):
-    settings = {**TALKING, "discrete_actions": discrete}
-    parallel_api_test(lissajous_env.parallel_env(**settings), num_cycles=50)
-    parallel_seed_test(lambda: lissajous_env.parallel_env(**settings), num_cycles=30)
-    api_test(lissajous_env.env(**settings), num_cycles=50)
-    seed_test(lambda: lissajous_env.env(**settings), num_cycles=30)
-
-
-@pytest.mark.parametrize("settings", [{}, {"discrete_actions": True}, {"flat_actions": True}])
-def test_the_checker_of_gymnasium(settings):
-    env = lissajous_env.LissajousEnv(**TALKING, **settings)
-    check_env(env, skip_render_check=True)
-    made = gymnasium.make("lissajous_env:lissajous/failure-v0", **{"messages.size": 4})
-    assert made.action_space.shape == (5, 5)
-
-
-@FORMS
-def test_the_checker_of_torchrl(discrete):
-    pytest.importorskip("torchrl")
-    from torchrl.envs import check_env_specs
-
-    from training.torchrl import LissajousTorchEnv
-
-    env = LissajousTorchEnv(num_worlds=3, seed=1, state=True, discrete_actions=discrete, **TALKING)
-    check_env_specs(env)
-    assert env.rollout(1)["robot", "observation"].shape == (3, 1, 5, env.simulation.layout.size)
-
-
-def test_the_checker_of_rllib():
-    pytest.importorskip("ray.rllib")
-    from ray.rllib.utils.pre_checks.env import check_multiagent_environments
-
-    from training.rllib import LissajousMultiAgentEnv
-
-    env = LissajousMultiAgentEnv(TALKING)
-    check_multiagent_environments(env)
-    assert env.get_action_space("robot_0").shape == (5,)
-
-
-# What they show.
-
-
-def parallel(actions, seed):
-    env = lissajous_env.parallel_env(**TALKING)
-    yield env.reset(seed=seed)[0].values()
-    for action in actions:
-        yield env.step(dict(zip(env.agents, action, strict=True)))[0].values()
-
-
-def in_turn(actions, seed):
-    env = lissajous_env.env(**TALKING)
-    env.reset(seed=seed)
-    for action in [*actions, None]:
-        yield [env.observe(agent) for agent in env.possible_agents]
-        for row in action if action is not None else ():
-            env.step(row)
-
-
-def team(actions, seed, **settings):
-    env = lissajous_env.LissajousEnv(**TALKING, **settings)
-    yield env.reset(seed=seed)[0]
-    for action in actions:
-        yield env.step(action.reshape(env.action_space.shape))[0]
-
-
-def flat(actions, seed):
-    return team(actions, seed, flat_actions=True)
-
-
-def vector(actions, seed, **settings):
-    env = lissajous_env.vector_env(num_envs=1, **TALKING, **settings)
-    yield env.reset(seed=seed)[0]
-    for action in actions:
-        yield env.step(action.reshape(env.action_space.shape))[0]
-
-
-def robots(actions, seed):
-    return vector(actions, seed, agents_as_rows=True)
-
-
-def stable_baselines(actions, seed):
-    pytest.importorskip("stable_baselines3")
-    from training.sb3 import RobotVecEnv
-
-    env = RobotVecEnv(seed=seed, **TALKING)
-    env.reset()
-    env.simulation.reset(seeds=[seed])
-    yield env.simulation.observation.numpy()
-    for action in actions:
-        yield env.step(action)[0]
-
-
-def torchrl(actions, seed):
-    torch = pytest.importorskip("torch")
-    pytest.importorskip("torchrl")
-    from training.torchrl import LissajousTorchEnv
-
-    env = LissajousTorchEnv(num_worlds=1, seed=seed, **TALKING)
-    now = env.reset()
-    for action in actions:
-        yield now["robot", "observation"].numpy()
-        now = env.step(now.set(("robot", "action"), torch.from_numpy(action)[None]))["next"]
-    yield now["robot", "observation"].numpy()
-
-
-def rllib(actions, seed):
-    pytest.importorskip("ray.rllib")
-    from training.rllib import LissajousMultiAgentEnv
-
-    env = LissajousMultiAgentEnv(TALKING)
-    yield env.reset(seed=seed)[0].values()
-    for action in actions:
-        yield env.step(dict(zip(env.agents, action, strict=True)))[0].values()
-
-
-@pytest.mark.parametrize("play", [parallel, in_turn, team, flat, vector, robots, stable_baselines, torchrl, rllib])
-def test_every_interface_shows_the_rows_of_the_simulation(play):
-    # Oracle: `Simulation`, bit for bit; and the messages of its rows are not zeros.
-    overrides = {name: value for name, value in TALKING.items() if name != "scenario"}
-    simulation = lissajous_env.Simulation("failure", seed=3, **overrides)
-    actions = np.random.default_rng(0).uniform(-1.2, 1.2, (STEPS, 5, 5)).astype(np.float32)
-    shown = play(actions, 3)
-    for action in [*actions, None]:
-        rows = np.array([*next(shown)]).reshape(simulation.observation.shape)
-        assert rows.tobytes() == simulation.observation.numpy().tobytes()
-        if action is not None:
-            simulation.step(action[None])
-    assert rows.shape[-1] == 42 + 8
-    assert (rows[..., 42:] != 0).all()
 
 
 def test_a_message_is_checked_as_an_action_is():
@@ -204,7 +56,6 @@ SMALL = {
     [
         {"base": "none", "teacher": "none"},
         {"base": "kuramoto", "residual": 0.5},
-        {"base": "none", "teacher": "kuramoto", "imitation_steps": 1280},
     ],
 )
 def test_a_policy_with_messages_is_trained_and_speaks(settings, tmp_path):
@@ -231,23 +82,6 @@ def test_a_policy_with_messages_is_trained_and_speaks(settings, tmp_path):
     assert np.isfinite(row["return_mean"])
 
 
-def test_one_who_imitates_learns_to_be_silent(tmp_path):
-    # Oracle: the teacher's zeros. A network that was not trained speaks louder by far.
-    pytest.importorskip("stable_baselines3")
-    from training.sb3.trainer import train
-    from training.settings import TrainingSettings
-
-    loud = {}
-    for steps in (1280, 40_960):
-        settings = {"base": "none", "imitation_steps": 50_000, "teacher": "kuramoto", "learning_rate": 3e-3}
-        settings |= {"steps": steps, "evaluate_every": steps, "out": tmp_path / str(steps)}
-        train(TrainingSettings(**SMALL | settings), Console(quiet=True))
-        policy = training.load(tmp_path / str(steps), num_worlds=8)
-        action = policy.act(lissajous_env.Simulation(policy.scenario, 8, seed=5).observation.numpy())
-        loud[steps] = np.abs(action[..., 1:]).mean()
-    assert loud[40_960] < min(0.1, 0.7 * loud[1280])
-
-
 @FORMS
 def test_a_model_of_stable_baselines_speaks(discrete):
     # Oracle: the model's own prediction for each row.
@@ -269,23 +103,3 @@ def test_a_model_of_stable_baselines_speaks(discrete):
         simulation = lissajous_env.Simulation(worlds.scenario, 2)
         simulation.step(policy.act(simulation.observation))
         assert (simulation.observation.numpy()[..., 42:] != 0).all()
-
-
-@pytest.mark.filterwarnings("ignore:SyncDataCollector has been deprecated.*:DeprecationWarning")
-@pytest.mark.parametrize(("algorithm", "state"), [("mappo", True), ("qmix", False)])
-def test_benchmarl_trains(algorithm, state, tmp_path):
-    # Oracle: parameters that change and are finite.
-    torch = pytest.importorskip("torch")
-    pytest.importorskip("benchmarl")
-    from benchmarl_mappo import Settings, experiment
-
-    overrides = {"messages.size": 2, "task.duration": 1.0, "state": state}
-    run = experiment(Settings("failure", algorithm, 1, worlds=4, out=tmp_path, overrides=overrides))
-
-    def parameters():
-        return torch.cat([p.detach().flatten().clone() for p in run.losses["robot"].parameters() if p.requires_grad])
-
-    before = parameters()
-    run.run()
-    assert torch.isfinite(parameters()).all()
-    assert not torch.equal(before, parameters())

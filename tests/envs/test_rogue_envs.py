@@ -1,6 +1,5 @@
 """Environments of both sides: PettingZoo's and Gymnasium's checkers, agents that come and go, clear errors."""
 
-import pickle
 import warnings
 
 import gymnasium
@@ -73,28 +72,6 @@ def test_rogues_are_agents_from_their_appearance_to_their_detection():
         assert returns[agent] == pytest.approx(times[slot], abs=1e-4)  # its return is its detection time
 
 
-def test_reset_with_the_same_seed_repeats_both_sides():
-    # Oracle: N steps, twice, and once through a pickle in mid-episode, are the same bits.
-    def played(env, steps, rng):
-        return [env.step(sampled(env, rng)) for _ in range(steps)]
-
-    env = lissajous_env.parallel_env("experiment", **ARRIVING)
-    runs = []
-    for _ in range(2):
-        env.reset(seed=9)
-        runs.append(played(env, 20, np.random.default_rng(3)))
-    env.reset(seed=9)
-    rng = np.random.default_rng(3)
-    first = played(env, 10, rng)
-    copy = pickle.loads(pickle.dumps(env))
-    runs.append(first + played(copy, 10, rng))
-    for run in runs[1:]:
-        for one, other in zip(runs[0], run, strict=True):
-            assert one[0].keys() == other[0].keys()
-            assert all(np.array_equal(one[0][agent], other[0][agent]) for agent in one[0])
-            assert one[1] == other[1]
-
-
 def test_bad_actions_are_refused_by_name_and_change_nothing():
     # Story: a wrong shape, a NaN, a missing and an unknown agent; then the episode continues as if nothing was.
     env = lissajous_env.parallel_env("experiment", **SHORT)
@@ -131,15 +108,6 @@ def test_discrete_rogues_select_rest_or_a_direction():
     limit = env.scenario.targets.speed_limit * env.scenario.task.step
     assert moved[0] == pytest.approx([limit, 0.0], abs=1e-6)
     assert np.abs(moved[1:]).max() == 0.0
-
-
-def test_one_sided_environments_refuse_two_sides():
-    # Story: the team of robots cannot be the agent where rogues are agents too.
-    for make in (lissajous_env.LissajousEnv, lissajous_env.vector_env):
-        with pytest.raises(ValueError, match="rogues must be None or a scripted rogue"):
-            make("experiment", rogues="agents")
-    with pytest.raises(ValueError, match=r"targets.rogues must be agents"):
-        lissajous_env.LissajousEnv("experiment", robots="still", rogues="flee")
 
 
 def test_a_rogue_team_plays_until_all_are_detected():

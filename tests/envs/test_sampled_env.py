@@ -13,7 +13,6 @@ from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test, see
 import lissajous_env
 from lissajous_env import ScenarioSpace, scenario
 from lissajous_env.envs.true_state import true_state
-from lissajous_env.parameters.assumptions import AssumptionWarning
 
 SHORT = {"task.duration": 1.0, "task.contamination": None}
 DRAW = {
@@ -75,45 +74,6 @@ def test_a_seed_draws_the_same_scenario_and_episode_whatever_came_before():
     assert episode(other, 5)[0] != first[0]
 
 
-def test_without_a_seed_environments_differ():
-    names = set()
-    for _ in range(4):
-        env = make()
-        env.reset()
-        names.add(env.scenario.name)
-    assert len(names) > 1
-
-
-def test_an_episode_is_that_of_the_scenario_alone():
-    # Oracle: the environment of the scenario, with the seed that the score contains.
-    env = make()
-    observations, _ = env.reset(seed=3)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        alone = lissajous_env.parallel_env(env.scenario)
-    expected, _ = alone.reset(seed=env.score()["seed"])
-    rng = np.random.default_rng(0)
-    while env.agents:
-        assert pickle.dumps(observations) == pickle.dumps(expected)
-        actions = {agent: rng.uniform(-1, 1, 2) for agent in env.agents}
-        observations, expected = env.step(actions)[0], alone.step(actions)[0]
-    assert repr(env.score()) == repr({"scenario": env.scenario.name} | alone.score())
-
-
-def test_agents_are_those_of_the_scenario_and_possible_agents_and_spaces_stay():
-    env = make()
-    possible, spaces = list(env.possible_agents), [env.observation_space(agent) for agent in env.possible_agents]
-    assert possible == [f"robot_{i}" for i in range(5)]
-    teams = set()
-    for seed in range(12):
-        observations, _ = env.reset(seed=seed)
-        teams.add(len(env.agents))
-        assert env.possible_agents == possible
-        assert all(a is b for a, b in zip(spaces, map(env.observation_space, possible), strict=True))
-        assert all(env.observation_space(agent).contains(row) for agent, row in observations.items())
-    assert teams == {3, 5}
-
-
 def test_the_state_is_padded_to_the_largest_team():
     env = make()
     for seed in range(6):
@@ -137,28 +97,6 @@ def test_scenarios_are_of_the_split(split):
         env.reset(seed=seed)
         assert env.batch.space.split_of(int(env.scenario.name.rpartition("-")[2])) == split
         assert env.scenario.task.duration == pytest.approx(10 * env.scenario.task.step)
-
-
-def test_a_space_in_a_file_and_its_shift(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    lines = ['base = "experiment"', "[draw.sensing]", "radius = {low = 0.8, high = 1.0}", "[shift.far.sensing]"]
-    (tmp_path / "lab.toml").write_text("\n".join([*lines, "radius = 3.0"]))
-    for name, low, high in (("lab.toml", 0.8, 1.0), ("lab.toml:test", 0.8, 1.0), ("lab.toml:far", 3.0, 3.0)):
-        env = lissajous_env.parallel_env(name)
-        env.reset(seed=0)
-        assert low <= env.scenario.sensing.radius <= high
-    with pytest.warns(AssumptionWarning):
-        assert lissajous_env.parallel_env("lab.toml:7").scenario.name == "lab-7"
-
-
-def test_a_pickled_environment_goes_on_as_the_original():
-    env = make()
-    env.reset(seed=2)
-    actions = {agent: np.ones(2, dtype=np.float32) for agent in env.agents}
-    env.step(actions)
-    copy = pickle.loads(pickle.dumps(env))
-    assert pickle.dumps(copy.step(actions)) == pickle.dumps(env.step(actions))
-    assert episode(copy)[0] == episode(env)[0]
 
 
 def test_pictures_and_replays_are_of_the_episode(tmp_path):

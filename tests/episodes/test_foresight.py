@@ -80,18 +80,6 @@ def test_slower_rogues_gain_less():
     assert labels[0.025].gains.mean() < 0.8 * labels[0.5].gains.mean()
 
 
-def test_cells_are_limited_by_longer_stages():
-    # Law: slow rogues in a large field get stages of several steps, each as long as they take for two cells.
-    slow = lissajous_env.scenario(
-        field(), **{"targets.speed": 0.01, "targets.flee_speed": 0.01, "targets.speed_limit": 0.02}
-    )
-    made = Foresight(slow)
-    assert made.stage > 1
-    assert made._counts.max() <= 320
-    reach = made.stage * 0.02 * 0.1
-    assert reach / made._cell.max() == pytest.approx(2.0, rel=0.05)
-
-
 def test_values_are_the_times_for_which_a_rogue_can_still_stay_undetected():
     # Story: a disc of 1 m rests at the left for 3 s. A rogue beside it stays undetected to the end, one well inside it
     # is detected at every moment. Law: no rogue stays undetected for longer from discs that are larger.

@@ -2,8 +2,6 @@
 
 import json
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -106,15 +104,11 @@ def told(capsys, *arguments):
 
 def test_the_command_draws_what_it_says(tmp_path, capsys):
     out = tmp_path / "g"
-    asked = ["guarantee", "evaders", "--policies", "kuramoto-mpcc", "still", "--radii", 3, "--cells", 40]
-    asked += ["--episodes", 2, "--out", out, "--set", "task.duration=5"]
-    code, said, _ = told(capsys, *asked, "--json")
+    code, said, _ = told(capsys, "guarantee", "evaders", "--radii", 3, "--cells", 40, "--out", out, "--json")
     assert code == 0
     given = json.loads(said)
-    assert [round(row["radius"], 2) for row in given["formations"]["evaders"]] == [0.35, 0.96, 1.56]
-    assert len(given["unseen"]["evaders"]["kuramoto-mpcc"]) == 2
-    for name in ("critical_speed.png", "unseen-evaders.png"):
-        assert (out / name).read_bytes().startswith(b"\x89PNG")
+    assert [round(row["radius"], 2) for row in given["evaders"]] == [0.35, 0.96, 1.56]
+    assert (out / "critical_speed.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(
@@ -122,9 +116,7 @@ def test_the_command_draws_what_it_says(tmp_path, capsys):
     [
         (["--radii", 1], "radii must be from 2 to 200, got 1"),
         (["--cells", 5], "cells must be from 10 to 1000, got 5"),
-        (["intruders", "--policies", "still"], "task.contamination of intruders must be"),
         (["nowhere"], "scenario must be one of"),
-        (["--policies", "kuramto"], "kuramto"),
         (["experiment", "--set", "targets.speed_limit=50"], "the speed of targets must be at most 12 m/s"),
     ],
 )
@@ -144,19 +136,3 @@ def test_a_benchmark_shows_it(tmp_path, capsys):
     told_of = json.loads((out / "summary.json").read_text())["guarantees"]["evaders"]
     assert 0.1 < told_of["limit"] < told_of["formation"]
     assert 0.1 < told_of["formation"] < 4.2
-
-
-def test_simulations_are_made_in_threads():
-    # Kernels are loaded, and standard error is silent, in one thread at a time.
-    code = """
-import sys
-from concurrent.futures import ThreadPoolExecutor
-import lissajous_env
-names = ["experiment", "team", "knot", "evaders", "ideal", "intruders", "swarm", "redundant"] * 2
-with ThreadPoolExecutor(8) as threads:
-    made = list(threads.map(lissajous_env.Simulation, names))
-sys.stderr.write(" ".join(each.scenario.name for each in made))
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0
-    assert done.stderr.endswith("swarm redundant")

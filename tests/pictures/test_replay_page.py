@@ -17,8 +17,8 @@ import pytest
 import baselines
 import lissajous_env
 from lissajous_env.console.cli import main
-from lissajous_env.episodes.recording import ARRAYS, Follower, Recorder, load, record
-from lissajous_env.replay import Replay, page
+from lissajous_env.episodes.recording import ARRAYS, Recorder, record
+from lissajous_env.replay import page
 from lissajous_env.replay.contents import contents
 from lissajous_env.replay.packing import angles, counts, quantised
 from lissajous_env.world.state import NEVER
@@ -99,16 +99,6 @@ def test_a_recording_holds_what_each_robot_saw_and_did():
         np.testing.assert_array_equal(kept.reward_terms[f + 1], simulation.reward_terms.numpy()[0])
     assert kept.observation_names == simulation.layout.names
     assert (np.diff(kept.heard_at, axis=0) == 0).any()  # messages were lost
-
-
-def test_what_was_seen_and_done_is_saved(recording, tmp_path):
-    recording.save(tmp_path / "a.npz")
-    loaded = load(tmp_path / "a.npz")
-    for name in ("heard_at", "introduced_at", "observation", "action", "reward_terms"):
-        np.testing.assert_array_equal(getattr(loaded, name), getattr(recording, name))
-    assert loaded.observation_names == recording.observation_names
-    assert loaded.reward_names == recording.reward_names
-    assert page(loaded) == page(recording)
 
 
 def test_a_page_holds_the_recording(recording):
@@ -280,14 +270,3 @@ def test_a_batch_shows_the_latest_episode_that_ended(mode):
     for world in (3, -1, True, "a"):
         with pytest.raises(ValueError, match="record must be None or a world from 0 to 2"):
             lissajous_env.vector_env("failure", 3, record=world)
-
-
-def test_a_follower_takes_each_moment_once():
-    simulation = lissajous_env.Simulation("failure", 2)
-    follower = Follower(simulation, 1)
-    for _ in range(3):
-        follower.look()
-        follower.look()
-        simulation.step(np.zeros(simulation.action_shape, np.float32))
-    assert len(follower.recording()) == 3
-    assert isinstance(Replay(follower.recording()), Replay)

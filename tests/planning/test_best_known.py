@@ -7,8 +7,9 @@ import pytest
 
 import baselines
 import lissajous_env
-from baselines.benchmark import bounds, tables
+from baselines.benchmark import bounds
 from baselines.benchmark.bounds import Bounds, as_played, bounds_of
+from baselines.benchmark.shown import bounds_in_words, number
 from baselines.benchmark.table import Table
 from baselines.benchmark.written import latex, table_of
 from baselines.planning.families.known import best_known as known_family
@@ -58,10 +59,10 @@ def test_the_row_stands_below_the_policies():
     table = table_of(results)
     last, at = table["rows"][-1], table["columns"].index("guaranteed [s]")
     assert (last[0], last[1]) == ("", "*best known*")
-    assert last[at] == tables.number(results.bounds["evaders"].best_known)
+    assert last[at] == number(results.bounds["evaders"].best_known)
     assert {cell for k, cell in enumerate(last) if k not in (1, at)} == {""}
     assert "best known &" in latex(results)
-    assert "best known 2 s (second halves 1 s)" in tables.bounds_in_words(Bounds(1.0, 1.0, 3.0, 2.0, 1.0))
+    assert "best known 2 s (second halves 1 s)" in bounds_in_words(Bounds(1.0, 1.0, 3.0, 2.0, 1.0))
 
 
 def planned(worst, settled, collisions=0):

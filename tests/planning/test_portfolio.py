@@ -8,7 +8,7 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.planning import plans, portfolio
-from baselines.planning.prior import NUMBERS, Layer, Prior, complementary, numbers_of
+from baselines.planning.prior import NUMBERS, Layer, Prior, numbers_of
 from baselines.planning.rehearse import DETECTION, GUARANTEE, Result
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.settings import PolicySettings
@@ -65,34 +65,6 @@ def test_the_best_of_the_rehearsed_patrols_is_chosen(objective):
     assert sorted(order) == ["partition", "still", "sweep"]
 
 
-def best(monkeypatch, times, objective, count):
-    """Return the index of the best of policies with times in few and in many episodes, and what was played."""
-    played = []
-
-    def result_of(settings, task, episodes, *_):
-        played.append((settings.policy, episodes))
-        return Result(times[settings.policy][episodes > portfolio.FEW], 0.0)
-
-    monkeypatch.setattr(portfolio, "result_of", result_of)
-    return portfolio.best_of([PolicySettings(name) for name in times], SCENARIO, objective, count), played
-
-
-def test_a_lucky_rehearsal_does_not_decide(monkeypatch):
-    # Story: `lucky` is the best one in few episodes, and fails in more; `third` is not played again.
-    times = {"third": (3.0, None), "lucky": (1.0, 5.0), "second": (2.0, 2.0)}
-    assert best(monkeypatch, times, DETECTION, 3)[0] == 2
-    assert best(monkeypatch, times, DETECTION, 1)[0] == 0
-
-
-@pytest.mark.parametrize(("objective", "index"), [(GUARANTEE, 2), (DETECTION, 0)])
-def test_a_guarantee_is_rehearsed_until_no_patrol_can_be_better(monkeypatch, objective, index):
-    # Story: two finalists of four episodes have a second mode in sixteen; the third is a little longer, in all of them.
-    times = {"a": (16.0, 25.8), "b": (16.1, 25.9), "c": (16.3, 16.3), "d": (26.0, 26.0)}
-    found, played = best(monkeypatch, times, objective, 4)
-    assert found == index
-    assert ("d", portfolio.MANY) not in played
-
-
 def test_rehearsals_for_detection_play_the_rogues_of_the_scenario():
     hunted = lissajous_env.scenario(SCENARIO, **{"targets.rogues": "flee", "targets.speed_limit": 9.0})
     stages = [portfolio.stage(hunted, objective) for objective in (DETECTION, GUARANTEE)]
@@ -107,25 +79,6 @@ def test_more_patrols_are_rehearsed_outside_of_the_fit(monkeypatch):
     for each in (seen, dataclasses.replace(seen, seen=seen.seen + 1.5)):
         portfolio.ordered(each, SCENARIO)
     assert counts == [5, 10]
-
-
-def test_patrols_that_fail_together_are_not_rehearsed_together():
-    """Two equal patrols are predicted to be the best; the third is better where these are worse than predicted."""
-    predicted, errors = np.array([0.0, 0.1, 0.5]), np.array([[1.0, 1.0, 0.0], [-1.0, -1.0, 0.0]])
-    assert complementary(predicted, errors) == [0, 2, 1]
-    assert complementary(predicted, np.zeros((1, 3))) == [0, 1, 2]
-
-
-def test_every_patrol_comes_where_it_lowers_the_expected_smallest_cost_most():
-    """Oracle: the expected cost of each pair that contains the first one."""
-    rng = np.random.default_rng(0)
-    predicted, errors = rng.normal(size=6), rng.normal(size=(50, 6))
-    costs = predicted + errors
-    first, second, *others = complementary(predicted, errors)
-    assert sorted([first, second, *others]) == list(range(6))
-    assert first == costs.mean(axis=0).argmin()
-    pairs = {k: np.minimum(costs[:, first], costs[:, k]).mean() for k in range(6) if k != first}
-    assert second == min(pairs, key=lambda k: pairs[k])
 
 
 def test_a_patrol_that_does_not_suit_the_scenario_is_passed_over(monkeypatch):
@@ -152,43 +105,6 @@ def test_a_scenario_outside_of_the_limits_is_refused_by_name():
 def test_below_a_control_step_only_collisions_count():
     costs = [Result(time, collisions).cost(1.0) for time, collisions in ((0.1, 1.0), (0.9, 0.0), (1.1, 0.0))]
     assert costs == pytest.approx((0.1, 0.0, np.log(1.1)))
-
-
-def test_what_was_played_for_a_prior_is_not_played_again(tmp_path, monkeypatch):
-    pytest.importorskip("torch")
-    import prior as fitting
-
-    task = lissajous_env.scenario("monitoring-v1-8", **{"task.duration": 2.0, "task.contamination": None})
-    first = fitting.results(tmp_path / "table.jsonl", prior(), [task], 2)
-    assert first.shape == (1, 3, 2)
-    assert (first[..., 0] > 0).all()
-    monkeypatch.setattr(fitting, "result_of", None)
-    np.testing.assert_array_equal(fitting.results(tmp_path / "table.jsonl", prior(), [task], 2), first)
-    with pytest.raises(TypeError):
-        fitting.results(tmp_path / "table.jsonl", prior(), [task], 1)
-
-
-def test_a_rule_in_the_costs_is_found_and_written(tmp_path, monkeypatch):
-    """Oracle: costs that depend on the sign of one number; five digits change no prediction by more than 1 %."""
-    pytest.importorskip("torch")
-    import prior as fitting
-
-    rng = np.random.default_rng(0)
-    numbers = rng.normal(5.0, 2.0, (200, 4))
-    rule = (numbers[:, 1] > 5.0).astype(float)
-    layers = fitting.fit(numbers, np.stack([rule, 1.0 - rule, np.full(200, 0.6)], axis=1), seed=0)
-    unseen = rng.normal(5.0, 2.0, (200, 4))
-    picked = np.array([fitting.costs_of(layers, each).argmin() for each in unseen])
-    assert np.mean(picked == (unseen[:, 1] > 5.0)) > 0.9
-    monkeypatch.setattr("baselines.planning.prior.FOLDER", tmp_path)
-    (tmp_path / "fitted.json").write_text(fitting.as_text(dataclasses.replace(prior(), layers=layers)))
-    again = Prior.read("fitted")
-    assert again.patrols == PATROLS
-    np.testing.assert_allclose(
-        [fitting.costs_of(again.layers, each) for each in unseen],
-        [fitting.costs_of(layers, each) for each in unseen],
-        atol=0.01,
-    )
 
 
 @pytest.mark.parametrize("seed", [40, 41])

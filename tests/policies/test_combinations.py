@@ -54,28 +54,6 @@ def test_a_benchmark_plays_one_tracker_by_itself():
     assert all(registry.made_for(name, "failure") for name in POINTS)
 
 
-@pytest.mark.parametrize(("name", "scenario"), [
-    *((name, scenario) for name in POINTS for scenario in ("perturbation", "knot")),
-    *((name, scenario) for name in CARS for scenario in ("rough",)),
-    ("consensus-gvf-safe", "rough"), ("arc-mpcc-proved", "experiment"),
-])  # fmt: skip
-def test_each_name_plays(name, scenario):
-    """Oracle: finite actions in the box that move the team; the score row says who played."""
-    made = lissajous_env.scenario(scenario, **BARE | {"task.duration": 2.0})
-    policy = baselines.make(name, made, num_worlds=2)
-    rows = lissajous_env.evaluate(policy, made, range(2))
-    assert [row["policy"] for row in rows] == [name] * 2
-    assert np.isfinite(policy.action.numpy()).all()
-    assert np.abs(policy.action.numpy()).max() <= 1.0
-    assert mean(rows, "distance_mean") > 0.1
-
-
-@pytest.mark.parametrize("name", ["kuramoto-mpcc", "arc-gvf"])
-def test_cars_do_not_drive_points(name):
-    with pytest.raises(ValueError, match=f"policy for knot must drive robots of kind curve, got {name}, which drives"):
-        baselines.make(name, "knot")
-
-
 # Each is what its name says. Points: the failure of Fig. 6.
 
 
@@ -156,14 +134,3 @@ def test_the_coordinator_makes_those_of_the_fault():
         mean(played(name, "experiment"), "collisions") for name in ("kuramoto-mpcc", "consensus-mpcc")
     )
     assert consensus > 1.5 * kuramoto
-
-
-def test_the_bound_on_the_speed_of_points_leaves_the_paper_as_it_is():
-    # Oracle: the same failure with all that (1) can ask for, omega / alpha + 2 K.
-    found = []
-    for bound in (None, 0.3 + 2 * 1.0):
-        made = lissajous_env.scenario("failure", **{"robot.phase_rate_max": bound})
-        rows = lissajous_env.evaluate(baselines.make("kuramoto", made, 4), made, range(4))
-        found.append([[row[column] for column in ("recovery_time", "phase_error", "distance_mean")] for row in rows])
-    np.testing.assert_allclose(*found, rtol=1e-6)
-    assert found[0][0][0] == pytest.approx(2.0)

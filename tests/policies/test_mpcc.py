@@ -79,26 +79,6 @@ def test_costs_no_more_than_ipopt():
     assert np.sum(np.array(excess) > 0.01) <= 1
 
 
-def test_acados_is_given_the_same_problem(tmp_path):
-    """Oracle: the cost that acados reports for its solution is (11a) of its controls; both sides start alike."""
-    pytest.importorskip("acados_template", reason="acados is built by hand, see benchmarks/acados.py")
-    benchmark, rival = load_benchmark(), importlib.import_module("acados")
-    model = benchmark.Model(CURVE, P)
-    problems = benchmark.random_problems(8, CURVE, P, np.random.default_rng(1))
-    guess = rival.first_guesses(CURVE, P, problems.state, problems.phase_rate)
-    settings = {**rival.QP_SOLVERS["DAQP, condensed"], **rival.METHODS["SQP, exact Hessian"][0]}
-    tight = {"nlp_solver_tol_stat": 1e-7, "nlp_solver_tol_eq": 1e-7}
-    solver = rival.Acados(model, tmp_path / "same", {**settings, **tight})
-    for state, rate, start in zip(problems.state, problems.phase_rate, guess, strict=True):
-        control, _, _, failed = solver.solve(state, rate, start, True)
-        assert not failed
-        assert solver.solver.get_cost() == pytest.approx(model.cost(state, rate, control), rel=1e-4)
-    single = P.replace(poor=1e6)
-    own = Mpcc(CURVE, single, batch=8).solve(problems.state, problems.phase_rate)
-    given = Mpcc(CURVE, single, batch=8).solve(problems.state, problems.phase_rate, guess)
-    np.testing.assert_allclose(own.cost, given.cost, rtol=1e-5)
-
-
 @pytest.mark.parametrize("curve", [CURVE, Curve(5.0, 5.0, 7, 8)], ids=["experiment", "dense"])
 def test_cost_and_trajectory_are_those_of_the_control(curve):
     """Oracle: an independent float64 Runge-Kutta rollout and (11a); float32 sums of 16 stages keep 1e-4."""

@@ -13,7 +13,7 @@ from baselines.policies.cells import are_adjacent, closed_loop, divisions, evenl
 from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses
 from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.loop_shapes import smallest_distance
-from baselines.policies.partition import Partition, cells_of_ring, plain_of
+from baselines.policies.partition import cells_of_ring, plain_of
 from baselines.policies.partition_plan import PartitionParameters, partition_plan, turning_radius_of
 from baselines.policies.partition_repair import PartitionRepair, RepairParameters
 from lissajous_env.episodes.guarantee import worst_undetected_times
@@ -214,17 +214,6 @@ def test_a_robot_that_is_removed_is_noticed_by_its_silence():
         noticed.append((policy.plan.numpy()[0, [0, 2, 3, 4]] > 0).sum())
     assert noticed[79] == 0
     assert noticed[95] == 2
-
-
-def test_worlds_do_not_depend_on_the_batch():
-    scenario = lissajous_env.scenario("evaders-failure")
-    for make in (Partition, PartitionRepair):
-        batch, single = lissajous_env.Simulation(scenario, 3, seed=5), lissajous_env.Simulation(scenario, 1, seed=7)
-        many, one = make(scenario, 3), make(scenario)
-        for _ in range(40):
-            batch.step(many.act(batch.observation))
-            single.step(one.act(single.observation))
-        np.testing.assert_array_equal(batch.observation.numpy()[2], single.observation.numpy()[0])
 
 
 def test_long_periods_are_compared_at_fewer_times_with_the_same_result(monkeypatch):

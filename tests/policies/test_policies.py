@@ -25,9 +25,6 @@ from baselines.policies.trackers.mpcc import WithMpcc
 from baselines.policies.trackers.vector_field import FieldParameters, WithVectorField
 from lissajous_env.theory import closed_forms
 
-CARS = ("kuramoto-mpcc", "open-loop-mpcc", "sweep", "random", "still")
-POINTS = ("kuramoto", "open-loop", "random", "still")
-
 
 def played(policy, simulation, steps):
     observation = simulation.observation
@@ -76,18 +73,6 @@ def test_the_patrol_loop_can_be_driven(scenario, overrides):
     tightest = made.robot.wheelbase / math.tan(made.robot.steering_max)
     assert radius > 0.8 * min(corner_radius(made), tightest)
     assert (np.abs(loop) <= [made.curve.half_width, made.curve.half_height]).all()
-
-
-def test_sweep_keeps_file_on_an_empty_road():
-    """Oracle: five cars evenly spaced on the loop keep a fifth of its length, less what a chord cuts."""
-    scenario = lissajous_env.scenario("intruders", **{"targets.arrival_rate": 0.0})
-    simulation = lissajous_env.Simulation(scenario)
-    played(baselines.make("sweep", scenario), simulation, 300)
-    places = simulation.robots.position.numpy()[0, :, :2]
-    gaps = np.linalg.norm(places[:, None] - places[None], axis=-1)[np.triu_indices(5, 1)]
-    loop = patrol_loop(scenario)
-    length = np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum()
-    assert gaps.min() > 0.6 * length / 5
 
 
 def test_still_cars_come_to_rest():

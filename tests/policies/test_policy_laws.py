@@ -118,31 +118,6 @@ def test_a_policy_sees_the_observation_and_nothing_else(name, scenario):
     assert not hidden_matters(lambda _: baselines.make(name, scenario, 2), scenario)
 
 
-class Peeking(Policy):
-    """Looks at the world itself, or at a generator that others draw from too."""
-
-    arrays = "warp"
-
-    def __init__(self, simulation, looks_at):
-        super().__init__(simulation.scenario, simulation.num_worlds)
-        self.simulation, self.looks_at = simulation, looks_at
-
-    def decide(self, observation):
-        found = {
-            "places": lambda: self.simulation.robots.position.numpy()[:, :, :2],
-            "returns": lambda: np.repeat(self.simulation.tally.returns.numpy()[:, :, None], 2, axis=2),
-            "draws": lambda: np.random.uniform(size=self.action.shape),
-            "nothing": lambda: observation.numpy()[:, :, :2],
-        }[self.looks_at]()
-        self.action.assign(np.clip(found, -1, 1).astype(np.float32))
-
-
-@pytest.mark.parametrize("looks_at", ["places", "returns", "draws", "nothing"])
-def test_a_policy_that_looks_elsewhere_is_found_out(looks_at):
-    """Oracle: policies that look at what they must not, so that the test above can fail."""
-    assert hidden_matters(lambda simulation: Peeking(simulation, looks_at), "rough") == (looks_at != "nothing")
-
-
 class Remembering(Policy):
     """A user's policy with memory of every kind: numbers, lists, arrays of NumPy and Warp, a part, a generator."""
 

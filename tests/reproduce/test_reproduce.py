@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib import image
-from scipy.spatial import KDTree
 
 import lissajous_env
 from baselines import names
@@ -173,23 +172,6 @@ def test_distance_of_branches(depth, c):
     dips = np.all([inner <= other for other in around], axis=0) & (np.minimum(apart, 2400 - apart) > 5)
     assert branch_radius(curve) == pytest.approx(inner[dips].min() / 2, abs=0.01)
     assert 2 * branch_radius(curve) <= geometry.crossing_clearance(curve) + 1e-9
-
-
-@pytest.mark.parametrize(("depth", "c"), [(0.1, 7), (0.2, 7), (0.1, 1), (0.2, 11)])
-def test_distance_of_branches_by_a_tree(depth, c):
-    # Oracle: a k-d tree over 12,000 points finds no two of different branches nearer, and some hardly further.
-    curve = Curve(1.8, 0.8, 3, 2, depth, c)
-    count = 12_000
-    tree = KDTree(closed_forms.curve_point_3d(curve, np.linspace(0, 2 * np.pi, count, endpoint=False)))
-    distance = 2 * branch_radius(curve)
-
-    def pairs(reach):
-        apart = np.abs(np.subtract(*tree.query_pairs(reach, output_type="ndarray").T))
-        # Points of one branch within reach of each other are less than 0.4 rad apart along the curve.
-        return np.count_nonzero(np.minimum(apart, count - apart) > 0.4 * count / (2 * np.pi))
-
-    assert pairs(0.995 * distance) == 0
-    assert pairs(1.005 * distance) > 0
 
 
 def test_an_unknown_name_offers_the_nearest(tmp_path):

@@ -182,12 +182,3 @@ def test_logged_speeds_count_exactly_if_they_lead_from_pose_to_pose(seed, noise)
         for wrong in (0 * track.speed, 3 * track.speed, -track.speed):
             changed = Track(track.time, track.position, track.heading, wrong)
             assert motion_of(changed).derived == "do not match the poses"
-
-
-def test_a_fit_that_ends_elsewhere_is_named_as_a_misfit():
-    # Story: the same car with the commands of another one, and with its own, but a second late.
-    (track, commands, _), (_, others, _) = drive([0, 1], faster=True)
-    late = Series(commands.time + 1.0, commands.value)
-    for wrong in (others, late):
-        assert "position" in identify(track, wrong, Robot()).misfits
-    assert identify(track, commands, Robot()).misfits == ()

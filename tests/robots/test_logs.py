@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 from command_line import called
-from log_messages import EPOCH, stamped, write
 
 import baselines
 import lissajous_env
@@ -104,56 +103,11 @@ def test_standard_tools_read_a_log(logged):
     assert {each.header.frame_id for each in first.markers} == {"map"}
 
 
-def poses_of(tracks, topic, moved):
-    """Messages of poses alone, of robots in a frame where the rectangle's middle is at `moved`."""
-    x0, y0, turn = moved
-    cos, sin = math.cos(turn), math.sin(turn)
-    for robot, track in enumerate(tracks):
-        for time, (x, y, _), heading in zip(track.time + EPOCH, track.position, track.heading, strict=True):
-            place = x0 + cos * x - sin * y, y0 + sin * x + cos * y
-            yield topic.format(robot + 1), stamped(time, *place, heading + turn), time
-
-
-def test_a_log_of_a_lab_scores_as_the_motion_it_is_of(logged, tmp_path):
-    # Oracle: the simulation whose motion it is. Poses at 40 Hz and uneven times, another frame, no speeds or phases.
-    recording, path = logged
-    scenario, random = recording.scenario, np.random.default_rng(0)
-    tracks = []
-    for track in read(path).tracks:
-        times = np.sort(np.concatenate([track.time[[0, -1]], random.uniform(track.time[0], track.time[-1], 480)]))
-        position, heading, speed = motion_of(track).at(times)
-        tracks.append(Track(times, position, heading, speed))
-    write(tmp_path / "lab", poses_of(tracks, "/car{}/pose", moved=(3.0, -2.0, 0.7)))
-    log = read(tmp_path / "lab", ["/car{}/pose"], origin=(3.0, -2.0, 0.7))
-    assert log.episode is None
-    scored = score(log, dataclasses.replace(scenario, name="lab"), seeds=[5])
-    row = scored.rows[0]
-    for name in ("coverage_time_each", "idleness_mean", "lateral_error_mean", "spacing_factor", "distance_mean"):
-        assert row[name] == pytest.approx(recording.score[name], rel=0.02, abs=0.1), name
-    assert row["min_separation"] == pytest.approx(recording.score["min_separation"], abs=0.005)
-    assert math.isnan(row["smoothness"])
-    assert any("unknown without commands" in note for note in scored.notes)
-    with pytest.raises(ValueError, match="scenario must be given"):
-        score(log)
-
-
 def circle(count=101, robots=5):
     time = np.linspace(0, 10, count)
     gamma = 0.3 * time[None] + np.arange(robots)[:, None]
     place = np.stack([np.cos(gamma), 0.5 * np.sin(gamma), 0 * gamma], axis=-1)
     return tuple(Track(time, each, 0 * time, 0.3 + 0 * time) for each in place)
-
-
-def test_a_robot_without_poses_for_long_counts_as_failed():
-    whole, *others = circle()
-    kept = (whole.time < 3.05) | (whole.time > 6.95)
-    gap = Track(whole.time[kept], whole.position[kept], whole.heading[kept], whole.speed[kept])
-    scored = score(Log("gap", (gap, *others)), "experiment")
-    failed = scored.recording.status[:, 0] == 1
-    assert 35 <= failed.sum() <= 41
-    assert "robot 0 has gaps" in scored.notes[0]
-    assert (scored.recording.status[:, 1:] == 0).all()
-    assert not (score(Log("gap", (gap, *others)), "experiment", gap=5.0).recording.status != 0).any()
 
 
 def test_virtual_targets_differ_by_their_seeds_and_everything_else_does_not():

@@ -1,14 +1,14 @@
 """One robot's policy outside the simulator decides as in the simulator, and drives robots of another make."""
 
-import copy
-
 import numpy as np
 import pytest
 
 import baselines
 import lissajous_env
-from baselines.onboard import Limits, Message, Odometry, inputs_of
+from baselines.onboard import Limits, Message, Odometry, Twist, inputs_of
+from baselines.onboard.commands import Actuation
 from baselines.policies import patrol
+from baselines.ros.vehicle import Vehicle
 from lissajous_env.theory.closed_forms import curve_point
 from lissajous_env.theory.geometry import locate
 from lissajous_env.world.state import REMOVED
@@ -26,16 +26,18 @@ PAIRS = [
     ("team", "sweep"),
 ]
 
+DRIVES = {"robot.kind": "differential"}
+
 AGILE = {"robot.steering_max": 0.8, "robot.model_offset": None, "formation.start_noise": 0.0}
 """Cars whose turning circle is smaller than the curve's tightest bend."""
 
 
-def play(scenario, policy, steps=None, seed=3):
+def play(scenario, policy, steps=None, seed=3, command="car"):
     """Compare rows and actions of every robot with those of the simulation; return the number of decisions."""
     made = lissajous_env.scenario(scenario).resolve()
     simulation = lissajous_env.Simulation(made, seed=seed)
     together = baselines.make(policy, made)
-    alone = [baselines.Onboard(policy, made, i, limits=Limits.none()) for i in range(made.num_robots)]
+    alone = [baselines.Onboard(policy, made, i, command, Limits.none()) for i in range(made.num_robots)]
     decisions = 0
     for k in range(steps or made.task.steps):
         observed = simulation.observation.numpy()[0].copy()
@@ -51,6 +53,33 @@ def play(scenario, policy, steps=None, seed=3):
                 decisions += 1
         simulation.step(action)
     return decisions
+
+
+@pytest.mark.parametrize("policy", ["kuramoto-mpcc-safe", "partition-repair"])
+def test_actions_of_differential_drives_are_those_of_the_simulation(policy):
+    scenario = lissajous_env.scenario("rough", **DRIVES)
+    assert play(scenario, policy, 120, command="twist") > 120
+
+
+def test_a_differential_drive_is_commanded_the_twist_of_its_action():
+    # Oracle: by hand; the base of a simulated drive understands the same twist as the same action.
+    scenario = lissajous_env.scenario(
+        "evaders", **DRIVES, **{"robot.speed_max": 2.0, "robot.speed_min": -0.5}
+    ).resolve()
+    actuation, base = Actuation(scenario, "twist"), Vehicle(scenario, 1.0)
+    assert actuation.stop == Twist(0.0, 0.0)
+    for action in ([1.0, 0.5], [-1.0, -1.0], [0.25, 0.0], [0.0, 0.3]):
+        twist = actuation.command(np.float32(action), 0.7)
+        speed = action[0] * (2.0 if action[0] > 0 else 0.5)
+        assert twist == pytest.approx((speed, action[1] * scenario.robot.yaw_rate_max), rel=1e-6)
+        base.take(0.0, twist)
+        np.testing.assert_allclose(base.action(0.0, 0.7), action, atol=1e-6)
+        base = Vehicle(scenario, 1.0)
+    base.take(0.0, Twist(9.0, -999.0))
+    assert base.action(0.0, 0.0).tolist() == [1.0, -1.0]
+    assert base.action(2.0, 0.0).tolist() == [0.0, 0.0], "at rest without a valid command"
+    with pytest.raises(ValueError, match="command must be a twist for differential drives, got car"):
+        baselines.Onboard("partition", scenario, 0)
 
 
 @pytest.mark.parametrize(("scenario", "policy"), PAIRS)
@@ -177,7 +206,7 @@ def test_a_function_and_a_factory_are_policies():
     ("given", "words"),
     [
         ({"robot": 5}, "robot must be a whole number from 0 to 4, got 5"),
-        ({"scenario": "failure"}, "kind car, got curve"),
+        ({"scenario": "failure"}, "kind car or differential, got curve"),
         ({"command": "boat"}, "command must be one of car, twist"),
         ({"policy": "kuramoto"}, "which drives kind curve"),
     ],
@@ -186,20 +215,6 @@ def test_what_does_not_fit_is_refused(given, words):
     settings = {"policy": "kuramoto-mpcc", "scenario": "experiment", "robot": 0} | given
     with pytest.raises(ValueError, match=words):
         baselines.Onboard(**settings)
-
-
-def test_a_restricted_policy_decides_the_same_for_its_robot():
-    # Oracle: the same policy for the whole team; the rows of others are of any content.
-    made = lissajous_env.scenario("experiment").resolve()
-    simulation, policy = lissajous_env.Simulation(made), baselines.make("kuramoto-mpcc", made)
-    alone = copy.deepcopy(policy)
-    alone.restrict(3)
-    for _ in range(20):
-        rows = simulation.observation.numpy().copy()
-        rows[:, :3] = rows[:, 3:4]
-        action = policy.act(simulation.observation.numpy())
-        np.testing.assert_array_equal(alone.act(rows)[0, 3], action[0, 3])
-        simulation.step(action)
 
 
 def test_messages_that_are_no_messages_are_ignored():
@@ -229,12 +244,3 @@ def test_the_steps_of_a_policy_follow_the_clock(policy):
             early = inputs._replace(now=inputs.now + 0.02)
             np.testing.assert_array_equal(uneven.act(*early).action, found)
         simulation.step(together.act(simulation.observation))
-
-
-def test_a_policy_is_restricted_to_a_robot_of_one_world():
-    with pytest.raises(ValueError, match="robot must be a whole number from 0 to 4, got 5"):
-        baselines.make("kuramoto-mpcc-safe", "experiment").restrict(5)
-    with pytest.raises(ValueError, match="must be for one world to be restricted, got 2"):
-        baselines.make("kuramoto-mpcc", "experiment", num_worlds=2).restrict(0)
-    with pytest.raises(ValueError, match="problem must be from 0 to 4"):
-        baselines.make("kuramoto-mpcc", "experiment").mpcc.restrict(-1)

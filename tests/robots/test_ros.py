@@ -143,11 +143,6 @@ def test_at_a_slower_pace_the_run_is_the_simulation():
         assert played.score[name] == pytest.approx(wanted.score[name], rel=1e-3)
 
 
-def test_a_pace_in_lockstep_is_refused():
-    with pytest.raises(ValueError, match=r"pace must be 1 in lock-step, got 0\.5"):
-        WorldSettings(lockstep=True, pace=0.5)
-
-
 @pytest.mark.parametrize(
     ("command", "settings"),
     [("twist", {"pose": "pose"}), ("twist_stamped", {}), ("dart", {})],

@@ -133,7 +133,7 @@ def text(file):
     ("arguments", "words"),
     [
         (("robot", "--robot", 9), "robot must be a whole number from 0 to 4, got 9"),
-        (("world", "--scenario", "failure"), "scenario must be of robots of kind car, got curve"),
+        (("world", "--scenario", "failure"), "scenario must be of robots of kind car or differential, got curve"),
         (("launch", "--policy", "nobody"), "got 'nobody'"),
     ],
 )

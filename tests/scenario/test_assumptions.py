@@ -168,10 +168,8 @@ def test_nothing_warns_about_a_formation_that_no_policy_uses(plan_of_partition):
 @pytest.mark.parametrize(
     "line",
     [
-        "evaluate {plan} --episodes 1",
         "evaluate {plan} --episodes 1 --set faults.lost=1",
         "evaluate {plan}/scenario.toml laps --episodes 1",
-        "run {plan} --out {plan}/run.npz",
         "replay {plan} --out {plan}/replay.npz",
         "benchmark --scenarios {plan}/scenario.toml --policies {plan} --episodes 1 --out {plan}/results",
     ],

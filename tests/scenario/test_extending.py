@@ -264,26 +264,6 @@ def test_news_of_a_stopped_robot_goes_around_the_ring(here):
     assert told[-1, :, 1:, 0].min() >= 0.8
 
 
-def test_a_model_plays_as_in_the_environment_that_it_was_trained_in(here):
-    # Oracle: Stable-Baselines3's own loop.
-    pytest.importorskip("stable_baselines3")
-    from training.sb3 import RobotVecEnv
-
-    if not Path("my_model.zip").exists():
-        assert call("python my_model.py", here).returncode == 0
-    short = lissajous_env.scenario("failure", **{"task.duration": 10.0})
-    policy = brought("my_model:my_policy")(short, 2, "cpu")
-    (row, _) = lissajous_env.evaluate(policy, short, seeds=range(2))
-    worlds = RobotVecEnv(short)
-    worlds.seed(0)
-    rows, total = worlds.reset(), np.zeros(worlds.num_envs)
-    for _ in range(short.task.steps):
-        rows, reward, _, _ = worlds.step(policy.model.predict(rows, deterministic=True)[0])
-        total += reward
-    assert row["return_mean"] == pytest.approx(total.mean(), abs=1e-4)
-    assert row["return_mean"] != 0
-
-
 @pytest.mark.long
 def test_a_package_brings_both_by_name(home, tmp_path):
     # Story: the package of the docs is installed, its folder on the path, and called from another folder.

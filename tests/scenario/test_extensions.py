@@ -277,18 +277,3 @@ def test_a_model_is_drawn_as_a_disc_with_a_tip_or_in_its_own_shape(slider, monke
     )
     monkeypatch.setitem(robot_models._MODELS, "slider", shaped)
     assert (picture() != plain).any()
-
-
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        (("car", ("a",), ((1.0,),), slide), "name of a robot model must be new, got 'car'"),
-        (("m", (), ((1.0,),), slide), "robot model m must have an action of at least one component"),
-        (("m", ("a",), ((1.0, 2.0),), slide), "table of robot model m must contain rows of 1 numbers"),
-        (("m", ("a",), (), slide), "robot model m must have a table of at least one row"),
-        (("m", ("a",), ((1.0,),), print), "robot model m must move by a Warp kernel"),
-    ],
-)
-def test_what_is_no_model_is_refused(fields, message):
-    with pytest.raises(ValueError, match=message):
-        lissajous_env.register_robot_model(lissajous_env.RobotModel(*fields, lambda *parts: 1.0))

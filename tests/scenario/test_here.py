@@ -7,9 +7,7 @@ from command_line import called
 
 import baselines
 import lissajous_env
-from lissajous_env import here
 from lissajous_env.parameters import named
-from lissajous_env.wording import nearest
 from training.learned.card import Card
 
 POLICIES = """
@@ -120,12 +118,6 @@ def test_suggestions_are_what_a_user_may_mean(line, words, folder, capsys):
     assert words in error.splitlines()[0], error
 
 
-def test_nothing_is_suggested_where_nothing_is_alike(capsys):
-    code, _, error = called(capsys, "evaluate", "failure", "xyzzy")
-    assert (code, "did you mean" in error) == (2, False)
-    assert nearest("xyzzy", ["still", "sweep"]) == ""
-
-
 def test_an_unknown_name_is_answered_in_a_line_or_two(capsys):
     # Story: a misspelt policy was answered by the names of all policies, with the one that was meant at their end.
     for line in (
@@ -140,24 +132,6 @@ def test_an_unknown_name_is_answered_in_a_line_or_two(capsys):
         ValueError, match=r"^policy must be one of the \d+ that `lissajous policies` lists, got 'swep'; "
     ):
         baselines.make("swep", "rough")
-
-
-@pytest.mark.parametrize(("word", "known", "words"), [
-    ("depot", ["still", "depots", "depot.toml"], "; did you mean depot.toml or depots?"),
-    ("kuramto", ["kuramoto-mpcc", "kuramoto", "still"], "; did you mean kuramoto?"),
-    ("my-method-mcpp", ["my-method-mpcc", "my-method-gvf"], "; did you mean my-method-mpcc?"),
-    ("", ["a"], ""),
-    (None, ["still"], ""),
-    ("x", [], ""),
-])  # fmt: skip
-def test_nearest(word, known, words):
-    assert nearest(word, known) == words
-
-
-def test_names_are_read_without_running_anything(folder):
-    found = dict(here.registered_here("register", "register_coordinator", "register_scenario"))
-    assert found == {"my-still": "my_policies", "my-way": "my_method", "short-one": "my_scenarios"}
-    assert not (folder / "imported").exists()
 
 
 def test_from_python_a_scenario_is_found_by_the_name_that_a_module_here_registers():

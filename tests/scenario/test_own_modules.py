@@ -1,50 +1,13 @@
 """Policies in modules of the current folder, called from the command line."""
 
-import json
 import subprocess
 import sys
 
 import pytest
-from command_line import called
 
 import baselines
 import lissajous_env
 import training
-
-
-def test_a_module_in_the_current_folder_is_found(tmp_path):
-    (tmp_path / "helper.py").write_text("import baselines\nmake = baselines.make\n")
-    (tmp_path / "mine.py").write_text(
-        "from functools import partial\nimport helper\npolicy = partial(helper.make, 'still')\n"
-    )
-    # As the console script is called: the folder that Python itself looks in first is that of the script.
-    command = [sys.executable, "-P", "-c", "from lissajous_env.console.cli import main; main()", "evaluate", "failure"]
-    short = ["mine:policy", "--episodes", "1", "--set", "task.duration=1", "--json", "--quiet"]
-    ended = subprocess.run([*command, *short], capture_output=True, text=True, cwd=tmp_path, timeout=60)
-    assert (ended.returncode, ended.stderr) == (0, "")
-    assert json.loads(ended.stdout)["policy"] == "mine:policy"
-
-
-BROKEN = """
-import numpy as np
-class Broken:
-    def __init__(self, scenario, num_worlds, device):
-        self.num_worlds = num_worlds
-    def reset(self, worlds=None):
-        pass
-    def act(self, observation):
-        raise RuntimeError("[/b] out of ideas\\nand of lines")
-"""
-
-
-def test_a_policy_that_raises_is_one_line_with_its_place(tmp_path, monkeypatch, capsys):
-    (tmp_path / "giving_up.py").write_text(BROKEN)
-    monkeypatch.chdir(tmp_path)
-    for command in ("run", "evaluate"):
-        code, out, error = called(capsys, command, "failure", "giving_up:Broken")
-        assert (code, out) == (1, "")
-        place = "(giving_up.py, line 9)"
-        assert error == f"error: giving_up:Broken failed on failure: RuntimeError: [/b] out of ideas {place}\n"
 
 
 def test_the_current_folder_hides_no_package(tmp_path):

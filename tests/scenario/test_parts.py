@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from lissajous_env.parameters.overrides import parse_overrides
-from lissajous_env.parameters.scenario import PARTS, Faults, Robot, Scenario, Targets, Task
+from lissajous_env.parameters.scenario import PARTS, Faults, Robot, Scenario, Task
 
 FIELDS = [(part, field) for part, kind in PARTS.items() for field in dataclasses.fields(kind)]
 FIELD_NAMES = [f"{part}.{field.name}" for part, field in FIELDS]
@@ -45,11 +44,6 @@ def test_a_robot_may_be_written_as_a_float():
     lissajous_env.Simulation(floats)
 
 
-def test_two_million_targets_are_possible():
-    scenario = Scenario(targets=Targets(count=2_000_000), task=Task(grid=None))
-    assert scenario.target_capacity == 2_000_000
-
-
 @pytest.mark.parametrize(("part", "field"), FIELDS, ids=FIELD_NAMES)
 def test_help_says_what_a_field_means_its_unit_and_range(part, field):
     # Oracle: the field's own docstring in the source, and its rule.
@@ -61,22 +55,6 @@ def test_help_says_what_a_field_means_its_unit_and_range(part, field):
     unit = re.search(r"\[(.*?)\]$", field.metadata["rule"])
     if unit is not None:
         assert f"[{unit[1]}]" in source[1] or (unit[1] == "1/s" and "per second" in source[1])
-
-
-def test_help_without_source_still_says_the_rules():
-    # Story: a class that was made where there is no file, as in an interactive session.
-    space = {"__name__": "nowhere"}
-    exec(
-        "from lissajous_env.settings.checks import *\nclass Part(Checked):\n    size: float = number(1.0, 0, 2, 'm')",
-        space,
-    )
-    assert "size: (from 0 to 2 [m]; default 1.0)" in space["Part"].__doc__
-
-
-@pytest.mark.parametrize("name", ["name", "part"])
-def test_an_override_called_like_a_parameter(name):
-    with pytest.raises(ValueError, match=f"^override must name one of curve, .*, got '{name}'"):
-        lissajous_env.scenario("experiment", **{name: "evil"})
 
 
 # The top speed of a car.
@@ -128,15 +106,6 @@ def test_two_limits_must_agree():
         ValueError, match=r"^robot.speed_max must be reached at a throttle above throttle_min and dead_"
     ):
         Robot(speed_max=0.5, dead_zone=0.2)
-
-
-def test_a_file_and_a_command_line_give_the_same(tmp_path):
-    path = tmp_path / "slow.toml"
-    path.write_text('base = "intruders"\n[robot]\nspeed_max = 1.5\n', encoding="utf-8")
-    changed = parse_overrides([["robot.speed_max=1.5"]])
-    read, given = lissajous_env.scenario(str(path)), lissajous_env.scenario("intruders", **changed)
-    assert read.digest() == given.digest() != lissajous_env.scenario("intruders").digest()
-    assert read.resolve().digest() == given.resolve().resolve().digest()
 
 
 def test_parts_are_frozen():

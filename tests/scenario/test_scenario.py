@@ -28,28 +28,28 @@ from lissajous_env.theory import closed_forms
 
 # Digests of all numbers of the scenarios that ship: a line that differs is a number that changed.
 DIGESTS = {
-    "ideal": "245d1519ae3dad50",
-    "perturbation": "0ae64587b87e2b03",
-    "failure": "3872e5a7bc01e647",
-    "experiment": "f5dd252e774b4557",
-    "experiment-printed": "9248573eefe47eb2",
-    "intruders": "42dbc3fe16ac4a71",
-    "intruders-walls": "cd85bc3aac3451a6",
-    "intruders-inside": "7d16e237b5ec6fba",
-    "evaders": "3234f840d89beb3c",
-    "evaders-failure": "f60f2d0bb2cf3c38",
-    "evaders-lost": "7523875a6c38a007",
-    "evaders-fast": "856060982a923c02",
-    "evaders-uneven": "62f4c80c78acf662",
-    "hall": "d6a41b8a119761f5",
-    "evaders-walls": "6e572a878db3fb70",
-    "rough": "0a559f876b9b13de",
-    "rough-lost": "2a188ca29b971778",
-    "team": "dc85b905c0eee135",
-    "redundant": "451a4ad135f506d5",
-    "knot": "bab31a3dff42fb16",
-    "swarm": "af078296dad6a929",
-    "city": "01b8907fb9b5089a",
+    "ideal": "f1995d87eefc995d",
+    "perturbation": "bbe0ea2b72f79a22",
+    "failure": "273ec6fba11a852a",
+    "experiment": "5774089072bc34c1",
+    "experiment-printed": "2a5a07486137f153",
+    "intruders": "829ff14756f4e4dd",
+    "intruders-walls": "bee0dca1ee77cd66",
+    "intruders-inside": "a8d9be2cbd9e8a76",
+    "evaders": "e716c8078f53eecc",
+    "evaders-failure": "59309eff3665f020",
+    "evaders-lost": "21bb6d77a4e95572",
+    "evaders-fast": "e17ca6008b754504",
+    "evaders-uneven": "e446848b7db7d4ff",
+    "hall": "310dbfa58849990e",
+    "evaders-walls": "8c46f3762d9ea651",
+    "rough": "6ec6f4fcf3749219",
+    "rough-lost": "0ebcccfd98b58021",
+    "team": "7684260fdbbfa8cb",
+    "redundant": "29cd72501ace4896",
+    "knot": "c7c3eb974deee070",
+    "swarm": "99121b3938e2acd3",
+    "city": "2cf54af19627fa49",
 }
 
 KINDS: dict[str, Any] = dict(PARTS)
@@ -257,11 +257,6 @@ def test_overrides_that_only_hold_together_are_checked_together():
 def test_bad_overrides(overrides, message):
     with pytest.raises(ValueError, match=f"^{message}"):
         lissajous_env.scenario("experiment", **overrides)
-
-
-def test_unknown_scenario_offers_the_nearest():
-    with pytest.raises(ValueError, match=r"^scenario must be one of .*, got 'experimnt'; did you mean experiment\?"):
-        lissajous_env.scenario("experimnt")
 
 
 # What ships.

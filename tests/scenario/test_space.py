@@ -21,12 +21,12 @@ DRAW = {
 }
 
 FROZEN = [
-    "d56d62c14a3966e9",
-    "9277c35706d757f9",
-    "b8d91b8470a9ea34",
-    "b6168ffc62e7a1f2",
-    "98c831b37a189942",
-    "454a4115fbab81d1",
+    "51d3ff30fc41d40a",
+    "baa85db45ec73d2c",
+    "fbd45d4d3d5224f0",
+    "a7cef4c7fd32d2c7",
+    "f4a91ce408f88563",
+    "e97ea78685828e00",
 ]
 """Digests of the first scenario of each split and shift of monitoring-v1."""
 

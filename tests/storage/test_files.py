@@ -12,8 +12,7 @@ from baselines.benchmark.types import Benchmark
 from baselines.commands.reproduce import reproduce
 from lissajous_env.storage import files
 from lissajous_env.storage.files import check_writable_file, read_json, replacing, write_atomically
-from lissajous_env.storage.folder import LIST, Folder
-from lissajous_env.storage.journal import Journal
+from lissajous_env.storage.folder import LIST, Folder, Journal
 
 QUIET = Console(quiet=True)
 NEIGHBOURS = (
@@ -163,7 +162,7 @@ def test_what_a_killed_process_left_is_removed_and_nothing_else(tmp_path):
         assert sorted(path.name for path in tmp_path.iterdir()) == [".lissajous-1.json", LIST, "a.json"]
 
 
-@pytest.mark.parametrize("torn", ["", '{"lissa', '{"lissajous": 1, "token": "0123456789abcdef"}\n{"wro'])
+@pytest.mark.parametrize("torn", ["", '{"lissa', '{"lissajous": 1}\n{"wro'])
 def test_a_list_that_a_kill_left_half_written_is_gone_on_with(tmp_path, torn):
     (tmp_path / LIST).write_text(torn)
     with Folder(tmp_path) as folder:

@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 import os
-import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -104,17 +103,6 @@ def test_whatever_makes_a_policy_is_identified_by_its_module():
     assert parts_of(functools.partial(Still, speed=0.5)) != parts_of(functools.partial(Still, speed=0.4))
     # Code of this distribution is identified by its version.
     assert set(factories.parts(factories.named("kuramoto"))) == {"code"}
-
-
-def test_code_of_a_script_is_identified_by_its_own_source(tmp_path):
-    # Oracle: another line of the script changes nothing.
-    def parts(name, *lines):
-        (tmp_path / name).write_text("\n".join(lines))
-        return parts_of(runpy.run_path(str(tmp_path / name), run_name="__main__")["act"])
-
-    one = parts("one.py", "def act(o): return 1 * o")
-    assert one == parts("more.py", "x = 3", "def act(o): return 1 * o")
-    assert one != parts("other.py", "def act(o): return 2 * o")
 
 
 def test_a_folder_contains_one_version_of_a_model_of_robots(tmp_path, monkeypatch):

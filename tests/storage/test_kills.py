@@ -10,7 +10,7 @@ pytest.importorskip("stable_baselines3")
 from test_files import NEIGHBOURS
 
 from lissajous_env.storage.folder import Folder
-from tests.adversarial import killing
+from tests.storage import killing
 from training.learned import checkpoint
 
 

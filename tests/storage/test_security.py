@@ -7,7 +7,7 @@ import shutil
 import pytest
 
 from lissajous_env.console.cli import main
-from tests.adversarial.planted import opened, payloads, plant
+from tests.storage.planted import opened, payloads, plant
 from training.learned import policy
 
 SHORT = ("--set", "task.duration=1.0")

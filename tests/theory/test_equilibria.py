@@ -165,27 +165,6 @@ def test_failure_and_resume(n, p, stuck, recovery):
     assert time == pytest.approx(recovery, abs=0.15)
 
 
-def test_without_coupling_the_offset_stays():
-    phases = integrate(closed_forms.equilibrium_phases(5, 2, range(5)), 9.9, coupling=0, stuck=(0, 1))
-    assert deviation(integrate(phases, 50, step=0.1, coupling=0), 2) == pytest.approx(deviation(phases, 2))
-    assert deviation(phases, 2) > 0.5
-
-
-@pytest.mark.parametrize(("n", "shares"), [(5, {2: 0.51, 3: 0.49}), (8, {4: 0.76, 3: 0.12, 5: 0.12})])
-def test_random_starts(n, shares):
-    # Oracle: shares of 2,000 uniform starts, simulated independently; tolerance four standard deviations of 600.
-    starts = np.random.default_rng(0).uniform(0, 2 * np.pi, (600, n))
-    end = integrate(starts, 120, step=0.15)
-    windings = ((np.roll(end, -1, axis=1) - end) % (2 * np.pi)).sum(axis=1) / (2 * np.pi)
-    reached = np.round(windings).astype(int)
-    assert windings == pytest.approx(reached)
-    assert set(reached) <= set(closed_forms.stable_equilibria(n))
-    settled = np.array([deviation(phases, p) for phases, p in zip(end, reached, strict=True)])
-    assert np.mean(settled < 0.05) > 0.99
-    for p, share in shares.items():
-        assert np.mean(reached == p) == pytest.approx(share, abs=4 * math.sqrt(share * (1 - share) / 600))
-
-
 def test_two_robots_have_one_neighbour_each():
     neighbours = np.array([[1, -1], [0, -1]])
     rates = closed_forms.kuramoto_rates(np.array([0.0, 1.0]), neighbours, 0.3, 2.0)

@@ -49,13 +49,6 @@ def test_equally_spaced_laps_of_a_closed_line_meet_the_bound(robots):
     assert waits.mean() == pytest.approx(mean_time_on_boundary(60.0, robots, radius, speed), rel=5e-3)
 
 
-def test_discs_that_cover_everything_leave_nothing_to_wait_for():
-    assert mean_time_inside(1.0, 4, 0.5, 1.0) == 0
-    assert mean_time_on_boundary(1.0, 4, 0.5, 1.0) == 0
-    assert mean_time_inside(math.pi, 1, 0.5, 1.0) == pytest.approx((0.75 * math.pi) ** 2 / (2 * math.pi))
-    assert mean_time_limit(lissajous_env.scenario("experiment")) == 0
-
-
 @pytest.mark.parametrize("entry", ["inside", "boundary"])
 def test_a_scenario_without_an_end_has_the_closed_form(entry):
     # Oracle: the closed forms, of targets that are there from the start and do not move.
@@ -157,15 +150,6 @@ def test_top_speed_of_robots_is_never_passed():
         scenario = lissajous_env.scenario(name, **{"task.duration": 5.0}, **changes)
         (row,) = lissajous_env.evaluate(baselines.make(policy, scenario), scenario, seeds=[1])
         assert row["speed_max"] < 1.001 * robot_speed_limit(scenario)
-
-
-def test_cars_that_are_too_slow_for_the_formation_start_at_their_top_speed():
-    changes = {"robot.speed_max": 1.0, "robot.drive_factors": ((2, 0.9),)}
-    free = lissajous_env.Simulation("intruders", num_worlds=8).robots.speed.numpy()
-    scenario = lissajous_env.scenario("intruders", **changes)
-    speeds = lissajous_env.Simulation(scenario, num_worlds=8).robots.speed.numpy()
-    np.testing.assert_allclose(speeds, np.minimum(free, scenario.top_speeds), rtol=1e-6)
-    assert speeds.max() > speeds[:, 2].max()
 
 
 @pytest.mark.parametrize("name", ["sweep", "laps", "kuramoto-mpcc", "learned-intruders", "random"])

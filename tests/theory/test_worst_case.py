@@ -83,22 +83,6 @@ def test_rogues_regain_no_more_than_the_formula_says():
     assert (before - after).max() > 0.5 * most.max()
 
 
-@pytest.mark.parametrize("seed", range(40))
-def test_lines_that_a_set_fills_in_part(seed):
-    # Oracle: the claim of the proof, for unions and complements of random rectangles on a grid of unit cells.
-    rng = np.random.default_rng(seed)
-    shape = rng.integers(3, 40, 2)
-    filled = np.zeros(shape, dtype=bool)
-    for _ in range(rng.integers(1, 6)):
-        low, high = np.sort(rng.integers(0, shape + 1, (2, 2)), axis=0)
-        filled[low[0] : high[0], low[1] : high[1]] = True
-    if seed % 2:
-        filled = ~filled
-    widths = [(filled.any(axis=k) & ~filled.all(axis=k)).sum() for k in (0, 1)]
-    area = filled.sum()
-    assert max(widths) >= min(*shape, math.sqrt(area), math.sqrt(filled.size - area)) - 1e-9
-
-
 def test_points_in_a_square_are_no_farther_apart_than_the_best_known():
     # Oracle: Markot and Csendes, "A new verified optimization technique for the packing circles in a unit square
     # problems" (SIAM J. Optim. 2005) and the proved optima before: largest least distances of M points.
@@ -192,11 +176,3 @@ def test_they_obey_the_laws_of_similarity(width, height, robots, radius, rogue_s
         assert scaled == pytest.approx(time * clearing_time(width, height, robots, radius, 1.0, rogue_speed))
         scaled = revisiting_time(*sides, robots, radius * length, speed, 60 * time)
         assert scaled == pytest.approx(time * revisiting_time(width, height, robots, radius, 1.0, 60))
-
-
-def test_the_sides_may_be_given_either_way():
-    assert clearing_time(7, 3, **TEAM, rogue_speed=0.2) == clearing_time(3, 7, **TEAM, rogue_speed=0.2)
-    for on_boundary in (False, True):
-        ways = [revisiting_time(*sides, **TEAM, on_boundary=on_boundary) for sides in ((7, 3), (3, 7))]
-        assert ways[0] == ways[1] > 0
-    assert revisiting_time(9, 9, 4, 0.5, 1.0, on_boundary=True) <= revisiting_time(9, 9, 4, 0.5, 1.0)

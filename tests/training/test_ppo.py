@@ -7,13 +7,10 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
-import torch
 from rich.console import Console
-from stable_baselines3.common.logger import Logger
 
 import lissajous_env
 from lissajous_env.storage.folder import Folder
-from training.learned.card import Card
 from training.learned.policy import Learned
 from training.sb3 import RobotVecEnv
 from training.sb3.ppo import RobotPPO
@@ -22,24 +19,6 @@ from training.settings import TrainingSettings
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 SHORT = {"task.duration": 2.0, "task.grid": None}
-SMALL = {"base": "none", "teacher": "none", "rivals": (), "threads": 1}
-
-
-def make_model(**settings):
-    # Episodes of 7 and of 20 steps: time limits fall into every rollout of 16.
-    env = RobotVecEnv(lissajous_env.scenario("intruders", **SHORT), 8, short=0.5, short_time=0.7, central=True)
-    made = TrainingSettings(**SMALL | {"layers": (16, 8), "rollout": 16, "batch_size": 160, "seed": 3} | settings)
-    model = RobotPPO(made, env, Card.of(env.scenario))
-    model.set_logger(Logger(None, []))
-    return model
-
-
-def test_a_critic_alone_learns_where_the_actor_is_held():
-    model = make_model()
-    before = {name: parameter.detach().clone() for name, parameter in model.policy.named_parameters()}
-    model.learn_once(0.0, critic_only=True)
-    for name, parameter in model.policy.named_parameters():
-        assert torch.equal(parameter, before[name]) == ("value" not in name)
 
 
 def test_collisions_cost_more_while_learning_and_nowhere_else(tmp_path):
@@ -76,29 +55,6 @@ def test_noise_falls_as_the_settings_say(tmp_path, monkeypatch):
     seen.clear()
     train(TrainingSettings("failure", log_std_end=None, out=tmp_path / "learned", **small), quiet)
     assert len(set(seen)) == 4
-
-
-def test_a_training_says_when_it_beat_its_rival(tmp_path, monkeypatch):
-    # Story: the untrained policy and the first evaluation are slower; two beat it, the first of them is told, once.
-    out = io.StringIO()
-    settings = TrainingSettings(
-        "failure", worlds=4, rollout=8, batch_size=160, layers=(4,), base="none", teacher="none", threads=1,
-        epochs=1, rivals=("still",), evaluation_episodes=1, evaluate_every=160, steps=480, out=tmp_path / "run",
-    )  # fmt: skip
-    points = iter([9.7, 9.5, 8.0, 7.0])
-
-    def evaluated(trainer, make):
-        rival = not isinstance(make(trainer.scenario, 1), Learned)
-        trainer.history.seconds = 190.2
-        time = 9.0 if rival else next(points)
-        return {"detection_time": time, "collisions": 0.0, "return": -time, "detected_fraction": 0.5}
-
-    monkeypatch.setattr(Trainer, "_evaluated", evaluated)
-    train(settings, Console(file=out, width=120))
-    assert out.getvalue().count("better than still") == 1
-    assert "better than still after 0:03:10, 320 steps" in out.getvalue()
-    assert "0 steps, 3 min 10 s: detection 9.70 s, collisions 0.00, return -9.70 (untrained)" in out.getvalue()
-    assert "(27.8% faster than the untrained policy)" in out.getvalue().splitlines()[-1]
 
 
 def test_a_policy_that_was_better_untrained_is_not_said_to_have_become_so(tmp_path, monkeypatch):
@@ -146,18 +102,3 @@ def test_staggered_worlds_are_at_all_moments_of_an_episode():
     for _ in range(40):
         ended += env.step(np.zeros((100, 2)))[2].reshape(20, 5).all(axis=1)
     assert (ended == 2).all()
-
-
-def test_staggered_worlds_go_on_where_they_were():
-    # Oracle: the worlds that were not interrupted, in the midst of their first episodes.
-    scenario = lissajous_env.scenario("intruders", **SHORT)
-    first, second = (RobotVecEnv(scenario, 6, staggered=True, seed=seed) for seed in (0, 9))
-    for env in (first, second):
-        env.reset()
-    for _ in range(8):
-        first.step(np.full((30, 2), 0.1))
-    second.load_state(first.save_state())
-    for _ in range(30):
-        ours, theirs = (env.step(np.full((30, 2), 0.1)) for env in (first, second))
-        assert (ours[0] == theirs[0]).all()
-        assert (ours[2] == theirs[2]).all()

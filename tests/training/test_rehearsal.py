@@ -64,21 +64,6 @@ def test_a_policy_that_raises_is_left_out_by_name(monkeypatch):
     assert [words.partition(":")[0] for words in said] == ["broken is left out of the rehearsal"]
 
 
-def test_on_several_scenarios_the_one_that_is_fast_on_all_is_best(monkeypatch):
-    # Oracle: the mean of logarithms, by hand.
-    times = {"laps": (1.0, 16.0), "sweep": (3.0, 3.0), "still": (9.0, 9.0)}
-    monkeypatch.setattr(registry, "names", lambda scenario: tuple(times))
-    played_on = [lissajous_env.scenario("intruders", **{"task.duration": t}) for t in (1.0, 2.0)]
-
-    def evaluated(policy, scenario, seeds, device):
-        time = times[policy.name][round(scenario.task.duration) - 1]
-        return [{"detection_time_mean": time, "collisions": 0, "return_mean": time, "detected_fraction": 1.0}] * 2
-
-    monkeypatch.setattr(rehearsal, "evaluate", evaluated)
-    assert best_policies(played_on) == ("sweep",)
-    assert best_policies(played_on[:1]) == ("laps", "still")
-
-
 def test_the_default_rivals_are_rehearsed_once_for_a_training(tmp_path, monkeypatch):
     played = []
     play = rehearsal._play

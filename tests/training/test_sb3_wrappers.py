@@ -39,10 +39,8 @@ def played_by_hand(model, env, worlds, steps=8):
 
 
 STACKS = {
-    "rows": lambda: VecFrameStack(RobotVecEnv(SHORT, 2), 3),
     "as many rows as robots": lambda: VecFrameStack(RobotVecEnv(SHORT, 2), 5),
     "normalized before": lambda: VecFrameStack(VecNormalize(RobotVecEnv(SHORT, 2)), 3),
-    "normalized after": lambda: VecNormalize(VecFrameStack(RobotVecEnv(SHORT, 2), 3)),
     "discrete": lambda: VecFrameStack(RobotVecEnv(SHORT, 2, discrete_actions=True), 4),
     "flat team": lambda: VecFrameStack(team(True), 3),
 }

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from baselines.exploitability.bracket import rogue_names
-from baselines.exploitability.survival import survive, with_starts
+from baselines.exploitability import rogue_names, survive, with_starts
 from benchmarks.rogues import rows
 from lissajous_env.parameters.rogues import folder_of, rogue_of, shipped_rogues
 from tests.command_line import called

@@ -18,7 +18,6 @@ pytest.importorskip("stable_baselines3")
 import training
 from lissajous_env import Simulation
 from lissajous_env.storage.folder import LIST, Folder
-from training.events import open_rows
 from training.learned import checkpoint
 from training.sb3.trainer import Trainer, train
 from training.settings import TrainingSettings
@@ -92,16 +91,14 @@ def trained(changes, out):
 @pytest.mark.parametrize(
     ("changes", "share", "steps"),
     [
-        ({}, 0.3, (1280,)),
         ({"noise_steps": 5, "averaging": 0.5, "critic_steps": 1280}, 0.6, (2560, 3840, 5120)),
-        ({"base": "kuramoto-mpcc"}, 0.5, (2560, 3840, 5120)),
         ({"base": "kuramoto-mpcc"}, 0.15, (0,)),
     ],
 )
 def test_a_killed_training_ends_with_the_same_weights(tmp_path, changes, share, steps):
-    # Oracle: the run that nobody killed, on one thread. Killed in the imitation, in the reinforcement learning, and
-    # after the evaluation of the untrained policy.
-    from tests.adversarial import killing
+    # Oracle: the run that nobody killed, on one thread. Killed in the reinforcement learning, and after the
+    # evaluation of the untrained policy.
+    from tests.storage import killing
 
     work = functools.partial(trained, changes)
     writes = killing.run(work, tmp_path / "whole").writes
@@ -114,7 +111,7 @@ def test_a_killed_training_ends_with_the_same_weights(tmp_path, changes, share, 
 
 
 def test_a_state_that_does_not_fit_is_refused_by_its_file(tmp_path):
-    from tests.adversarial import killing
+    from tests.storage import killing
 
     killing.train(tmp_path)
     text = checkpoint.read_text(tmp_path)
@@ -206,15 +203,6 @@ def test_other_settings_are_refused_by_name(tmp_path):
         train(dataclasses.replace(settings, overrides={"task.duration": 5.0}), QUIET)
 
 
-def test_a_damaged_state_is_refused_by_name(tmp_path):
-    settings = small(tmp_path, steps=1280, teacher="none")
-    train(settings, QUIET)
-    (state,) = settings.out.glob("state-*")
-    state.write_bytes(state.read_bytes()[:-10])
-    with pytest.raises(ValueError, match=rf"{state.name} is damaged"):
-        train(dataclasses.replace(settings, steps=2560), QUIET)
-
-
 def test_a_training_starts_from_another(tmp_path):
     settings = small(tmp_path, steps=1280, teacher="none")
     train(settings, QUIET)
@@ -297,16 +285,5 @@ def test_bad_settings_are_refused_with_name_rule_and_value(tmp_path, changes, wo
 
 def test_two_trainings_do_not_share_a_folder(tmp_path):
     settings = small(tmp_path, steps=1280)
-    with Folder(settings.out), pytest.raises(ValueError, match=f"in use by another process.*{os.getpid()}"):
+    with Folder(settings.out), pytest.raises(ValueError, match="in use by another process"):
         train(settings, QUIET)
-
-
-def test_rows_of_a_process_are_read_after_those_of_the_one_before(tmp_path):
-    # Story: a process that is called again within the second; files are read in the order of their names.
-    first = open_rows(tmp_path, 0)
-    first.add_scalar("a", 1.0, 5)
-    first.close()
-    (before,) = tmp_path.iterdir()
-    before = before.rename(tmp_path / before.name.replace(f".{os.getpid()}.", ".999999999."))
-    open_rows(tmp_path, 3).close()
-    assert min(tmp_path.iterdir()) == before

@@ -15,11 +15,11 @@ pytest.importorskip("stable_baselines3")
 from test_train import QUIET, SMALL
 
 import lissajous_env
-from tests.adversarial import killing
+from tests.storage import killing
 from training.display import Display
 from training.learned import checkpoint
 from training.learned.card import Card
-from training.learned.history import LEARNING, MOST_UPDATES, History
+from training.learned.history import History
 from training.learned.network import Network
 from training.sb3.trainer import train
 from training.settings import TrainingSettings
@@ -55,7 +55,7 @@ def test_parameters_of_the_base_are_given_or_those_of_the_start(tmp_path):
     settings = TrainingSettings(base="sweep", base_parameters=given)
     assert settings.chosen_base_parameters == {"cruise": 1.9, "inset": 0.05}
     card = Card.of(settings.make_scenario(), base="sweep", base_parameters=settings.chosen_base_parameters)
-    checkpoint.save(tmp_path, Network((np.zeros((2, 44)),), (np.zeros(2),), "relu"), card)
+    checkpoint.save(tmp_path, Network((np.zeros((2, 44)),), (np.zeros(2),)), card)
     assert TrainingSettings(start=str(tmp_path)).chosen_base_parameters == settings.chosen_base_parameters
     assert TrainingSettings(start=str(tmp_path), base="sweep").chosen_base_parameters == {}
     # A training refuses to resume with other parameters, also where one has none.
@@ -114,30 +114,6 @@ def test_the_terminal_says_what_was_chosen_how_far_it_is_and_how_it_ended(tmp_pa
     assert "left of this phase)" in words
 
 
-def test_the_time_left_counts_steps_at_the_latest_speed_and_evaluations():
-    # Oracle: by hand: 1,000 steps/s; 7,000 steps and 7 evaluations of 2 s are left.
-    settings = TrainingSettings(base="none", teacher="none", rivals=(), steps=10_000, evaluate_every=1000)
-    history = History()
-    display = Display(settings, QUIET, history)
-    display.evaluation_seconds = 2.0
-    display.begin("PPO")
-    assert display.left == ""
-    for history.steps, history.seconds in ((1000, 50.0), (2000, 51.0), (3000, 52.0)):
-        display.update({})
-    assert (display.speed, display.left) == ("1.0 k steps/s", "about 21 s left")
-    display.begin("another")
-    assert display.speed == ""
-
-
-def test_before_the_last_phase_only_its_end_is_estimated():
-    settings = TrainingSettings(base="none", rivals=(), steps=10_000_000, imitation_steps=5000, evaluate_every=10**7)
-    history = History()
-    display = Display(settings, QUIET, history)
-    for history.steps, history.seconds in ((1000, 1.0), (2000, 2.0)):
-        display.update({})
-    assert display.left == "about 3 s left of this phase"
-
-
 def scores(detection, collisions):
     return {"detection_time": detection, "collisions": collisions, "return": 0.0, "detected_fraction": 1.0}
 
@@ -163,24 +139,6 @@ def test_what_the_best_policy_loses_is_said(ours, theirs, worse):
     words = out.getvalue()
     assert ("warning: it loses to rival: " + "; ".join(worse) in words) == bool(worse)
     assert ("more --steps, another --seed or a smaller --residual may help" in words) == bool(worse)
-
-
-def test_a_training_that_ended_says_again_what_it_lost(tmp_path):
-    changes = {"out": tmp_path / "run", "steps": 1280, "rivals": ("kuramoto-mpcc",), "teacher": "none"}
-    settings = TrainingSettings(**SMALL | changes)
-    assert "warning: it loses to kuramoto-mpcc: detection time" in printed(settings)[1]
-    assert "warning: it loses to kuramoto-mpcc: detection time" in printed(settings)[1]
-
-
-def test_updates_are_kept_and_thinned_out(tmp_path):
-    history = train(TrainingSettings(**SMALL | {"out": tmp_path / "run", "teacher": "none", "steps": 3200}), QUIET)
-    assert [point["steps"] for point in history.learning] == [640, 1280, 1920, 2560, 3200]
-    assert all(point.keys() == {"steps", *LEARNING} for point in history.learning)
-    history = History()
-    for history.steps in range(2 * MOST_UPDATES):
-        history.learned({"entropy_loss": 1.0, "approx_kl": float("nan")})
-    assert MOST_UPDATES / 2 <= len(history.learning) <= MOST_UPDATES
-    assert history.learning[0] == {"steps": 0, "entropy_loss": 1.0}
 
 
 def test_the_writers_of_the_docs_receive_what_tensorboard_shows(tmp_path, monkeypatch):

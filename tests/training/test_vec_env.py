@@ -27,33 +27,6 @@ def make_env(name="intruders", worlds=3, card=None, **overrides):
     return RobotVecEnv(scenario, worlds, Card.of(scenario, **inputs) if card else None, seed=0)
 
 
-def test_rows_do_not_change_afterwards():
-    env = make_env()
-    rows = env.reset()
-    kept = rows.copy()
-    after, *_ = env.step(np.ones((15, 2)))
-    assert (rows == kept).all()
-    assert not (after == kept).all()
-
-
-def test_a_removed_robot_ends_without_its_time_running_out():
-    # Two robots begin in each other: they crash in the first step, and their world continues with the others.
-    env = make_env("experiment", 4, **{"task.on_collision": "remove", "robot.radius": 0.4, "task.duration": 3.0})
-    env.reset()
-    ended, truncated = np.zeros(20, int), np.zeros(20, int)
-    for _ in range(30):
-        rows, rewards, dones, infos = env.step(np.zeros((20, 2)))
-        for k in np.flatnonzero(dones):
-            ended[k] += 1
-            truncated[k] += infos[k]["TimeLimit.truncated"]
-            assert infos[k]["terminal_observation"].shape == rows[k].shape
-        if dones.all():
-            break
-        assert (rewards[(ended > 0) & ~dones] == 0).all(), "a row that stands still earns nothing"
-    assert ended.min() >= 1, "every robot has ended: by a crash, or with its world"
-    assert truncated.sum() < ended.sum(), "a crash is not a time limit"
-
-
 def test_stable_baselines_checks_and_wrappers_pass():
     env = make_env(**{"task.duration": 1.0})
     assert isinstance(env, VecEnv)
@@ -89,14 +62,6 @@ def test_a_base_acts_and_the_action_is_added_to_it():
     env.step(np.full((15, 2), 9.0))
     applied = env.simulation.action.numpy().reshape(15, 2)
     assert applied == pytest.approx(np.clip(shown + 0.5, -1, 1)), "an action is clipped before it is added"
-
-
-def test_inputs_are_the_entries_of_these_names():
-    names = ("speed", "x", "target_0_present")
-    env = make_env(card={"inputs": names})
-    whole = lissajous_env.Simulation(env.scenario, 3)
-    columns = [whole.layout.names.index(name) for name in names]
-    assert (env.reset() == whole.observation.numpy()[:, :, columns].reshape(15, 3)).all()
 
 
 def test_a_central_critic_sees_the_world():
@@ -208,13 +173,3 @@ def test_episodes_are_reported_as_a_monitor_reports_them(tmp_path):
                 ended, early = ended + 1, early + (not info["TimeLimit.truncated"])
     assert ended > 60
     assert early > 0
-
-
-def test_the_mean_return_is_logged_without_a_wrapper():
-    # Oracle: the mean of what the batch reported.
-    env = RobotVecEnv("failure", 2, seed=0, staggered=True)
-    model = PPO("MlpPolicy", env, n_steps=32, batch_size=64, n_epochs=1, device="cpu")
-    model.learn(32 * env.num_envs)
-    assert len(model.ep_info_buffer) > 0
-    logged = model.logger.name_to_value["rollout/ep_rew_mean"]
-    assert logged == pytest.approx(np.mean([episode["r"] for episode in model.ep_info_buffer]))

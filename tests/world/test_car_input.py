@@ -8,7 +8,7 @@ import lissajous_env
 from lissajous_env.device.car_input import car_action, steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import RobotStruct
-from lissajous_env.device.structs import struct_of, to_struct
+from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Robot
 
 wp.set_module_options(OPTIONS)
@@ -69,8 +69,3 @@ def test_the_world_drives_a_car_by_it():
     for _ in range(100):
         simulation.step(np.full(simulation.action_shape, [0.0, action], dtype=np.float32))
     np.testing.assert_allclose(simulation.robots.speed.numpy(), 1.0, atol=1e-3)
-
-
-def test_a_dataclass_has_one_struct():
-    # Story: a kernel of one module takes the struct that another module made of the same dataclass.
-    assert struct_of(Robot) is RobotStruct

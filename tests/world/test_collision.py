@@ -110,15 +110,6 @@ def test_fast_cars_do_not_jump_through_each_other():
     assert simulation.latest.collisions.numpy().tolist() == [[1, 1]]
 
 
-def test_cars_that_pass_at_a_distance_do_not_collide():
-    simulation = parked([[-0.44, 0.11], [0.44, -0.11]])
-    put(simulation, [[-0.44, 0.11], [0.44, -0.11]], speeds=5.0, headings=[0.0, np.pi])
-    simulation.step(np.broadcast_to(np.array([0.0, 0.7], dtype=np.float32), simulation.action_shape))
-    (row,) = simulation.score()
-    assert row["collisions"] == 0
-    assert row["min_separation"] == pytest.approx(0.22, abs=1e-3)
-
-
 def test_a_collision_is_counted_once_until_the_pair_has_parted_by_five_percent():
     # Story: touching, apart by 2 %, touching: one event. Apart by 6 %, touching: a second one.
     distances = [1.2, 0.99, 0.9, 1.02, 1.04, 0.99, 1.06, 0.99, 1.04, 1.1]
@@ -136,16 +127,6 @@ def test_a_collision_is_counted_once_until_the_pair_has_parted_by_five_percent()
     assert simulation.score()[0]["min_separation"] == pytest.approx(0.9 * TOUCH, abs=1e-6)
 
 
-def test_every_pair_counts():
-    # Story: three cars that touch each other are three collisions, and each is in two.
-    simulation = parked([[0, 0], [0.15, 0], [0.07, 0.12], [1, 0]])
-    rest(simulation)
-    assert simulation.latest.collisions.numpy().tolist() == [[2, 2, 2, 0]]
-    assert simulation.reward_terms.numpy()[0, :, 2].tolist() == [-2, -2, -2, 0]
-    assert simulation.score()[0]["collisions"] == 3
-    assert simulation.score()[0]["contact_time"] == pytest.approx(0.3)
-
-
 @pytest.mark.parametrize(("depth", "collisions"), [(0.0, 1), (0.5, 0)])
 def test_points_at_different_heights_do_not_collide(depth, collisions):
     # Story: two points stand where the curve crosses itself; a third dimension keeps them apart. Oracle: (10).
@@ -160,41 +141,6 @@ def test_points_at_different_heights_do_not_collide(depth, collisions):
     (row,) = simulation.score()
     assert row["collisions"] == collisions
     assert row["min_separation"] == pytest.approx(abs(heights[0] - heights[1]), abs=1e-5)
-
-
-@pytest.mark.parametrize(("on_collision", "status"), [("count", 0), ("stop", 1), ("remove", 2)])
-def test_what_a_collision_does(on_collision, status):
-    # Story: cars 0 and 1 collide; car 2 continues; then only those that may still move do.
-    simulation = parked([[0, 0], [0.15, 0], [-1, 0.5]], **{"task.on_collision": on_collision})
-    assert simulation.observation.numpy()[0, :, 7].tolist() == [1, 1, 1]
-    rest(simulation)
-    assert simulation.robots.status.numpy().tolist() == [[status, status, 0]]
-    assert simulation.terminated.numpy().tolist() == [[on_collision == "remove"] * 2 + [False]]
-    assert not simulation.truncated.numpy().any()
-    rows = simulation.observation.numpy()[0]
-    assert rows[:, 7].tolist() == [status == 0, status == 0, 1]
-    if on_collision != "count":
-        assert (rows[:2, 20:] == 0).all(), "a robot that was stopped or removed senses nothing"
-    before = simulation.robots.position.numpy().copy()
-    for _ in range(20):
-        simulation.step(np.broadcast_to(np.array([0.5, 0.0], dtype=np.float32), simulation.action_shape))
-    moved = np.linalg.norm(simulation.robots.position.numpy() - before, axis=-1)[0] > 0.3
-    assert moved.tolist() == [on_collision == "count"] * 2 + [True]
-    assert simulation.score()[0]["collisions"] == 1
-
-
-def test_a_removed_robot_is_no_obstacle_and_earns_nothing_more():
-    overrides = {"task.on_collision": "remove", "targets.count": 3, "targets.wandering": 0.0, "sensing.radius": 0.01}
-    simulation = parked([[0, 0], [0.15, 0], [1, 0]], **overrides)
-    rest(simulation)
-    first = simulation.reward.numpy()[0].copy()
-    put(simulation, [[0, 0], [0.15, 0], [0.07, 0]])
-    rest(simulation)
-    assert simulation.score()[0]["collisions"] == 1
-    # Oracle: three targets wait, at -0.05 per second each; the collision itself costs 1.
-    waiting = -0.05 * 3 * 0.1
-    assert first == pytest.approx([waiting - 1, waiting - 1, waiting])
-    assert simulation.reward.numpy()[0] == pytest.approx([0, 0, waiting])
 
 
 def test_points_of_one_place_overlap_by_design_and_are_no_collision():

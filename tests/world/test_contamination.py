@@ -209,33 +209,6 @@ def test_no_target_of_the_world_is_unseen_for_longer_than_the_figure():
         assert row["detection_time_max"] <= row["guaranteed_detection_time"] + 1e-9
 
 
-def test_worlds_are_the_same_in_any_batch():
-    setting = {**ALWAYS, "task.contamination": (45, 20), "sensing.radius": 0.5, "task.duration": 5.0}
-    scenario = lissajous_env.scenario("experiment", **setting)
-    actions = np.random.default_rng(0).uniform(-1, 1, (50, 300, 5, 2)).astype(np.float32)
-    many = lissajous_env.Simulation(scenario, 300, seed=7, threads=2)
-    one = lissajous_env.Simulation(scenario, 1, seed=7 + 299)
-    for action in actions:
-        many.step(action)
-        one.step(action[299:])
-    for name in ("labels", "age_max", "mean_age_sum", "settled"):
-        array = getattr(many.contamination, name).numpy()
-        assert np.array_equal(array[299], getattr(one.contamination, name).numpy()[0]), name
-    assert many.score([299])[0] == pytest.approx(one.score()[0], nan_ok=True)
-
-
-def test_a_saved_world_goes_on_as_it_was():
-    setting = {**ALWAYS, "task.contamination": (45, 20), "sensing.radius": 0.5, "task.duration": 5.0}
-    scenario = lissajous_env.scenario("experiment", **setting)
-    first, second = lissajous_env.Simulation(scenario, 2), lissajous_env.Simulation(scenario, 2, seed=9)
-    go(first, 20)
-    second.load_state(first.save_state())
-    go(first, 20)
-    go(second, 20)
-    for mine, other in zip(first.score(), second.score(), strict=True):
-        assert mine == pytest.approx(other, nan_ok=True)
-
-
 def test_what_a_disc_sweeps_is_a_stadium():
     rng = np.random.default_rng(1)
     for _ in range(200):

@@ -81,73 +81,6 @@ def test_the_cells_sensed_are_those_whose_centre_is_in_a_disc(grid, radius):
     assert simulation.tally.covered_each.numpy()[clear].tolist() == expected.sum(axis=(1, 2, 3)).tolist()
 
 
-def test_a_standing_robot_covers_its_disc_and_the_rest_is_idle():
-    # Oracle: closed form. Cells in the disc are visited each step, so their idleness is half a step on average; those
-    # outside are never visited, so theirs is half of the time, and in the end all of it.
-    simulation = parked([[[0.4, -0.1]]], **{"sensing.radius": 0.5, "task.grid": (36, 16)})
-    forget(simulation)
-    stand(simulation, 80)
-    inside = (distances(simulation.scenario, [0.4, -0.1]) < 0.5).mean()
-    assert 0.05 < inside < 0.5
-    (row,) = simulation.score()
-    assert row["idleness_mean"] == pytest.approx(inside * 0.05 + (1 - inside) * 4.0, rel=1e-6)
-    assert row["idleness_max"] == pytest.approx(8.0)
-    assert math.isnan(row["coverage_time"])
-    assert math.isnan(row["coverage_time_each"])
-
-
-def test_idleness_of_a_cell_that_is_visited_twice():
-    # Story: a robot looks at the left half for 1 s, at the right half for 2 s, and is back on the left for 3 s.
-    # Oracle: the mean over time of a sawtooth is the sum of squared gaps over twice the time.
-    simulation = parked([[[-0.9, 0.0]]], **{"sensing.radius": 0.95, "task.grid": (2, 1)})
-    forget(simulation)
-    for x, steps in [(-0.9, 10), (0.9, 20), (-0.9, 30)]:
-        simulation.robots.position.assign(np.array([[[x, 0.0, 0.0]]], dtype=np.float32))
-        stand(simulation, steps)
-    (row,) = simulation.score()
-    left = 10 * 0.1**2 + 2.1**2 + 29 * 0.1**2
-    right = 1.1**2 + 19 * 0.1**2 + 3.0**2
-    assert row["idleness_mean"] == pytest.approx((left + right) / 2 / (2 * 6.0), rel=1e-6)
-    assert row["idleness_max"] == pytest.approx(3.0)
-    assert row["coverage_time"] == pytest.approx(1.1)
-    assert row["coverage_time_each"] == pytest.approx(1.1)
-
-
-def test_coverage_times_tell_somebody_from_everybody():
-    # Story: two robots on the two halves cover all at once; each has sensed all only after they have swapped.
-    simulation = parked([[[-0.9, 0.0], [0.9, 0.0]]], **{"sensing.radius": 0.95, "task.grid": (2, 1)})
-    forget(simulation)
-    stand(simulation, 7)
-    assert simulation.score()[0]["coverage_time"] == pytest.approx(0.1)
-    assert math.isnan(simulation.score()[0]["coverage_time_each"])
-    simulation.robots.position.assign(np.array([[[0.9, 0.0, 0.0], [-0.9, 0.0, 0.0]]], dtype=np.float32))
-    stand(simulation, 4)
-    assert simulation.score()[0]["coverage_time"] == pytest.approx(0.1)
-    assert simulation.score()[0]["coverage_time_each"] == pytest.approx(0.8)
-
-
-def test_a_sensor_that_sees_everything_covers_at_time_0():
-    scenario = lissajous_env.scenario("failure", **QUIET, **{"sensing.radius": 10.0})
-    simulation = lissajous_env.Simulation(scenario)
-    assert simulation.score()[0]["coverage_time"] == 0
-    assert simulation.score()[0]["coverage_time_each"] == 0
-    for _ in range(50):
-        simulation.step(np.zeros(simulation.action_shape))
-    (row,) = simulation.score()
-    assert row["coverage_time"] == 0
-    assert row["idleness_max"] == pytest.approx(0.1)
-    assert row["idleness_mean"] == pytest.approx(0.05)
-
-
-def test_a_robot_that_does_not_work_covers_nothing():
-    overrides = {"faults.schedule": ((0, 0.0, 30.0),), "sensing.radius": 0.6}
-    simulation = parked([[[0.0, 0.0]]], **overrides)
-    forget(simulation)
-    stand(simulation, 10)
-    assert simulation.tally.covered.numpy().tolist() == [0]
-    assert simulation.score()[0]["idleness_mean"] == pytest.approx(0.5)
-
-
 def test_the_formation_covers_the_rectangle_within_a_lap():
     # Oracle: (7): with a sensor of coverage_radius, one lap of one robot senses every point, 2 pi / omega = 21 s; five
     # need a fifth of it for somebody to have seen each cell.
@@ -162,19 +95,6 @@ def test_the_formation_covers_the_rectangle_within_a_lap():
     assert row["coverage_time"] <= 21 / 5 + 0.1
     assert row["coverage_time_each"] <= 2 * math.pi / 0.3 + 0.1
     assert row["coverage_time"] < row["coverage_time_each"]
-
-
-def test_the_idleness_that_a_step_ends_is_rewarded():
-    # Oracle: closed form: a step that senses the right half of two cells for the first time after 1.1 s ends 1.1 s of
-    # idleness in one of two cells.
-    overrides = {"sensing.radius": 0.95, "task.grid": (2, 1), "task.reward_idleness": 0.3}
-    simulation = parked([[[-0.9, 0.0]]], **overrides)
-    forget(simulation)
-    stand(simulation, 10)
-    assert simulation.reward_terms.numpy()[0, 0, 3] == pytest.approx(0.3 * 0.1 / 2)
-    simulation.robots.position.assign(np.array([[[0.9, 0.0, 0.0]]], dtype=np.float32))
-    stand(simulation)
-    assert simulation.reward_terms.numpy()[0, 0, 3] == pytest.approx(0.3 * 1.1 / 2)
 
 
 def test_without_a_grid_nothing_is_covered():

@@ -19,63 +19,6 @@ def run(simulation, steps, action=0.3):
     return np.array(history)
 
 
-@pytest.mark.parametrize("name", ["failure", "experiment"])
-def test_a_scheduled_fault_lasts_from_its_start_to_its_end(name):
-    # Oracle: the schedule itself. A robot that is stuck from 1.2 s to 2.5 s does not move in steps 13 to 25.
-    schedule = ((0, 1.2, 2.5), (3, 0.0, 0.3), (0, 4.0, 4.5), (2, 4.9, math.inf))
-    overrides = {**QUIET, "faults.schedule": schedule}
-    simulation = lissajous_env.Simulation(lissajous_env.scenario(name, **overrides))
-    stuck = np.zeros((60, 5), dtype=bool)
-    stuck[12:25, 0] = stuck[0:3, 3] = stuck[40:45, 0] = stuck[49:, 2] = True
-    for k in range(60):
-        before = simulation.robots.position.numpy()[0].copy()
-        (status,) = run(simulation, 1)
-        assert (status[0] == 1).tolist() == stuck[k].tolist()
-        moved = np.linalg.norm(simulation.robots.position.numpy()[0] - before, axis=-1)
-        assert (moved[stuck[k]] == 0).all()
-        assert (simulation.robots.speed.numpy()[0][stuck[k]] == 0).all()
-        assert (moved[~stuck[k]] > 0).sum() >= (~stuck[k]).sum() - (0 if name == "failure" else 1)
-        works = simulation.observation.numpy()[0, :, 7]
-        assert works.tolist() == (~stuck[k]).tolist()
-    assert not simulation.terminated.numpy().any()
-
-
-def test_a_stuck_robot_senses_nothing_but_talks_and_listens():
-    # Story: robot 1 is stuck at once; robots 0 and 2 hear it every step, and it hears them.
-    overrides = {**QUIET, "faults.schedule": ((1, 0.0, 10.0),), "targets.count": 50, "targets.leave": False}
-    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides))
-    start = simulation.robots.phase.numpy()[0, 1]
-    run(simulation, 5)
-    names = simulation.layout.names
-    rows = simulation.observation.numpy()[0]
-    assert simulation.robots.phase.numpy()[0, 1] == start
-    for k in range(2):
-        assert rows[:, names.index(f"neighbour_{k}_heard")].tolist() == [1] * 5
-        assert rows[:, names.index(f"neighbour_{k}_age")].tolist() == [0] * 5
-    sensed = [k for k, name in enumerate(names) if name.startswith(("robot_", "target_"))]
-    assert (rows[1, sensed] == 0).all()
-    assert (rows[[0, 2]][:, sensed] != 0).any()
-
-
-def test_a_removed_robot_is_gone_for_good():
-    # Story: robot 1 is removed after 1 s. It keeps its place and its agent, is sensed by nobody, and its messages age.
-    overrides = {**QUIET, "faults.schedule": (), "faults.removed": ((1, 1.0), (1, 3.0), (4, 0.0))}
-    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides, **{"sensing.radius": 10.0}))
-    assert simulation.observation.numpy()[0, :, 7].tolist() == [1, 1, 1, 1, 0]
-    removed = run(simulation, 40)[:, 0] == 2
-    assert removed[:10].tolist() == [[False, False, False, False, True]] * 10
-    assert removed[10:].tolist() == [[False, True, False, False, True]] * 30
-    names = simulation.layout.names
-    rows = simulation.observation.numpy()[0]
-    assert (rows[[1, 4], 7:] == 0).all()
-    assert rows[0, names.index("neighbour_1_age")] == 1
-    assert rows[0, names.index("neighbour_0_heard")] == 0, "robot 4 never sent anything"
-    # Two of the other four are there to be seen.
-    seen = rows[:, [names.index("robot_0_present"), names.index("robot_1_present")]]
-    assert seen.tolist() == [[1, 1], [0, 0], [1, 1], [1, 1], [0, 0]]
-    assert not simulation.terminated.numpy().any()
-
-
 def test_what_a_removed_robot_knows_of_itself_stays_even_with_noise():
     # Contract of the observation: entries 0 to 6 keep what they were.
     overrides = {

@@ -1,4 +1,4 @@
-"""A world depends on its seed and actions only, not on earlier contents of its memory or earlier episodes."""
+"""A world depends on its seed and actions only: not on other worlds, earlier contents of its memory or episodes."""
 
 import numpy as np
 import pytest
@@ -27,6 +27,9 @@ CASES = {
     "stopped by collisions": ("rough", {**SHORT, "task.on_collision": "stop", "robot.radius": 0.3}),
     "removed by the edge": ("intruders", {**SHORT, "task.boundary": "remove"}),
     "in space": ("knot", SHORT),
+    "scripted rogues": ("evaders", {**SHORT, "rogues": "hide"}),
+    "rogues as agents": ("evaders", {**SHORT, "rogues": "agents"}),
+    "a mixture of rogues": ("evaders", {**SHORT, "rogues": "flee+wander+follow-gap", "task.conservative": True}),
     "bins": ("swarm", CROWD),
     "bins, targets enter and flee": ("swarm", {**CROWD, **ENTERING}),
     "bins, removed by collisions": ("swarm", {**CROWD, "task.on_collision": "remove", "faults.rate": 0.3}),
@@ -88,13 +91,21 @@ def poison(simulation, floating, whole):
             content[...] = np.array(whole).astype(content.dtype)
 
 
+def actions(simulation, draws):
+    """Return actions of the robots, and of the rogues where these are agents, that depend on the world alone."""
+    of = [simulation.action_shape]
+    if simulation.scenario.targets.rogues == "agents":
+        of.append(simulation.rogue_action.shape)
+    return [np.float32([draw.uniform(-1, 1, shape[1:]) for draw in draws]) for shape in of]
+
+
 def play(simulation, seeds, steps=30):
     """Everything that an episode shows: observations, rewards and ends of each step, then score and state."""
     simulation.reset(seeds=seeds)
     shown = [simulation.observation.numpy().copy()]
-    rng = np.random.default_rng(2)
+    draws = [np.random.default_rng(seed) for seed in seeds]
     for _ in range(steps):
-        simulation.step(rng.uniform(-1, 1, simulation.action_shape).astype(np.float32))
+        simulation.step(*actions(simulation, draws))
         shown += [each.numpy().copy() for each in (simulation.observation, simulation.reward_terms)]
         shown += [simulation.terminated.numpy().copy(), simulation.truncated.numpy().copy()]
     return shown, str(simulation.score()), simulation.save_state()
@@ -105,7 +116,8 @@ def assert_same(got, expected):
         assert np.array_equal(mine, other, equal_nan=True), f"array {step}"
     assert got[1] == expected[1]
     different = [name for name, array in got[2].items() if array.tobytes() != expected[2][name].tobytes()]
-    assert set(different) <= {"final_observation"}, "these rows are of the episode before"
+    # The rows of the episode before, and actions of rogues that are not there, which nobody reads.
+    assert set(different) <= {"final_observation", "Rogues.action"}
 
 
 @pytest.mark.parametrize("threads", [1, 3])
@@ -119,6 +131,14 @@ def test_what_memory_held_before_a_reset_changes_nothing(case, threads, monkeypa
         used = made(case, len(seeds), threads)
         poison(used, floating, whole)
         assert_same(play(used, seeds), expected)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_world_in_a_batch_is_the_world_alone(case):
+    # Oracle: the batch law, bit for bit, at another place of the batch.
+    (shown, *_), (alone, *_) = play(made(case, 3), [8, 9, 10]), play(made(case, 1), [9])
+    for step, (batch, mine) in enumerate(zip(shown, alone, strict=True)):
+        assert np.array_equal(batch[1:2], mine, equal_nan=True), f"array {step}"
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -138,11 +158,11 @@ def test_a_loaded_state_goes_on_the_same_in_a_simulation_with_another_history(ca
     play(first, [8, 9], steps=11)
     play(second, [9, 8], steps=12)
     second.load_state(first.save_state())
-    rng = np.random.default_rng(6)
+    draws = [np.random.default_rng(k) for k in range(2)]
     for _ in range(15):
-        action = rng.uniform(-1, 1, first.action_shape).astype(np.float32)
+        given = actions(first, draws)
         for each in (first, second):
-            each.step(action)
+            each.step(*given)
         assert first.observation.numpy().tobytes() == second.observation.numpy().tobytes()
         assert first.reward_terms.numpy().tobytes() == second.reward_terms.numpy().tobytes()
     assert str(first.score()) == str(second.score())

@@ -72,53 +72,6 @@ def test_every_entry_says_what_it_is_and_in_which_unit():
     assert all(re.search(r"\] +\S", line) for line in lines)
 
 
-@pytest.mark.parametrize("name", ["rough", "failure", "intruders"])
-def test_a_row_holds_its_own_robot(name):
-    # Oracle: the state, divided as the table says.
-    simulation = lissajous_env.Simulation(lissajous_env.scenario(name), 4, seed=2)
-    curve, unit = simulation.scenario.curve, simulation.speed_unit
-    for _ in range(20):
-        step(simulation)
-    robots = simulation.robots
-    x, y, heading, speed = np.moveaxis(robots.measured.numpy(), -1, 0)
-    cosine, sine = np.moveaxis(robots.measured_turn.numpy()[..., :2], -1, 0)
-    expected = [x / curve.half_width, y / curve.half_height, np.cos(heading), np.sin(heading), speed / unit]
-    expected += [cosine, sine, robots.status.numpy() == 0]
-    np.testing.assert_allclose(rows_of(simulation)[..., :8], np.clip(np.stack(expected, axis=-1), -4, 4), atol=1e-6)
-
-
-@pytest.mark.parametrize("delay", [0.0, 0.1, 0.4])
-def test_a_message_is_heard_a_delay_after_it_was_sent(delay):
-    # Oracle: phases and places of `delay` ago, kept by the test; the difference is to one's own of now.
-    scenario = lissajous_env.scenario("failure", **QUIET, **{"noise.message_delay": delay, "formation.start": "random"})
-    simulation = lissajous_env.Simulation(scenario, 3, seed=1)
-    curve, late = scenario.curve, round(delay / 0.1)
-    history = []
-    draw = np.random.default_rng(0)
-    for now in range(30):
-        robots = simulation.robots
-        history.append((robots.phase.numpy().copy(), robots.position.numpy().copy()))
-        rows = rows_of(simulation)
-        for side in range(2):
-            start = OWN + LINK * side
-            if now < late:
-                assert (rows[..., start : start + LINK] == 0).all()
-                continue
-            other = scenario.neighbours[:, side]
-            sent_phase, sent_place = (each[:, other] for each in history[now - late])
-            lead = sent_phase - history[now][0]
-            away = (sent_place - history[now][1])[..., :2] / (2 * np.array([curve.half_width, curve.half_height]))
-            expected = [
-                np.ones_like(lead),
-                np.full_like(lead, delay),
-                np.cos(lead),
-                np.sin(lead),
-                *np.moveaxis(away, -1, 0),
-            ]
-            np.testing.assert_allclose(rows[..., start : start + LINK], np.stack(expected, axis=-1), atol=1e-5)
-        simulation.step(draw.uniform(-1, 1, simulation.action_shape).astype(np.float32))
-
-
 def test_lost_messages_are_lost_at_their_rate_and_age():
     # Oracle: binomial; ages of a geometric distribution, capped at 1 s; what was heard last stays.
     scenario = lissajous_env.scenario("failure", **QUIET, **{"noise.message_loss": 0.3})
@@ -145,17 +98,6 @@ def test_with_every_message_lost_nothing_is_heard():
     for _ in range(5):
         step(simulation)
         assert (rows_of(simulation)[..., OWN : OWN + 2 * LINK] == 0).all()
-
-
-def test_an_old_message_is_at_most_a_second_old():
-    # Story: robot 0 is removed after 0.5 s; to its neighbours its last message grows old, up to 1 s.
-    overrides = {**QUIET, "faults.removed": ((0, 0.5),)}
-    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides))
-    ages = []
-    for _ in range(20):
-        step(simulation)
-        ages.append(rows_of(simulation)[0, 1, entry(simulation, "neighbour_0_age")])
-    assert ages == pytest.approx([0.0] * 5 + [min(0.1 * k, 1.0) for k in range(1, 16)], abs=1e-6)
 
 
 @pytest.mark.parametrize("field", ["position", "heading", "speed"])

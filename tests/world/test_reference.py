@@ -25,6 +25,8 @@ NO_RING = {"formation.p": 0, "formation.ring": None, "faults.schedule": ()}
 
 ROAMING = {**SHORT_SIGHT, **MIXED, **ALL_TERMS, "task.reward_outside": -0.7, "robot.radius": 0.06}
 
+DRIVES = {"robot.kind": "differential", "robot.speed_max": 2.5, "task.substeps": 6}
+
 CASES = {
     "experiment": ("experiment", {**SHORT_SIGHT, **ALL_TERMS, **MIXED}),
     "targets stay, messages are late, a robot is lost": (
@@ -90,6 +92,21 @@ CASES = {
     "a wall around the cars": ("experiment", {"task.boundary": "wall", **ROAMING}),
     "cars that reverse": ("experiment", {"robot.speed_min": -0.8, "robot.lateral_acceleration_max": 3.0, **ROAMING}),
     "cars that reverse between walls": ("experiment", {"task.boundary": "wall", "robot.speed_min": -1.5, **ROAMING}),
+    "differential drives": (
+        "experiment",
+        {**DRIVES, "robot.lateral_acceleration_max": 2.0, **ROAMING},
+    ),
+    "differential drives between walls": (
+        "experiment",
+        {
+            **DRIVES,
+            "task.boundary": "wall",
+            "robot.speed_min": -0.4,
+            "robot.yaw_rate_max": 6.0,
+            "robot.drive_factors": ((1, 0.7),),
+            **ROAMING,
+        },
+    ),
     "cars that leave are removed": ("experiment", {"task.boundary": "remove", **ROAMING}),
     "cars that leave or crash are removed": (
         "experiment",

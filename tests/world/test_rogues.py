@@ -150,18 +150,6 @@ def test_the_row_of_a_rogue_that_is_not_there_is_zero():
         assert ((rows >= layout.low) & (rows <= layout.high)).all()
 
 
-def test_a_world_depends_on_its_own_seed_and_actions_alone():
-    # Batch law: world 3 of 5 is, bit for bit, the same alone, and with several threads.
-    many = Simulation("experiment", 5, seed=20, threads=1, **AGENTS)
-    alone = Simulation("experiment", 1, seed=23, threads=2, **AGENTS)
-    for step in range(30):
-        robots, rogues = actions(many, step)
-        many.step(robots, rogues)
-        alone.step(robots[3:4], rogues[3:4])
-        for name in ("observation", "rogue_observation", "rogue_reward", "rogue_present", "rogue_terminated"):
-            assert np.array_equal(getattr(many, name).numpy()[3:4], getattr(alone, name).numpy())
-
-
 def test_similar_scenarios_have_similar_rogues():
     # Similarity law: lengths times 2 and times times 3 change no observation, and rewards by the factor 3.
     base = lissajous_env.scenario("experiment", **AGENTS)
@@ -185,18 +173,6 @@ def test_an_action_that_is_not_finite_counts_as_zero_and_is_flagged():
     assert simulation.invalid.numpy().tolist() == [1, 0]
     assert np.array_equal(simulation.targets.position.numpy()[0, 0], before[0, 0])
     assert np.isfinite(simulation.rogue_observation.numpy()).all()
-
-
-def test_a_saved_state_resumes():
-    # Oracle: the same steps without a break.
-    one, other = (Simulation("experiment", 2, seed=4, **AGENTS) for _ in range(2))
-    for step in range(10):
-        one.step(*actions(one, step))
-    other.load_state(one.save_state())
-    for step in range(10, 20):
-        for each in (one, other):
-            each.step(*actions(each, step))
-    assert np.array_equal(one.rogue_observation.numpy(), other.rogue_observation.numpy())
 
 
 def test_without_rogues_nothing_is_there_and_the_digest_is_the_old_one():

@@ -141,18 +141,6 @@ def test_a_rule_of_ones_own_is_a_function_of_the_rows():
         played("misshapen", 1)
 
 
-def test_scripts_repeat_in_any_batch():
-    # Batch law: world 1 of 2 is, bit for bit, world 0 of a batch of one with its seed.
-    for name in SHIPPED:
-        settings = {"task.contamination": (18, 8)}
-        both = Simulation("experiment", 2, seed=7, rogues=name, **SMALL | settings)
-        alone = Simulation("experiment", 1, seed=8, rogues=name, **SMALL | settings)
-        for _ in range(30):
-            both.step(np.full(both.action_shape, 0.5))
-            alone.step(np.full(alone.action_shape, 0.5))
-        assert np.array_equal(both.rogue_observation.numpy()[1:], alone.rogue_observation.numpy())
-
-
 @pytest.mark.parametrize("name", ["wander", "flee", "shadow"])
 def test_similar_scenarios_have_similar_scripts(name):
     # Similarity law: lengths times 2 and times times 3 change no entry of a row.

@@ -249,20 +249,3 @@ def test_where_all_is_seen_an_unseen_target_appears_anywhere():
     for _ in range(30):
         simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
     assert [row["detected_fraction"] for row in simulation.score()] == [0] * 5
-
-
-def test_an_unseen_world_is_the_same_in_any_batch():
-    # Oracle: the batch law, bit for bit, over thread blocks too.
-    made = lissajous_env.scenario("failure", **{**UNSEEN, "sensing.radius": 0.75, "targets.wandering": 1.0})
-    action = np.linspace(-1, 1, 30, dtype=np.float32)
-
-    def final(worlds, seed, threads):
-        simulation = lissajous_env.Simulation(made, worlds, seed=seed, threads=threads)
-        for each in action:
-            simulation.step(np.full(simulation.action_shape, each))
-        return [np.array(array.numpy()) for array in (simulation.targets.position, simulation.targets.found_early)]
-
-    many = final(600, 0, 2)
-    for world in (0, 299, 300, 599):
-        for got, alone in zip(many, final(1, world, 1), strict=True):
-            np.testing.assert_array_equal(got[world], alone[0])

@@ -101,26 +101,6 @@ def test_a_world_is_the_same_at_another_place_in_the_batch(scenario):
     assert_same({name: array[turned] for name, array in there.items()}, elsewhere, but=PAST)
 
 
-@BOTH
-def test_a_world_repeats_after_a_reset(scenario):
-    # What an earlier episode left must not show: all that is ever read again is set by the reset.
-    actions = actions_of(scenario, range(3), 60)
-    simulation = run(scenario, [3, 4, 5], actions)
-    simulation.reset(seeds=[7, 8, 9])
-    again = [simulation.observation.numpy().copy()]
-    fresh = lissajous_env.Simulation(scenario, 3, seed=7)
-    first = [fresh.observation.numpy().copy()]
-    for action in actions:
-        simulation.step(action)
-        fresh.step(action)
-        again += [simulation.observation.numpy().copy(), simulation.reward_terms.numpy().copy()]
-        first += [fresh.observation.numpy().copy(), fresh.reward_terms.numpy().copy()]
-    assert all(a.tobytes() == b.tobytes() for a, b in zip(again, first, strict=True))
-    assert str(simulation.score()) == str(fresh.score())
-    left_over = ("final_observation", "Links.sent", "Links.heard")
-    assert_same(state_of(simulation), state_of(fresh), but=left_over)
-
-
 PROGRAM = """
 import hashlib, sys
 sys.path[:] = {path!r}

@@ -1,7 +1,6 @@
 """Stages of a step and of a reset: list, arguments, and equality with separate launches."""
 
 import threading
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,11 +8,9 @@ import warp as wp
 
 import lissajous_env
 from lissajous_env.device import program
-from lissajous_env.device.program import Program, Split, Stage
-from lissajous_env.device.stage import ROBOT, WORLD
+from lissajous_env.device.program import Program
 from lissajous_env.device.warp_abi import fields_of, is_struct
 from lissajous_env.world import simulation, stages
-from lissajous_env.world.state import Clock
 
 
 def actions_of(simulation, steps, seed=0):
@@ -108,30 +105,6 @@ def test_simulations_are_made_and_stepped_in_many_threads():
     assert [same_state(alone[seed], found[seed]) for seed in range(4)] == [[]] * 4
 
 
-@wp.kernel
-def ask_for_nonsense(first: int, lanes: int, clock: Clock, nonsense: float):
-    tid, lane = wp.tid()
-    clock.active[first + tid] = lane
-
-
-@wp.kernel
-def count(first: int, clock: Clock, count_out: wp.array(dtype=int)):
-    w = first + wp.tid()
-    count_out[w] += clock.step[w]
-
-
-@pytest.mark.parametrize(
-    ("kernel", "over", "rule"),
-    [
-        (count, ROBOT, "must have first, lanes, perhaps with begin, end, got first"),
-        (ask_for_nonsense, WORLD, "of worlds must have first, got first, lanes"),
-    ],
-)
-def test_a_kernel_of_other_entities_than_its_stage_is_refused(kernel, over, rule):
-    with pytest.raises(ValueError, match=f"kernel of stage mine {rule}"):
-        Stage("mine", kernel, over)
-
-
 RANDOM = {"formation.start": "random"}
 
 
@@ -168,48 +141,6 @@ def test_the_order_of_the_parts_changes_nothing(name, rogues, monkeypatch):
     # Oracle: the parts in the opposite order, as threads may do them. A missing barrier would be seen here.
     entry = {"targets.entry": "unseen", "targets.arrival_rate": 3.0, "rogues": rogues, **RANDOM}
     assert in_both_orders(monkeypatch, lissajous_env.scenario(name, **entry), stages.step_stages) == []
-
-
-def test_a_stage_without_its_barrier_races(monkeypatch):
-    # Story: collisions are found in the tracks of all robots, before some of them have moved.
-    def listed(scenario, rogues):
-        return [
-            replace(stage, barrier=False) if stage.name == "collisions" else stage
-            for stage in stages.step_stages(scenario, rogues)
-            if stage.name != "sending"
-        ]
-
-    assert "EpisodeTotals.min_separation" in in_both_orders(
-        monkeypatch, lissajous_env.scenario("failure", **RANDOM), listed
-    )
-
-
-def test_a_kernel_that_asks_for_what_is_not_there_is_refused_by_name():
-    clock = lissajous_env.Simulation("experiment").clock
-    with pytest.raises(
-        ValueError,
-        match="parameters of stage mine must be of begin, clock, end, entities, first, lanes; got nonsense",
-    ):
-        Program(
-            [Stage("mine", ask_for_nonsense, ROBOT)], {"clock": clock}, {ROBOT: 5}, 1, wp.get_device("cpu"), Split()
-        )
-
-
-@pytest.mark.parametrize("split", [Split(), Split(threads=3, blocks=10)])
-def test_a_function_runs_between_the_kernels_and_every_world_is_reached_once(split):
-    # Oracle: what the kernel counts, of 1,000 worlds that a batch splits among threads.
-    simulation = lissajous_env.Simulation("failure", 1000)
-    counted, seen = wp.zeros(1000, dtype=wp.int32, device="cpu"), []
-    twice = [
-        Stage("count", count, WORLD, own={"count_out": counted}),
-        Stage("look", lambda: seen.append(counted.numpy().copy())),
-        Stage("again", count, WORLD, own={"count_out": counted}),
-        Stage("never", count, WORLD, when=False),
-    ]
-    simulation.clock.step.fill_(3)
-    Program(twice, {"clock": simulation.clock}, {}, 1000, wp.get_device("cpu"), split)()
-    assert (seen[0] == 3).all()
-    assert (counted.numpy() == 6).all()
 
 
 def arrays_of(values):

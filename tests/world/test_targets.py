@@ -72,20 +72,6 @@ def test_arrivals_are_a_poisson_process(rate):
     assert times.var() == pytest.approx(1 / 12, rel=0.1)
 
 
-def test_targets_are_hidden_until_they_appear():
-    # Story: nobody sees, waits for or counts a target of the future.
-    overrides = {"targets.count": 0, "targets.arrival_rate": 0.5, "task.duration": 10.0}
-    simulation = undisturbed(50, **overrides, **{"targets.wandering": 0.0})
-    appears = simulation.targets.appears_at.numpy()
-    before = places(simulation)
-    for step in range(1, 100):
-        stand(simulation)
-        there = appears <= step
-        assert simulation.latest.waiting.numpy().tolist() == there.sum(axis=1).tolist()
-        assert [row["targets"] for row in simulation.score()] == there.sum(axis=1).tolist()
-    np.testing.assert_array_equal(places(simulation), before)
-
-
 def test_an_intruder_stands_on_the_boundary_when_it_appears():
     # Oracle: a uniform point of the perimeter lies on a long side with probability A / (A + B), and along it evenly.
     simulation = undisturbed(500, **{"targets.count": 40, "targets.entry": "boundary"})
@@ -130,13 +116,6 @@ def test_motions_have_their_shares():
 # Motion.
 
 
-def test_a_target_that_is_not_said_to_move_stands_still():
-    simulation = undisturbed(3, **{"targets.wandering": 0.0})
-    before = places(simulation)
-    stand(simulation, 30)
-    np.testing.assert_array_equal(places(simulation), before)
-
-
 def test_a_drifting_target_goes_straight_on_and_bounces():
     # Oracle: unfolded in mirrors, the path is a straight line; folded back it is a triangle wave in each coordinate.
     overrides = {"targets.wandering": 0.0, "targets.drifting": 1.0, "targets.speed": 0.7, "task.duration": 60.0}
@@ -179,21 +158,6 @@ def test_a_wandering_heading_walks_at_random():
     assert abs(np.corrcoef(turns[3, :-1], turns[3, 1:])[0, 1]) < 4 / math.sqrt(turns.shape[1])
 
 
-def test_a_fleeing_target_runs_away_along_the_line_from_the_robot():
-    # Oracle: the distance to a standing robot grows by flee_speed x step; beyond flee_radius it wanders at its speed.
-    overrides = {"targets.count": 3, "targets.wandering": 0.0, "targets.fleeing": 1.0, "targets.speed": 0.1}
-    simulation = undisturbed(1, **overrides, **WIDE)
-    robot = np.array([[1.0, -2.0]])
-    offsets = np.array([[0.3, 0.0], [-0.2, 0.4], [2.0, 0.0]])
-    put(simulation, robot, robot + offsets)
-    stand(simulation)
-    moved = places(simulation)[0] - robot
-    grown = np.linalg.norm(moved, axis=1) - np.linalg.norm(offsets, axis=1)
-    assert grown[:2] == pytest.approx([0.06, 0.06], abs=1e-5)
-    np.testing.assert_allclose(moved[:2, 0] * offsets[:2, 1], moved[:2, 1] * offsets[:2, 0], atol=1e-5)
-    assert np.linalg.norm(moved[2] - offsets[2]) == pytest.approx(0.01, abs=1e-5)
-
-
 def test_a_wall_turns_the_flight_along_itself():
     # Story: a robot comes at a target in front of the right wall, from the left and below: it is driven up the wall.
     overrides = {"targets.count": 1, "targets.wandering": 0.0, "targets.fleeing": 1.0}
@@ -233,94 +197,6 @@ def test_targets_stay_inside(speed):
 
 
 # Detection.
-
-
-def with_targets(robots, targets, radius=0.5, **overrides):
-    """Standing targets and cars at rest at these places, one step after."""
-    settings = {
-        "robot.count": len(robots),
-        "robot.radius": 0.01,
-        "formation.p": 0,
-        "formation.ring": None,
-        "faults.schedule": (),
-        "sensing.radius": radius,
-        "targets.count": len(targets),
-        "targets.arrival_rate": 0.0,
-        "targets.wandering": 0.0,
-        "task.grid": None,
-        **overrides,
-    }
-    simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", **settings))
-    # Forget what the robots saw from where they began.
-    simulation.targets.stage.zero_()
-    simulation.targets.found_at.fill_(2**30)
-    put(simulation, robots, targets)
-    stand(simulation)
-    return simulation
-
-
-def test_a_target_is_seen_inside_the_disc_and_not_outside():
-    simulation = with_targets([[0.0, 0.0]], [[0.3, 0.39], [0.3, 0.41], [-0.499, 0.0], [0.0, -0.501]])
-    assert simulation.targets.in_sight.numpy().tolist() == [[1, 0, 1, 0]]
-    assert simulation.latest.detections.numpy().tolist() == [[2]]
-    assert simulation.latest.waiting.numpy().tolist() == [2]
-
-
-def test_the_nearest_robot_gets_the_credit():
-    simulation = with_targets([[0.0, 0.0], [0.4, 0.0], [1.5, 0.0]], [[0.25, 0.0], [0.1, 0.0], [0.15, 0.1], [-1.0, 0.0]])
-    assert simulation.latest.detections.numpy().tolist() == [[2, 1, 0]]
-
-
-def test_a_detected_target_leaves_after_the_step_in_which_it_is_seen():
-    # Story: it is in the observation of its detection, and in none after.
-    simulation = with_targets([[0.0, 0.0]], [[0.2, 0.1]])
-    start = simulation.layout.names.index("target_0_present")
-    rows = [simulation.observation.numpy()[0, 0, start : start + 3].copy()]
-    stand(simulation)
-    rows.append(simulation.observation.numpy()[0, 0, start : start + 3].copy())
-    assert rows[0] == pytest.approx([1, 0.4, 0.2], abs=1e-6)
-    assert rows[1].tolist() == [0, 0, 0]
-    assert simulation.latest.detections.numpy().tolist() == [[0]]
-
-
-def test_a_target_that_stays_is_detected_once_and_seen_on():
-    simulation = with_targets([[0.0, 0.0]], [[0.2, 0.1]], **{"targets.leave": False})
-    start = simulation.layout.names.index("target_0_present")
-    detections = int(simulation.latest.detections.numpy()[0, 0])
-    for _ in range(5):
-        stand(simulation)
-        detections += int(simulation.latest.detections.numpy()[0, 0])
-        assert simulation.observation.numpy()[0, 0, start] == 1
-    assert detections == 1
-    assert simulation.targets.found_at.numpy().tolist() == [[1]]
-
-
-def test_targets_in_the_disc_are_detected_at_time_0():
-    # Oracle: distances to the robots' places at reset.
-    scenario = lissajous_env.scenario("failure", **{"sensing.radius": 0.4, "targets.arrival_rate": 0.0})
-    simulation = lissajous_env.Simulation(scenario, 20)
-    robots = simulation.robots.position.numpy()[:, :, None, :2]
-    distance = np.linalg.norm(robots - simulation.targets.position.numpy()[:, None], axis=-1).min(axis=1)
-    found_at = simulation.targets.found_at.numpy()
-    assert ((found_at == 0) == (distance < 0.4)).all()
-    assert 0.2 < (found_at == 0).mean() < 0.8
-    for row, at in zip(simulation.score(), found_at, strict=True):
-        assert row["detected_fraction"] == pytest.approx((at == 0).mean())
-        assert row["detection_time_max"] == 0
-
-
-@pytest.mark.parametrize(
-    "fault", [{"faults.schedule": ((0, 0.0, 30.0),)}, {"faults.removed": ((0, 0.0),)}], ids=["stuck", "removed"]
-)
-def test_a_robot_that_does_not_work_detects_nothing(fault):
-    # Story: a target stands beside a failed robot, undetected and unseen.
-    simulation = with_targets([[0.0, 0.0], [1.5, 0.0]], [[0.2, 0.1]], **fault)
-    stand(simulation, 5)
-    assert simulation.latest.detections.numpy().tolist() == [[0, 0]]
-    assert simulation.latest.waiting.numpy().tolist() == [1]
-    row = simulation.observation.numpy()[0, 0]
-    assert row[7] == 0
-    assert (row[20:] == 0).all()
 
 
 @pytest.mark.parametrize("start", ["equilibrium", "rotated"])

@@ -29,12 +29,14 @@ from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import shown
 from training.learned.card import Card, require
 from training.learned.history import check_notes
-from training.learned.network import ACTIVATIONS, Network
+from training.learned.network import Network
 
 FILE = "checkpoint.json"
 BEST = "best/"
 """Folder of the checkpoint of the best policy, inside that of the training."""
 FORMAT = 1
+ACTIVATION = "relu"
+"""Activation between the layers of every network."""
 LARGEST = 1 << 31
 """Largest size of a file of arrays [bytes]."""
 _PACKAGES = ("lissajous-env", "warp-lang", "numpy", "torch", "stable-baselines3", "ray", "gymnasium")
@@ -79,7 +81,7 @@ def save(
         files = {stem: _write(held, place, stem, to_bytes(named)) for stem, named in arrays.items()}
         text = {
             "format": FORMAT,
-            "policy": card.to_dict() | {"activation": network.activation},
+            "policy": card.to_dict() | {"activation": ACTIVATION},
             "settings": dict(card.settings),
             "scenario": card.home,
             "versions": _versions(),
@@ -108,7 +110,7 @@ def read(folder: str | Path) -> tuple[Network, Card, dict[str, Any]]:
     with _naming(weights):
         for name, array in arrays.items():
             require(f"dtype of {name}", array.dtype == np.float32, "must be float32", str(array.dtype))
-        network = Network.from_arrays(arrays, text["policy"]["activation"])
+        network = Network.from_arrays(arrays)
     if network.inputs != card.network_inputs or network.outputs != card.action_size:
         got = f"{network.inputs} to {network.outputs}"
         raise ValueError(f"{path} is damaged: it must map {card.network_inputs} to {card.action_size}, got {got}")
@@ -132,7 +134,7 @@ def read_text(folder: str | Path) -> dict[str, Any]:
         for name in ("policy", "settings", "scenario", "files"):
             require(name, isinstance(text.get(name), dict), "must be an object", text.get(name))
         activation = text["policy"].get("activation")
-        require("activation", activation in ACTIVATIONS, f"must be one of {', '.join(ACTIVATIONS)}", activation)
+        require("activation", activation == ACTIVATION, f"must be {ACTIVATION}", activation)
         _check_files(text["files"])
         check_notes(text)
     return text

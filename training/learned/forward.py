@@ -17,7 +17,7 @@ import warp as wp
 
 from lissajous_env.device.devices import compile_quietly, cores
 from lissajous_env.device.work import shared_launch
-from training.learned.network import ACTIVATIONS, Network
+from training.learned.network import Network
 
 # Fuse a multiplication with the addition after it, and use whole vector registers.
 _CPU_FLAGS = "-march=native -ffp-contract=fast -mprefer-vector-width=512"
@@ -32,8 +32,6 @@ SMALLEST_SHARE = 128
 
 ABSURD = wp.constant(1.0e6)
 """Magnitude to which entries of the observation, of order 1, are clipped so that sums do not overflow."""
-NONE, RELU, TANH = wp.constant(0), wp.constant(1), wp.constant(2)
-_KIND: dict[str, int] = dict(zip(ACTIVATIONS, (RELU, TANH), strict=True))
 
 block = wp.types.vector(length=32, dtype=wp.float32)
 
@@ -46,8 +44,6 @@ class Layers:
     """Number of inputs, and of blocks of outputs, of each layer."""
     weights: wp.array(dtype=block)
     """For each block of outputs: biases, then weights of each input, padded with zeros."""
-    activation: int
-    """Activation between layers."""
 
 
 @wp.func
@@ -63,35 +59,11 @@ def added(base: float, residual: float, own: float) -> float:
 
 
 @wp.func
-def relu(x: float) -> float:
-    """Return max(x, 0); NaN stays NaN."""
-    return wp.where(x < 0.0, 0.0, x)
-
-
-@wp.func
-def smooth(x: float) -> float:
-    """Return tanh x with relative error 3e-7.
-
-    Lambert's fraction at x / 8, then tanh 2y = 2 tanh y / (1 + tanh^2 y) three times, which the compiler vectorises.
-    Beyond 9 it is 1 in float32; NaN stays NaN.
-    """
-    y = 0.125 * wp.where(x > 9.0, 9.0, wp.where(x < -9.0, -9.0, x))
-    s = y * y
-    t = y * (945.0 + 105.0 * s + s * s) / (945.0 + 420.0 * s + 15.0 * s * s)
-    t = 2.0 * t / (1.0 + t * t)
-    t = 2.0 * t / (1.0 + t * t)
-    return 2.0 * t / (1.0 + t * t)
-
-
-@wp.func
-def activated(y: block, activation: int) -> block:
-    """Return s(y) for each of a block's outputs."""
-    if activation == RELU:
+def activated(y: block, is_last: bool) -> block:
+    """Return max(y, 0) for each of a block's outputs, or those of the last layer as they are; NaN stays NaN."""
+    if not is_last:
         for j in range(WIDTH):
-            y[j] = relu(y[j])
-    elif activation == TANH:
-        for j in range(WIDTH):
-            y[j] = smooth(y[j])
+            y[j] = wp.where(y[j] < 0.0, 0.0, y[j])
     return y
 
 
@@ -99,14 +71,17 @@ def activated(y: block, activation: int) -> block:
 def layer(
     inputs: int,
     blocks: int,
-    activation: int,
+    is_last: bool,
     first: int,
     weights: wp.array(dtype=block),
     row: int,
     x: wp.array2d(dtype=float),
     y_out: wp.array2d(dtype=block),
 ) -> int:
-    """Write y = s(W x + b) of one layer for ROWS rows from `row` on; return the index of the next layer's weights."""
+    """Write y = max(W x + b, 0) of one layer for ROWS rows from `row` on; return the index of the next layer's weights.
+
+    The last layer is y = W x + b.
+    """
     at = first
     for b in range(blocks):
         y0 = weights[at]
@@ -120,10 +95,10 @@ def layer(
             y2 += x[row + 2, j] * weights[at]
             y3 += x[row + 3, j] * weights[at]
         at += 1
-        y_out[row, b] = activated(y0, activation)
-        y_out[row + 1, b] = activated(y1, activation)
-        y_out[row + 2, b] = activated(y2, activation)
-        y_out[row + 3, b] = activated(y3, activation)
+        y_out[row, b] = activated(y0, is_last)
+        y_out[row + 1, b] = activated(y1, is_last)
+        y_out[row + 2, b] = activated(y2, is_last)
+        y_out[row + 3, b] = activated(y3, is_last)
     return at
 
 
@@ -159,9 +134,8 @@ def act_by_network(
     last = layers.sizes.shape[0] - 1
     at = int(0)
     for k in range(last + 1):
-        activation = wp.where(k < last, layers.activation, NONE)
         of = layers.sizes[k]
-        at = layer(of[0], of[1], activation, at, layers.weights, row, values[k % 2], blocks[1 - k % 2])
+        at = layer(of[0], of[1], k == last, at, layers.weights, row, values[k % 2], blocks[1 - k % 2])
     for r in range(row, end):
         w, i = r // robots, r % robots
         for k in range(action_out.shape[2]):
@@ -243,7 +217,6 @@ def _layers(network: Network, device: Any) -> tuple[Any, int]:
     layers: Any = Layers()
     layers.sizes = wp.array(np.array(sizes), dtype=wp.vec2i, device=device)
     layers.weights = wp.array(np.concatenate(packed), dtype=block, device=device)
-    layers.activation = int(_KIND[network.activation])
     return layers, max(_blocks_of(size) for size in (network.inputs, *network.hidden, network.outputs))
 
 

@@ -8,30 +8,23 @@ import numpy as np
 
 from lissajous_env.wording import few_of
 
-ACTIVATIONS = ("relu", "tanh")
-
 
 @dataclass(frozen=True)
 class Network:
-    """Multilayer perceptron y = W_k s(... s(W_1 x + b_1) ...) + b_k in float32, with activation s between layers.
+    """Multilayer perceptron y = W_k s(... s(W_1 x + b_1) ...) + b_k in float32, with s(x) = max(x, 0) between layers.
 
     Its arrays are read-only copies.
 
     Raises:
-        ValueError: layers do not fit together or are empty, numbers are not finite in float32, or the activation is
-            unknown.
+        ValueError: layers do not fit together or are empty, or numbers are not finite in float32.
     """
 
     weights: tuple[np.ndarray, ...]
     """W of each layer, (outputs, inputs)."""
     biases: tuple[np.ndarray, ...]
     """b of each layer, (outputs,)."""
-    activation: str
-    """relu or tanh."""
 
     def __post_init__(self) -> None:
-        if self.activation not in ACTIVATIONS:
-            raise ValueError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {self.activation!r}")
         if not len(self.weights) or len(self.weights) != len(self.biases):
             count = f"{len(self.weights)} and {len(self.biases)}"
             raise ValueError(f"weights and biases must have the same number of layers, at least one, got {count}")
@@ -69,20 +62,19 @@ class Network:
         weight, bias = self.weights[0].astype(np.float64), self.biases[0].astype(np.float64)
         bias = bias + weight[:, first:after] @ values.astype(np.float64)
         weight = np.concatenate([weight[:, :first], weight[:, after:]], axis=1)
-        return Network((weight, *self.weights[1:]), (bias, *self.biases[1:]), self.activation)
+        return Network((weight, *self.weights[1:]), (bias, *self.biases[1:]))
 
     def to_torch(self, device: Any) -> Any:
         """Return the network as a `torch.nn.Sequential` on a device, without gradients."""
         import torch
         from torch import nn
 
-        activation = {"relu": nn.ReLU, "tanh": nn.Tanh}[self.activation]
         layers: list[nn.Module] = []
         for weight, bias in zip(self.weights, self.biases, strict=True):
             layer = nn.Linear(weight.shape[1], weight.shape[0])
             layer.weight.data = torch.from_numpy(weight.copy())
             layer.bias.data = torch.from_numpy(bias.copy())
-            layers += [layer, activation()]
+            layers += [layer, nn.ReLU()]
         return nn.Sequential(*layers[:-1]).to(device).requires_grad_(False)
 
     def to_arrays(self) -> dict[str, np.ndarray]:
@@ -93,7 +85,7 @@ class Network:
         return named
 
     @classmethod
-    def from_arrays(cls, arrays: dict[str, np.ndarray], activation: str) -> "Network":
+    def from_arrays(cls, arrays: dict[str, np.ndarray]) -> "Network":
         """Return the network that `to_arrays` converted; other arrays are ignored.
 
         Raises:
@@ -105,7 +97,7 @@ class Network:
             biases = tuple(arrays[f"policy.{k}.bias"] for k in range(count))
         except KeyError as error:
             raise ValueError(f"weights must contain {error.args[0]}, got {few_of(sorted(arrays))}") from None
-        return cls(weights, biases, activation)
+        return cls(weights, biases)
 
 
 def _numbers(name: str, array: Any) -> np.ndarray:

@@ -76,7 +76,7 @@ def _model(network: Network, card: Card, scenario: Scenario) -> Any:
         nodes.append(helper.make_node("Gemm", [last, f"weight_{k}", f"bias_{k}"], [f"sum_{k}"], transB=1))
         last = f"sum_{k}"
         if k < len(network.weights) - 1:
-            nodes.append(helper.make_node({"relu": "Relu", "tanh": "Tanh"}[network.activation], [last], [f"layer_{k}"]))
+            nodes.append(helper.make_node("Relu", [last], [f"layer_{k}"]))
             last = f"layer_{k}"
     own = "action" if card.base is None else "own"
     nodes.append(helper.make_node("Clip", [last, "low", "high"], [own]))

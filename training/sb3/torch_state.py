@@ -14,7 +14,7 @@ def network_of(*modules: nn.Module) -> Network:
     """Copy the linear layers of modules, which are applied in turn with rectifiers between the layers."""
     arrays = [[part.detach().cpu().numpy().copy() for part in (layer.weight, layer.bias)] for layer in linear(*modules)]
     weights, biases = zip(*arrays, strict=True)
-    return Network(weights, biases, "relu")
+    return Network(weights, biases)
 
 
 def linear(*modules: nn.Module) -> list[nn.Linear]:

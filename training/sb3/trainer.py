@@ -179,7 +179,7 @@ class Trainer:
     def network(self) -> Network:
         """Copy the current policy, or the average of its weights where the settings request one."""
         learned = self.model.network()
-        return learned if self.average is None else Network.from_arrays(self.average, learned.activation)
+        return learned if self.average is None else Network.from_arrays(self.average)
 
     def _due(self) -> bool:
         """Return True if the next evaluation is due; the first one is that of the untrained policy."""
@@ -262,9 +262,9 @@ class Trainer:
         network, card, _ = checkpoint.read(find(name))
         shared = ("inputs", "constants", "base", "base_parameters")
         wanted = {part: getattr(self.card, part) for part in shared}
-        wanted |= {"layers": tuple(self.settings.layers), "activation": "relu"}
+        wanted |= {"layers": tuple(self.settings.layers)}
         read = {part: getattr(card, part) for part in shared}
-        read |= {"layers": network.hidden, "activation": network.activation}
+        read |= {"layers": network.hidden}
         for part, value in wanted.items():
             if read[part] != value:
                 raise ValueError(f"start must have the same {part} ({value}), got {name} with {read[part]}")

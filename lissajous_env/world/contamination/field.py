@@ -16,10 +16,9 @@ counts as being in the cell from which it hops.
 
 import warp as wp
 
-from lissajous_env.device.bits import half_of, run_of_bits
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.discs import along, mark_disc, mark_way, points_per_metre
+from lissajous_env.device.discs import along, half_of, mark_disc, mark_way, points_per_metre, run_of_bits
 from lissajous_env.device.part_structs import TargetStruct, TaskStruct
 from lissajous_env.device.stage import FIELD_ROW, WORLD, stage
 from lissajous_env.device.structs import place_of

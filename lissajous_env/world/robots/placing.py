@@ -128,7 +128,10 @@ def follow_curve(
     put_doubles(block, block.active_mask & moving, phase, robots.phase)
 
 
-@stage(ROBOT, writes="robots: curvature, drive, heading, phase, position, resumed_at, speed, status, track, wheelbase")
+@stage(
+    ROBOT,
+    writes="robots: curvature, drive, heading, phase, position, resumed_at, speed, status, track, wheelbase, yaw_rate",
+)
 def reset_robots(
     w: int,
     lane: int,
@@ -152,6 +155,7 @@ def reset_robots(
         robots.status[w, i] = wp.where(robots.removed_at[w, i] < 1, REMOVED, WORKING)
         robots.resumed_at[w, i] = -1
         robots.curvature[w, i] = 0.0
+        robots.yaw_rate[w, i] = 0.0
         body = randomness.stream(key, i, randomness.BODY)
         # A spread is clipped at three deviations, so that no car has a wheelbase of zero.
         robots.wheelbase[w, i] = robot.wheelbase * (1.0 + noise.wheelbase_spread * wp.clamp(wp.randn(body), -3.0, 3.0))

@@ -1,0 +1,270 @@
+"""What tables, report and figures show: columns of scores, numbers derived from them, and numbers in words."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from baselines.benchmark.bounds import BEST_KNOWN, Bounds
+from baselines.benchmark.statistics import Estimate, Paired
+from lissajous_env.parameters.scenario import Faults, Scenario
+from lissajous_env.world.columns import (
+    COLLISIONS,
+    COLUMNS,
+    COVERAGE,
+    DETECTION_TIME,
+    FINITE,
+    IDENTITY,
+    LARGEST,
+    MEAN,
+    NAMES,
+    RECOVERY,
+    SENSED,
+    SEPARATION,
+    SPACING,
+    WITHIN_BOUND,
+    WORST_CASE,
+    Column,
+)
+
+OVER_LOWER_BOUND = Column(
+    "over_lower_bound",
+    "ratio of the mean detection time to a lower bound for every policy without long-range sensing",
+    better=-1,
+    summary=MEAN,
+    place=2,
+    main=True,
+)
+"""Derived column; the bound is one of an expectation, so that the mean counts."""
+TIME_OVER_BOUND = Column(
+    "time_over_bound", "mean detection time of an episode over T_max", title="detection / T_max", better=-1
+)
+"""Derived column."""
+DETECTION_OVER_BEST = Column(
+    "detection_over_best",
+    "mean detection time over that of the fastest policy on the same scenario and seed",
+    title="detection / best",
+    better=-1,
+)
+"""Derived column."""
+WORST_CASE_OVER_BOUND = Column(
+    "worst_case_over_bound",
+    "worst-case undetected time over its lower bound in the scenario, infinite if the episode shows no bound",
+    title="guarantee / lower bound",
+    better=-1,
+    summary=LARGEST,
+)
+"""Derived column."""
+WORST_CASE_OVER_BEST = Column(
+    "worst_case_over_best",
+    "worst-case undetected time over the shortest of a policy on the same scenario and seed",
+    title="guarantee / best",
+    better=-1,
+    summary=LARGEST,
+)
+"""Derived column."""
+COMPARED = (DETECTION_TIME, WORST_CASE, COLLISIONS, SENSED)
+"""Columns by which policies are compared seed by seed, and ranked."""
+RATIOS = (OVER_LOWER_BOUND, DETECTION_OVER_BEST, WORST_CASE_OVER_BOUND, WORST_CASE_OVER_BEST)
+"""Ratios of a time to a bound, and to the best policy of the run."""
+OVER_SCENARIOS = RATIOS[1:]
+"""Columns whose statistics are over scenarios, each with the mean or the largest over its seeds."""
+OVERALL = (OVER_LOWER_BOUND, TIME_OVER_BOUND, WITHIN_BOUND, COLLISIONS, SPACING, *OVER_SCENARIOS)
+"""Columns with the same meaning on every scenario, so that episodes of all scenarios can be combined."""
+DERIVED = {column.name: column for column in (*RATIOS, TIME_OVER_BOUND)}
+"""Columns that `baselines.benchmark.table` adds to score rows, by name."""
+SHOWN = tuple(
+    sorted(
+        (column for column in (*COLUMNS.values(), OVER_LOWER_BOUND) if column.place), key=lambda column: column.place
+    )
+)
+"""Columns of tables of policies, the most important first."""
+MAIN = tuple(column for column in SHOWN if column.main)
+
+DASH, _TO = "\N{EM DASH}", "\N{EN DASH}"
+
+
+def column_of(name: str) -> Column:
+    """Return the column of a score row with this name, or one that describes a column of a scenario's own."""
+    about = "a score column that the scenario adds"
+    return COLUMNS.get(name) or DERIVED.get(name) or Column(name, about, rule=FINITE, empty="none")
+
+
+def numbers_of(row: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the names of the numbers of a score row, those that its scenario adds among them."""
+    return tuple(name for name in row if name not in IDENTITY)
+
+
+def brought_in(rows: Iterable[Mapping[str, Any]]) -> list[Column]:
+    """Return the columns that scenarios add, from score rows or from estimates by column.
+
+    A scenario that was read from a folder no longer has its extensions, but their columns are in its rows.
+    """
+    known = dict.fromkeys(name for row in rows for name in row)
+    return [column_of(name) for name in known if name not in (*NAMES, *DERIVED)]
+
+
+def shown_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Any]]) -> list[Column]:
+    """Return the columns that tables of a scenario show: the main ones, those that it adds, and the others.
+
+    The recovery time is left out without a fault. `policies` has estimates by policy and column.
+    """
+    others = [column for column in SHOWN if not column.main and (column is not RECOVERY or scenario.faults != Faults())]
+    return [*MAIN, *brought_in(policies.values()), *others]
+
+
+def values_of_theory(column: Column, scenario: Scenario, bounds: Bounds) -> list[tuple[float, str]]:
+    """Return the values that theory names for a column of a scenario, each with its label."""
+    bound = scenario.detection_time_bound, scenario.detection_time_label
+    lines = {
+        WORST_CASE: [(bounds.in_formation, "in formation"), (bounds.best_known, "best known")],
+        DETECTION_TIME: [(bounds.mean_time, "least"), bound],
+        COVERAGE: [bound],
+        SEPARATION: [(2 * scenario.robot.radius, "collision")],
+    }.get(column, [])
+    return [(value, words) for value, words in lines if math.isfinite(value)]
+
+
+class Entry(NamedTuple):
+    """Entry of a table: what it shows of an estimate."""
+
+    value: str = ""
+    beside: str = ""
+    """Interval, or what else is beside the value."""
+    is_best: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.value} ({self.beside})" if self.beside else self.value
+
+
+class Line(NamedTuple):
+    """A line of a table: a policy, or a reference that is no competitor."""
+
+    name: str
+    entries: list[Entry]
+    is_reference: bool = False
+    has_failed: bool = False
+
+
+def lines_of(
+    policies: Mapping[str, Mapping[str, Estimate]],
+    columns: Sequence[Column],
+    best_known: float = math.nan,
+    failed: Iterable[str] = (),
+) -> list[Line]:
+    """Return the lines of a table: the policies, then the best known worst-case time [s].
+
+    Args:
+        policies: Estimates by policy and column.
+        columns: Columns of the table.
+        best_known: `Bounds.best_known`.
+        failed: Policies that raised.
+    """
+    best = [best_of([*policies.values()], column) for column in columns]
+    lines = []
+    for name in dict.fromkeys((*policies, *failed)):
+        of = policies.get(name)
+        entries = [
+            Entry() if of is None else _entry(of.get(column.name), mark)
+            for column, mark in zip(columns, best, strict=True)
+        ]
+        lines.append(Line(name, entries, has_failed=name in failed))
+    if math.isfinite(best_known) and WORST_CASE in columns:
+        known = [Entry(number(best_known)) if column is WORST_CASE else Entry() for column in columns]
+        lines.append(Line(BEST_KNOWN, known, True))
+    return lines
+
+
+def _entry(of: Estimate | None, best: str) -> Entry:
+    if of is None:
+        return Entry(DASH)
+    value, beside = in_words(of)
+    counted = f"{of.n_finite}/{of.n}" if 0 < of.n_finite < of.n else ""
+    return Entry(value, ", ".join(filter(None, (beside, counted))), value == best)
+
+
+def best_of(policies: Sequence[Mapping[str, Estimate]], column: Column) -> str:
+    """Return the best number, as shown, of the policies with most episodes that have one; "" if all agree."""
+    known = [of[column.name] for of in policies if column.name in of]
+    most = max((of.n_finite / of.n for of in known), default=0)
+    if not most or not column.better or len({in_words(of)[0] for of in known}) == 1:
+        return ""
+    values = [of.value for of in known if of.n_finite == most * of.n and not of.at_least]
+    return number(column.better * max(column.better * value for value in values)) if values else ""
+
+
+def with_numbers(policies: Mapping[str, Mapping[str, Estimate]], columns: Iterable[Column]) -> list[Column]:
+    """Return the columns of which some policy has a number."""
+    return [
+        column for column in columns if any(column.name in of and of[column.name].n_finite for of in policies.values())
+    ]
+
+
+def pair_in_words(pair: Paired) -> tuple[Entry, Entry]:
+    """Return the share of the seeds on which a policy is better than the reference, and the difference."""
+    share = f"{100 * pair.better:.0f} %" if pair.n else DASH
+    difference = number(pair.difference)
+    sign = "" if difference.startswith(("-", DASH)) or not pair.difference else "+"
+    return (
+        Entry(share, between(pair.better_low, pair.better_high, 100)),
+        Entry(sign + difference, between(pair.difference_low, pair.difference_high)),
+    )
+
+
+def number(value: float) -> str:
+    """Format a number with three significant digits and at most three decimals; an em dash for NaN."""
+    if value != value:
+        return DASH
+    if value == math.inf:
+        return "infinite"
+    if abs(value) >= 1e7:
+        return f"{value:.3g}"
+    if float(value).is_integer() or abs(value) >= 100:
+        return f"{value:.0f}"
+    return f"{value:#.3g}" if abs(value) >= 0.9995 else f"{value:.3f}"
+
+
+def in_words(of: Estimate) -> tuple[str, str]:
+    """Return the number that stands for the episodes as tables show it, and its interval ("" if both ends agree).
+
+    Beside a largest value is instead the median of the episodes, unless half of them are open, and the number of the
+    episodes and of the open ones. A lower bound is written `> 59.9`.
+    """
+    if not of.n_finite:
+        return DASH, ""
+    if of.summary != LARGEST:
+        return number(of.value), between(*of.interval)
+    value = ("> " if of.at_least else "") + number(of.value) if math.isfinite(of.value) else "no bound"
+    median = f"median {number(of.median)}" if math.isfinite(of.median) else ""
+    counted = f"{of.open} of {of.n_finite} open"
+    return value, ", ".join(filter(None, (median, counted))) if of.open else f"{median} of {of.n_finite}"
+
+
+def between(low: float, high: float, times: float = 1.0) -> str:
+    """Return both ends of an interval as tables show them; "" for NaN, or if both read the same.
+
+    Without an upper end it is `at least` the lower one; without either it is "".
+
+    Args:
+        low: lower end.
+        high: upper end.
+        times: factor by which both ends are shown, as 100 for a percentage.
+    """
+    if low != low or low == math.inf:
+        return ""
+    if high == math.inf:
+        return f"at least {number(low)}"
+    ends = (f"{times * low:.0f}", f"{times * high:.0f}") if times != 1 else (number(low), number(high))
+    return "" if ends[0] == ends[1] else (" to " if low < 0 else _TO).join(ends)
+
+
+def bounds_in_words(bounds: Bounds) -> str:
+    """Return the bounds of a scenario in words, each after a comma."""
+    words = f", lower bound {number(bounds.mean_time)} s" if math.isfinite(bounds.mean_time) else ""
+    words += f", guaranteed at least {number(bounds.worst_case)} s" if math.isfinite(bounds.worst_case) else ""
+    if math.isfinite(bounds.best_known):
+        words += f", best known {number(bounds.best_known)} s (second halves {number(bounds.best_known_settled)} s)"
+    if math.isnan(bounds.in_formation):
+        return words
+    return f"{words}, in formation " + (
+        f"{number(bounds.in_formation)} s" if bounds.in_formation < math.inf else "never"
+    )

@@ -1,0 +1,243 @@
+"""Differential drives: speed and yaw rate with limits on both and on their changes; action = speed, yaw rate."""
+
+import itertools
+import math
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device.abreast import (
+    ABREAST,
+    Block,
+    Floats,
+    coordinates,
+    entries,
+    floats,
+    put_floats,
+    put_places,
+    put_vectors,
+    where_equal,
+    width,
+)
+from lissajous_env.device.compilation import MOTION, OPTIONS, module_apart
+from lissajous_env.device.curve import CurveStruct, wrap
+from lissajous_env.device.part_structs import RobotStruct, TaskStruct
+from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.trig import cos_sin
+from lissajous_env.parameters.robot_models import AsCar, RobotModel, register_robot_model
+from lissajous_env.settings.parts import Curve, Formation, Noise
+from lissajous_env.settings.robot import Robot
+from lissajous_env.settings.task import Task
+from lissajous_env.world.robots.walls import WALL, stop_at_wall
+from lissajous_env.world.state import WORKING, Clock, Robots
+
+wp.set_module_options(MOTION)
+_ACTING = module_apart(f"{__name__}.acting", OPTIONS)
+
+
+@wp.func
+def commanded_speed(robot: RobotStruct, action: float) -> float:
+    """Return the speed of an action u [m/s]: u speed_max forwards, |u| speed_min in reverse."""
+    return action * wp.where(action < 0.0, -robot.speed_min, robot.speed_max)
+
+
+@wp.func
+def ramp(before: float, wanted: float, most: float) -> float:
+    """Return a value that has changed from `before` towards `wanted`, by at most `most`."""
+    return before + wp.clamp(wanted - before, -most, most)
+
+
+@wp.func
+def covered(before: float, wanted: float, rate: float, t: float) -> float:
+    """Return the integral over a time t of a value that changes from `before` to `wanted` at a rate and then stays."""
+    change = wp.clamp(wanted - before, -rate * t, rate * t)
+    return (before + change) * t - 0.5 * change * wp.abs(change) / rate
+
+
+@wp.func
+def yaw_limit(robot: RobotStruct, before: float, after: float) -> float:
+    """Return the largest yaw rate that grip allows, a_lat / v at the larger of two speeds [rad/s]."""
+    return robot.lateral_acceleration_max / wp.max(wp.max(wp.abs(before), wp.abs(after)), 1.0e-6)
+
+
+@wp.func
+def drive_step(
+    robot: RobotStruct, pose: wp.vec4, yaw_rate: float, speed: float, turning: float, push: float, h: float
+) -> wp.vec4:
+    """Return x, y, heading, v after a step h [s] towards a commanded speed [m/s] and yaw rate [rad/s].
+
+    v changes at up to `push` [m/s^2] and the yaw rate at up to `yaw_acceleration_max`, so v and the heading are known
+    at all times of the step. The way is the integral of v (cos heading, sin heading) by Simpson's rule, corrected along
+    the heading in the middle so that straight ways are exact.
+    """
+    twist = robot.yaw_acceleration_max
+    middle_speed = ramp(pose[3], speed, 0.5 * push * h)
+    last_speed = ramp(pose[3], speed, push * h)
+    middle_heading = pose[2] + covered(yaw_rate, turning, twist, 0.5 * h)
+    last_heading = pose[2] + covered(yaw_rate, turning, twist, h)
+    first = cos_sin(pose[2])
+    middle = cos_sin(middle_heading)
+    last = cos_sin(last_heading)
+    missed = covered(pose[3], speed, push, h) - h / 6.0 * (pose[3] + 4.0 * middle_speed + last_speed)
+    across = h / 6.0 * (pose[3] * first[0] + 4.0 * middle_speed * middle[0] + last_speed * last[0])
+    up = h / 6.0 * (pose[3] * first[1] + 4.0 * middle_speed * middle[1] + last_speed * last[1])
+    return wp.vec4(pose[0] + across + missed * middle[0], pose[1] + up + missed * middle[1], last_heading, last_speed)
+
+
+@wp.func
+def take_twist(
+    block: Block, robot: RobotStruct, command: wp.array3d(dtype=float), robots: Robots
+) -> tuple[Floats, Floats, Floats]:
+    """Return commanded speeds [m/s], commanded yaw rates [rad/s] and accelerations [m/s^2] of the drives of a block.
+
+    The acceleration is proportional to a drive's own motor, `robots.drive`, and its yaw rate inversely proportional to
+    the distance of its wheels, which varies as `robots.wheelbase`.
+    """
+    speed = entries(block, command, 0)
+    turning = entries(block, command, 1)
+    push = floats(block, robots.drive)
+    wheelbase = floats(block, robots.wheelbase)
+    for k in range(ABREAST):
+        if k < width():
+            speed[k] = commanded_speed(robot, speed[k])
+            turning[k] = robot.wheelbase / wheelbase[k] * robot.yaw_rate_max * turning[k]
+            push[k] = push[k] / robot.drive * robot.acceleration_max
+    return speed, turning, push
+
+
+@stage(ROBOT, writes="robots: heading, position, speed, track, yaw_rate")
+def move_drives(
+    block: Block,
+    curve: CurveStruct,
+    robot: RobotStruct,
+    task: TaskStruct,
+    command: wp.array3d(dtype=float),
+    clock: Clock,
+    robots: Robots,
+):
+    """Move differential drives towards constant commands in a step; one that has failed stops dead."""
+    substeps = robots.track.shape[2] - 1
+    h = task.step / float(substeps)
+    x = coordinates(block, robots.position, 0)
+    y = coordinates(block, robots.position, 1)
+    heading = floats(block, robots.heading)
+    speed = floats(block, robots.speed)
+    yaw_rate = floats(block, robots.yaw_rate)
+    moving = block.active_mask & where_equal(block, robots.status, WORKING)
+    standing = block.active_mask & ~moving
+    if standing != 0:
+        put_floats(block, standing, Floats(), robots.speed)
+        put_floats(block, standing, Floats(), robots.yaw_rate)
+        for s in range(1, substeps + 1):
+            put_places(block, standing, x, y, s, robots.track)
+    put_places(block, block.active_mask, x, y, 0, robots.track)
+    wanted, turning, push = take_twist(block, robot, command, robots)
+    for s in range(substeps):
+        for k in range(ABREAST):
+            if k < width():
+                most = yaw_limit(robot, speed[k], ramp(speed[k], wanted[k], push[k] * h))
+                turned = wp.clamp(yaw_rate[k], -most, most)
+                towards = wp.clamp(turning[k], -most, most)
+                pose = drive_step(
+                    robot, wp.vec4(x[k], y[k], heading[k], speed[k]), turned, wanted[k], towards, push[k], h
+                )
+                x[k] = pose[0]
+                y[k] = pose[1]
+                heading[k] = pose[2]
+                speed[k] = pose[3]
+                yaw_rate[k] = ramp(turned, towards, robot.yaw_acceleration_max * h)
+        if task.boundary == WALL:
+            for k in range(ABREAST):
+                if k < width():
+                    pose = stop_at_wall(curve, robot.radius, wp.vec4(x[k], y[k], heading[k], speed[k]))
+                    x[k] = pose[0]
+                    y[k] = pose[1]
+                    speed[k] = pose[3]
+        put_places(block, moving, x, y, s + 1, robots.track)
+    for k in range(ABREAST):
+        if k < width():
+            heading[k] = wrap(heading[k])
+    put_vectors(block, moving, x, y, Floats(), robots.position)
+    put_floats(block, moving, heading, robots.heading)
+    put_floats(block, moving, speed, robots.speed)
+    put_floats(block, moving, yaw_rate, robots.yaw_rate)
+
+
+@wp.func
+def drive_action(robot: RobotStruct, speed: float, yaw_rate: float) -> wp.vec2:
+    """Return the action in [-1, 1] of a speed [m/s] and a yaw rate [rad/s], clipped to what the drive can do."""
+    top = wp.where(speed < 0.0, wp.max(-robot.speed_min, 1.0e-6), robot.speed_max)
+    least = wp.where(robot.speed_min < 0.0, -1.0, 0.0)
+    return wp.vec2(wp.clamp(speed / top, least, 1.0), wp.clamp(yaw_rate / robot.yaw_rate_max, -1.0, 1.0))
+
+
+@wp.kernel(module=_ACTING)
+def act(
+    robot: RobotStruct,
+    heading: wp.array2d(dtype=float),
+    speed: wp.array2d(dtype=float),
+    yaw_rate: wp.array2d(dtype=float),
+    action_out: wp.array3d(dtype=float),
+):
+    """Write the actions for a speed and a yaw rate."""
+    w, i = wp.tid()
+    action = drive_action(robot, speed[w, i], yaw_rate[w, i])
+    action_out[w, i, 0] = action[0]
+    action_out[w, i, 1] = action[1]
+
+
+def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: Task) -> None:
+    """Check that a drive's motion is in the plane and its integration accurate.
+
+    Raises:
+        ValueError: a field that a rule forbids, by name.
+    """
+    if curve.half_depth > 0:
+        raise ValueError(f"curve.half_depth must be 0 for differential drives [m], got {curve.half_depth}")
+    h = task.step / task.substeps
+    turn = robot.top_yaw_rate * h / (1 - 3 * noise.wheelbase_spread)
+    if turn > math.pi:
+        rule = f"must turn a drive by at most pi in an integration step of {h:g} s, not by {turn:.3g} rad [rad/s]"
+        raise ValueError(f"robot.yaw_rate_max {rule}, got {robot.top_yaw_rate:g}")
+
+
+def turning_radius(robot: Robot) -> float:
+    """Return the radius of the tightest circle that car policies drive at any speed [m]: v / omega or v / sqrt(alpha).
+
+    The latter is that of the circle on which a drive of top speed v and yaw acceleration alpha is, from a straight way,
+    after one radius of way. Policies of cars expect that their cars are on it at once.
+    """
+    return robot.top_speed / min(robot.top_yaw_rate, math.sqrt(robot.top_yaw_acceleration))
+
+
+def shape(robot: Robot) -> list[tuple[np.ndarray, str | None]]:
+    """Return outlines of a drive's parts for a radius of 1, heading right: a round body, two wheels, a sensor ahead."""
+    around = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    disc = np.stack([np.cos(around), np.sin(around)], axis=-1)
+    wheel = np.array([[-0.36, -0.1], [0.36, -0.1], [0.36, 0.1], [-0.36, 0.1]])
+    sensor = np.array([[0.34, -0.3], [0.62, -0.24], [0.72, 0.0], [0.62, 0.24], [0.34, 0.3]])
+    wheels: list[tuple[np.ndarray, str | None]] = [(wheel + np.array([0.0, y]), "WHEEL") for y in (-0.8, 0.8)]
+    return [(disc, "GROUND"), (0.93 * disc, None), *wheels, (sensor, "GLASS")]
+
+
+DIFFERENTIAL = register_robot_model(
+    RobotModel(
+        name="differential",
+        actions=("speed", "yaw rate"),
+        table=tuple(itertools.product((-1.0, 0.0, 0.5, 1.0), (-1.0, -0.5, 0.0, 0.5, 1.0))),
+        move=move_drives,
+        meanings=(
+            "commanded speed, from speed_min to speed_max; 0 is rest [m/s]",
+            "commanded yaw rate, from yaw_rate_max to the right to yaw_rate_max to the left [rad/s]",
+        ),
+        driving=(0,),
+        speed_unit=lambda curve, formation, robot: robot.top_speed,
+        check=check,
+        shape=shape,
+        as_car=AsCar(
+            act,
+            turning_radius=turning_radius,
+            acceleration=lambda robot: robot.top_acceleration,
+        ),
+    )
+)
