@@ -77,7 +77,7 @@ class Request:
     turning_radius: float | None = None
     """Radius of a car's tightest circle [m]; None for points on the curve, or the scenario's robots."""
     robot: str | None = None
-    """Kind of the robots, as in `robot.kind`; None for cars if there is a turning radius, or the scenario's, or points."""
+    """Kind of the robots, as in `robot.kind`; None for the scenario's, cars with a turning radius, or points."""
     acceleration: float | None = None
     """Largest acceleration of differential drives [m/s^2]; None for the default of `robot.acceleration_max`."""
     rogue_speed: float | None = None

@@ -404,9 +404,8 @@ def test_the_interval_of_the_detection_time_is_that_of_student():
     assert math.isnan(t_interval([1.0])[0])
 
 
-@pytest.mark.parametrize("robots", [4, 6])
 def test_differential_drives_are_planned_for_with_their_acceleration():
-    """Law: all families of cars fit them, and the task has their limits; only the kind differs from a scenario file's."""
+    """Law: all families of cars fit them, and the task has their limits."""
     task = Request(**HALL, robots=5, robot="differential", acceleration=0.8).task(5)
     assert (task.robot.kind, task.robot.acceleration_max, task.robot.top_speed) == ("differential", 0.8, 1.5)
     assert task.task.boundary == "wall"
@@ -414,6 +413,7 @@ def test_differential_drives_are_planned_for_with_their_acceleration():
     assert {family.name for family in families if family.starts} >= {"partition", "lines", "Lissajous", "loops"}
 
 
+@pytest.mark.parametrize("robots", [4, 6])
 def test_four_and_six_robots_begin_apart(robots):
     # Oracle: Lemma 1 gives them shared places in every stable equilibrium; no bodies may overlap at the start.
     task = Request(**HALL, robots=(robots, robots), turning_radius=1.0).task(robots)
