@@ -104,6 +104,9 @@ def load_together(kernels: Iterable[Any], device: Any, threads: Callable[[], int
     """Compile or load the modules of some kernels side by side, those that were not loaded together before."""
     key = str(device)
     modules = {id(kernel.module): kernel.module for kernel in kernels if (id(kernel.module), key) not in _together}
+    for module in modules.values():
+        if not module.name.startswith(OURS):
+            module.mark_modified()  # its user may have loaded it with a frame for tiles
     if modules:
         with _small_frames():
             wp.force_load(device, list(modules.values()), max_workers=threads())
@@ -115,7 +118,7 @@ _together: set[tuple[int, str]] = set()
 
 @contextlib.contextmanager
 def _small_frames() -> Iterator[None]:
-    """Compile kernels without the 256 KiB of stack that Warp reserves for tiles, which our kernels do not use."""
+    """Compile kernels without the 256 KiB of stack that Warp reserves for tiles, which no stage uses."""
     before = wp.config.enable_tiles_in_stack_memory
     wp.config.enable_tiles_in_stack_memory = None  # where the processor can do without
     try:

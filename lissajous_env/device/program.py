@@ -30,11 +30,11 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.abreast import width_on
-from lissajous_env.device.compilation import OURS, load_together
+from lissajous_env.device.compilation import load_together
 from lissajous_env.device.devices import as_device, cores
 from lissajous_env.device.stage import BLOCKS, LANES, PARTS, WORLD, WORLDS
 from lissajous_env.device.warp_abi import Call, content_of, is_struct, names_of_arguments
-from lissajous_env.device.work import TASKS_PER_THREAD, Work, require_room
+from lissajous_env.device.work import TASKS_PER_THREAD, Work
 from lissajous_env.wording import few_of
 
 _LAYOUTS = {
@@ -173,10 +173,9 @@ class Program:
         load_together((stage.run for stage in self.stages if stage.is_kernel), device, cores)
         edges = np.linspace(0, num_worlds, split.blocks + 1).astype(int).tolist()
         self._blocks = list(pairwise(edges))
-        own = [stage for stage in self.stages if stage.is_kernel and not stage.run.module.name.startswith(OURS)]
         self.work: Work | None = None
-        """All of it, where it is kernels of ours alone, on a CPU."""
-        self._calls: list[Callable[[], None]] = [require_room] if own and device.is_cpu else []
+        """All of it, where it is kernels alone, on a CPU."""
+        self._calls: list[Callable[[], None]] = []
         for is_kernel, run in groupby(self.stages, key=lambda stage: stage.is_kernel):
             if is_kernel:
                 groups = [

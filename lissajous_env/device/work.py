@@ -29,8 +29,8 @@ from lissajous_env.device.warp_abi import Call
 
 wp.set_module_options(OPTIONS)
 
-LEAST_STACK = 384 << 10
-"""Stack of a thread that runs a user's kernels [bytes]: the tiles, and the stack that Python uses."""
+_LEAST_STACK = 768 << 10
+"""Least stack of a helper [bytes], where threads of the process have less."""
 TASKS_PER_THREAD = 4
 """Number of tasks for each thread; with several, a slower thread can execute fewer of them."""
 APART = wp.constant(16)
@@ -253,7 +253,7 @@ class _Helper:
         self._asleep = threading.Lock()
         self._asleep.acquire()
         self._work: Work | None = None
-        before = threading.stack_size(max(threading.stack_size(), 2 * LEAST_STACK))
+        before = threading.stack_size(max(threading.stack_size(), _LEAST_STACK))
         try:
             threading.Thread(target=self._run, name="lissajous", daemon=True).start()
         finally:
@@ -294,35 +294,3 @@ def _yielding() -> int:
     """Return the address of the system's function that lets a thread yield the processor."""
     function = ctypes.CDLL(None).sched_yield
     return ctypes.cast(function, ctypes.c_void_p).value or 0
-
-
-def require_room() -> None:
-    """Refuse a thread whose stack is too small for kernels of a user.
-
-    Raises:
-        RuntimeError: it is.
-    """
-    if not hasattr(_roomy, "enough"):
-        size = _stack_size()
-        if size < LEAST_STACK:
-            raise RuntimeError(
-                f"a thread must have a stack of at least {LEAST_STACK >> 10} KiB for kernels of a scenario's own, got "
-                f"{size >> 10} KiB; threading.stack_size({LEAST_STACK}) sets it for threads that are started afterwards"
-            )
-        _roomy.enough = True
-
-
-_roomy = threading.local()
-
-
-def _stack_size() -> int:
-    """Return the size of the current thread's stack [bytes]; the least one if the system does not report it."""
-    system = ctypes.CDLL(None)
-    system.pthread_self.restype = ctypes.c_ulong
-    attributes = ctypes.create_string_buffer(256)
-    address, size = ctypes.c_void_p(), ctypes.c_size_t()
-    if system.pthread_getattr_np(ctypes.c_ulong(system.pthread_self()), attributes) != 0:
-        return LEAST_STACK
-    system.pthread_attr_getstack(attributes, ctypes.byref(address), ctypes.byref(size))
-    system.pthread_attr_destroy(attributes)
-    return size.value

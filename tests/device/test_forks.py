@@ -211,8 +211,8 @@ def test_a_thread_with_a_small_stack_makes_and_steps():
     assert run(code) == "3"
 
 
-def test_a_users_kernel_on_a_small_stack_is_refused(tmp_path):
-    # Oracle: the error's words, and that a thread with a larger stack continues.
+def test_a_users_kernel_runs_on_a_small_stack(tmp_path):
+    # Story: its user has loaded it with the 256 KiB of stack for tiles that Warp reserves; a stage is compiled without.
     (tmp_path / "mine.py").write_text(
         textwrap.dedent("""
         import lissajous_env, warp as wp
@@ -228,26 +228,19 @@ def test_a_users_kernel_on_a_small_stack_is_refused(tmp_path):
     )
     code = """
     sys.path.insert(0, sys.argv[1])
-    import mine
+    import mine, warp as wp
+    wp.load_module(mine)
+    before = {key: each.module_hash for key, each in mine.fast.run.module.execs.items()}
     simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", extensions=[mine.fast]))
+    after = {key: each.module_hash for key, each in mine.fast.run.module.execs.items()}
 
-    def step():
-        try:
-            simulation.step(zeros(simulation))
-            print("taken")
-        except RuntimeError as error:
-            print(error)
-
-    for size in (256, 512):
-        threading.stack_size(size << 10)
-        thread = threading.Thread(target=step)
-        thread.start()
-        thread.join()
+    threading.stack_size(128 << 10)
+    thread = threading.Thread(target=lambda: simulation.step(zeros(simulation)))
+    thread.start()
+    thread.join()
+    print(len(before), before == after, int(simulation.clock.step.numpy()[0]))
     """
-    first, second = run(code, tmp_path).splitlines()
-    assert "must have a stack of at least 384 KiB" in first
-    assert "got 256 KiB; threading.stack_size(393216)" in first
-    assert second == "taken"
+    assert run(code, tmp_path).splitlines()[-1] == "1 False 1"
 
 
 def test_two_threads_that_step_one_simulation_take_turns():

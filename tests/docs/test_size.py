@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 51_350
+LINES = 51_300
 """Lines of the packages."""
 MODULES = 354
 """Files of the packages."""
-TESTS = 31_850
+TESTS = 31_588
 """Lines of the tests."""
 
 

@@ -48,15 +48,15 @@ def episode(env, seed=None):
 
 def test_pettingzoos_checkers_pass():
     # Oracle: PettingZoo's contract checkers, whose warnings are errors here.
-    parallel_api_test(make(), num_cycles=40)
-    parallel_api_test(make(discrete_actions=True), num_cycles=40)
-    parallel_seed_test(make, num_cycles=30)
-    api_test(lissajous_env.env(SMALL), num_cycles=60)
-    seed_test(lambda: lissajous_env.env(SMALL), num_cycles=30)
+    parallel_api_test(make(), num_cycles=15)
+    parallel_api_test(make(discrete_actions=True), num_cycles=15)
+    parallel_seed_test(make, num_cycles=10)
+    api_test(lissajous_env.env(SMALL), num_cycles=25)
+    seed_test(lambda: lissajous_env.env(SMALL), num_cycles=10)
 
 
 def test_the_shipped_space_passes_them_by_name_and_by_id():
-    parallel_api_test(lissajous_env.parallel_env("monitoring-v1:validation", **SHORT), num_cycles=25)
+    parallel_api_test(lissajous_env.parallel_env("monitoring-v1:validation", **SHORT), num_cycles=10)
     env = pettingzoo.make("parallel", "lissajous/monitoring-v1-v0", **SHORT)
     env.reset(seed=1)
     assert env.unwrapped.scenario.name.startswith("monitoring-v1-")

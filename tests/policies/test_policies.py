@@ -23,7 +23,6 @@ from baselines.policies.patrol_path import (
 from baselines.policies.trackers.base import OnCurve
 from baselines.policies.trackers.mpcc import WithMpcc
 from baselines.policies.trackers.vector_field import FieldParameters, WithVectorField
-from lissajous_env.theory import closed_forms
 
 
 def played(policy, simulation, steps):
@@ -81,17 +80,6 @@ def test_still_cars_come_to_rest():
     start = simulation.robots.speed.numpy().copy()
     played(baselines.make("still", "experiment"), simulation, 50)
     np.testing.assert_allclose(simulation.robots.speed.numpy(), start * math.exp(-0.945 * 5.0), rtol=1e-3)
-
-
-def test_ideal_finds_every_target_within_the_bound():
-    """Oracle: T_max = 8.38 s below (8), and the paper's 4.5 s."""
-    policy = baselines.make("kuramoto", "ideal", num_worlds=2)
-    rows = lissajous_env.evaluate(policy, "ideal", range(2))
-    assert closed_forms.detection_time_bound(0.05, 15) == pytest.approx(8.378, abs=1e-3)
-    for row in rows:
-        assert row["targets"] == 10_000
-        assert row["detected_within_bound"] == 1.0
-        assert row["detection_time_max"] < 5.5
 
 
 def test_the_experiment_is_the_papers():
@@ -177,12 +165,12 @@ def test_cars_with_a_lowest_speed_reach_their_places_along_the_loop():
         parameters = SweepParameters(gather=2.0, slowest=slowest, by_phase=by_phase)
         policy = Sweep(scenario, 32, parameters=parameters)
         simulation, away = lissajous_env.Simulation(scenario, 32, seed=1), []
-        for _ in range(200):
-            played(policy, simulation, 1)
+        for steps in (60, *[5] * 12, 80):
+            played(policy, simulation, steps)
             offsets = simulation.robots.position.numpy()[:, :, None, :2] - loop
             distances = np.linalg.norm(offsets, axis=3)
             away.append(distances.min(axis=2).max())
-        farthest.append(max(away[60:120]))
+        farthest.append(max(away[:-1]))
         along = np.sort(distances.argmin(axis=2), axis=1) * length / len(loop)
         gaps = np.diff(along, axis=1, append=along[:, :1] + length)
         uneven.append((np.abs(gaps - length / 5).max(axis=1) > 1).mean())

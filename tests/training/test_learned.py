@@ -137,7 +137,7 @@ def test_shipped_policies_beat_the_papers_method(name, rival, scenario, share, c
     # Oracle: the paper's method, on the same seeds.
     scores = []
     for each in (name, rival):
-        rows = lissajous_env.evaluate(baselines.make(each, scenario, 32), scenario, range(100, 132))
+        rows = lissajous_env.evaluate(baselines.make(each, scenario, 16), scenario, range(100, 116))
         scores.append([np.mean([row[column] for row in rows]) for column in ("detection_time_mean", "collisions")])
     assert scores[0][0] < share * scores[1][0]
     assert scores[0][1] <= collisions

@@ -57,10 +57,6 @@ def different(one, other):
     return [name for name in before if not np.array_equal(before[name], after[name], equal_nan=True)]
 
 
-def bins_in(simulation):
-    return simulation.stages._values["bins"]
-
-
 def drive(simulations, steps=15, most=1.0):
     rng = np.random.default_rng(1)
     for _ in range(steps):
@@ -130,16 +126,6 @@ def test_a_reset_of_some_worlds_leaves_the_lists_of_the_others(made):
     assert different(*pair) == []
 
 
-def test_robots_for_which_the_lists_have_no_room_stand_in_every_list(made):
-    # Story: points that cross the rectangle in one step are in more bins than there is room for.
-    simulation = made(lissajous_env.scenario("swarm", **CASES["too fast for lists"][1]), True, worlds=1)
-    assert bins_in(simulation).everywhere.numpy().tolist() == [0]
-    drive([simulation], 1)
-    everywhere = bins_in(simulation).is_everywhere.numpy()[0]
-    assert 0 < everywhere.sum() < len(everywhere)
-    assert bins_in(simulation).everywhere.numpy().tolist() == [everywhere.sum()]
-
-
 def brute_force(track, there):
     """Least distance [m] of each pair through a step, (N, N) above the diagonal, in float64."""
     i, j = np.triu_indices(len(track), 1)
@@ -200,12 +186,3 @@ def test_a_thousand_robots_and_a_million_targets_take_less_than_600_megabytes():
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert float(done.stdout) < 600
-
-
-def test_lists_have_a_margin_for_rounding():
-    # Oracle: the spacing of float32 numbers at the edge of the rectangle.
-    scenario = lissajous_env.scenario("swarm", **{"curve.half_width": 1e4, "curve.half_height": 1e4}).resolve()
-    for radius in (1e-3, 1.0):
-        small = lissajous_env.scenario(scenario, **{"sensing.radius": radius, "robot.radius": 1e-3}).resolve()
-        filled = bin_sizes.bins_of(small, 1.0, 1, "cpu")
-        assert filled.widened - filled.reach > 4 * np.spacing(np.float32(1e4))

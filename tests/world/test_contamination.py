@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-import warp as wp
 from reference_contamination import Field, sensors_of
 
 import baselines
 import lissajous_env
-from lissajous_env.device.discs import swept_run
 from lissajous_env.episodes.evaluation import EpisodeRunner
-from lissajous_env.parameters.spreading import HOPS
 from lissajous_env.world.contamination.labels import introduced_at
 from lissajous_env.world.state import NEVER
 
@@ -127,9 +124,7 @@ def test_without_rogues_there_is_nothing_to_guarantee():
     assert np.isnan(simulation.score()[0]["guaranteed_detection_time"])
 
 
-@pytest.mark.parametrize(
-    ("policy", "radius", "speed"), [("kuramoto-mpcc", 0.75, 0.8), ("open-loop-mpcc", 0.8, 0.8), ("random", 0.7, 0.6)]
-)
+@pytest.mark.parametrize(("policy", "radius", "speed"), [("kuramoto-mpcc", 0.75, 0.8), ("random", 0.7, 0.6)])
 def test_the_field_is_that_of_brute_force(policy, radius, speed):
     setting = {"sensing.radius": radius, "targets.speed_limit": speed, "task.duration": 12.0}
     simulation, ages, sensors = played(policy, 3, slices=2, **setting, **{"task.contamination": (180, 80)})
@@ -203,25 +198,10 @@ def test_no_target_of_the_world_is_unseen_for_longer_than_the_figure():
     # 200 rogues that wander and flee, at most at the speed limit.
     setting = {"sensing.radius": 0.7, "targets.count": 100, "targets.arrival_rate": 3.0, "task.contamination": (90, 40)}
     setting |= {"targets.wandering": 0.5, "targets.fleeing": 0.5, "targets.flee_speed": 0.3, "task.conservative": True}
-    for seed in range(3):
+    for seed in range(2):
         simulation, _, _ = played("open-loop-mpcc", seed, **setting)
         row = simulation.score()[0]
         assert row["detection_time_max"] <= row["guaranteed_detection_time"] + 1e-9
-
-
-def test_what_a_disc_sweeps_is_a_stadium():
-    rng = np.random.default_rng(1)
-    for _ in range(200):
-        a, b, radius, y = rng.uniform(-1, 1, 2), rng.uniform(-1, 1, 2), rng.uniform(0.05, 0.8), rng.uniform(-1, 1)
-        ends, radius, y = [wp.vec2(*map(float, end)) for end in (a, b)], float(radius), float(y)
-        low, high = swept_run(*ends, radius, y)
-        x = np.linspace(-2, 2, 4001)
-        share = np.clip(((x - a[0]) * (b - a)[0] + (y - a[1]) * (b - a)[1]) / np.dot(b - a, b - a), 0, 1)
-        inside = x[np.hypot(x - a[0] - share * (b - a)[0], y - a[1] - share * (b - a)[1]) <= radius]
-        if len(inside):
-            assert (low, high) == pytest.approx((inside[0], inside[-1]), abs=2e-3)
-        else:
-            assert high - low < 2e-3
 
 
 @pytest.mark.parametrize(
@@ -244,18 +224,3 @@ def test_what_a_disc_sweeps_is_a_stadium():
 def test_what_cannot_be_followed_is_refused_by_name(overrides, words):
     with pytest.raises(ValueError, match=words):
         lissajous_env.scenario("experiment", **overrides)
-
-
-def test_hops_are_those_of_a_king_and_a_knight():
-    around = {(sx * i, sy * j) for i, j in HOPS for sx in (1, -1) for sy in (1, -1)}
-    assert len(around) == 16
-    # The worst direction of the norm that they span: between an axis and a knight's move, 2.7 % slow.
-    angles = np.linspace(0, np.pi / 4, 1000)
-    slow = [min(_length(np.cos(t), np.sin(t), a, b) for a, b in (((1, 0), (2, 1)), ((2, 1), (1, 1)))) for t in angles]
-    assert max(slow) == pytest.approx(1.0275, abs=1e-3)
-
-
-def _length(x, y, a, b):
-    """Length of the way to (x, y) by hops a and b alone; infinite where it would take some backwards."""
-    counts = np.linalg.solve(np.array([a, b], dtype=float).T, [x, y])
-    return float(counts @ np.hypot(*np.array([a, b]).T)) if (counts > -1e-9).all() else np.inf

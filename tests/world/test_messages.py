@@ -130,18 +130,6 @@ def test_the_ring_in_numpy_hears_the_same(name, overrides):
         assert (simulation.robots.status.numpy() == 2).any()
 
 
-def test_losses_keep_the_last_message_at_their_rate():
-    # Oracle: a share of 0.3 of the messages changes nothing; binomial, four deviations.
-    simulation = lissajous_env.Simulation(made(k=1, **{"noise.message_loss": 0.3, "faults.schedule": ()}), 100)
-    same, before = [], heard(simulation)
-    for action in draws(simulation, 40):
-        simulation.step(action)
-        same.append(heard(simulation) == before)
-        before = heard(simulation)
-    lost = np.array(same)
-    assert lost.mean() == pytest.approx(0.3, abs=4 * np.sqrt(0.21 / lost.size))
-
-
 @pytest.mark.parametrize("name", ["failure", "rough", "team"])
 def test_messages_change_nothing_else(name):
     # Oracle: the same scenario without them, bit for bit: entries, reward and every column of the score.

@@ -7,16 +7,11 @@ import numpy as np
 import pytest
 import reference
 import reference_driving
-import reference_motion
 import warp as wp
 
 import lissajous_env
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.part_structs import RobotStruct
-from lissajous_env.device.structs import to_struct
-from lissajous_env.parameters.scenario import Robot
 from lissajous_env.theory import closed_forms
-from lissajous_env.world.robots.car import car_step
 
 wp.set_module_options(OPTIONS)
 
@@ -53,62 +48,6 @@ def drive(simulation, action, steps):
         x, y, _ = robots.position.numpy()[0, 0]
         states.append([x, y, robots.heading.numpy()[0, 0], robots.speed.numpy()[0, 0]])
     return np.array(states, dtype=float)
-
-
-@wp.kernel
-def integrate(
-    robot: RobotStruct,
-    start: wp.vec4,
-    curvature: float,
-    push: float,
-    time: float,
-    steps: wp.array(dtype=int),
-    out: wp.array(dtype=wp.vec4),
-):
-    state = start
-    for _ in range(steps[wp.tid()]):
-        state = car_step(robot, state, curvature, push, time / float(steps[wp.tid()]))
-    out[wp.tid()] = state
-
-
-def integrated(robot, start, steering, throttle, time, steps):
-    """(len(steps), 4) end states of the device's integrator with these numbers of steps, in float32."""
-    out = wp.empty(len(steps), dtype=wp.vec4, device="cpu")
-    curvature = math.tan(steering) / robot.wheelbase
-    push = reference_motion.motor_acceleration(robot, throttle)
-    inputs = [to_struct(RobotStruct, robot), wp.vec4(*start), curvature, push, time, wp.array(steps, dtype=int), out]
-    wp.launch(integrate, dim=len(steps), inputs=inputs, device="cpu")
-    return out.numpy().astype(float)
-
-
-def finely_integrated(robot, start, steering, throttle, time, steps=2000):
-    state = np.array(start, dtype=float)
-    for _ in range(steps):
-        state = reference_motion.car_runge_kutta(robot, state, steering, throttle, time / steps)
-    return state
-
-
-@pytest.mark.parametrize(("steering", "throttle"), [(0.3, 0.15), (-0.34, 0.13), (0.2, 0.1)])
-def test_the_integrator_is_of_fourth_order(steering, throttle):
-    # Oracle: half the step, a sixteenth of the error, against float64 with 2,000 steps.
-    robot = Robot()
-    start, time = [0.2, -0.1, 0.5, 1.2], 1.6
-    exact = finely_integrated(robot, start, steering, throttle, time)
-    errors = np.abs(integrated(robot, start, steering, throttle, time, [4, 8, 16]) - exact)[:, :2].max(axis=1)
-    assert errors[2] > 1e-6, "too fine for float32 to show an order"
-    assert 11 < errors[0] / errors[1] < 23
-    assert 11 < errors[1] / errors[2] < 23
-
-
-def test_two_sub_steps_are_enough():
-    # Oracle: float64 with 2,000 steps. The worst control step of a car at the speeds of the curve is off by less than
-    # 0.1 mm, at its top speed and full lock (which no tyre would follow) by less than 2 mm.
-    robot = Robot()
-    for speed, throttle, bound in [(1.7, 0.15, 1e-4), (1.7, 0.25, 2e-4), (5.85, 0.25, 2e-3)]:
-        start = [0.0, 0.0, 0.0, speed]
-        exact = finely_integrated(robot, start, robot.steering_max, throttle, 0.1)
-        (got,) = integrated(robot, start, robot.steering_max, throttle, 0.1, [2])
-        assert np.hypot(*(got - exact)[:2]) < bound
 
 
 @pytest.mark.parametrize("steering", [1.0, -0.5, 0.2])
@@ -304,14 +243,14 @@ def test_starts_are_as_the_formation_says():
 
 
 def _least_distances(simulation, time):
-    """Return the smallest distance (W, N, N) of robots that go straight on for a time [s], from 1,000 moments of it."""
+    """Return the smallest distance (W, N, N) of robots that go straight on for a time [s], from 300 moments of it."""
     place, speed, heading = (array.numpy() for array in (simulation.robots.position, simulation.robots.speed,
                                                          simulation.robots.heading))  # fmt: skip
     velocity = speed[..., None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
     apart = place[:, :, None, :2] - place[:, None, :, :2]
     parting = velocity[:, :, None] - velocity[:, None]
     least = np.full(apart.shape[:-1], np.inf)
-    for moment in np.linspace(0, time, 1000):
+    for moment in np.linspace(0, time, 300):
         least = np.minimum(least, np.linalg.norm(apart + moment * parting, axis=-1))
     return least + np.where(np.eye(least.shape[1], dtype=bool), np.inf, 0)
 
@@ -320,10 +259,10 @@ def test_no_robots_of_a_team_collide_at_once():
     # Oracle: straight lines, in NumPy, and the starts without a headway, which all other worlds have.
     scenario = lissajous_env.scenario("team", **{"task.contamination": None, "task.duration": 1.0})
     headway, touch = scenario.formation.start_headway, 2 * scenario.robot.radius
-    plain = lissajous_env.Simulation(scenario, 256, **{"formation.start_headway": 0.0})
-    apart = lissajous_env.Simulation(scenario, 256)
+    plain = lissajous_env.Simulation(scenario, 128, **{"formation.start_headway": 0.0})
+    apart = lissajous_env.Simulation(scenario, 128)
     meets = (_least_distances(plain, headway) < touch).any(axis=(1, 2))
-    assert 20 < meets.sum() < 128
+    assert 10 < meets.sum() < 64
     assert (_least_distances(apart, headway) > 0.999 * touch).all()
     before, after = plain.robots.phase.numpy(), apart.robots.phase.numpy()
     np.testing.assert_array_equal(before[~meets], after[~meets])

@@ -4,11 +4,9 @@ import math
 
 import numpy as np
 import pytest
-import reference_motion
 import warp as wp
 
 import lissajous_env
-from lissajous_env.device.approach import first_within
 from lissajous_env.device.compilation import OPTIONS
 
 wp.set_module_options(OPTIONS)
@@ -20,13 +18,6 @@ COASTING = {
     "curve.half_height": 20.0, "sensing.radius": 0.4, "targets.arrival_rate": 0.0, "targets.wandering": 0.0,
     "task.grid": None, "task.duration": 20.0,
 }  # fmt: skip
-
-
-@wp.kernel
-def first_within_of(ways: wp.array2d(dtype=wp.vec2), radius: float, t_out: wp.array(dtype=float)):
-    """The function under test, for many."""
-    k = wp.tid()
-    t_out[k] = first_within(ways[k, 0], ways[k, 1], radius)
 
 
 @lissajous_env.target_motion
@@ -61,26 +52,6 @@ def found_times(simulation):
     targets = simulation.targets
     times = (targets.found_at.numpy()[0] - targets.found_early.numpy()[0].astype(float)) * simulation.scenario.task.step
     return np.where(targets.found_at.numpy()[0] == 2**30, np.inf, times)
-
-
-def test_the_first_moment_within_a_radius():
-    # Oracle: the roots of the quadratic, by NumPy in float64; on 20,000 random ways, near and far, some of no length.
-    rng = np.random.default_rng(0)
-    before = rng.normal(size=(20_000, 2)) * rng.choice([0.5, 1.0, 3.0], size=(20_000, 1))
-    after = rng.normal(size=(20_000, 2)) * rng.choice([0.1, 1.0, 3.0], size=(20_000, 1))
-    after[:100] = before[:100]
-    ways = np.stack([before, after], axis=1).astype(np.float32)
-    times = wp.zeros(len(ways), dtype=float)
-    wp.launch(first_within_of, len(ways), [wp.array(ways, dtype=wp.vec2), 0.7, times])
-    radius, got = float(np.float32(0.7)), times.numpy()
-    expected = np.array([reference_motion.first_within(*way.astype(float), radius) for way in ways], dtype=float)
-    met = np.isfinite(expected)
-    assert met.tolist() == (got <= 1).tolist()
-    assert (expected[met] > 0).sum() > 5000
-    assert (~met).sum() > 2000
-    # A way that only just grazes the disc makes much of the last digit.
-    assert got[met] == pytest.approx(expected[met], abs=2e-3)
-    assert np.median(np.abs(got[met] - expected[met])) < 1e-6
 
 
 @pytest.mark.parametrize("step", [1.0, 0.35, 0.1, 0.01])

@@ -1,10 +1,9 @@
-"""The batch law: world k is the same, bit for bit, in any batch; what else holds of `Simulation` as a whole.
+"""Batches of many worlds on any number of threads, resets, and what else holds of `Simulation` as a whole.
 
 Oracle throughout: the same world simulated another way; equality is of all state, to the last bit.
 """
 
 import hashlib
-import pickle
 import subprocess
 import sys
 
@@ -72,17 +71,6 @@ def assert_same(state, other, worlds=slice(None), others=slice(None), but=()):
 
 
 @BOTH
-@pytest.mark.parametrize("threads", [1, 2])
-def test_a_world_in_a_batch_is_the_world_alone(scenario, threads):
-    actions = actions_of(scenario, range(64), 60)
-    batch = state_of(run(scenario, range(64), actions, threads))
-    assert len(np.unique(batch["observation"].reshape(64, -1), axis=0)) == 64
-    for world in (0, 1, 31, 63):
-        alone = state_of(run(scenario, [world], actions[:, [world]]))
-        assert_same(alone, batch, others=slice(world, world + 1), but=PAST)
-
-
-@BOTH
 def test_a_large_batch_in_blocks_on_two_threads_is_the_batch_on_one(scenario):
     # 1,100 worlds are several blocks, so that both threads have some.
     seeds, actions = np.arange(1100) + 5, actions_of(scenario, range(1100), 12)
@@ -90,15 +78,6 @@ def test_a_large_batch_in_blocks_on_two_threads_is_the_batch_on_one(scenario):
     assert_same(one, two)
     last = state_of(run(scenario, seeds[-1:], actions[:, -1:]))
     assert_same(last, two, others=slice(-1, None), but=PAST)
-
-
-@BOTH
-def test_a_world_is_the_same_at_another_place_in_the_batch(scenario):
-    seeds, actions = np.arange(32), actions_of(scenario, range(32), 40)
-    turned = np.roll(np.arange(32), 11)
-    there = state_of(run(scenario, seeds, actions))
-    elsewhere = state_of(run(scenario, seeds[turned], actions[:, turned]))
-    assert_same({name: array[turned] for name, array in there.items()}, elsewhere, but=PAST)
 
 
 PROGRAM = """
@@ -211,22 +190,6 @@ def test_the_kind_of_array_of_an_action_makes_no_difference():
     assert_same(expected, state_of(run(CARS, range(3), actions.tolist())))
     assert_same(expected, state_of(run(CARS, range(3), [wp.array(a, dtype=wp.float32, device="cpu") for a in actions])))
     assert_same(expected, state_of(run(CARS, range(3), np.asfortranarray(actions))))
-
-
-@BOTH
-def test_a_simulation_pickled_in_mid_episode_goes_on_bit_for_bit(scenario):
-    actions = actions_of(scenario, range(4), 40)
-    simulation = run(scenario, range(4), actions[:20])
-    copy = pickle.loads(pickle.dumps(simulation))
-    assert_same(state_of(simulation), state_of(copy))
-    for action in actions[20:]:
-        simulation.step(action)
-        copy.step(action)
-    assert_same(state_of(simulation), state_of(copy))
-    assert str(simulation.score()) == str(copy.score())
-    simulation.reset()
-    copy.reset()
-    assert_same(state_of(simulation), state_of(copy))
 
 
 def test_the_arrays_stay_the_same_objects():

@@ -57,20 +57,6 @@ def test_a_stage_that_has_nothing_to_do_is_left_out(overrides, there, gone):
     assert not gone & names
 
 
-@pytest.mark.parametrize("name", ["experiment", "rough", "failure", "intruders"])
-def test_a_step_is_its_launches_one_after_the_other(name):
-    # Oracle: Warp's own launch of each stage. What a program lays out once must be what Warp does each time.
-    scenario = lissajous_env.scenario(name, **{"task.on_collision": "stop"})
-    together, apart = (lissajous_env.Simulation(scenario, 3, seed=2) for _ in range(2))
-    for action in actions_of(together, 40):
-        together.step(action)
-        apart.action.assign(action)
-        for call in apart.stages._calls:
-            for launch in call.__self__.launches:
-                launch.launch()
-    assert same_state(together, apart) == []
-
-
 def test_a_user_may_capture_steps_in_a_graph_of_their_own():
     # Oracle: as many steps. Capturing on a CPU takes one itself.
     captured, stepped = (lissajous_env.Simulation("experiment", 2, seed=1) for _ in range(2))

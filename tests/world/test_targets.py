@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from lissajous_env.parameters.scenario import Scenario, Targets, Task
 
 # One robot that sees next to nothing, and targets that stay: nothing disturbs them.
 ALONE = {
@@ -218,9 +217,3 @@ def test_all_ten_thousand_targets_are_found_in_time(start):
     if start == "equilibrium":
         assert at_start == pytest.approx([0.56, 0.56], abs=0.015)
         assert min(row["detection_time_max"] for row in simulation.score()) >= 4.5
-
-
-def test_capacity_leaves_six_deviations():
-    assert Scenario(targets=Targets(count=3)).target_capacity == 3
-    scenario = Scenario(targets=Targets(count=3, arrival_rate=0.5), task=Task(duration=72))
-    assert scenario.target_capacity == 3 + 36 + 36
