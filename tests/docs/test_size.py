@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 51_300
+LINES = 51_330
 """Lines of the packages."""
 MODULES = 354
 """Files of the packages."""
-TESTS = 31_588
+TESTS = 31_620
 """Lines of the tests."""
 
 
