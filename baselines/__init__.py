@@ -9,6 +9,7 @@ from baselines.policies.base import Policy
 from baselines.policies.combinations import COMBINATIONS, ON_REQUEST, register_coordinator, with_tracker
 from baselines.policies.coordinators.in_numpy import NumpyCoordinator
 from baselines.policies.patrol import Laps, RandomWaypoint, Still, Sweep
+from baselines.policies.reacting import Chase, Follow, Force, Index, Lanes
 from baselines.policies.registry import make, names, register, register_filter, register_opener
 from baselines.policies.rows import Rows
 from baselines.policies.safety.filter import Safe
@@ -33,6 +34,16 @@ for _name, (_coordinator, _tracker, _about) in COMBINATIONS.items():
     register(_name, _tracker.kind, partial(_tracker, _coordinator), about=_about, on_request=_name in ON_REQUEST)
 register("sweep", "car", Sweep, about="Single-file patrol along the boundary, or in lanes.")
 register("laps", "car", Laps, about="The loop of `sweep`, each car independently, at top speed.")
+for _name, _factory, _scenarios in (
+    ("lanes", Lanes, ()),
+    ("follow", Follow, ("watch",)),
+    ("a-cmommt", Force, ("watch",)),
+    ("pure-pursuit", partial(Chase, lead=0.0), ("intercept",)),
+    ("lead-pursuit", Chase, ("intercept",)),
+    ("index", partial(Index, learns=False), ("hotspots",)),
+    ("index-learned", Index, ("hotspots",)),
+):
+    register(_name, "velocity", _factory, made_for=_scenarios)
 register("random", None, RandomWaypoint, about="Random waypoints; random phase rates for points.")
 register("still", None, Still, about="No motion.")
 register_filter(Safe)

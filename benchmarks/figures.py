@@ -81,6 +81,16 @@ def made_now() -> dict[str, Table]:
     ((_, low, high, meaning),) = observation.message_entries(1)
     message = ["20 + 5 R + 3 T + M k + m", "`neighbour_k_message_m`", meaning.replace("component 0", "component m")]
     entries.append([*message, f"[{low}, {high}]"])
+    known = {
+        "{start} + 9 k + {j}": ("track_k_", observation.TRACK_ENTRIES),
+        "{start} + 9 S + 4 k + {j}": ("teammate_k_", observation.TEAMMATE_ENTRIES),
+    }
+    entries += [
+        [place.format(start="20 + 5 R + 3 T + 2 M", j=j).removesuffix(" + 0"), f"`{prefix}{name}`", meaning,
+         f"[{low}, {high}]"]
+        for place, (prefix, part) in known.items()
+        for j, (name, low, high, meaning) in enumerate(part)
+    ]  # fmt: skip
     words = {name: text.replace("\n", " ") for name, text in meanings(Task).items()}
     terms = [[f"`{term}`", f"`{formula}`", f"{getattr(Task(), f'reward_{term}'):g}", words[f"reward_{term}"]]
              for term, formula in reward.FORMULAS.items()]  # fmt: skip

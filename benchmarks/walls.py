@@ -1,9 +1,10 @@
 """Policies inside walls: `python benchmarks/walls.py --store`.
 
-Each policy of a scenario is played with `task.boundary = wall`. A row shows the longest worst-case undetected time of
-all seeds, `>` if it was still growing at the end of one of them, the collisions per episode, and what this program
-counts itself from the positions of the robots: contacts with a wall per episode (a body comes within `NEAR` of a wall),
-and robots that stand at one when the episode ends, having moved less than their radius in the last `WHILE`.
+Each policy of a scenario is played with `task.boundary = wall`. A cell shows the longest worst-case undetected time of
+all seeds where there are rogues, `>` if it was still growing at the end of one of them, and the collisions per episode.
+What this program counts itself from the positions of the robots is added if there is any: contacts with a wall per
+episode (a body comes within `NEAR` of a wall), and robots that stand at one when the episode ends, having moved less
+than their radius in the last `WHILE`.
 """
 
 import warnings
@@ -14,6 +15,7 @@ import numpy as np
 
 import baselines
 import lissajous_env
+from baselines.policies.base import UnsuitableScenarioError
 from lissajous_env import Scenario, Simulation
 from lissajous_env.episodes.evaluation import episodes
 from lissajous_env.parameters.assumptions import AssumptionWarning
@@ -53,16 +55,21 @@ class Contacts:
         self.standing = (now & (moved < self.radius)).sum(axis=1)
 
 
-def row_of(name: str, scenario: Scenario, seeds: range) -> list[str]:
-    """Return the cells of a policy in a scenario with walls."""
+def cell_of(name: str, scenario: Scenario, seeds: range) -> str:
+    """Return the content of a cell: the score of a policy in a scenario with walls."""
     contacts = Contacts(scenario, len(seeds))
     policy = baselines.make(name, scenario, len(seeds))
     rows: list[dict[str, Any]] = next(iter(episodes(policy, scenario, seeds, on_step=contacts.look)))
-    worst = max(row[WORST_CASE.name] for row in rows)
-    is_open = any(row[OPEN.name] for row in rows)
+    parts = []
+    if not np.isnan(worst := max(row[WORST_CASE.name] for row in rows)):
+        parts.append(f"{'> ' if any(row[OPEN.name] for row in rows) else ''}{worst:.3g} s")
     collisions = np.mean([row[COLLISIONS.name] for row in rows])
-    time = "" if np.isnan(worst) else f"{'> ' if is_open else ''}{worst:.3g}"
-    return [time, f"{collisions:.3g}", f"{contacts.count.mean():.3g}", f"{contacts.standing.mean():.3g}"]
+    parts.append(f"{collisions:.2g} collisions" if collisions else "none")
+    if contacts.count.any():
+        parts.append(f"{contacts.count.mean():.2g} contacts")
+    if contacts.standing.any():
+        parts.append(f"{contacts.standing.mean():.2g} stuck")
+    return ", ".join(parts)
 
 
 def policies_of(scenario: str) -> list[str]:
@@ -83,19 +90,19 @@ def main() -> None:
     options = parser.parse_args()
     warnings.simplefilter("ignore", AssumptionWarning)
     seeds = range(options.seed, options.seed + options.episodes)
-    titles = ["worst case [s]", "collisions", "contacts with a wall", "robots stuck at the end"]
+    cells: dict[str, dict[str, str]] = {}
     for name in options.scenarios:
         scenario = lissajous_env.scenario(name, **{"task.boundary": options.boundary})
-        rows = []
         for policy in options.policies or policies_of(name):
             try:
-                rows.append([f"`{policy}`", *row_of(policy, scenario, seeds)])
-            except ValueError as error:
-                rows.append([f"`{policy}`", "refused", *[""] * (len(titles) - 1)])
-                print(f"{policy}: {error}")
-            print(name, *rows[-1], sep="\t", flush=True)
-        title = f"{name} with walls, {len(seeds)} episodes each"
-        figures.publish(f"walls {name}", title, {"columns": ["policy", *titles], "rows": rows}, options.store)
+                cell = cell_of(policy, scenario, seeds)
+            except UnsuitableScenarioError:
+                cell = "refused"
+            cells.setdefault(policy, {})[name] = cell
+            print(name, policy, cell, sep="\t", flush=True)
+    rows = [[f"`{policy}`", *(of.get(name, "") for name in options.scenarios)] for policy, of in cells.items()]
+    table = {"columns": ["policy", *(f"`{name}`" for name in options.scenarios)], "rows": rows}
+    figures.publish("walls", f"{options.boundary}, {len(seeds)} episodes each", table, options.store)
 
 
 if __name__ == "__main__":

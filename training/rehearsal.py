@@ -4,15 +4,13 @@ Each policy is played in a few episodes, and the best ones of these, with their 
 more, because the best of many results in few episodes is often a lucky one.
 """
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import baselines
-from baselines.planning.rehearse import Result
+from baselines.planning.rehearse import Result, quietly
 from baselines.policies import registry
 from lissajous_env import Scenario, evaluate
-from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.wording import where_raised
 from lissajous_env.world.columns import COLLISIONS
 from training import scenarios
@@ -66,7 +64,7 @@ def _play(name: str, stages: Sequence[Scenario], episodes: int, device: Any) -> 
     cost, collisions, played = 0.0, 0.0, []
     for made in stages:
         try:
-            with warnings.catch_warnings(action="ignore", category=AssumptionWarning):
+            with quietly():
                 policy = baselines.make(name, made, episodes, device)
         except ValueError:
             return None

@@ -216,7 +216,7 @@ class TrainingSettings(Checked):
     def _first_made(self, names: Mapping[str, tuple[str, ...]], what: str) -> tuple[str | None, str]:
         """Return the first policy for the scenario's kind of robot that can be made for it, and the reason in words."""
         scenario = self.make_scenario()
-        kind, refused = scenario.robot.kind, ""
+        kind, refused = scenario.actuation, ""
         for name in names.get(kind, ()):
             try:
                 with scenarios.without_warnings(self.space):

@@ -132,7 +132,7 @@ def plan(
         else:
             chosen = [name for name in others if name in fitting]
         cells += [Cell(scenario, name, named(name)) for name in chosen]
-        kind, before = scenario.robot.kind, len(cells)
+        kind, before = scenario.actuation, len(cells)
         cells += [Cell(scenario, name, of) for name, of in own.items() if kinds.get(name) in (None, kind)]
         if not chosen and len(cells) == before and not (own and len(played) > 1):
             kind, got = f"robots of kind {kind}", few_of((*others, *own))
@@ -155,7 +155,7 @@ def plan(
 def _kind_of(folder: str) -> str | None:
     """Return the kind of robot of a folder's policy; None if only playing the policy shows it."""
     try:
-        return registry.home(folder).robot.kind
+        return registry.home(folder).actuation
     except ValueError:
         return None
 

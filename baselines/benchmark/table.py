@@ -151,8 +151,8 @@ def grouped(rows: Iterable[dict[str, Any]]) -> dict[str, dict[str, list[dict[str
 def groups(rows: Iterable[dict[str, Any]], scenarios: Mapping[str, Scenario]) -> list[Group]:
     """Return rows by kind of robots; kinds without a policy that played all scenarios with rows are left out."""
     played, kinds = grouped(rows), []
-    for kind in dict.fromkeys(scenario.robot.kind for scenario in scenarios.values()):
-        names = [name for name, scenario in scenarios.items() if name in played and scenario.robot.kind == kind]
+    for kind in dict.fromkeys(scenario.actuation for scenario in scenarios.values()):
+        names = [name for name, scenario in scenarios.items() if name in played and scenario.actuation == kind]
         policies = [p for p in played[names[0]] if all(p in played[name] for name in names)] if names else []
         if policies:
             kinds.append(Group(kind, {policy: {name: played[name][policy] for name in names} for policy in policies}))

@@ -60,10 +60,10 @@ def inputs_of(simulation: Simulation, robot: int, world: int = 0) -> Inputs:
     x, y, heading, speed = state.measured.numpy()[world, robot].tolist()
     step = scenario.task.step
     now = int(simulation.clock.step.numpy()[world]) * step
-    there = (np.arange(n) != robot) & (status != int(REMOVED)) & _is_near(others, scenario.sensing_radius)
+    there = (np.arange(n) != robot) & (status != int(REMOVED)) & _is_near(others, scenario.sight)
     sighted = simulation.targets.in_sight.numpy()[world] == 1
     targets = simulation.targets.position.numpy()[world][sighted] - state.sensor.numpy()[world, robot]
-    targets = targets[_is_near(targets, scenario.sensing_radius)]
+    targets = targets[_is_near(targets, scenario.sight)]
     return Inputs(
         now,
         Odometry(x, y, heading, speed, now),
@@ -76,7 +76,7 @@ def inputs_of(simulation: Simulation, robot: int, world: int = 0) -> Inputs:
 
 
 def _is_near(away: np.ndarray, radius: float) -> np.ndarray:
-    """Return whether places are in the sensing disc, within rounding; the row decides."""
+    """Return whether places are in sight, within rounding; the row decides."""
     return np.hypot(away[:, 0], away[:, 1]) < radius * (1 + 1e-5)
 
 

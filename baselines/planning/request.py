@@ -18,8 +18,9 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
-from lissajous_env.settings.parts import Formation, Targets
+from lissajous_env.settings.parts import Formation
 from lissajous_env.settings.robot import Robot
+from lissajous_env.settings.targets import Targets
 from lissajous_env.settings.task import Task
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory import design as theory

@@ -61,10 +61,13 @@ class Filter(Copyable):
     """True if a filter of cars also serves robots of other models that move like cars."""
     communicates: str = "nothing"
     """Content of the messages that the filter uses."""
+    stays_inside: bool = False
+    """True if the filter itself prevents contacts with walls; after others, the rule of `baselines.policies.inside`
+    decides, as it does before all of them."""
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
-        if scenario.robot.kind != self.kind:
-            raise ValueError(f"policy of a filter must drive robots of kind {self.kind}, got {scenario.robot.kind}")
+        if scenario.actuation != self.kind:
+            raise ValueError(f"policy of a filter must drive robots of kind {self.kind}, got {scenario.actuation}")
         self.scenario = scenario.resolve()
         self.num_worlds = num_worlds
         self.device = as_device(device)
@@ -110,14 +113,15 @@ class Policy(Copyable):
     arrays: str = "numpy"
     """Type of `decide`'s argument: "numpy", an array on the host; "torch" or "warp", one on the policy's device."""
     kind: str | None = None
-    """Kind of robot that the policy drives; None drives any."""
+    """Kind of robot that the policy drives, or `velocity` if its actions are velocities of cars (`task.action`); None
+    drives any."""
     communicates: str = "nothing"
     """Content of the messages that the policy uses; "nothing" if messages do not change its actions."""
     remembers: tuple[str, ...] = ()
     """Names of attributes with Warp arrays (W, ...) that are zero when an episode begins."""
     stays_inside: bool = True
     """True if actions of cars are changed where they would leave a car no way to stay inside walls
-    (`baselines.policies.inside`); False for a policy that contains another one, whose actions are changed already."""
+    (`baselines.policies.inside`); False for a policy that stays inside by itself."""
 
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"):
         if self.arrays not in _ARRAYS:

@@ -1,8 +1,8 @@
 """The rule by which cars stay inside walls: every action leaves a car a way to a circle that it can drive for ever.
 
 With `task.boundary = wall`, the centre of a body is inside the walls where it is in K, the rectangle without a strip of
-the radius of a body and `DEVIATIONS` standard deviations of a measured coordinate. A car at speed v turns at best on a
-circle of the radius R, with its wheelbase l, its largest steering angle and its grip,
+the radius of a body, `CLEARANCE`, and `DEVIATIONS` standard deviations of a measured coordinate. A car at speed v turns
+at best on a circle of the radius R, with its wheelbase l, its largest steering angle and its grip,
 
     R(v) = max(l / tan(delta_max), v^2 / a_lat)
 
@@ -15,10 +15,10 @@ The turn or the straight line may be missing. The way out is in K, and
   beta = L / R, unless the turn is missing,
 * its turn and its circle are to the same side if grip determines R.
 
-The rule lets an action pass if the car has a way out after it, as (12) predicts for the car's own constants. Otherwise
-it takes the first of the following actions after which the car has one: the steering is blended with that at the
-beginning of a way out that the car has now, with the throttle that is wanted, and then with the motor off, or with the
-throttle for `CREEP`, a low speed, if the car is slower. If there is none, the car follows this way out.
+The rule lets an action pass if the car is in K during the step and has a way out after it, as (12) predicts for the
+car's own constants. Otherwise it takes the first of the following actions for which this is so: the steering is blended
+with that at the beginning of a way out that the car has now, with the throttle that is wanted, and then with the motor
+off, or with the throttle for `CREEP`, a low speed, if the car is slower. If there is none, the car follows the way out.
 
 **A car with a way out never meets a wall.** Assume exact measurements, equal cars and no failures. A car that follows a
 way out with the motor off still has one after a step, so that there always is an action:
@@ -47,8 +47,9 @@ coasts is not driven by anybody. Where the walls are closer than a circle, no ca
 nothing.
 
 The rule is part of every policy that drives cars (`baselines.Policy`), classical or learned, also of one that drives
-other robots as if they were cars. A filter decides after it. An action that no policy computes, as that of a function
-or of an agent in training, is not changed.
+other robots as if they were cars. A filter decides after it; if the filter does not prevent contacts with walls itself
+(`Filter.stays_inside`), the rule is applied once more to its actions. An action that no policy computes, as that of a
+function or of an agent in training, is not changed.
 """
 
 import math
@@ -76,6 +77,8 @@ wp.set_module_options(OPTIONS)
 
 DEVIATIONS = 3.0
 """Standard deviations of a measured coordinate by which a body stays away from a wall."""
+CLEARANCE = 0.01
+"""Least distance of a body from a wall, as a share of its radius; a body that slides along a wall is in contact."""
 CREEP = 0.2
 """Lowest speed of a way out, as a share of the top speed and of the speed at which grip limits the tightest turn."""
 BLENDS = wp.constant(4)
@@ -230,7 +233,7 @@ def is_safe(walls: Walls, robot: RobotStruct, car: wp.vec4) -> bool:
 
 @wp.func
 def is_safe_after(walls: Walls, robot: RobotStruct, car: wp.vec4, action: wp.vec2) -> bool:
-    """Return whether a car has a way out after an action, with the shortest and with the longest wheelbase."""
+    """Return whether a car is in K during an action and has a way out after it, with any wheelbase of the spread."""
     push = motor_push(robot, walls.strongest, throttle(robot, action[1]))
     slope = wp.tan(steering_angle(robot, action[0]))
     for k in range(2):
@@ -240,6 +243,8 @@ def is_safe_after(walls: Walls, robot: RobotStruct, car: wp.vec4, action: wp.vec
         after = car
         for _ in range(walls.substeps):
             after = car_step(robot, after, curvature, push, walls.step / float(walls.substeps))
+            if not is_in(walls, after[0], after[1]):
+                return False
         if not is_safe(walls, robot, after):
             return False
     return True
@@ -338,8 +343,8 @@ class Inside(Copyable):
 
     @staticmethod
     def suits(scenario: Scenario) -> bool:
-        """Return whether the robots are cars between walls that are at least a circle at `CREEP` apart."""
-        if scenario.robot.kind != "car" or scenario.task.boundary != "wall":
+        """Return whether policies steer cars between walls that are at least a circle at `CREEP` apart."""
+        if scenario.actuation != "car" or scenario.task.boundary != "wall":
             return False
         walls = walls_of(scenario)
         return walls.turning < min(walls.half_width, walls.half_height)
@@ -354,7 +359,7 @@ def walls_of(scenario: Scenario) -> Any:
     robot, noise, curve = scenario.robot, scenario.noise, scenario.curve
     walls: Any = Walls()
     walls.rounding = _ROUNDING * (curve.half_width + curve.half_height)
-    margin = robot.radius + DEVIATIONS * noise.position + 2 * walls.rounding
+    margin = (1 + CLEARANCE) * robot.radius + DEVIATIONS * noise.position + 2 * walls.rounding
     walls.half_width, walls.half_height = curve.half_width - margin, curve.half_height - margin
     walls.shortest = robot.wheelbase * (1 - SPREAD_MAX * noise.wheelbase_spread)
     walls.longest = robot.wheelbase * (1 + SPREAD_MAX * noise.wheelbase_spread)

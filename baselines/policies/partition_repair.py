@@ -236,7 +236,7 @@ def _watch_of(scenario: Scenario, plan: Plan, repair: RepairParameters) -> Any:
     # With noisy measurements, a stopped robot seems to move.
     watch.still = max(0.1 * plan.speed * step, 3 * math.sqrt(2) * scenario.noise.position)
     watch.patience, watch.step, watch.time_unit = repair.patience, step, scenario.time_unit
-    watch.speed_unit, watch.radius = scenario.robot.top_speed, scenario.sensing_radius
+    watch.speed_unit, watch.radius = scenario.robot.top_speed, scenario.sight
     watch.robots_seen = scenario.sensing.robots_seen
     return watch
 

@@ -23,7 +23,6 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_struct, point2, wrap
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
-from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 
 wp.set_module_options(OPTIONS)
@@ -333,7 +332,7 @@ class RandomWaypoint(_Patrol):
         kernel, inputs = {
             "car": (wander, [self._curve, self._robot, self._driving, self._memory, observation]),
             "curve": (wander_on_curve, [self._robot, self._rate, observation]),
-        }.get(self.scenario.robot.kind, (act_at_random, [observation]))
+        }.get(self.scenario.actuation, (act_at_random, [observation]))
         self.launch(kernel, self.shape, inputs, [self.action])
 
 
@@ -345,7 +344,7 @@ class Still(Policy):
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
         super().__init__(scenario, num_worlds, device)
         action = np.zeros(self.action.shape, dtype=np.float32)
-        rest = model_of(self.scenario.robot.kind).rest_action(self.scenario.robot)
+        rest = self.scenario.model.rest_action(self.scenario.robot)
         action[..., : len(rest)] = rest
         self.action.assign(action)
 

@@ -53,6 +53,8 @@ _FILTERS: dict[str, type[Filter]] = {}
 _LOADERS: dict[str, Loader] = {}
 """Loaders of policies in folders, by the file that such a folder contains."""
 _BROUGHT = EntryPoints("lissajous_env.policies", "policies", lambda register_theirs: register_theirs())
+_VELOCITY = "velocity"
+"""What policies drive whose actions are velocities: `Scenario.actuation`."""
 _REGISTER = "register", "register_policy", "register_coordinator"
 """Names of the functions that add policies."""
 _PLAYERS = {
@@ -75,8 +77,8 @@ def register(
 
     Args:
         name: Name of the policy.
-        kind: Kind of robots that the policy drives; by default the factory's `kind`, or that of the class of a partial
-            one; a policy without a kind drives all.
+        kind: Kind of robots that the policy drives, or `velocity`, as in `Policy.kind`; by default the factory's
+            `kind`, or that of the class of a partial one; a policy without a kind drives all.
         factory: Function or class, called as `factory(scenario, num_worlds, device)`, that returns the policy.
         made_for: Names of the scenarios on which a benchmark plays the policy by default; all if empty.
         about: Description in one line; by default the first line of the factory's docstring.
@@ -97,8 +99,10 @@ def register(
         raise ValueError(f"name of a policy must be a word, got {name!r}")
     origin = _origin(factory)
     kind = getattr(origin[0], "kind", None) if kind is None else kind
-    if kind not in (None, *robot_kinds()):
-        raise ValueError(f"kind of {name} must be one of {few_of(robot_kinds(), kind)}, or None, got {shown(kind)}")
+    if kind not in (None, *robot_kinds(), _VELOCITY):
+        raise ValueError(
+            f"kind of {name} must be one of {few_of((*robot_kinds(), _VELOCITY), kind)}, or None, got {shown(kind)}"
+        )
     if not callable(factory):
         raise ValueError(f"factory of {name} must be callable, got {shown(factory)}")
     plain, suffix = _parted(name, _REGISTRY)
@@ -153,7 +157,7 @@ def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
         found += [name + suffix for name, entry in entries.items() if entry.kind in (None, each.kind)]
     if scenario is None:
         return tuple(found)
-    kind = (scenario if isinstance(scenario, Scenario) else make_scenario(scenario)).robot.kind
+    kind = (scenario if isinstance(scenario, Scenario) else make_scenario(scenario)).actuation
     return tuple(name for name in found if _drives(name, kind))
 
 
@@ -183,8 +187,8 @@ def check(name: str, made: Scenario) -> None:
         hint = _player_of(name) or nearest(name, [*known, *meant_here(name)])
         words = f"policy must be one of the {len(known)} that `lissajous policies` lists, got {shown(name)}{hint}"
         raise ValueError("; ".join([words, *_BROUGHT.broken]))
-    if not _drives(name, made.robot.kind):
-        rule = f"policy for {made.name} must drive robots of kind {made.robot.kind}"
+    if not _drives(name, made.actuation):
+        rule = f"policy for {made.name} must drive robots of kind {made.actuation}"
         raise ValueError(f"{rule}, got {name}, which drives kind {_kind_of(name)}{nearest(name, names(made))}")
 
 
@@ -194,7 +198,7 @@ def build(name: str, factory: Callable[..., Policy], scenario: Scenario, num_wor
     A policy of cars drives the robots of another model as if they were cars.
     """
     plain, suffix = unwrapped(name)
-    if _kind_of(name) not in (None, scenario.robot.kind):
+    if _kind_of(name) not in (None, scenario.actuation):
         policy: Policy = AsCars(partial(build, name, factory), scenario, num_worlds, device)
         policy.name = name
         return policy
@@ -263,7 +267,7 @@ def _drives(name: str, kind: str) -> bool:
     if own in (None, kind):
         return True
     plain, suffix = unwrapped(name)
-    as_cars = own == "car" and model_of(kind).as_car is not None
+    as_cars = own == "car" and kind != _VELOCITY and model_of(kind).as_car is not None
     return as_cars and not _entries()[plain].learned and (not suffix or _FILTERS[suffix].as_car)
 
 

@@ -18,7 +18,7 @@ class Rows:
     """The observation (W, N, D) of W worlds of N robots as named quantities in SI units.
 
     Neighbour 0 precedes the robot on the ring, neighbour 1 follows it. Values are 0 for a neighbour without a message,
-    and for places of robots and targets that are not in the sensing disc.
+    and for places of robots and targets that are not in sight.
 
     Args:
         observation: Observation as a policy receives it, of float32.
@@ -95,28 +95,68 @@ class Rows:
 
     @cached_property
     def robots_seen(self) -> np.ndarray:
-        """Return whether there is a robot in the sensing disc (W, N, R); the nearest is the first."""
+        """Return whether there is a robot in sight (W, N, R); the nearest is the first."""
         return self._of("robot", "present") > 0.5
 
     @cached_property
     def robot_offset(self) -> np.ndarray:
-        """Return the relative x, y of the robots in the sensing disc (W, N, R, 2) [m]."""
-        return self._pairs("robot") * self.scenario.sensing_radius
+        """Return the relative x, y of the robots in sight (W, N, R, 2) [m]."""
+        return self._pairs("robot") * self.scenario.sight
 
     @cached_property
     def robot_velocity(self) -> np.ndarray:
-        """Return the relative velocity of the robots in the sensing disc (W, N, R, 2) [m/s]."""
+        """Return the relative velocity of the robots in sight (W, N, R, 2) [m/s]."""
         return self._pairs("robot", "x_velocity", "y_velocity") * 2 * self._speed_unit
 
     @cached_property
     def targets_seen(self) -> np.ndarray:
-        """Return whether there is a target in the sensing disc (W, N, T); the nearest is the first."""
+        """Return whether there is a target in sight (W, N, T); the nearest is the first."""
         return self._of("target", "present") > 0.5
 
     @cached_property
     def target_offset(self) -> np.ndarray:
-        """Return the relative x, y of the targets in the sensing disc (W, N, T, 2) [m]."""
-        return self._pairs("target") * self.scenario.sensing_radius
+        """Return the relative x, y of the targets in sight (W, N, T, 2) [m]."""
+        return self._pairs("target") * self.scenario.sight
+
+    @cached_property
+    def tracks(self) -> np.ndarray:
+        """Return whether there is a track (W, N, K); the nearest is the first."""
+        return self._of("track", "present") > 0.5
+
+    @cached_property
+    def track_offset(self) -> np.ndarray:
+        """Return the relative x, y of the tracks when they were last in sight (W, N, K, 2) [m]."""
+        return self._pairs("track") * 2 * self._half
+
+    @cached_property
+    def track_velocity(self) -> np.ndarray:
+        """Return the velocity of the tracks then (W, N, K, 2) [m/s]; 0 if unknown."""
+        return self._pairs("track", "x_velocity", "y_velocity") * 2 * self._speed_unit
+
+    @cached_property
+    def track_age(self) -> np.ndarray:
+        """Return the time since the tracks were last in sight (W, N, K) [s]."""
+        return self._of("track", "age") * self.scenario.sensing.memory
+
+    @cached_property
+    def track_of_other(self) -> np.ndarray:
+        """Return whether another robot had the track in sight according to the latest messages (W, N, K)."""
+        return self._of("track", "other") > 0.5
+
+    @cached_property
+    def track_leaves(self) -> np.ndarray:
+        """Return whether the track is of a target that was detected and leaves (W, N, K)."""
+        return self._of("track", "leaves") > 0.5
+
+    @cached_property
+    def teammates(self) -> np.ndarray:
+        """Return whether there is a teammate whose place is known (W, N, M); the nearest is the first."""
+        return self._of("teammate", "present") > 0.5
+
+    @cached_property
+    def teammate_offset(self) -> np.ndarray:
+        """Return the relative x, y of the teammates in their last messages (W, N, M, 2) [m]."""
+        return self._pairs("teammate") * 2 * self._half
 
     def _angle(self, name: str) -> np.ndarray:
         return np.arctan2(self.entry(f"sin_{name}"), self.entry(f"cos_{name}"))
@@ -124,7 +164,8 @@ class Rows:
     def _of(self, kind: str, name: str) -> np.ndarray:
         """Return an entry of each of the K things of a kind (W, N, K)."""
         sensing = self.scenario.sensing
-        count = {"neighbour": 2, "robot": sensing.robots_seen, "target": sensing.targets_seen}[kind]
+        counts = {"neighbour": 2, "robot": sensing.robots_seen, "target": sensing.targets_seen}
+        count = (counts | {"track": sensing.tracks_seen, "teammate": sensing.teammates_seen})[kind]
         each = [self.entry(f"{kind}_{k}_{name}") for k in range(count)]
         return np.stack(each, axis=-1) if each else np.zeros((*self.values.shape[:-1], 0), self.values.dtype)
 

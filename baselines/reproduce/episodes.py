@@ -92,11 +92,6 @@ class Played:
         one, other = np.triu_indices(self.scenario.num_robots, 1)
         return np.linalg.norm(self.position[:, :, one] - self.position[:, :, other], axis=-1).min(axis=-1)
 
-    def largest_neighbour_distance(self) -> np.ndarray:
-        """Return the largest distance of ring neighbours (F, W) [m]."""
-        ring = self.position[:, :, list(self.scenario.ring)]
-        return np.linalg.norm(np.roll(ring, -1, axis=2) - ring, axis=-1).max(axis=-1)
-
     def score(self, column: Column) -> np.ndarray:
         """Return a column of the score (W,)."""
         return np.array([row[column.name] for row in self.scores])

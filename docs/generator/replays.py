@@ -17,7 +17,7 @@ _TEMPLATE = Path(__file__).parent / "scenario_replay.md"
 
 def policy_for(given: Scenario) -> str:
     """Return the name of the policy in pictures and replays: the paper's method."""
-    return "kuramoto" if given.robot.kind == "curve" else "kuramoto-mpcc"
+    return {"curve": "kuramoto", "velocity": "lanes"}.get(given.actuation, "kuramoto-mpcc")
 
 
 def made(given: Scenario, folder: Path) -> str:

@@ -16,7 +16,6 @@ from docs.generator import replays
 from docs.generator.files import table, write_changed
 from docs.generator.pictures import MOST_TARGETS, picture_of
 from lissajous_env.envs.actions import action_table
-from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import PARTS, Scenario, Task
 from lissajous_env.settings.checks import meanings
 from lissajous_env.world.observation import layout
@@ -143,7 +142,7 @@ def observation(made: Scenario) -> list[list[Any]]:
 
 def action(made: Scenario) -> list[list[Any]]:
     """Return index, name, meaning and range of every component."""
-    model = model_of(made.robot.kind)
+    model = made.model
     sent = (f"component {m} of the message to both ring neighbours" for m in range(made.messages.size))
     words = (*(model.meanings or model.actions), *sent)
     return [[k, name, what, "[-1, 1]"] for k, (name, what) in enumerate(zip(made.action_names, words, strict=True))]
@@ -169,7 +168,7 @@ def formula(task: Task) -> str:
 
 
 def _limits(made: Scenario) -> list[str]:
-    words = " ".join(model_of(made.robot.kind).meanings)
+    words = " ".join(made.model.meanings)
     return [
         f"{name} = {getattr(made.robot, name):.4g} {unit}".strip() for name, unit in _LIMITS.items() if name in words
     ]
@@ -207,6 +206,8 @@ def _short(value: Any) -> str:
 
 
 def _listed(rows: np.ndarray) -> str:
-    """Return the rows of a table of actions as the product of the values of each component."""
+    """Return the rows of a table of actions, as the product of the values of each component where they are one."""
     each = [sorted(set(column)) for column in rows.T.tolist()]
+    if math.prod(map(len, each)) != len(rows):
+        return ", ".join("(" + ", ".join(f"{value:.3g}" for value in row) + ")" for row in rows.tolist())
     return " x ".join("{" + ", ".join(f"{value:g}" for value in values) + "}" for values in each)

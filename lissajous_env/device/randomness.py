@@ -19,6 +19,8 @@ EPISODE = wp.constant(10)
 UNSEEN = wp.constant(11)
 ROGUE = wp.constant(12)
 MEMBER = wp.constant(13)
+SPEED = wp.constant(14)
+HOTSPOT = wp.constant(15)
 _PURPOSES = wp.constant(16)
 
 

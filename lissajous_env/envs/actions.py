@@ -6,18 +6,18 @@ import numpy as np
 
 from lissajous_env.device.devices import is_torch
 from lissajous_env.parameters import named
-from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 
 
 def action_table(scenario: str | Scenario) -> np.ndarray:
-    """Return (K, action_size) the actions from which a discrete action selects: steering x throttle, or phase rates.
+    """Return (K, action_size) the actions from which a discrete action selects.
 
-    With messages of k numbers, the table contains every motion with each of k + 1 messages: first zeros, then 1 in
-    component 0 and zeros elsewhere, and so on.
+    They are steering x throttle, phase rates, or rest and velocities in eight directions. With messages of k numbers,
+    the table contains every motion with each of k + 1 messages: first zeros, then 1 in component 0 and zeros elsewhere,
+    and so on.
     """
     scenario = named.build(scenario)
-    moves = np.array(model_of(scenario.robot.kind).table, dtype=np.float32)
+    moves = np.array(scenario.model.table, dtype=np.float32)
     words = np.eye(scenario.messages.size + 1, dtype=np.float32)[:, 1:]
     return np.hstack([np.tile(moves, (len(words), 1)), np.repeat(words, len(moves), axis=0)])
 

@@ -5,6 +5,7 @@ import json
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -54,7 +55,8 @@ class Recording:
     status: np.ndarray
     """(F, N) int8 WORKING, STUCK or REMOVED of `lissajous_env.world.state`."""
     target_position: np.ndarray
-    """(F, T, 2) float32 x, y of the targets [m]; before a target appears, where it will, unless it appears unseen."""
+    """(F, T, 2) float32 x, y of the targets [m]; before a target appears, where it will, unless it appears unseen.
+    A target that appears anew after its detection counts as another target."""
     motion: np.ndarray
     """(T,) int32 STILL, DRIFTING, WANDERING or FLEEING of `lissajous_env.world.targets.motion`."""
     appears_at: np.ndarray
@@ -154,6 +156,8 @@ class Recorder:
         self.simulation, self.world = simulation, world
         self._moments: dict[str, list[np.ndarray]] = {name: [] for name in ARRAYS if name not in (*_FIXED, "contact")}
         self._contact: list[np.ndarray] = []
+        self._slots: dict[str, list[np.ndarray]] = {name: [] for name in _FIXED}
+        """The arrays of `_FIXED` at each moment, if targets appear anew."""
         self._last: Snapshot | None = None
         self._bytes = 0
 
@@ -172,6 +176,9 @@ class Recorder:
             kept.append(np.array(others[name] if name in others else getattr(now, name)))
         moments = np.full((len(now.contact), 1), now.step)
         self._contact.append(np.concatenate([moments, now.contact], axis=1, dtype=np.int32))
+        if self.simulation.scenario.targets.respawn:
+            for name, kept in self._slots.items():
+                kept.append(getattr(now, name))
         self._bytes += sum(kept[-1].nbytes for kept in (*self._moments.values(), self._contact))
         _check_size(self._bytes)
         self._last = now
@@ -201,11 +208,34 @@ class Recorder:
             raise ValueError("a recording must contain at least one moment, got none")
         arrays: dict[str, Any] = {name: np.stack(kept) for name, kept in self._moments.items()}
         arrays |= {name: getattr(self._last, name) for name in _FIXED}
+        if self.simulation.scenario.targets.respawn:
+            slots = {name: np.stack(kept) for name, kept in self._slots.items()}
+            arrays |= _split_lives(arrays["target_position"], slots)
         arrays["contact"] = np.concatenate(self._contact)
         arrays = {name: arrays[name].astype(dtype, copy=False) for name, dtype in ARRAYS.items()}
         score = {"policy": policy, "episode": 0} | self.simulation.score([self.world])[0]
         names = self.simulation.layout.names, self.simulation.reward_term_names
         return Recording(self.simulation.scenario, score, *names, **arrays)
+
+
+def _split_lives(places: np.ndarray, slots: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the arrays of targets that appear anew in their slots, as if each time another target appeared.
+
+    Args:
+        places: (F, T, 2) positions of the slots [m].
+        slots: (F, T) the arrays of `_FIXED` at each moment.
+    """
+    moments = np.arange(len(places))
+    columns: list[np.ndarray] = []
+    fixed: dict[str, list[Any]] = {name: [] for name in _FIXED}
+    for t, appears in enumerate(slots["appears_at"].T):
+        begins = np.flatnonzero(np.diff(appears)) + 1
+        for begin, end in pairwise([0, *begins.tolist(), len(moments)]):
+            columns.append(places[np.clip(moments, begin, end - 1), t])
+            for name in _FIXED:
+                fixed[name].append(slots[name][end - 1, t])
+    arrays = {name: np.array(kept, dtype=slots[name].dtype) for name, kept in fixed.items()}
+    return arrays | {"target_position": np.stack(columns, axis=1) if columns else places}
 
 
 class Follower:

@@ -170,6 +170,8 @@ def _pose(types: Any, x: float, y: float, z: float, heading: float) -> Any:
 
 def _commands(recording: Recording) -> np.ndarray:
     """Return the actions of a recording, of cars with steering angle [rad] and throttle in place of the first two."""
+    if recording.scenario.task.action != "control":
+        raise ValueError(f"task.action must be control for a log, got {recording.scenario.task.action}")
     commands = recording.action.copy()
     if recording.scenario.robot.kind == "car":
         commands[..., :2] = inputs_of(recording.scenario.resolve().robot, np.ascontiguousarray(commands[..., :2]))

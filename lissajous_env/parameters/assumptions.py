@@ -1,14 +1,14 @@
 """Check the assumptions of the paper for a scenario.
 
 A scenario that violates an assumption can still be played, and some included scenarios violate one on purpose. Most
-assumptions are also necessary for a robot to follow the curve at all.
+assumptions are also necessary for a robot to follow the curve at all, and one for any policy to avoid collisions.
 """
 
 from functools import lru_cache
 
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Curve
-from lissajous_env.theory import closed_forms, geometry
+from lissajous_env.theory import closed_forms, geometry, starts
 
 _OBSERVED = 4
 """Largest speed in an observation [top speeds]."""
@@ -20,7 +20,7 @@ class AssumptionWarning(UserWarning):
 
 def violations(scenario: Scenario) -> tuple[str, ...]:
     """Return a sentence with numbers for each assumption that a scenario violates."""
-    return (*_of_formation(scenario), *_of_robots(scenario))
+    return (*_of_formation(scenario), *_of_robots(scenario), *_of_start(scenario))
 
 
 def _of_formation(scenario: Scenario) -> list[str]:
@@ -91,6 +91,20 @@ def _of_robots(scenario: Scenario) -> list[str]:
         words = f"the curve requires a lateral acceleration of {wanted:.3g} m/s^2"
         found.append(f"{words}, the cars grip up to {grip:.3g} m/s^2 (robot.lateral_acceleration_max)")
     return found
+
+
+def _of_start(scenario: Scenario) -> list[str]:
+    """Return a sentence if cars start too close and too fast for any policy to avoid a collision."""
+    if scenario.robot.kind != "car" or scenario.num_robots == 1:
+        return []
+    made, top_speeds = scenario.resolve(), tuple(scenario.top_speeds.tolist())
+    share, pairs = starts.unavoidable(
+        made.driven, made.formation, made.robot, tuple(scenario.equilibrium.tolist()), top_speeds
+    )
+    if share == 0:
+        return []
+    words = f"in about {share:.0%} of the episodes, with {pairs:.2g} such pairs of cars per episode"
+    return [f"cars start so close and fast that no policy can avoid a collision {words} (formation.start_headway)"]
 
 
 @lru_cache(maxsize=256)

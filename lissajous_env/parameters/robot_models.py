@@ -1,5 +1,7 @@
 """Robot models: how robots of a kind move, what an action is and how they are drawn; `robot.kind` names one."""
 
+import dataclasses
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -145,6 +147,21 @@ def model_of(kind: str) -> RobotModel:
     if kind not in _MODELS:
         raise ValueError(f"robot.kind must be one of {few_of(_MODELS, kind)}, got {shown(kind)}")
     return _MODELS[kind]
+
+
+def driven_by_velocity(model: RobotModel) -> RobotModel:
+    """Return a model of cars whose actions are velocities: `task.action` = `velocity`."""
+    directions = [(math.cos(k * math.pi / 4), math.sin(k * math.pi / 4)) for k in range(8)]
+    axis = "velocity along {} that the driver steers to [top speed]"
+    return dataclasses.replace(
+        model,
+        actions=("x_velocity", "y_velocity"),
+        table=((0.0, 0.0), *directions),
+        meanings=(axis.format("x"), axis.format("y")),
+        rest=None,
+        driving=None,
+        as_car=None,
+    )
 
 
 def is_shipped(kind: str) -> bool:

@@ -1,5 +1,7 @@
 """The parts of a scenario: frozen dataclasses that declare the meaning, unit and range of each field.
 
+Robots are in `robot.py`, sensing and targets in `targets.py`, and the task is in `task.py`.
+
 Units are SI, angles radians. The ranges are wide: they ensure that kernels stay within the range of float32, and reject
 typing errors that would exhaust the memory. A field that is None by default is derived from others.
 """
@@ -12,22 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.settings.checks import (
-    Checked,
-    as_robot,
-    choice,
-    flag,
-    is_whole,
-    number,
-    odd,
-    robot_and,
-    rows,
-    whole,
-    word,
-)
+from lissajous_env.settings.checks import Checked, as_robot, choice, is_whole, number, odd, robot_and, rows, whole
 
-MOST_TARGETS = 2**21
-"""Limit on the targets of an episode."""
 SPRINT = 3.0
 """Default phase rate of a point at action 1, as a multiple of that of the formation."""
 _LONGEST = 1e9
@@ -160,69 +148,6 @@ class Formation(Checked):
     start_headway: float = number(0.0, 0, 1e3, "s")
     """Time within which no two robots that go straight on from the start collide [s]: the random displacement of a
     robot that would is drawn again, up to 99 times. With 0, none is, and bodies may overlap at the start."""
-
-
-@dataclass(frozen=True)
-class Sensing(Checked):
-    """The sensor of a robot: an omnidirectional disc on the ground."""
-
-    radius: float | None = number(None, 1e-6, 1e5, "m")
-    """Radius within which targets, cells and robots are sensed, r_s [m]; None means the smallest that satisfies (8)."""
-    targets_seen: int = whole(4, 0, 32)
-    """Number of detected targets in an observation, nearest first."""
-    robots_seen: int = whole(2, 0, 32)
-    """Number of sensed robots in an observation, nearest first."""
-
-
-@dataclass(frozen=True)
-class Targets(Checked):
-    """The targets: number, arrival and motion. Targets outside the four shares of motion do not move."""
-
-    count: int = whole(20, 0, MOST_TARGETS)
-    """Targets present from the start."""
-    arrival_rate: float = number(0.0, 1e-9, 1e6, "1/s", or_zero=True)
-    """Rate of the Poisson process by which further targets appear [1/s]."""
-    entry: str = choice("inside", "inside", "boundary", "unseen")
-    """Place where targets appear: anywhere in the rectangle, on its boundary, or where no working robot senses. If 64
-    random places are all sensed, the last one is used, and the target is detected at once."""
-    drifting: float = number(0.0, 0, 1)
-    """Share of targets that move straight and bounce off the boundary."""
-    wandering: float = number(1.0, 0, 1)
-    """Share of targets whose heading follows a random walk."""
-    fleeing: float = number(0.0, 0, 1)
-    """Share of targets that flee from the nearest robot within `flee_radius` and otherwise wander."""
-    custom: float = number(0.0, 0, 1)
-    """Share of targets that move by the scenario's own `target_motion`."""
-    speed: float = number(0.2, 0, 1e4, "m/s")
-    """Speed of drifting and wandering targets [m/s]."""
-    turn_rate: float = number(1.0, 0, 1e3, "rad/sqrt(s)")
-    """Standard deviation of a wandering target's change of heading in one second [rad/sqrt(s)]."""
-    flee_radius: float = number(0.9, 1e-6, 1e5, "m")
-    """Distance to a robot below which a fleeing target flees [m]."""
-    flee_speed: float = number(0.6, 0, 1e4, "m/s")
-    """Speed of a target while it flees [m/s]; lower along the boundary."""
-    speed_limit: float | None = number(None, 0, 1e4, "m/s")
-    """Speed limit of evading targets, for the worst-case undetected time [m/s]; None means the highest speed of these
-    targets. Required where targets move by the scenario's own motion."""
-    leave: bool = flag(True)
-    """True if a target leaves once it is detected."""
-    rogues: str | None = word(None, "must be agents, the name of a rogue, the folder of one, or several joined by +")
-    """Adversary that moves all targets within `speed_limit`, instead of the motions above: `agents`, the name of a
-    rogue, the folder of a learned one, or several of these joined by `+`; see `lissajous_env.world.rogues`."""
-    sight: float | None = number(None, 1e-6, 1e5, "m")
-    """Distance within which a rogue observes robots [m]; None means that it observes all of them."""
-
-    def _check_together(self) -> None:
-        total = self.drifting + self.wandering + self.fleeing + self.custom
-        self._require(total < 1 + 1e-9, "fleeing", "must not make drifting + wandering + fleeing + custom exceed 1")
-        rule = f"must be None or at least the speed of these targets, {self.speed_max:g} m/s"
-        self._require(self.speed_limit is None or self.speed_limit >= self.speed_max, "speed_limit", rule)
-
-    @property
-    def speed_max(self) -> float:
-        """Highest speed of drifting, wandering and fleeing targets [m/s]."""
-        roaming = self.drifting + self.wandering + self.fleeing > 0
-        return max(self.speed if roaming else 0.0, self.flee_speed if self.fleeing > 0 else 0.0)
 
 
 @dataclass(frozen=True)

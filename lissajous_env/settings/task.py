@@ -23,6 +23,9 @@ class Task(Checked):
     """Control step [s]."""
     substeps: int = whole(2, 1, 64)
     """Integration steps in a control step."""
+    action: str = choice("control", "control", "velocity")
+    """Meaning of an action: the robot's controls, such as steering and throttle; or, for cars, a velocity in the world
+    frame, in units of the top speed, which the driver of `lissajous_env.world.robots.driver` turns into controls."""
     grid: tuple[int, int] | None = rows(
         (36, 16),
         "must be (columns, rows), each from 1 to 4096, or None",
@@ -65,6 +68,9 @@ class Task(Checked):
     """Reward of a robot per second during which its whole body is outside the rectangle."""
     reward_contamination: float = number(0.0, -1e6, 1e6, "1/s")
     """Reward of every robot per second of decrease of the mean age of contamination."""
+
+    reward_observation: float = number(0.0, -1e6, 1e6, "1/s")
+    """Reward of every robot per second and target that is in sight of a working robot."""
 
     def _check_together(self) -> None:
         self._require(self.duration >= self.step, "duration", f"must be at least one step of {self.step} s")

@@ -88,8 +88,20 @@ def _some(reduce: Callable[..., Any], values: np.ndarray, *more: Any) -> Any:
 
 
 def _within_bound(episode: Episode) -> Any:
+    if episode.scenario.targets.respawn:
+        return math.nan
     within = episode.times <= episode.scenario.detection_time_bound * (1 + 1e-9)
     return _some(np.mean, (episode.detected & within)[episode.detected | ~within])
+
+
+def _rate(episode: Episode) -> float:
+    elapsed = episode.steps * episode.step
+    return 60 * episode.num_detected / elapsed if episode.scenario.targets.respawn and elapsed else math.nan
+
+
+def _observed(episode: Episode) -> float:
+    stays = not episode.scenario.targets.leave and episode.steps_present
+    return int(episode.totals["observed"]) / episode.steps_present if stays else math.nan
 
 
 def _idleness(episode: Episode) -> float:
@@ -107,31 +119,45 @@ _NO_GRID = "no grid"
 _NO_CONTAMINATION = "contamination is not computed"
 
 # fmt: off
-TARGETS = Column("targets", "number of targets that appeared", lambda e: len(e.times), rule=WHOLE)
+TARGETS = Column("targets", "number of targets that appeared", lambda e: e.num_targets, rule=WHOLE)
 DETECTED = Column(
-    "detected_fraction", "share of the targets that were detected", lambda e: _some(np.mean, e.detected),
-    rule=SHARE, empty=_NO_TARGET, title="detected",
+    "detected_fraction", "share of the targets that were detected",
+    lambda e: e.num_detected / e.num_targets if e.num_targets else math.nan, rule=SHARE, empty=_NO_TARGET,
+    title="detected",
 )
 DETECTION_TIME = Column(
     "detection_time_mean",
     "time from a target's appearance until it is first within a working robot's sensing disc, also between control "
     "steps, mean over targets; a target that is never detected counts with the time for which it was present",
-    lambda e: _some(np.mean, e.times), "s", empty=_NO_TARGET, title="detection", better=-1, place=1, main=True,
+    lambda e: (e.times.sum() + e.earlier_time) / e.num_targets if e.earlier else _some(np.mean, e.times), "s",
+    empty=_NO_TARGET, title="detection", better=-1, place=1, main=True,
 )
 _P95 = Column(
     "detection_time_p95", "95th percentile of the same time over targets",
-    lambda e: _some(np.percentile, e.times, 95), "s", empty=_NO_TARGET, title="detection p95", better=-1, place=12,
-    page=False,
+    lambda e: math.nan if e.scenario.targets.respawn else _some(np.percentile, e.times, 95), "s",
+    empty=f"{_NO_TARGET}, or targets appear anew", title="detection p95", better=-1, place=12, page=False,
 )
 LATEST_DETECTION = Column(
-    "detection_time_max", "longest of these times", lambda e: _some(np.max, e.times), "s", empty=_NO_TARGET,
+    "detection_time_max", "longest of these times",
+    lambda e: max(_some(np.max, e.times), e.earlier_longest), "s", empty=_NO_TARGET,
+)
+DETECTION_RATE = Column(
+    "detection_rate", "detections in a minute, if detected targets appear anew (`targets.respawn`)", _rate, "1/min",
+    empty="targets do not appear anew", better=1, place=15,
+)
+OBSERVED = Column(
+    "observed_fraction",
+    "share of the targets that are within `sensing.sight` of a working robot, mean over time, if targets stay when "
+    "they are detected (`targets.leave = false`)",
+    _observed, rule=SHARE, empty="targets leave", title="observed", better=1, place=14,
 )
 WITHIN_BOUND = Column(
     "detected_within_bound",
     "share of the targets that were detected within the detection-time bound T_max = (2 pi / omega) / (N / kappa), "
     "which holds only if r_s meets Eq. (8); targets that were present for less than T_max and not detected are "
     "excluded",
-    _within_bound, rule=SHARE, empty="no target was present for T_max or detected", title="within T_max", better=1,
+    _within_bound, rule=SHARE, empty="no target was present for T_max or detected, or targets appear anew",
+    title="within T_max", better=1,
     place=8,
 )
 COLLISIONS = Column(

@@ -1,5 +1,6 @@
 """Constants of a scenario for its kernels: its parts as structs, numbers, small arrays."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from lissajous_env.world.robots.faults import removal_steps, schedule_steps
 
 def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
     """Return the constants of a resolved scenario by the names of kernels' parameters."""
-    task, n = scenario.task, scenario.num_robots
+    task, targets, n = scenario.task, scenario.targets, scenario.num_robots
     model = model_of(scenario.robot.kind)
     displaced = np.zeros(n)
     for robot, angle in scenario.formation.displaced:
@@ -28,8 +29,8 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
         "curve": curve_struct(scenario.curve, device),
         "formation": to_struct(part_structs.FormationStruct, scenario.formation),
         "robot": to_struct(part_structs.RobotStruct, scenario.robot),
-        "sensing": to_struct(part_structs.SensingStruct, scenario.sensing),
-        "target": to_struct(part_structs.TargetStruct, scenario.targets),
+        "sensing": to_struct(part_structs.SensingStruct, replace(scenario.sensing, sight=scenario.sight)),
+        "target": to_struct(part_structs.TargetStruct, replace(targets, speed_min=targets.slowest)),
         "faults": to_struct(part_structs.FaultsStruct, scenario.faults),
         "noise": to_struct(part_structs.NoiseStruct, scenario.noise),
         "task": to_struct(part_structs.TaskStruct, task),

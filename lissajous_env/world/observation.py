@@ -1,9 +1,11 @@
 """Layout of the observation: the robot itself, messages of its ring neighbours, and what its sensor detects.
 
 One row of float32 per robot: `OWN_ENTRIES`, then `NEIGHBOUR_ENTRIES` for each of its two neighbours on the ring,
-`ROBOT_ENTRIES` for each of the `sensing.robots_seen` nearest robots in its sensing disc, `TARGET_ENTRIES` for each of
-the `sensing.targets_seen` nearest targets, `message_entries` for the messages that the policies of its two neighbours
-send, and what the extensions of the scenario bring, in the order of these.
+`ROBOT_ENTRIES` for each of the `sensing.robots_seen` nearest robots within `sensing.sight`, `TARGET_ENTRIES` for each
+of the `sensing.targets_seen` nearest targets there, `message_entries` for the messages that the policies of its two
+neighbours send, `TRACK_ENTRIES` for each of the `sensing.tracks_seen` nearest tracks, `TEAMMATE_ENTRIES` for each of
+the `sensing.teammates_seen` nearest teammates that it knows, and what the extensions of the scenario bring, in the
+order of these.
 `layout` has index, name, range and meaning of each; `print(layout(scenario))` shows them.
 
 A target that leaves when it is detected is listed in the step of its detection. A robot that has failed senses nothing
@@ -45,16 +47,33 @@ NEIGHBOUR_ENTRIES = (
     ("y", -4, 4, "relative y [2 half_height]"),
 )
 ROBOT_ENTRIES = (
-    ("present", 0, 1, "1 if the sensing disc contains so many robots, else 0; the nearest is the first"),
-    ("x", -1, 1, "relative x [sensing radius]"),
-    ("y", -1, 1, "relative y [sensing radius]"),
+    ("present", 0, 1, "1 if so many robots are in sight, else 0; the nearest is the first"),
+    ("x", -1, 1, "relative x [sight]"),
+    ("y", -1, 1, "relative y [sight]"),
     ("x_velocity", -1, 1, "relative velocity along x [2 top speeds]"),
     ("y_velocity", -1, 1, "relative velocity along y [2 top speeds]"),
 )
 TARGET_ENTRIES = (
-    ("present", 0, 1, "1 if the sensing disc contains so many targets, else 0; the nearest is the first"),
-    ("x", -1, 1, "relative x [sensing radius]"),
-    ("y", -1, 1, "relative y [sensing radius]"),
+    ("present", 0, 1, "1 if so many targets are in sight, else 0; the nearest is the first"),
+    ("x", -1, 1, "relative x [sight]"),
+    ("y", -1, 1, "relative y [sight]"),
+)
+TRACK_ENTRIES = (
+    ("present", 0, 1, "1 if the robot has so many tracks, else 0; the nearest is the first"),
+    ("x", -4, 4, "relative x when it was last in sight [2 half_width]"),
+    ("y", -4, 4, "relative y when it was last in sight [2 half_height]"),
+    ("age", 0, 1, "time since it was last in sight [memory]"),
+    ("x_velocity", -1, 1, "velocity along x then, 0 if unknown [2 top speeds]"),
+    ("y_velocity", -1, 1, "velocity along y then, 0 if unknown [2 top speeds]"),
+    ("own", 0, 1, "1 if this robot has it in sight"),
+    ("other", 0, 1, "1 if another robot had it in sight according to the messages that arrived in this step"),
+    ("leaves", 0, 1, "1 if it was detected then and leaves; the next row does not contain it"),
+)
+TEAMMATE_ENTRIES = (
+    ("present", 0, 1, "1 if the robot knows the places of so many teammates, else 0; the nearest is the first"),
+    ("x", -4, 4, "relative x when its last message was sent [2 half_width]"),
+    ("y", -4, 4, "relative y when its last message was sent [2 half_height]"),
+    ("age", 0, 1, "time since its last message was sent [memory]"),
 )
 """Name, range and meaning, with its unit in brackets, of the entries of each part of a row."""
 
@@ -68,6 +87,8 @@ OWN = wp.constant(len(OWN_ENTRIES))
 LINK = wp.constant(len(NEIGHBOUR_ENTRIES))
 ROBOT = wp.constant(len(ROBOT_ENTRIES))
 TARGET = wp.constant(len(TARGET_ENTRIES))
+TRACK = wp.constant(len(TRACK_ENTRIES))
+TEAMMATE = wp.constant(len(TEAMMATE_ENTRIES))
 
 
 class Layout(NamedTuple):
@@ -98,6 +119,8 @@ def layout(scenario: str | Scenario) -> Layout:
     parts += [(f"robot_{k}_", ROBOT_ENTRIES) for k in range(scenario.sensing.robots_seen)]
     parts += [(f"target_{k}_", TARGET_ENTRIES) for k in range(scenario.sensing.targets_seen)]
     parts += [(f"neighbour_{k}_", message_entries(scenario.messages.size)) for k in range(2)]
+    parts += [(f"track_{k}_", TRACK_ENTRIES) for k in range(scenario.sensing.tracks_seen)]
+    parts += [(f"teammate_{k}_", TEAMMATE_ENTRIES) for k in range(scenario.sensing.teammates_seen)]
     entries: list[tuple[str, float, float, str]] = [
         (prefix + name, low, high, meaning) for prefix, part in parts for name, low, high, meaning in part
     ]
@@ -117,3 +140,8 @@ def message_start(scenario: Scenario) -> int:
     """Return the index of `neighbour_0_message_0`; the entries of the other neighbour follow those of this one."""
     sensing = scenario.sensing
     return int(OWN) + 2 * int(LINK) + int(ROBOT) * sensing.robots_seen + int(TARGET) * sensing.targets_seen
+
+
+def track_start(scenario: Scenario) -> int:
+    """Return the index of `track_0_present`; the entries of teammates follow those of the tracks."""
+    return message_start(scenario) + 2 * scenario.messages.size

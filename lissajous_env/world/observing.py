@@ -268,7 +268,7 @@ def observe_robots(
     entry = OWN + 2 * LINK
     for k in range(kept):
         j = int(bins.nearest[w, i, k][1])
-        offset = (planar(robots.position[w, j]) - planar(robots.position[w, i])) / sensing.radius
+        offset = (planar(robots.position[w, j]) - planar(robots.position[w, i])) / sensing.sight
         relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * speed_unit)
         put_robot(w, i, entry, offset, relative, observation_out)
         entry += PER_ROBOT
@@ -289,7 +289,7 @@ def observe_targets(
     """List the nearest targets in the disc."""
     entry = OWN + 2 * LINK + PER_ROBOT * sensing.robots_seen
     for k in range(kept):
-        offset = (targets.position[w, int(bins.nearest[w, i, k][1])] - robots.sensor[w, i]) / sensing.radius
+        offset = (targets.position[w, int(bins.nearest[w, i, k][1])] - robots.sensor[w, i]) / sensing.sight
         put_target(w, i, entry, offset, observation_out)
         entry += PER_TARGET
     empty(w, i, entry, PER_TARGET, sensing.targets_seen - kept, observation_out)
@@ -319,11 +319,11 @@ def _observing(find_robots: Any, find_targets: Any, module: Any = None) -> Any:
         observe_ring(w, i, clock.step[w], curve, age_per_step, robots, links, observation_out)
         kept = int(0)
         if sensing.robots_seen > 0 and robots.status[w, i] == WORKING:
-            kept = find_robots(w, i, sensing.robots_seen, sensing.radius, robots, bins)
+            kept = find_robots(w, i, sensing.robots_seen, sensing.sight, robots, bins)
         observe_robots(w, i, kept, sensing, speed_unit, robots, bins, observation_out)
         kept = 0
         if sensing.targets_seen > 0 and latest.in_sight[w] > 0 and robots.sensor[w, i][0] < NOWHERE:
-            kept = find_targets(w, i, sensing.targets_seen, sensing.radius, robots, targets, bins)
+            kept = find_targets(w, i, sensing.targets_seen, sensing.sight, robots, targets, bins)
         observe_targets(w, i, kept, sensing, robots, targets, bins, observation_out)
 
     return observe

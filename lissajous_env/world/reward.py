@@ -19,6 +19,7 @@ FORMULAS = {
     "formation": "reward_formation * phase_error * step",
     "outside": "reward_outside * outside * step",
     "contamination": "reward_contamination * age_reduction * step",
+    "observation": "reward_observation * in_sight * step",
 }
 """Formula of each term: weights and step of `Task`, the rest of the structs of `lissajous_env.world.state`."""
 
@@ -63,6 +64,7 @@ def give_reward(
     waiting = task.reward_waiting * float(latest.waiting[w]) * task.step
     idleness = task.reward_idleness * float(latest.idle_ended[w]) * task.step / float(wp.max(cells_total, 1))
     formation = task.reward_formation * tally.phase_error[w] * task.step
+    observation = task.reward_observation * float(latest.in_sight[w]) * task.step
     age_reduction = task.reward_contamination * contamination.age_reduction[w] * task.step
     for i in range(lane, latest.reward.shape[1], lanes):
         if clock.active[w] == 0:  # the episode has ended
@@ -85,7 +87,9 @@ def give_reward(
             latest.terms[w, i, 5] = part * formation
             latest.terms[w, i, 6] = outside
             latest.terms[w, i, 7] = part * age_reduction
+            latest.terms[w, i, 8] = part * observation
             reward = detection + part * (waiting + idleness + formation + age_reduction) + collision + effort + outside
+            reward += part * observation
             for term in range(_TERMS, count):
                 latest.terms[w, i, term] = wp.where(part > 0.0, latest.terms[w, i, term], 0.0)
                 reward += latest.terms[w, i, term]

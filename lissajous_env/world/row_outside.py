@@ -75,11 +75,11 @@ def list_seen(
     works = robots.status[w, i] == WORKING
     for k in range(wp.where(room > 0 and works, outside.count[kind], 0)):
         away = wp.vec2(outside.seen[kind, k][0], outside.seen[kind, k][1])
-        if wp.dot(away, away) < sensing.radius * sensing.radius:
-            kept = keep_nearest(w, i, kept, room, away / sensing.radius, k, bins)
+        if wp.dot(away, away) < sensing.sight * sensing.sight:
+            kept = keep_nearest(w, i, kept, room, away / sensing.sight, k, bins)
     for k in range(kept):
         seen = outside.seen[kind, int(bins.nearest[w, i, k][1])]
-        offset = wp.vec2(seen[0], seen[1]) / sensing.radius
+        offset = wp.vec2(seen[0], seen[1]) / sensing.sight
         if kind == 0:
             relative = wp.vec2(seen[2], seen[3]) / (2.0 * speed_unit)
             put_robot(w, i, start + k * width, offset, relative, observation_out)
@@ -138,6 +138,13 @@ class RowOutside:
         if brought:
             rule = "must have no observation entries of extensions, which require a simulation"
             raise ValueError(f"scenario of a robot outside the simulation {rule}, got {', '.join(brought)}")
+        if scenario.sensing.has_tracks:
+            rule = "must be 0 for a robot outside the simulation"
+            raise ValueError(f"sensing.tracks_seen and sensing.teammates_seen {rule}, got a scenario with tracks")
+        if scenario.task.action != "control":
+            raise ValueError(
+                f"task.action must be control for a robot outside the simulation, got {scenario.task.action}"
+            )
         constants = constants_of(scenario, as_device("cpu"))
         size, seen = scenario.messages.size, max(scenario.sensing.robots_seen, scenario.sensing.targets_seen)
         robots: Any = allocate(Robots, {"track": (1, 1, 1)}, (1, 1), "cpu")

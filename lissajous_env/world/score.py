@@ -30,6 +30,14 @@ class Episode:
     """Time from each target's appearance until it was detected, or until now [s]."""
     detected: np.ndarray
     """True for each of these targets that was detected."""
+    earlier: int
+    """Number of targets that were detected and appeared anew."""
+    earlier_time: float
+    """Sum of their times [s]."""
+    earlier_longest: float
+    """Longest of their times [s]."""
+    steps_present: int
+    """Steps for which targets were present, summed over targets; detected ones count if they stay."""
     gaps: np.ndarray
     """Time since each cell was last sensed [step]."""
     idle_squares: int
@@ -53,6 +61,16 @@ class Episode:
     def has_contamination(self) -> bool:
         """Return whether the scenario computes contamination."""
         return self.scenario.task.contamination is not None
+
+    @property
+    def num_targets(self) -> int:
+        """Number of targets that appeared."""
+        return len(self.times) + self.earlier
+
+    @property
+    def num_detected(self) -> int:
+        """Number of targets that were detected."""
+        return int(np.count_nonzero(self.detected)) + self.earlier
 
     @property
     def is_open(self) -> bool:
@@ -120,6 +138,9 @@ def episodes_of(
     appears_at, found_at, found_early = (
         each.numpy() for each in (targets.appears_at, targets.found_at, targets.found_early)
     )
+    earlier, earlier_time, earlier_longest = (
+        each.numpy() for each in (targets.earlier, targets.earlier_time, targets.earlier_longest)
+    )
     sensed_at, in_discs, idle_squares, idle_max = (
         each.numpy() for each in (cells.sensed_at, cells.in_discs, cells.idle_squares, cells.idle_max)
     )
@@ -135,6 +156,10 @@ def episodes_of(
             contamination={name: array[w] for name, array in unseen.items()},
             times=times * scenario.task.step,
             detected=detected,
+            earlier=int(earlier[w].sum()),
+            earlier_time=float(earlier_time[w].sum()) * scenario.task.step,
+            earlier_longest=float(earlier_longest[w].max(initial=0.0)) * scenario.task.step,
+            steps_present=int(np.maximum(now + 1 - np.maximum(appears_at[w], 1), 0).sum(dtype=np.int64)),
             gaps=now - last_sensed(sensed_at[w], in_discs[w], now),
             idle_squares=idle_squares[w].sum(dtype=float),
             idle_max=idle_max[w].max(initial=0),

@@ -39,11 +39,12 @@ from lissajous_env.world.state import (
     Rogues,
     StepEvents,
     Targets,
+    Tracks,
     allocate,
 )
 from lissajous_env.world.tally import EpisodeTotals
 
-_TARGET_BYTES = 60
+_TARGET_BYTES = 80
 
 _ROBOT_WORK, _TARGET_WORK = 500, 40
 """Rough time that a robot and a target add to a step [ns], by which the number of threads is chosen."""
@@ -230,6 +231,8 @@ class Simulation:
         labels = hops.history_length, hops.rows + 2 * int(MARGIN), across(hops.columns)
         large = [t * _TARGET_BYTES, math.prod(labels) * 4, rows * columns * 4, rows * n * words * 8, n * n * 4]
         k = scenario.messages.size
+        known = t if scenario.sensing.has_tracks else 0
+        large.append(n * known * (32 + 4 * (delay + 1)))
         check_room([*large, n * (delay + 1) * (16 + 4 * k), 2 * n * self.layout.size * 4], w, self.device)
         each, robot = (w,), (w, n)
         self.clock = allocate(Clock, {}, each, self.device)
@@ -239,6 +242,9 @@ class Simulation:
         message = {"sending": (w, n, k), "sent": (w, n, delay + 1, k), "heard": (w, n, 2, k)}
         self.messages = allocate(Messages, message, each, self.device)
         self.targets = allocate(Targets, {}, (w, t), self.device)
+        tracks = {"sighted": (w, n, delay + 1, known), "target_at": (w, delay + 1, known)}
+        tracks |= dict.fromkeys(("mate_at", "heard_at"), (w, n, n if scenario.sensing.has_tracks else 0))
+        self.tracks = allocate(Tracks, tracks, (w, n, known), self.device)
         grid = {"sensed_at": (w, rows, columns), "sensed_by": (w, n, words, rows)}
         grid |= dict.fromkeys(("sensed", "in_discs", "coming"), (w, words, rows))
         self.cells = allocate(Cells, grid, (w, rows), self.device)
@@ -252,7 +258,18 @@ class Simulation:
         self.latest = allocate(StepEvents, terms, robot, self.device)
         of_robots = {name: robot for name, array in variables_of(EpisodeTotals).items() if array.type.ndim == 2}
         self.tally = allocate(EpisodeTotals, {"contact": (w, n, n), **of_robots}, each, self.device)
-        names = ("clock", "robots", "links", "messages", "targets", "cells", "contamination", "latest", "tally")
+        names = (
+            "clock",
+            "robots",
+            "links",
+            "messages",
+            "targets",
+            "tracks",
+            "cells",
+            "contamination",
+            "latest",
+            "tally",
+        )
         self._structs = {name: getattr(self, name) for name in names}
         self._allocate_rogues(t)
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
@@ -324,6 +341,8 @@ class Simulation:
         structs = dict(self._structs)
         if self.scenario.messages.size == 0:
             del structs["messages"]
+        if not self.scenario.sensing.has_tracks:
+            del structs["tracks"]
         arrays = {f"{name_of(s)}.{name}": array for s in structs.values() for name, array in fields_of(s).items()}
         del arrays["Clock.active"], arrays["Clock.fresh"]  # each step and reset sets its worlds anew
         arrays |= self._extended.kept

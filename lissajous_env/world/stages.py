@@ -16,13 +16,14 @@ from lissajous_env.world.clock import advance_clock, end_episodes, reset_clock
 from lissajous_env.world.contamination.conservative import bound_labels, reset_bounds
 from lissajous_env.world.contamination.field import clear_cells, keep_guarantee, reset_guarantee, reset_labels, spread
 from lissajous_env.world.coverage import cover, reset_cells
-from lissajous_env.world.observation import message_start
+from lissajous_env.world.observation import message_start, track_start
 from lissajous_env.world.observing import keep_final, observe, observe_listed
 from lissajous_env.world.reward import clear_events, give_reward
 from lissajous_env.world.robots.bin_sizes import has_bins
 from lissajous_env.world.robots.bins import clear_bins, list_robots
 from lissajous_env.world.robots.collisions import find_collisions, find_listed_collisions, take_consequences
 from lissajous_env.world.robots.deviations import find_deviations, watch_boundary
+from lissajous_env.world.robots.driver import drive
 from lissajous_env.world.robots.facing import turn_inside
 from lissajous_env.world.robots.faults import reset_losses, update_status
 from lissajous_env.world.robots.messages import (
@@ -44,7 +45,8 @@ from lissajous_env.world.targets.detection import (
     place_unseen,
     place_unseen_listed,
 )
-from lissajous_env.world.targets.motion import reset_arrivals, reset_targets
+from lissajous_env.world.targets.motion import reset_arrivals, reset_targets, respawn
+from lissajous_env.world.tracks import observe_tracks, reset_tracks, sight, update_tracks
 
 
 def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
@@ -55,6 +57,7 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
         Stage("events", clear_events, own={"resets": False}),
         Stage("faults", update_status, when=scenario.faults != Faults()),
         Stage("commands", take_commands),
+        Stage("driver", drive, barrier=False, when=scenario.task.action == "velocity"),
         Stage("motion", model.move, ROBOT, barrier=False),
         Stage("phase", follow_curve, barrier=False, when=not model.keeps_to_curve),
         Stage("measurement", measure, barrier=False),
@@ -75,6 +78,7 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
         Stage("reward", give_reward),
         Stage("hearing", hear),
         _policy_hearing(scenario),
+        *_track_stages(scenario),
         Stage("observation", observe_listed if many else observe),
         *rogue_results(scenario),
     ]
@@ -111,6 +115,8 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("hearing", hear),
         Stage("final", keep_final),
         _policy_hearing(scenario),
+        Stage("no tracks", reset_tracks, when=scenario.sensing.has_tracks),
+        *_track_stages(scenario),
         Stage("observation", observe_listed if many else observe),
         *rogue_results(scenario, resets=True),
     ]
@@ -122,6 +128,16 @@ def _policy_hearing(scenario: Scenario) -> Stage:
     return Stage("policy hearing", hear_policy_messages, when=scenario.messages.size > 0, own=own)
 
 
+def _track_stages(scenario: Scenario) -> list[Stage]:
+    """Return the stages in which robots remember what they have in sight, and what they hear of the others' sight."""
+    there, own = scenario.sensing.has_tracks, {"start": track_start(scenario)}
+    return [
+        Stage("sighting", sight, when=there),
+        Stage("tracking", update_tracks, when=there),
+        Stage("tracks", observe_tracks, when=there, own=own),
+    ]
+
+
 def _bin_stages(many: bool) -> list[Stage]:
     """Return the stages that list the robots near each bin."""
     return [Stage("bins", clear_bins, when=many), Stage("listing", list_robots, when=many)]
@@ -131,6 +147,7 @@ def _target_stages(scenario: Scenario, name: str, many: bool) -> list[Stage]:
     """Return the stages in which targets appear, then, in that of this name, move and are detected."""
     unseen = scenario.targets.entry == "unseen"
     return [
+        Stage("respawn", respawn, when=scenario.targets.respawn),
         Stage("entry", place_unseen_listed if many else place_unseen, when=unseen),
         Stage(name, move_and_detect_listed if many else move_and_detect, barrier=not unseen),
     ]

@@ -133,7 +133,41 @@ class Targets:
     found_early: wp.array2d(dtype=wp.float32)
     """Share of that step that was left at its detection, in [0, 1]: it was detected at step found_at - found_early."""
     in_sight: wp.array2d(dtype=wp.int32)
-    """1 while it is in a working robot's disc at the end of a step."""
+    """1 while a working robot has it within `sensing.sight` at the end of a step."""
+    speed: wp.array2d(dtype=wp.float32)
+    """Speed while it drifts or wanders [m/s]."""
+    earlier: wp.array2d(dtype=wp.int32)
+    """Number of times that it was detected before it appeared anew."""
+    earlier_time: wp.array2d(dtype=wp.float64)
+    """Sum of its detection times until then [step]."""
+    earlier_longest: wp.array2d(dtype=wp.float32)
+    """Longest of these times [step]."""
+
+
+@wp.struct
+class Tracks:
+    """Tracks of targets, and places of teammates, that each robot knows: `lissajous_env.world.tracks`."""
+
+    sighted: wp.array4d(dtype=wp.int32)
+    """(W, N, delay + 1, T) 1 where a robot had a target in sight in the latest steps; 2 if it left after that step."""
+    target_at: wp.array3d(dtype=wp.vec2)
+    """(W, delay + 1, T) positions of the targets in these steps [m]."""
+    place: wp.array3d(dtype=wp.vec2)
+    """(W, N, T) position of a target when it was last in sight, as far as a robot knows [m]."""
+    velocity: wp.array3d(dtype=wp.vec2)
+    """(W, N, T) its velocity then [m/s]; 0 unless it was also in sight a step before."""
+    seen_at: wp.array3d(dtype=wp.int32)
+    """(W, N, T) step in which that was; -1 for none."""
+    leaves: wp.array3d(dtype=wp.int32)
+    """(W, N, T) 1 if the robot learned in this step that it was detected then, and leaves."""
+    own_at: wp.array3d(dtype=wp.int32)
+    """(W, N, T) step in which the robot itself had it in sight last; -1 for never."""
+    other_at: wp.array3d(dtype=wp.int32)
+    """(W, N, T) step in which another robot had it in sight last, as far as the robot knows; -1 for never."""
+    mate_at: wp.array3d(dtype=wp.vec2)
+    """(W, N, N) position of a teammate as measured by itself [m]."""
+    heard_at: wp.array3d(dtype=wp.int32)
+    """(W, N, N) step in which it sent that; -1 for none yet."""
 
 
 @wp.struct
@@ -237,7 +271,7 @@ class StepEvents:
     phase_offset: wp.array2d(dtype=wp.vec3)
     """(W, N) phase relative to the equilibrium [rad], its cosine and sine."""
     in_sight: wp.array(dtype=wp.int32)
-    """(W,) targets in some working robot's disc."""
+    """(W,) targets that some working robot has within `sensing.sight`."""
     waiting: wp.array(dtype=wp.int32)
     """(W,) undetected targets present."""
     outside: wp.array2d(dtype=wp.int32)

@@ -61,6 +61,8 @@ class EpisodeTotals:
     """(W,) step at whose end the latest failed robot resumed; -1 for none or while a robot has failed."""
     distance_sum: wp.array(dtype=wp.float64)
     """(W,) distance travelled, summed over robots [m]."""
+    observed: wp.array(dtype=wp.int64)
+    """(W,) targets in sight, summed over steps."""
     speed_max: wp.array(dtype=wp.float32)
     """(W,) largest speed of a robot, forwards or backwards [m/s]."""
     change_sum: wp.array(dtype=wp.float64)
@@ -107,6 +109,7 @@ def reset_tally(w: int, clock: Clock, tally: EpisodeTotals):
     tally.tracking_sum[w] = wp.float64(0.0)
     tally.tracking_max[w] = 0.0
     tally.distance_sum[w] = wp.float64(0.0)
+    tally.observed[w] = wp.int64(0)
     tally.speed_max[w] = 0.0
     tally.change_sum[w] = wp.float64(0.0)
     tally.outside_steps[w] = wp.int64(0)
@@ -240,7 +243,7 @@ def tally_coverage(w: int, now: int, robots: int, cells_total: int, tally: Episo
     WORLD,
     writes=(
         "tally: change_sum, covered_at, covered_each_at, distance_sum, fault_end, faulted, lateral_max, "
-        "lateral_sum, nominal_phase_error, off_at, outside_steps, partly_outside_steps, phase_error, "
+        "lateral_sum, nominal_phase_error, observed, off_at, outside_steps, partly_outside_steps, phase_error, "
         "phase_error_max, spacing_max, speed_max, tracking_max, tracking_sum"
     ),
 )
@@ -257,6 +260,7 @@ def keep_score(
     now = clock.step[w]
     n = robots.status.shape[1]
     if now > 0:
+        tally.observed[w] += wp.int64(latest.in_sight[w])
         for i in range(n):
             tally.outside_steps[w] += wp.int64(latest.outside[w, i])
             tally.partly_outside_steps[w] += wp.int64(latest.partly_outside[w, i])

@@ -46,7 +46,7 @@ def test_scenarios_lists_each_one(width):
     for name in lissajous_env.scenarios():
         scenario = lissajous_env.scenario(name).resolve()
         # Oracle: (8), by hand. What the sensors of these do not guarantee is printed as no bound.
-        short = name.startswith(("intruders", "evaders", "hall"))
+        short = name.startswith(("intruders", "evaders", "hall", "watch", "intercept", "hotspots"))
         bound = "-" if short else f"{scenario.detection_time_bound:.3g}"
         (line,) = re.findall(rf"^{name} +\d.*$", ended.stdout, re.MULTILINE)
         assert {str(scenario.num_robots), scenario.robot.kind, bound} <= set(line.split())
@@ -258,7 +258,7 @@ def test_policies_lists_what_drives_a_scenario_and_what_each_one_is(capsys):
     assert {each["name"] for each in everything if each["learned"]} >= {"learned-intruders", "learned-intruders-safe"}
     assert not listed["kuramoto"]["learned"]
     assert [each["name"] for each in everything] == list(baselines.names())
-    assert all(each["description"] and each["kind"] in (None, "car", "curve") for each in everything)
+    assert all(each["description"] and each["kind"] in (None, "car", "curve", "velocity") for each in everything)
     table = called(capsys, "policies")[1]
     for each in everything:
         assert re.search(rf"^{each['name']} +({each['kind'] or 'any'}) ", table, re.MULTILINE)

@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 51_330
+LINES = 52_614
 """Lines of the packages."""
-MODULES = 354
+MODULES = 362
 """Files of the packages."""
-TESTS = 31_620
+TESTS = 32_458
 """Lines of the tests."""
 
 

@@ -5,7 +5,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from test_learned import home, played  # noqa: E402
+from test_learned import by_torch, home, played  # noqa: E402
 from test_mpcc import CURVE, P, load_benchmark  # noqa: E402
 from test_policy_laws import CASES, episode  # noqa: E402
 
@@ -32,15 +32,13 @@ def test_the_kernel_computes_what_torch_does(name):
     policy = training.load(name, num_worlds=4)
     observations, actions = played(policy, Simulation(home(name), 4, seed=5), 60)
     base = policy.card.make_base(policy.scenario, 4, "cpu")
-    network = policy.network.to_torch("cpu")
     for observation, action in zip(observations, actions, strict=True):
         rows, added_to = observation[:, :, policy.card.columns(policy.scenario)], 0.0
         if base is not None:
             added_to = base.act(observation)
             rows = np.concatenate([rows, added_to], axis=2)
-        by_torch = network(torch.from_numpy(rows)).clamp(-1, 1).numpy()
         share = 1.0 if base is None else policy.card.residual
-        assert np.clip(added_to + share * by_torch, -1, 1) == pytest.approx(action, abs=2e-6)
+        assert np.clip(added_to + share * by_torch(policy.network, rows), -1, 1) == pytest.approx(action, abs=2e-6)
 
 
 def test_the_solver_takes_tensors_as_arrays():

@@ -103,16 +103,17 @@ def test_a_car_with_a_way_out_keeps_one_meets_no_wall_and_moves_on(name, fields)
     policy = Reckless(scenario, WORLDS)
     had = np.zeros(policy.shape, dtype=bool)
     way, steps = np.zeros(policy.shape), np.zeros(policy.shape)
-    before = None
+    before, lost = None, 0
     for cars in drive(scenario, policy, 160):
         safe = have_way_out(scenario, cars)
-        assert not (had & ~safe).any()
-        assert not (had & (closeness(scenario, cars) < 1e-5)).any()
+        lost += (had & ~safe).sum()
+        assert not (had & (closeness(scenario, cars) < 0.005 * scenario.robot.radius)).any()
         if before is not None:
             way += had * np.linalg.norm(cars[..., :2] - before[..., :2], axis=2)
             steps += had
         had, before = had | safe, cars
-    assert had.mean() > 0.8
+    assert lost <= 1e-3 * steps.sum()  # rounding
+    assert had.all()
     speed = way / np.maximum(steps * scenario.task.step, scenario.task.step)
     assert (speed[steps > 80] > 0.05 * scenario.robot.top_speed).all()
 
@@ -131,16 +132,27 @@ def test_a_car_that_stands_at_a_wall_frees_itself(name, reverse):
     assert have_way_out(scenario, last).all()
 
 
-def test_the_rule_decides_where_there_are_walls_before_a_filter_and_for_every_car_policy():
+def test_the_rule_decides_where_there_are_walls_for_every_car_policy_and_after_filters_without_walls_of_their_own():
     walls = lissajous_env.scenario("evaders", **WALLS)
     assert baselines.make("sweep", "evaders")._inside is None
-    for name in ("sweep", "kuramoto-mpcc", "random", "learned-intruders"):
+    for name in ("sweep", "kuramoto-mpcc", "random", "learned-intruders", "sweep-safe"):
         assert baselines.make(name, walls)._inside is not None
     filtered = baselines.make("sweep-proved", walls)
     assert filtered._inside is None
     assert filtered.policy._inside is not None
     corridor = {"curve.half_height": 0.5, "sensing.radius": 1.0}
     assert baselines.make("sweep", lissajous_env.scenario("evaders", **(WALLS | corridor)))._inside is None
+
+
+@pytest.mark.parametrize("scenario", ["evaders", "intruders"])
+@pytest.mark.parametrize("name", ["random", "sweep", "kuramoto-mpcc", "sweep-safe", "random-proved", "sweep-proved"])
+def test_no_policy_meets_a_wall_or_is_blocked_by_one(name, scenario):
+    made = lissajous_env.scenario(scenario, **{"task.boundary": "wall", "task.contamination": None})
+    for row in lissajous_env.evaluate(baselines.make(name, made, 4), made, range(4)):
+        assert row["wall_contacts"] == 0
+        assert name.endswith("-proved") or row["blocked_time"] == 0
+        assert row["distance_mean"] > 1.0
+        assert not name.endswith("-proved") or row["collisions"] == 0
 
 
 def test_messages_and_actions_that_leave_a_way_out_pass():

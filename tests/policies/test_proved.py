@@ -215,7 +215,7 @@ def test_conditions_that_a_scenario_does_not_meet_are_named(changed, words):
 
 def test_shipped_scenarios_to_which_the_theorem_applies():
     """Oracle: their fields, read by hand."""
-    cars = [name for name in lissajous_env.scenarios() if lissajous_env.scenario(name).robot.kind == "car"]
+    cars = [name for name in lissajous_env.scenarios() if lissajous_env.scenario(name).actuation == "car"]
     apply = {name for name in cars if not unmet_conditions(lissajous_env.scenario(name))}
     assert apply == {
         "experiment", "intruders", "intruders-inside", "evaders", "evaders-failure", "evaders-lost", "evaders-fast",

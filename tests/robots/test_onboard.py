@@ -13,7 +13,7 @@ from lissajous_env.theory.closed_forms import curve_point
 from lissajous_env.theory.geometry import locate
 from lissajous_env.world.state import REMOVED
 
-CARS = [name for name in lissajous_env.scenarios() if lissajous_env.scenario(name).robot.kind == "car"]
+CARS = [name for name in lissajous_env.scenarios() if lissajous_env.scenario(name).actuation == "car"]
 PAIRS = [
     ("experiment", "kuramoto-mpcc"),
     ("rough", "kuramoto-mpcc-safe"),

@@ -28,28 +28,31 @@ from lissajous_env.theory import closed_forms
 
 # Digests of all numbers of the scenarios that ship: a line that differs is a number that changed.
 DIGESTS = {
-    "ideal": "f1995d87eefc995d",
-    "perturbation": "bbe0ea2b72f79a22",
-    "failure": "273ec6fba11a852a",
-    "experiment": "5774089072bc34c1",
-    "experiment-printed": "2a5a07486137f153",
-    "intruders": "829ff14756f4e4dd",
-    "intruders-walls": "bee0dca1ee77cd66",
-    "intruders-inside": "a8d9be2cbd9e8a76",
-    "evaders": "e716c8078f53eecc",
-    "evaders-failure": "59309eff3665f020",
-    "evaders-lost": "21bb6d77a4e95572",
-    "evaders-fast": "e17ca6008b754504",
-    "evaders-uneven": "e446848b7db7d4ff",
-    "hall": "310dbfa58849990e",
-    "evaders-walls": "8c46f3762d9ea651",
-    "rough": "6ec6f4fcf3749219",
-    "rough-lost": "0ebcccfd98b58021",
-    "team": "7684260fdbbfa8cb",
-    "redundant": "29cd72501ace4896",
-    "knot": "c7c3eb974deee070",
-    "swarm": "99121b3938e2acd3",
-    "city": "2cf54af19627fa49",
+    "ideal": "3340b2b9d07f72a8",
+    "perturbation": "5515afec4f0e7fa2",
+    "failure": "d506b30a82fec91c",
+    "experiment": "5350a3f16e3333d5",
+    "experiment-printed": "f408dc279b01b93c",
+    "intruders": "7411b5394e444e69",
+    "intruders-walls": "0f1b06b95be0a751",
+    "intruders-inside": "6e376e4cf3cedea1",
+    "evaders": "35bc8646a6975413",
+    "evaders-failure": "1526e737fc9f327f",
+    "evaders-lost": "e8dfc2ef25de4a6d",
+    "evaders-fast": "a3eb10e73a69a69a",
+    "evaders-uneven": "83f60e63414257f4",
+    "hall": "d40a038dfb48565c",
+    "evaders-walls": "3486ee38f24f9315",
+    "rough": "05e7cd2da39f6a53",
+    "rough-lost": "5a8351270c38b984",
+    "team": "d09aa5ec0540e345",
+    "redundant": "92ec1a42fb461338",
+    "knot": "7379294112a77c8d",
+    "swarm": "7f15ff5928400178",
+    "city": "841a229b3b9a0a07",
+    "watch": "e0cf0cf4604ce376",
+    "intercept": "ed1af2fb063466d2",
+    "hotspots": "fbdca19ae4062a5c",
 }
 
 KINDS: dict[str, Any] = dict(PARTS)
@@ -184,7 +187,7 @@ def test_none_is_only_for_fields_that_are_derived_or_switched_off(part, field):
         (lambda: Scenario(robot=Robot(wheelbase=1e-3, steering_max=1.57)), "robot.wheelbase must keep a car's turn in"),
         (lambda: Scenario(noise=Noise(message_delay=0.04)), "noise.message_delay must be 0 or from 1 to 1000 steps"),
         (lambda: Scenario(noise=Noise(message_delay=1e3)), "noise.message_delay must be 0 or from 1 to 1000 steps"),
-        (lambda: Scenario(robot=Robot(kind="boat")), "robot.kind must be one of car, curve, got 'boat'"),
+        (lambda: Scenario(robot=Robot(kind="boat")), "robot.kind must be one of car, differential, curve, got 'boat'"),
         (lambda: Scenario(name=None), "name must be text, got None"),  # type: ignore[arg-type]
         (lambda: Scenario(robot=None), "robot must be a Robot, got None"),  # type: ignore[arg-type]
         (lambda: Scenario(noise=Task()), "noise must be a Noise, got Task("),  # type: ignore[arg-type]
@@ -261,6 +264,9 @@ def test_bad_overrides(overrides, message):
 
 # What ships.
 
+FOLLOWING = ("sensing.sight", "targets.speed_min")
+"""Fields that remain None, so that they follow an override of the radius, or of the speed."""
+
 
 def test_digests_of_what_ships():
     assert {name: lissajous_env.scenario(name).digest() for name in lissajous_env.scenarios()} == DIGESTS
@@ -273,7 +279,7 @@ def test_resolve_fills_everything_in_once(name):
     assert resolved.resolve() == resolved
     assert resolved.resolve().digest() == resolved.digest()
     nothing = {f"{part}.{field}" for part in PARTS for field, v in resolved.to_dict()[part].items() if v is None}
-    assert nothing <= {"task.grid", "task.contamination", "targets.rogues", "targets.sight"}
+    assert nothing <= {"task.grid", "task.contamination", "targets.rogues", "targets.sight", *FOLLOWING}
     for derived in ("num_robots", "p", "alpha", "clusters", "ring", "detection_time_bound", "target_capacity"):
         assert getattr(resolved, derived) == getattr(scenario, derived)
     assert np.array_equal(resolved.neighbours, scenario.neighbours)
@@ -314,7 +320,8 @@ def test_what_ships_is_a_formation_that_works(name):
     assert closed_forms.ring_lies_on_ellipse(scenario.curve, places, scenario.p // clusters, scenario.alpha)
     if name != "evaders-walls":  # the curve that fits between its walls is too small for (6): 0.122 m
         assert scenario.robot.radius < scenario.robot_radius_bound
-    if not name.startswith(("intruders", "evaders", "hall")):  # their sensors are too short for (8) on purpose
+    too_short = "intruders", "evaders", "hall", "watch", "intercept", "hotspots"
+    if not name.startswith(too_short):  # their sensors are too short for (8) on purpose
         assert scenario.resolve().sensing.radius == pytest.approx(scenario.detection_radius)
 
 

@@ -21,12 +21,12 @@ DRAW = {
 }
 
 FROZEN = [
-    "51d3ff30fc41d40a",
-    "baa85db45ec73d2c",
-    "fbd45d4d3d5224f0",
-    "a7cef4c7fd32d2c7",
-    "f4a91ce408f88563",
-    "e97ea78685828e00",
+    "57cf72b988048b69",
+    "6574519bdfd2792f",
+    "3be3a1eb9b64ca66",
+    "f1fc117ab90a1b32",
+    "d436cb05c8b03d99",
+    "88d9bfa92a1f296f",
 ]
 """Digests of the first scenario of each split and shift of monitoring-v1."""
 

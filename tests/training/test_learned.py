@@ -22,6 +22,17 @@ from training.learned.policy import Learned
 from training.learned.wiring import Wiring
 
 
+def by_torch(network, rows):
+    """Outputs of a network, clipped to [-1, 1]."""
+    import torch
+
+    rows = torch.from_numpy(rows)
+    for weight, bias in zip(network.weights, network.biases, strict=True):
+        linear = torch.nn.functional.linear(rows, torch.tensor(weight), torch.tensor(bias))
+        rows = linear.relu()
+    return linear.clamp(-1, 1).numpy()
+
+
 def played(policy, simulation, steps):
     """Observations and actions (steps, W, N ...) of an episode."""
     observations, actions = [], []

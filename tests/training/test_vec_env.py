@@ -14,6 +14,7 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecCheckNan, VecEnv, VecMonitor, VecNormalize
+from test_learned import by_torch
 
 from training.learned.card import Card
 from training.sb3 import RobotVecEnv
@@ -109,9 +110,7 @@ def test_a_policy_with_a_central_critic_acts_on_its_own_inputs(tmp_path):
     with torch.no_grad():
         values = [model.policy.predict_values(torch.from_numpy(each)) for each in (rows, other)]
     assert not torch.equal(*values)
-    network = model.network().to_torch("cpu")
-    own = network(torch.from_numpy(rows[:, : card.network_inputs])).clamp(-1, 1).numpy()
-    assert own == pytest.approx(acted, abs=1e-6)
+    assert by_torch(model.network(), rows[:, : card.network_inputs]) == pytest.approx(acted, abs=1e-6)
 
 
 def test_our_rows_are_bootstrapped_at_the_end_of_an_episode():

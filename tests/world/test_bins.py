@@ -23,6 +23,8 @@ CASES = {
     "two on each place": ("redundant", {"targets.arrival_rate": 5.0}),
     "in space": ("knot", {}),
     "large discs": ("intruders", {"targets.count": 200, "targets.leave": False, "sensing.radius": 2.0}),
+    "seen from afar, anew": ("intruders", {"targets.count": 200, "targets.respawn": True, "sensing.sight": 1.5,
+                                           "targets.flight": "all", "targets.entry": "hotspots"}),
     "large bodies": ("swarm", {"sensing.radius": 0.1, "robot.radius": 0.2, "targets.count": 500}),
     "far apart": ("swarm", {"sensing.radius": 1e-3, "robot.radius": 1e-3, "curve.a": 5, "curve.b": 4}),
     "too fast for lists": ("swarm", {"robot.count": 301, "curve.a": 501, "curve.b": 500, "targets.count": 500}),

@@ -66,7 +66,7 @@ def test_every_entry_says_what_it_is_and_in_which_unit():
     scenario = lissajous_env.scenario("experiment")
     lines = str(observation.layout(scenario)).splitlines()
     assert lines[21].split(maxsplit=4) == [
-        "21", "robot_0_x", "[-1,", "1]", "relative x [sensing radius]",
+        "21", "robot_0_x", "[-1,", "1]", "relative x [sight]",
     ]  # fmt: skip
     assert len(lines) == observation.layout(scenario).size
     assert all(re.search(r"\] +\S", line) for line in lines)

@@ -58,7 +58,9 @@ def scenarios(draw):
         "sensing.robots_seen": draw(st.integers(0, 6)),
         "targets.count": draw(st.integers(0, 20)),
         "targets.arrival_rate": draw(st.sampled_from([0.0, 0.5, 5.0])),
-        "targets.entry": draw(st.sampled_from(["inside", "boundary", "unseen"])),
+        "targets.entry": draw(st.sampled_from(["inside", "boundary", "unseen", "hotspots"])),
+        "targets.flight": draw(st.sampled_from(["nearest", "all"])),
+        "targets.speed_min": draw(st.sampled_from([None, 0.0])),
         "targets.drifting": shares[0] / total,
         "targets.wandering": shares[1] / total,
         "targets.fleeing": shares[2] / total,
@@ -85,6 +87,9 @@ def scenarios(draw):
         "task.reward_idleness": draw(st.sampled_from([0.0, 1.0])),
         "task.reward_effort": draw(st.sampled_from([0.0, -1.0])),
     }
+    if overrides["sensing.radius"] is not None:
+        overrides["sensing.sight"] = draw(st.sampled_from([None, 2 * overrides["sensing.radius"]]))
+    overrides["targets.respawn"] = overrides["targets.leave"] and draw(st.booleans())
     columns = draw(st.integers(1, 40))
     rows = max(round(columns * overrides["curve.half_height"] / overrides["curve.half_width"]), 1)
     with contextlib.suppress(ValueError):  # cells that are too long, or too small for rogues as fast as these
@@ -144,10 +149,13 @@ def assert_score_in_range(scenario, simulation):
         for name in FRACTIONS:
             assert math.isnan(row[name]) or 0 <= row[name] <= 1
         assert math.isnan(row["detected_fraction"]) == (row["targets"] == 0)
-        assert not (math.isnan(row["detected_within_bound"]) and row["detected_fraction"] > 0)
+        again = scenario.targets.respawn
+        assert again or not (math.isnan(row["detected_within_bound"]) and row["detected_fraction"] > 0)
+        assert math.isnan(row["observed_fraction"]) == (scenario.targets.leave or row["targets"] == 0)
+        assert math.isnan(row["detection_rate"]) != again
         for name in TIMES:
             assert math.isnan(row[name]) or 0 <= row[name] <= duration + 1e-6, name
-        assert 0 <= row["targets"] <= scenario.target_capacity
+        assert 0 <= row["targets"] <= scenario.target_capacity * (STEPS + 1 if again else 1)
         assert row["collisions"] >= 0
         assert 0 <= row["contact_time"] <= duration * math.comb(simulation.num_robots, 2) + 1e-6
         assert math.isnan(row["min_separation"]) or row["min_separation"] >= 0

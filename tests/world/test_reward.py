@@ -19,6 +19,7 @@ WEIGHTS = {
     "task.reward_formation": -0.4,
     "task.reward_outside": -0.9,
     "task.reward_contamination": 0.7,
+    "task.reward_observation": 0.3,
     "task.contamination": (36, 16),
 }
 

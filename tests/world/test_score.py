@@ -14,7 +14,8 @@ from lissajous_env.world.coverage import last_sensed
 # The columns as they are promised to who reads the files.
 PROMISED = (
     "scenario, policy, episode, seed, targets, detected_fraction, detection_time_mean, detection_time_p95, "
-    "detection_time_max, detected_within_bound, collisions, contact_time, min_separation, coverage_time, "
+    "detection_time_max, detection_rate, observed_fraction, detected_within_bound, collisions, contact_time, "
+    "min_separation, coverage_time, "
     "coverage_time_each, idleness_mean, idleness_max, lateral_error_mean, lateral_error_max, "
     "tracking_error_mean, tracking_error_max, spacing_factor, phase_error, recovery_time, outside_time, "
     "partly_outside_time, wall_contacts, blocked_time, distance_mean, speed_max, smoothness, sensed_fraction, "
@@ -86,7 +87,12 @@ def test_what_never_was_is_nan():
     detection = {name for name in NAMES if name.startswith("detect")}
     coverage = {"coverage_time", "coverage_time_each", "idleness_mean", "idleness_max", "sensed_fraction"}
     guarantee = {name for name in NAMES if "guarantee" in name} | {"unseen_at_end", "contaminated_age_mean"}
-    assert missing == detection | coverage | guarantee | {"min_separation", "recovery_time", "smoothness"}
+    assert missing == detection | coverage | guarantee | {
+        "min_separation",
+        "recovery_time",
+        "smoothness",
+        "observed_fraction",
+    }
     assert row["targets"] == 0
 
 

@@ -112,7 +112,7 @@ class Card:
         """Return the card of a policy for a scenario that reads `inputs`, by default the whole observation."""
         names = inputs or layout(scenario).names
         home = plain(scenario.resolve().to_dict())
-        return cls(scenario.name, scenario.robot.kind, tuple(names), scenario.action_size, home, **more)
+        return cls(scenario.name, scenario.actuation, tuple(names), scenario.action_size, home, **more)
 
     @classmethod
     def from_dict(cls, policy: Mapping[str, Any], settings: Mapping[str, Any], home: Mapping[str, Any]) -> "Card":
@@ -169,7 +169,7 @@ class Card:
         Raises:
             ValueError: the robots or observation of the scenario do not fit the policy.
         """
-        if scenario.robot.kind != self.kind:
+        if scenario.actuation != self.kind:
             raise ValueError(
                 f"policy trained on {self.scenario} must drive robots of kind {self.kind}, "
                 f"got {scenario.name}, with robots of kind {scenario.robot.kind}"

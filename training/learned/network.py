@@ -64,19 +64,6 @@ class Network:
         weight = np.concatenate([weight[:, :first], weight[:, after:]], axis=1)
         return Network((weight, *self.weights[1:]), (bias, *self.biases[1:]))
 
-    def to_torch(self, device: Any) -> Any:
-        """Return the network as a `torch.nn.Sequential` on a device, without gradients."""
-        import torch
-        from torch import nn
-
-        layers: list[nn.Module] = []
-        for weight, bias in zip(self.weights, self.biases, strict=True):
-            layer = nn.Linear(weight.shape[1], weight.shape[0])
-            layer.weight.data = torch.from_numpy(weight.copy())
-            layer.bias.data = torch.from_numpy(bias.copy())
-            layers += [layer, nn.ReLU()]
-        return nn.Sequential(*layers[:-1]).to(device).requires_grad_(False)
-
     def to_arrays(self) -> dict[str, np.ndarray]:
         """Return the arrays by name, as stored in a checkpoint: `policy.K.weight`, `policy.K.bias` of layer K."""
         named = {}

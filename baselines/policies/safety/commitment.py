@@ -5,6 +5,7 @@
 
 import warp as wp
 
+from baselines.policies.inside import Walls, is_safe
 from baselines.policies.own_row import has_heard, own_heading, own_key, own_position, own_speed, own_works
 from baselines.policies.safety.compatibility import (
     FAILED,
@@ -227,10 +228,20 @@ def turn_after(k: int, bounds: Bounds, robot: RobotStruct, known: wp.vec4, speed
 
 
 @wp.func
+def leads_out(walls: Walls, robot: RobotStruct, tail: wp.vec4, tube: wp.vec4) -> bool:
+    """Return whether a car at the end of its tail has a way out of the walls; always without walls."""
+    if walls.turning == 0.0:
+        return True
+    end = arc_end(tail[0], tail[1], tail[2], tail[3], tube[0])
+    return is_safe(walls, robot, wp.vec4(end[0], end[1], end[2], 0.0))
+
+
+@wp.func
 def decide(
     w: int,
     i: int,
     bounds: Bounds,
+    walls: Walls,
     robot: RobotStruct,
     car: wp.vec4,
     want: wp.vec2,
@@ -241,6 +252,7 @@ def decide(
 ) -> wp.vec3:
     """Take the first of the changed actions after which a tail has room, or continue the old tail.
 
+    A tail whose end leaves the car no way out of the walls is not taken, unless that of the old one does not either.
     If the old tail has no room either, which can happen if conditions are violated, the plan with most room is used.
     Return the action, and the steering of the tail after it.
     """
@@ -251,6 +263,7 @@ def decide(
     if memory.holds[w] == 0:
         enough = wp.min(room_of(w, i, OLD, -FAR, -1, bounds, stops, memory.presence, plans)[0], 0.0)
     room = wp.vec2(-FAR, -1.0)
+    ends_well = leads_out(walls, robot, memory.tail[w, i], memory.tube[w, i])
     for k in range(changes.shape[0] * bounds.tails):
         change = changes[k / bounds.tails]
         action = within_limits(bounds, robot, known, car[3], want + change)
@@ -260,6 +273,9 @@ def decide(
             continue  # the box or grip undoes the change
         turn = turn_after(k % bounds.tails, bounds, robot, known, car[3], action)
         tail, tube = propose(w, i, bounds, robot, car, action, turn, memory, plans)
+        if ends_well and not leads_out(walls, robot, tail, tube):
+            room = wp.vec2(-FAR, -1.0)  # not this one
+            continue
         room = room_of(w, i, NEW, enough, int(room[1]), bounds, stops, memory.presence, plans)
         if room[0] >= enough:
             plans.decided[w, i] = 1
@@ -280,6 +296,7 @@ def decide(
 @wp.kernel
 def commit(
     bounds: Bounds,
+    walls: Walls,
     robot: RobotStruct,
     curve: CurveStruct,
     widest: wp.array(dtype=wp.vec4),
@@ -317,7 +334,7 @@ def commit(
         if able and hears_all(w, i, step, bounds, observation):
             here = own_position(w, i, curve, observation)
             car = wp.vec4(here[0], here[1], memory.last[w, i][0], memory.last[w, i][1])
-            chosen = decide(w, i, bounds, robot, car, want, changes, stops, memory, plans)
+            chosen = decide(w, i, bounds, walls, robot, car, want, changes, stops, memory, plans)
         memory.steering[w, i] = wp.vec2(chosen[2], memory.steering[w, i][1])
         action_out[w, i, 0] = chosen[0]
         action_out[w, i, 1] = chosen[1]

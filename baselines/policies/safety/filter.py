@@ -136,19 +136,19 @@ def speed_in_sight(scenario: Scenario, parameters: SafetyParameters) -> float:
     """Speed [m/s] up to which two cars that drive towards each other can still pass when they sense each other.
 
     On its tightest circle, of radius R = l / tan(delta_max), a car moves aside by half of D = 2 r + clearance within s
-    = sqrt(R^2 - (R - D / 2)^2), whatever its speed. A step may pass before either senses the other, so r_s - 2 s = 2 v
-    step.
+    = sqrt(R^2 - (R - D / 2)^2), whatever its speed. A step may pass before either senses the other, so, with the
+    radius of sight r, r - 2 s = 2 v step.
     """
     robot = scenario.robot
     tightest = turning_radius(robot.wheelbase, robot.steering_max)
     aside = min(robot.radius + 0.5 * parameters.clearance, tightest)
     reach = math.sqrt(tightest**2 - (tightest - aside) ** 2)
-    return (scenario.sensing_radius - 2 * reach) / (2 * scenario.task.step)
+    return (scenario.sight - 2 * reach) / (2 * scenario.task.step)
 
 
 def _scales(scenario: Scenario, fastest: float) -> Any:
     scales: Any = Scales()
-    scales.speed, scales.radius = scenario.robot.top_speed, scenario.sensing_radius
+    scales.speed, scales.radius = scenario.robot.top_speed, scenario.sight
     scales.step, scales.robots_seen = scenario.task.step, scenario.sensing.robots_seen
     scales.age_unit, scales.fastest = scenario.time_unit, fastest
     return scales

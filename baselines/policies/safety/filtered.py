@@ -20,9 +20,9 @@ class Filtered(Policy):
     """
 
     arrays = "warp"
-    stays_inside = False
 
     def __init__(self, policy: Policy, filter: type[Filter], parameters: Any = None):
+        self.stays_inside = not filter.stays_inside
         super().__init__(policy.scenario, policy.num_worlds, policy.device)
         given = {} if parameters is None else {"parameters": parameters}
         self.policy = policy

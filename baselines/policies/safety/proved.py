@@ -45,6 +45,7 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import Filter
+from baselines.policies.inside import Inside, Walls, walls_of
 from baselines.policies.safety.commitment import Memory, commit
 from baselines.policies.safety.compatibility import PLANS, Plans
 from baselines.policies.safety.own_motion import Bounds
@@ -111,6 +112,7 @@ class Proved(Filter):
 
     suffix = "-proved"
     about = "with a filter that is proved, under conditions, to prevent collisions"
+    stays_inside = True
     communicates = "committed tails, from every robot to every other within the step"
 
     def __init__(
@@ -126,6 +128,7 @@ class Proved(Filter):
             raise ValueError(f"robot.speed_min {rule}, got {self.scenario.robot.lowest_speed:g}")
         self.parameters = parameters or ProvedParameters().of(self.scenario)
         self._bounds = bounds_of(self.scenario, self.parameters)
+        self._walls = walls_of(self.scenario) if Inside.suits(self.scenario) else Walls()
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._widest = wp.array(widest_of(self.scenario), dtype=wp.vec4, device=self.device)
@@ -153,8 +156,8 @@ class Proved(Filter):
     def __call__(self, observation: wp.array, wanted: wp.array, out: wp.array | None = None) -> wp.array:
         """Return the actions for wanted ones; a robot whose wanted action is not finite keeps its old tail."""
         out = self.action if out is None else out
-        inputs = [self._bounds, self._robot, self._curve, self._widest, self._changes, self._stops, observation, wanted]
-        self.launch(commit, self.num_worlds, [*inputs, self._memory], [self._plans, out])
+        inputs = [self._bounds, self._walls, self._robot, self._curve, self._widest, self._changes, self._stops]
+        self.launch(commit, self.num_worlds, [*inputs, observation, wanted, self._memory], [self._plans, out])
         return out
 
 
@@ -184,7 +187,9 @@ def bounds_of(scenario: Scenario, parameters: ProvedParameters) -> Any:
     bounds.coasts = int(scenario.faults.stop == "coast" and any(may_fail(scenario)))
     # A robot that coasts continues with the steering of its action, so its tail cannot have another one. With noise, a
     # straight tail is the narrowest, because it does not depend on the wheelbase.
-    bounds.tails = 1 if bounds.coasts else 4 if noise.actuator > 0 else 3 if any(stops_of(scenario)) else 1
+    # Within walls, a car could hardly drive straight on if it had to coast straight on.
+    turns = any(stops_of(scenario)) or task.boundary == "wall"
+    bounds.tails = 1 if bounds.coasts else 4 if noise.actuator > 0 else 3 if turns else 1
     return bounds
 
 

@@ -40,7 +40,7 @@ def _squares(scenario: Scenario) -> tuple[float, float, float, int, int]:
     Lists reach as far as targets flee only if that costs less than comparing the fleeing ones with all robots.
     """
     targets, roaming = scenario.targets, dataclasses.replace(scenario.targets, fleeing=0.0, speed_limit=None)
-    radius, step = scenario.sensing.radius or 0.0, scenario.task.step
+    radius, step = scenario.sight, scenario.task.step
     bodies = 2 * float(PARTED) * (scenario.robot.radius or 0.0)
     moved = step * (targets.speed if targets.fleeing > 0 else roaming.speed_max)
     near = max(radius + moved, bodies)
@@ -69,7 +69,8 @@ def _compared(scenario: Scenario, squares: tuple[float, float, float, int, int])
 def bins_of(scenario: Scenario, speed: float, num_worlds: int, device: Any) -> Bins:
     """Make the bins of a resolved scenario, of robots that are mostly not faster than `speed` [m/s]; none for few."""
     filled, (n, curve) = Bins(), (scenario.num_robots, scenario.curve)
-    entries = max(scenario.sensing.robots_seen, scenario.sensing.targets_seen)
+    sensing = scenario.sensing
+    entries = max(sensing.robots_seen, sensing.targets_seen, sensing.tracks_seen, sensing.teammates_seen)
     filled.nearest = wp.zeros((num_worlds, n, entries), dtype=wp.vec2, device=device)
     if not has_bins(scenario):
         return filled

@@ -1,5 +1,7 @@
 """Detection of targets: they appear, move, and are detected by the first working robot that has them in its disc.
 
+They are in sight of the robots that have them within `sensing.sight` at the end of a step.
+
 Targets of a world are processed side by side. With many robots or targets, bins are used to select the robots near a
 target, with the same result to the last bit.
 """
@@ -14,6 +16,8 @@ from lissajous_env.device.compilation import MOTION, module_apart
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
 from lissajous_env.device.stage import TARGET, stage
+from lissajous_env.device.structs import place_of
+from lissajous_env.settings.targets import Targets as TargetSettings
 from lissajous_env.world.robots.bins import Bins, bin_of
 from lissajous_env.world.robots.sight import (
     first_sight,
@@ -25,13 +29,14 @@ from lissajous_env.world.robots.sight import (
     nearest_sensors,
 )
 from lissajous_env.world.state import FOUND, GONE, HIDDEN, PRESENT, Clock, Robots, StepEvents, Targets
-from lissajous_env.world.targets.motion import CUSTOM, FLEEING, STILL, flee, is_moved, wander
+from lissajous_env.world.targets.motion import CUSTOM, FLEEING, STILL, away_from_all, flee, is_moved, wander
 
 wp.set_module_options(MOTION)
 _LISTED = module_apart(f"{__name__}.listed", MOTION)
 
 PLACES = wp.constant(64)
 """Number of places that are tried for a target that appears outside all discs."""
+_FROM_ALL = wp.constant(place_of(TargetSettings, "flight", "all"))
 
 
 @wp.func
@@ -102,6 +107,8 @@ class Flock:
     x: Floats
     y: Floats
     heading: Floats
+    speed: Floats
+    """Speed while it does not flee [m/s]."""
     flight: Floats
     """Distance to a robot below which it flees [m]; 0 for one that never flees."""
 
@@ -120,6 +127,9 @@ def gather(w: int, count: int, number: Ints, target: TargetStruct, targets: Targ
         flock.x[k] = place[0]
         flock.y[k] = place[1]
         flock.heading[k] = targets.heading[w, t]
+        flock.speed[k] = target.speed
+        if target.speed_min < target.speed:
+            flock.speed[k] = targets.speed[w, t]
         before = place
         if targets.motion[w, t] == CUSTOM:
             before = targets.before[w, t]
@@ -153,15 +163,20 @@ def move_together(
     x = flock.x
     y = flock.y
     heading = flock.heading
+    speed = flock.speed
     for k in range(ABREAST):
         if k < width():
-            moved = wander(number[k], key, motion[k], x[k], y[k], heading[k], step, curve, target)
+            moved = wander(number[k], key, motion[k], x[k], y[k], heading[k], speed[k], step, curve, target)
             x[k] = wp.where(is_moved(motion[k]), moved[0], x[k])
             y[k] = wp.where(is_moved(motion[k]), moved[1], y[k])
             heading[k] = moved[2]
     for k in range(flock.count):
         if square[k] < flock.flight[k] * flock.flight[k]:
-            fled = flee(wp.vec2(flock.x[k], flock.y[k]), robots.sensor[w, nearest[k]], step, curve, target)
+            place = wp.vec2(flock.x[k], flock.y[k])
+            away = place - robots.sensor[w, nearest[k]]
+            if target.flight == _FROM_ALL:
+                away = away_from_all(w, place, curve, target, robots)
+            fled = flee(place, away, step, curve, target)
             x[k] = fled[0]
             y[k] = fled[1]
             heading[k] = fled[2]
@@ -211,7 +226,7 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module
         y: Floats,
         far: float,
         way: float,
-        radius: float,
+        sensing: SensingStruct,
         robots: Robots,
         targets: Targets,
         bins: Bins,
@@ -222,6 +237,9 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module
         `square` is of `nearest_to`, at the places before. No robot moves farther than `way` [m] in the step, and a
         robot that can have detected a target but is more than `far` [m] from it at the end is not in its list.
         """
+        radius = sensing.radius
+        sight = sensing.sight
+        beyond = sight - radius
         before_x = flock.before_x
         before_y = flock.before_y
         near = Floats()
@@ -232,8 +250,8 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module
                 near[k] = radius + wp.sqrt(across * across + up * up)
         comes_near = bool(False)
         for k in range(flock.count):
-            comes_near = comes_near or square[k] < near[k] * near[k]
-        # A target that was far from every sensor cannot have come into one's reach in this step.
+            comes_near = comes_near or square[k] < (near[k] + beyond) * (near[k] + beyond)
+        # A target that was far from every sensor cannot have come into one's sight in this step.
         nearest = Ints()
         least = square
         if comes_near:
@@ -245,11 +263,11 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module
         asks = Ints()
         for k in range(ABREAST):
             if k < width():
-                seen[k] = wp.where(least[k] < radius * radius, 1, 0)
+                seen[k] = wp.where(least[k] < sight * sight, 1, 0)
                 reach = near[k] + way
                 met = wp.where(square[k] < reach * reach or reach > far, 1, 0)
                 appears = wp.where(stage[k] == HIDDEN, 1, 0)
-                asks[k] = wp.where(stage[k] == FOUND, 0, seen[k] | met | appears)
+                asks[k] = wp.where(stage[k] == FOUND, 0, wp.where(least[k] < radius * radius, 1, 0) | met | appears)
         for k in range(flock.count):
             t = flock.number[k]
             targets.in_sight[w, t] = seen[k]
@@ -258,12 +276,12 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module
                 list_seen(w, t, wp.vec2(x[k], y[k]), bins)
             waiting += wp.where(flock.stage[k] == FOUND, 0, 1)
             if asks[k] == 1:  # which is rare
-                sight = wp.vec2(-1.0, 2.0)
+                first = wp.vec2(-1.0, 2.0)
                 if flock.stage[k] == PRESENT:
                     before = wp.vec2(flock.before_x[k], flock.before_y[k])
-                    sight = sight_of(w, before, wp.vec2(x[k], y[k]), radius, near[k] + way, robots, bins)
+                    first = sight_of(w, before, wp.vec2(x[k], y[k]), radius, near[k] + way, robots, bins)
                 at_end = wp.vec2(float(nearest[k]), least[k])
-                waiting -= detect(w, t, now, at_end, sight, radius, targets, latest)
+                waiting -= detect(w, t, now, at_end, first, radius, targets, latest)
         return wp.vec2i(waiting, sighted)
 
     @stage(
@@ -296,7 +314,7 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module
         """
         now = clock.step[w]
         key = randomness.step_key(clock.seed[w], now)
-        way, radius = max_displacement(w, robots), sensing.radius
+        way = max_displacement(w, robots)
         # A target that an extension moved farther than lists reach may have met any robot.
         far = wp.where(bins.columns > 0, bins.widened + way, 1.0e30)
         total = wp.vec2i(0, 0)
@@ -320,7 +338,7 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module
                 flock = gather(w, count, number, target, targets)
                 nearest, square = nearest_to(w, count, flock.x, flock.y, flock.flight, robots, bins)
                 x, y = move_together(w, key, flock, nearest, square, task.step, curve, target, robots, targets)
-                total += detect_together(w, now, flock, square, x, y, far, way, radius, robots, targets, bins, latest)
+                total += detect_together(w, now, flock, square, x, y, far, way, sensing, robots, targets, bins, latest)
         if total[0] > 0:
             atomic.add(latest.waiting, w, total[0])
         if total[1] > 0:

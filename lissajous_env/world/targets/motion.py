@@ -9,8 +9,8 @@ from lissajous_env.device.part_structs import TargetStruct, TaskStruct
 from lissajous_env.device.stage import TARGET, WORLD, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import atan2, cos_sin
-from lissajous_env.settings import parts
-from lissajous_env.world.state import HIDDEN, NEVER, Clock, Targets
+from lissajous_env.settings.targets import Targets as TargetSettings
+from lissajous_env.world.state import FOUND, HIDDEN, NEVER, Clock, Robots, Targets
 
 wp.set_module_options(MOTION)
 
@@ -21,7 +21,14 @@ FLEEING = wp.constant(3)
 CUSTOM = wp.constant(4)
 """Moved by an extension of the scenario, or by an adversary: `lissajous_env.world.rogues`."""
 
-_BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
+_BOUNDARY = wp.constant(place_of(TargetSettings, "entry", "boundary"))
+_HOTSPOTS = wp.constant(place_of(TargetSettings, "entry", "hotspots"))
+_MIDDLE = wp.constant(0.85)
+"""Share of the width and of the height in which hotspots are."""
+_CLOSEST = wp.constant(0.05)
+"""Distance below which robots and walls do not repel a target more [flee_radius]."""
+_WALL = wp.constant(0.5)
+"""Weight of a wall relative to that of a robot at the same distance."""
 
 
 @wp.func
@@ -41,7 +48,57 @@ def boundary_point(curve: CurveStruct, share: float) -> wp.vec2:
     return wp.vec2(along - 2.0 * height - width, -height)
 
 
-@stage(TARGET, writes="targets: appears_at, before, found_at, found_early, heading, in_sight, motion, position, stage")
+@wp.func
+def hotspot(key: int, k: int, curve: CurveStruct) -> wp.vec3:
+    """Return x, y [m] and weight of a hotspot; `key` is that of the reset."""
+    draw = randomness.stream(key, k, randomness.HOTSPOT)
+    x = _MIDDLE * (2.0 * wp.randf(draw) - 1.0) * curve.half_width
+    y = _MIDDLE * (2.0 * wp.randf(draw) - 1.0) * curve.half_height
+    # The sum of two exponential variates is a gamma variate of shape 2.
+    weight = -wp.log(1.0 - wp.randf(draw)) - wp.log(1.0 - wp.randf(draw))
+    return wp.vec3(x, y, weight)
+
+
+@wp.func
+def near_hotspot(key: int, share: float, offset: wp.vec2, curve: CurveStruct, target: TargetStruct) -> wp.vec2:
+    """Return the point at an offset [m] from the hotspot at a share in [0, 1) of the sum of the weights."""
+    total = float(0.0)
+    for k in range(target.hotspots):
+        total += hotspot(key, k, curve)[2]
+    left = share * total
+    chosen = int(0)
+    for k in range(target.hotspots):
+        if left >= 0.0:
+            chosen = k
+        left -= hotspot(key, k, curve)[2]
+    place = hotspot(key, chosen, curve)
+    x = wp.clamp(place[0] + offset[0], -curve.half_width, curve.half_width)
+    y = wp.clamp(place[1] + offset[1], -curve.half_height, curve.half_height)
+    return wp.vec2(x, y)
+
+
+@wp.func
+def entry_place(key: int, draw: wp.uint32, curve: CurveStruct, target: TargetStruct) -> tuple[wp.vec2, wp.uint32]:
+    """Draw the place where a target appears [m]; returns it and the generator's next state."""
+    x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
+    y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
+    place = wp.vec2(x, y)
+    if target.entry == _BOUNDARY:
+        place = boundary_point(curve, wp.randf(draw))
+    elif target.entry == _HOTSPOTS and wp.randf(draw) >= target.hotspot_uniform:
+        share = wp.randf(draw)
+        offset = target.hotspot_spread * wp.vec2(wp.randn(draw), wp.randn(draw))
+        place = near_hotspot(key, share, offset, curve, target)
+    return place, draw
+
+
+@stage(
+    TARGET,
+    writes=(
+        "targets: appears_at, before, earlier, earlier_longest, earlier_time, found_at, found_early, heading, "
+        "in_sight, motion, position, speed, stage"
+    ),
+)
 def reset_targets(
     w: int,
     lane: int,
@@ -59,12 +116,7 @@ def reset_targets(
     """
     key = randomness.step_key(clock.seed[w], 0)
     for t in range(begin + lane, end, lanes):
-        draw = randomness.stream(key, t, randomness.ENTRY)
-        x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
-        y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
-        place = wp.vec2(x, y)
-        if target.entry == _BOUNDARY:
-            place = boundary_point(curve, wp.randf(draw))
+        place, draw = entry_place(key, randomness.stream(key, t, randomness.ENTRY), curve, target)
         targets.position[w, t] = place
         targets.before[w, t] = place
         targets.heading[w, t] = 6.2831853 * wp.randf(draw)
@@ -84,6 +136,38 @@ def reset_targets(
         targets.found_at[w, t] = NEVER
         targets.found_early[w, t] = 0.0
         targets.in_sight[w, t] = 0
+        spread = (target.speed - target.speed_min) * randomness.uniform(key, t, randomness.SPEED)
+        targets.speed[w, t] = target.speed_min + spread
+        targets.earlier[w, t] = 0
+        targets.earlier_time[w, t] = wp.float64(0.0)
+        targets.earlier_longest[w, t] = 0.0
+
+
+@stage(
+    TARGET,
+    writes=(
+        "targets: appears_at, before, earlier, earlier_longest, earlier_time, found_at, found_early, heading, "
+        "position, stage"
+    ),
+    split=True,
+)
+def respawn(w: int, t: int, curve: CurveStruct, target: TargetStruct, clock: Clock, targets: Targets):
+    """Let each target that was detected in the step before appear anew in this one."""
+    if targets.stage[w, t] == FOUND:
+        now = clock.step[w]
+        time = float(targets.found_at[w, t] - targets.appears_at[w, t]) - targets.found_early[w, t]
+        targets.earlier[w, t] += 1
+        targets.earlier_time[w, t] += wp.float64(time)
+        targets.earlier_longest[w, t] = wp.max(targets.earlier_longest[w, t], time)
+        draw = randomness.stream(randomness.step_key(clock.seed[w], now), t, randomness.ENTRY)
+        place, draw = entry_place(randomness.step_key(clock.seed[w], 0), draw, curve, target)
+        targets.position[w, t] = place
+        targets.before[w, t] = place
+        targets.heading[w, t] = 6.2831853 * wp.randf(draw)
+        targets.stage[w, t] = HIDDEN
+        targets.appears_at[w, t] = now
+        targets.found_at[w, t] = NEVER
+        targets.found_early[w, t] = 0.0
 
 
 @stage(WORLD, writes="targets: appears_at")
@@ -116,15 +200,16 @@ def wander(
     x: float,
     y: float,
     heading: float,
+    speed: float,
     step: float,
     curve: CurveStruct,
     target: TargetStruct,
 ) -> wp.vec3:
-    """Move one target over a step [s], straight on if it drifts: returns x, y [m], heading [rad]."""
+    """Move one target at a speed [m/s] over a step [s], straight on if it drifts: returns x, y [m], heading [rad]."""
     # A uniform draw of this deviation: its sum over a second is normal, at a third of the cost.
     turn = target.turn_rate * wp.sqrt(3.0 * step) * (2.0 * randomness.uniform(key, t, randomness.WANDER) - 1.0)
     turned = wp.where(motion == DRIFTING, heading, heading + turn)
-    way = target.speed * step
+    way = speed * step
     ahead = cos_sin(turned)
     return bounce(x + way * ahead[0], y + way * ahead[1], turned, curve)
 
@@ -136,9 +221,28 @@ def is_moved(motion: int) -> bool:
 
 
 @wp.func
-def flee(place: wp.vec2, sensor: wp.vec2, step: float, curve: CurveStruct, target: TargetStruct) -> wp.vec3:
-    """Move one target over a step [s] away from a sensor: returns x, y [m], heading [rad]."""
-    away = place - sensor
+def repulsion(away: float, target: TargetStruct) -> float:
+    """Return the weight of what is at a signed distance [m], one over the distance, with its sign."""
+    return wp.sign(away) / wp.max(wp.abs(away), _CLOSEST * target.flee_radius)
+
+
+@wp.func
+def away_from_all(w: int, place: wp.vec2, curve: CurveStruct, target: TargetStruct, robots: Robots) -> wp.vec2:
+    """Return the direction of flight from all robots within `flee_radius`, and from the walls."""
+    x = repulsion(place[0] + curve.half_width, target) + repulsion(place[0] - curve.half_width, target)
+    y = repulsion(place[1] + curve.half_height, target) + repulsion(place[1] - curve.half_height, target)
+    force = _WALL * wp.vec2(x, y)
+    for i in range(robots.sensor.shape[1]):
+        away = place - robots.sensor[w, i]
+        distance = wp.length(away)
+        if distance < target.flee_radius:
+            force += repulsion(distance, target) * wp.normalize(away)
+    return force
+
+
+@wp.func
+def flee(place: wp.vec2, away: wp.vec2, step: float, curve: CurveStruct, target: TargetStruct) -> wp.vec3:
+    """Move one target over a step [s] in the direction `away`: returns x, y [m], heading [rad]."""
     # A wall turns the flight along itself; it does not send the target back to the robot.
     fled = place + target.flee_speed * step * wp.normalize(away)
     x = wp.clamp(fled[0], -curve.half_width, curve.half_width)

@@ -1,0 +1,116 @@
+"""Value of feedback in the scenarios where reacting to targets matters: `python benchmarks/feedback.py [--store]`.
+
+Each scenario has a patrol that observes no target, simple policies that react, and the best rule, all with the same
+driver. `--tune` plays a grid of settings of each on the 256 worlds of seeds 4,242 and up, and prints the best ones; the
+settings below are those. Without it, the policies play them on the 256 worlds of seeds 10,000 and up, which tuning
+never opens. The value of feedback is the ratio of a score to that of the patrol, so that more than 1 is better.
+
+`--store` puts the table into docs/figures.json, from which `python benchmarks/figures.py` writes docs/feedback.md.
+"""
+
+import itertools
+import warnings
+
+import figures
+import numpy as np
+
+import lissajous_env
+from baselines.policies.reacting import Chase, Follow, Force, Index, Lanes
+
+WORLDS, TUNED_ON, PLAYED_ON = 256, 4242, 10_000
+SCORES = {"watch": "observed_fraction", "intercept": "detection_rate", "hotspots": "detection_time_mean"}
+PATROL = "patrol in lanes"
+POLICIES = {
+    "watch": {
+        PATROL: (Lanes, {"lanes": 8}),
+        "follow the nearest": (Follow, {}),
+        "A-CMOMMT, tuned": (Force, {"shared": 0.0, "reach": 2.0, "apart": 3.0, "push": 1.0}),
+    },
+    "intercept": {
+        PATROL: (Lanes, {"lanes": 16}),
+        "pure pursuit": (Chase, {"lead": 0.0}),
+        "lead pursuit, tuned": (Chase, {"lead": 0.8}),
+    },
+    "hotspots": {
+        PATROL: (Lanes, {"lanes": 12}),
+        "index rule, uniform rates": (Index, {"learns": False, "delay": 1.0}),
+        "index rule, learned rates": (Index, {"learns": True, "delay": 1.0}),
+    },
+}
+"""Policies of each scenario, with their settings: the patrol first, the best one last."""
+LANES = {"lanes": (2, 4, 6, 8, 10, 12, 14, 16)}
+GRIDS = {
+    "watch": [
+        (Lanes, LANES),
+        (Force, {"shared": (0.0, 0.1), "reach": (1.5, 2.0, 3.0), "apart": (2.0, 2.5, 3.0), "push": (0.5, 1.0, 2.0)}),
+    ],
+    "intercept": [(Lanes, LANES), (Chase, {"lead": (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)})],
+    "hotspots": [(Lanes, LANES), (Index, {"learns": (False, True), "delay": (0.5, 1.0, 1.5, 3.0)})],
+}
+
+
+def play(name, policy, settings, first):
+    """Return the scores and the collisions (W,) of the worlds from a seed on."""
+    scenario = lissajous_env.scenario(name)
+    made = policy(scenario, WORLDS, **settings)
+    rows = lissajous_env.evaluate(made, scenario, seeds=range(first, first + WORLDS))
+    return np.array([[row[SCORES[name]], row["collisions"]] for row in rows]).T
+
+
+def with_interval(values, digits):
+    """Return the mean with its 95 % interval."""
+    return f"{values.mean():.{digits}f} ± {1.96 * values.std(ddof=1) / len(values) ** 0.5:.{digits}f}"
+
+
+def value_of(scores, patrol, better):
+    """Return the ratio of the means, better ones above 1, with its 95 % interval over worlds by bootstrap."""
+    draws = np.random.default_rng(0).integers(0, len(scores), (4000, len(scores)))
+    ratios = (scores[draws].mean(axis=1) / patrol[draws].mean(axis=1)) ** better
+    low, high = np.percentile(ratios, [2.5, 97.5])
+    return f"{(scores.mean() / patrol.mean()) ** better:.3g} ({low:.3g} to {high:.3g})"
+
+
+def compared():
+    """Return the table of all scenarios."""
+    rows = []
+    for name, policies in POLICIES.items():
+        column = lissajous_env.world.columns.COLUMNS[SCORES[name]]
+        patrol = None
+        for words, (policy, settings) in policies.items():
+            scores, collisions = play(name, policy, settings, PLAYED_ON)
+            patrol = scores if patrol is None else patrol
+            value = "1" if words == PATROL else value_of(scores, patrol, column.better)
+            unit = f" {column.unit}" if column.unit else ""
+            score = with_interval(scores, 3 if column.better > 0 and not unit else 2) + unit
+            rows.append([name, words, score, with_interval(collisions, 2), value])
+            print(*rows[-1], flush=True)
+    return {"columns": ["scenario", "policy", "score", "collisions", "value of feedback"], "rows": rows}
+
+
+def tune():
+    """Print the settings of each grid, best first."""
+    for name, grids in GRIDS.items():
+        better = lissajous_env.world.columns.COLUMNS[SCORES[name]].better
+        for policy, grid in grids:
+            played = []
+            for values in itertools.product(*grid.values()):
+                settings = dict(zip(grid, values, strict=True))
+                scores, collisions = play(name, policy, settings, TUNED_ON)
+                played.append((better * scores.mean(), settings, with_interval(scores, 3), f"{collisions.mean():.2f}"))
+            for _, settings, score, collisions in sorted(played, key=lambda row: -row[0])[:4]:
+                print(name, policy.__name__, settings, score, "collisions", collisions, flush=True)
+
+
+def main():
+    parser = figures.parser(__doc__)
+    parser.add_argument("--tune", action="store_true", help="print the best settings on the worlds for tuning")
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")
+    if given.tune:
+        tune()
+    else:
+        figures.publish("feedback", "value of feedback", compared(), given.store)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,228 @@
+"""Tracks of targets that robots observed, and of their teammates, with what robots tell each other.
+
+A robot has a track of a target from the moment in which it learns that the target was in sight until `sensing.memory`
+has passed since, or until the step after the one in which it learns that the target was detected and leaves. It learns
+of its own sightings at once and, as `sensing.shared` says, of those of its two ring neighbours or of the whole team.
+Messages between ring neighbours are the phase messages, with their delay and loss; those of other teammates are delayed
+alike, and lost with the same probability. So a robot knows no less with `ring` than with `none`, and no less with
+`team` than with `ring`.
+"""
+
+import warp as wp
+
+from lissajous_env.device import randomness
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.part_structs import NoiseStruct, SensingStruct, TargetStruct, TaskStruct
+from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.structs import place_of
+from lissajous_env.settings.targets import Sensing
+from lissajous_env.world.observation import TEAMMATE, TRACK
+from lissajous_env.world.observing import empty, far, keep_nearest
+from lissajous_env.world.robots.bins import Bins
+from lissajous_env.world.state import FOUND, GONE, HIDDEN, REMOVED, Clock, Links, Robots, Targets, Tracks
+
+wp.set_module_options(OPTIONS)
+
+_RING = wp.constant(place_of(Sensing, "shared", "ring"))
+_TEAM = wp.constant(place_of(Sensing, "shared", "team"))
+
+_OUT_OF_SIGHT = wp.constant(0)
+_IN_SIGHT = wp.constant(1)
+_LEAVES = wp.constant(2)
+"""In sight for the last time: it was detected in this step and leaves."""
+
+
+@stage(ROBOT, writes="tracks: heard_at, leaves, other_at, own_at, seen_at, sighted")
+def reset_tracks(w: int, i: int, clock: Clock, tracks: Tracks):
+    """Forget all tracks."""
+    for t in range(tracks.seen_at.shape[2]):
+        tracks.seen_at[w, i, t] = -1
+        tracks.leaves[w, i, t] = 0
+        tracks.own_at[w, i, t] = -1
+        tracks.other_at[w, i, t] = -1
+        for slot in range(tracks.sighted.shape[2]):
+            tracks.sighted[w, i, slot, t] = _OUT_OF_SIGHT
+    for j in range(tracks.heard_at.shape[2]):
+        tracks.heard_at[w, i, j] = -1
+
+
+@stage(ROBOT, writes="tracks: sighted, target_at")
+def sight(
+    w: int,
+    i: int,
+    sensing: SensingStruct,
+    target: TargetStruct,
+    clock: Clock,
+    robots: Robots,
+    targets: Targets,
+    tracks: Tracks,
+):
+    """Note which targets the robot has in sight now, and where they are."""
+    now = clock.step[w]
+    slot = now % tracks.sighted.shape[2]
+    for t in range(tracks.seen_at.shape[2]):
+        if i == 0:
+            tracks.target_at[w, slot, t] = targets.position[w, t]
+        sighted = int(_OUT_OF_SIGHT)
+        kind = targets.stage[w, t]
+        if kind != HIDDEN and kind != GONE:
+            away = robots.sensor[w, i] - targets.position[w, t]
+            if wp.dot(away, away) < sensing.sight * sensing.sight:
+                leaves = kind == FOUND and target.leave == 1
+                sighted = wp.where(leaves, _LEAVES, _IN_SIGHT)
+        tracks.sighted[w, i, slot, t] = sighted
+
+
+@wp.func
+def learn(w: int, i: int, t: int, sighted: int, slot: int, seen_at: int, step: float, tracks: Tracks):
+    """Update the track of a target by a sighting that is newer than it, or as new."""
+    known = tracks.seen_at[w, i, t]
+    if sighted == _LEAVES and seen_at >= known:
+        tracks.leaves[w, i, t] = 1
+    if seen_at > known:
+        place = tracks.target_at[w, slot, t]
+        speed = wp.vec2(0.0, 0.0)
+        if known >= 0 and known == seen_at - 1:
+            speed = (place - tracks.place[w, i, t]) / step
+        tracks.place[w, i, t] = place
+        tracks.velocity[w, i, t] = speed
+        tracks.seen_at[w, i, t] = seen_at
+
+
+@wp.func
+def arrives(
+    w: int,
+    i: int,
+    j: int,
+    key: int,
+    sent_at: int,
+    sensing: SensingStruct,
+    noise: NoiseStruct,
+    neighbours: wp.array2d(dtype=int),
+    links: Links,
+) -> bool:
+    """Return whether the message that teammate j sent in a step arrives at robot i now."""
+    if sensing.shared < _RING or j == i or sent_at < 0:
+        return False
+    for side in range(2):
+        if neighbours[i, side] == j:
+            return links.heard_at[w, i, side] == sent_at
+    if sensing.shared < _TEAM or links.sending[w, j, sent_at % links.sent.shape[2]] == 0:
+        return False
+    n = links.sent.shape[1]
+    # The first 2 n entities are those of the messages on the ring.
+    return randomness.uniform(key, 2 * n + n * i + j, randomness.MESSAGE) >= noise.message_loss
+
+
+@stage(ROBOT, writes="tracks: heard_at, leaves, mate_at, other_at, own_at, place, seen_at, velocity")
+def update_tracks(
+    w: int,
+    i: int,
+    sensing: SensingStruct,
+    noise: NoiseStruct,
+    task: TaskStruct,
+    neighbours: wp.array2d(dtype=int),
+    clock: Clock,
+    links: Links,
+    tracks: Tracks,
+):
+    """Update the tracks of each robot by what it hears, oldest first, and by what it has in sight itself."""
+    now = clock.step[w]
+    slots = tracks.sighted.shape[2]
+    sent_at = now - (slots - 1)
+    key = randomness.step_key(clock.seed[w], now)
+    for t in range(tracks.seen_at.shape[2]):
+        if tracks.leaves[w, i, t] == 1:
+            tracks.leaves[w, i, t] = 0
+            tracks.seen_at[w, i, t] = -1
+    for j in range(tracks.heard_at.shape[2]):
+        if arrives(w, i, j, key, sent_at, sensing, noise, neighbours, links):
+            slot = sent_at % slots
+            message = links.sent[w, j, slot]
+            tracks.heard_at[w, i, j] = sent_at
+            tracks.mate_at[w, i, j] = wp.vec2(message[2], message[3])
+            for t in range(tracks.seen_at.shape[2]):
+                sighted = tracks.sighted[w, j, slot, t]
+                if sighted != _OUT_OF_SIGHT:
+                    tracks.other_at[w, i, t] = sent_at
+                    learn(w, i, t, sighted, slot, sent_at, task.step, tracks)
+    slot = now % slots
+    for t in range(tracks.seen_at.shape[2]):
+        sighted = tracks.sighted[w, i, slot, t]
+        if sighted != _OUT_OF_SIGHT:
+            tracks.own_at[w, i, t] = now
+            learn(w, i, t, sighted, slot, now, task.step, tracks)
+
+
+@wp.func
+def put_place(
+    w: int,
+    i: int,
+    entry: int,
+    offset: wp.vec2,
+    age: float,
+    curve: CurveStruct,
+    observation_out: wp.array3d(dtype=float),
+):
+    """Fill the first entries of a track or a teammate at a relative place [m]."""
+    observation_out[w, i, entry] = 1.0
+    observation_out[w, i, entry + 1] = far(0.5 * offset[0] / curve.half_width)
+    observation_out[w, i, entry + 2] = far(0.5 * offset[1] / curve.half_height)
+    observation_out[w, i, entry + 3] = wp.min(age, 1.0)
+
+
+@stage(ROBOT, writes="bins: nearest; observation_out")
+def observe_tracks(
+    w: int,
+    i: int,
+    start: int,
+    curve: CurveStruct,
+    sensing: SensingStruct,
+    task: TaskStruct,
+    speed_unit: float,
+    clock: Clock,
+    robots: Robots,
+    tracks: Tracks,
+    bins: Bins,
+    observation_out: wp.array3d(dtype=float),
+):
+    """List the tracks of each robot, then its teammates, nearest first; a removed robot has none."""
+    now = clock.step[w]
+    unit = wp.length(wp.vec2(curve.half_width, curve.half_height))
+    sent_at = now - (tracks.sighted.shape[2] - 1)
+    here = wp.vec2(robots.measured[w, i][0], robots.measured[w, i][1])
+    kept = int(0)
+    if robots.status[w, i] != REMOVED:
+        for t in range(tracks.seen_at.shape[2]):
+            age = float(now - tracks.seen_at[w, i, t]) * task.step
+            if tracks.seen_at[w, i, t] >= 0 and age <= sensing.memory:
+                offset = (tracks.place[w, i, t] - here) / unit
+                kept = keep_nearest(w, i, kept, sensing.tracks_seen, offset, t, bins)
+    entry = int(start)
+    for k in range(kept):
+        t = int(bins.nearest[w, i, k][1])
+        age = float(now - tracks.seen_at[w, i, t]) * task.step / sensing.memory
+        put_place(w, i, entry, tracks.place[w, i, t] - here, age, curve, observation_out)
+        velocity = tracks.velocity[w, i, t] / (2.0 * speed_unit)
+        observation_out[w, i, entry + 4] = wp.clamp(velocity[0], -1.0, 1.0)
+        observation_out[w, i, entry + 5] = wp.clamp(velocity[1], -1.0, 1.0)
+        observation_out[w, i, entry + 6] = wp.where(tracks.own_at[w, i, t] == now, 1.0, 0.0)
+        observation_out[w, i, entry + 7] = wp.where(tracks.other_at[w, i, t] == sent_at, 1.0, 0.0)
+        observation_out[w, i, entry + 8] = float(tracks.leaves[w, i, t])
+        entry += TRACK
+    empty(w, i, entry, TRACK, sensing.tracks_seen - kept, observation_out)
+    entry = start + TRACK * sensing.tracks_seen
+    mates = int(0)
+    if robots.status[w, i] != REMOVED:
+        for j in range(tracks.heard_at.shape[2]):
+            age = float(now - tracks.heard_at[w, i, j]) * task.step
+            if tracks.heard_at[w, i, j] >= 0 and age <= sensing.memory:
+                offset = (tracks.mate_at[w, i, j] - here) / unit
+                mates = keep_nearest(w, i, mates, sensing.teammates_seen, offset, j, bins)
+    for k in range(mates):
+        j = int(bins.nearest[w, i, k][1])
+        age = float(now - tracks.heard_at[w, i, j]) * task.step / sensing.memory
+        put_place(w, i, entry, tracks.mate_at[w, i, j] - here, age, curve, observation_out)
+        entry += TEAMMATE
+    empty(w, i, entry, TEAMMATE, sensing.teammates_seen - mates, observation_out)

@@ -1,0 +1,159 @@
+"""Policies that react to targets: what each does in a story, what it may use, and what reacting is worth."""
+
+import numpy as np
+import pytest
+
+import baselines
+import lissajous_env
+from baselines.policies.reacting import Chase, Force, Index, Lanes, comb
+
+POLICIES = [
+    (scenario, policy)
+    for scenario in ("watch", "intercept", "hotspots")
+    for policy in baselines.names(scenario)
+    if baselines.policies.registry.describe(policy)["kind"] == "velocity"
+    and (scenario == "hotspots" or not policy.startswith("index"))
+]
+
+
+def put(simulation, robots, targets):
+    """Place robots and targets of the only world [m], and let robots observe them."""
+    simulation.robots.position.assign(np.pad(np.array(robots, dtype=np.float32), ((0, 0), (0, 1)))[None])
+    simulation.robots.speed.zero_()
+    simulation.targets.position.assign(np.array(targets, dtype=np.float32)[None])
+    simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
+
+
+CORNERS = [(-18.0, -10.0), (18.0, -10.0), (-18.0, 10.0), (18.0, 10.0), (0.0, 0.0)]
+
+
+@pytest.mark.parametrize(("scenario", "name"), POLICIES)
+def test_each_robot_uses_its_own_row_alone(scenario, name):
+    # Law: other rows may be anything.
+    simulation = lissajous_env.Simulation(scenario, 3, seed=1)
+    one, other = (baselines.make(name, scenario, num_worlds=3) for _ in range(2))
+    draw = np.random.default_rng(0)
+    for _ in range(15):
+        rows = simulation.observation.numpy().copy()
+        spoiled = draw.uniform(-1, 1, rows.shape).astype(np.float32)
+        spoiled[:, 2] = rows[:, 2]
+        action = one.act(rows)
+        np.testing.assert_array_equal(other.act(spoiled)[:, 2], action[:, 2])
+        simulation.step(action)
+    assert (np.linalg.norm(action, axis=-1) <= 1 + 1e-6).all()
+
+
+@pytest.mark.parametrize(("scenario", "name"), POLICIES)
+def test_worlds_are_independent_and_reset_alone(scenario, name):
+    # Law: a world in a batch plays as alone, also after a reset of the other one.
+    batch, alone = lissajous_env.Simulation(scenario, 2, seed=3), lissajous_env.Simulation(scenario, 1, seed=4)
+    both, single = baselines.make(name, scenario, num_worlds=2), baselines.make(name, scenario)
+    for step in range(20):
+        action = both.act(batch.observation.numpy())
+        np.testing.assert_allclose(action[1:], single.act(alone.observation.numpy()), atol=1e-5)
+        batch.step(action)
+        alone.step(action[1:])
+        if step == 10:
+            batch.reset([0], seeds=[9])
+            both.reset([0])
+
+
+@pytest.mark.parametrize(("scenario", "name"), POLICIES)
+def test_a_policy_plays_alike_at_another_scale(scenario, name):
+    # Law: in scaled units nothing changes; powers of two are exact.
+    made = lissajous_env.scenario(scenario)
+    rows = []
+    for given in (made, made.scaled(2.0, 4.0)):
+        simulation, policy = lissajous_env.Simulation(given, 2, seed=1), baselines.make(name, given, num_worlds=2)
+        for _ in range(40):
+            simulation.step(policy.act(simulation.observation))
+        rows.append(simulation.observation.numpy().copy())
+    np.testing.assert_array_equal(*rows)
+
+
+def test_the_lanes_are_a_closed_tour_with_ends_at_the_edge():
+    corners = comb(np.array([20.0, 12.5]), 6, 3.0)
+    assert corners[0].tolist() == corners[-1].tolist() == [-17.0, -9.5]
+    assert sorted({round(x, 6) for x in corners[:, 0]}) == pytest.approx(np.linspace(-17, 17, 6))
+    moves = np.diff(corners, axis=0)
+    assert ((moves == 0).sum(axis=1) == 1).all(), "every stretch is along x or y"
+    covered = {}
+    for lanes in (4, 8):
+        policy = Lanes(lissajous_env.scenario("hotspots"), 4, lanes=lanes)
+        rows = lissajous_env.evaluate(policy, "hotspots", seeds=range(4))
+        covered[lanes] = np.mean([row["sensed_fraction"] for row in rows])
+    assert covered[8] > 0.97
+    assert covered[4] < covered[8]
+
+
+def test_a_force_draws_a_robot_to_its_target_and_away_from_others():
+    # Story: one target to the right of robot 4; then another robot observes it, and robot 4 patrols.
+    simulation = lissajous_env.Simulation("watch", seed=1)
+    far = [(-19.0, 12.0 - k) for k in range(9)]
+    put(simulation, CORNERS, [(3.5, 0.0), *far])
+    alone = Force(simulation.scenario).act(simulation.observation.numpy())[0, 4]
+    assert alone[0] > 0.9
+    assert abs(alone[1]) < 0.3
+    put(simulation, [*CORNERS[:3], (3.6, 3.3), (0.0, 0.0)], [(3.5, 0.0), *far])
+    shared = Force(simulation.scenario).act(simulation.observation.numpy())[0, 4]
+    patrol = Lanes(simulation.scenario, reach=simulation.scenario.sight).act(simulation.observation.numpy())[0, 4]
+    np.testing.assert_allclose(shared, patrol, atol=1e-6)
+    assert not np.allclose(shared, alone, atol=0.1)
+
+
+def test_a_chase_with_a_lead_meets_a_target_that_crosses():
+    # Oracle: a target that flees along y is chased ahead of it, the more the longer the lead.
+    simulation = lissajous_env.Simulation("intercept", seed=1)
+    for y in (0.0, 0.5):
+        put(simulation, CORNERS, [(6.0, y), (-19, 0), (19, 0), (19, 12)])
+        simulation.targets.position.assign(np.array([[(6.0, y), (-19, 0), (19, 0), (19, 12)]], dtype=np.float32))
+    headings = [
+        np.arctan2(*Chase(simulation.scenario, lead=lead).act(simulation.observation.numpy())[0, 4, ::-1])
+        for lead in (0.0, 0.5, 1.0)
+    ]
+    known = simulation.tracks.velocity.numpy()[0, 4, 0]
+    assert np.abs(known).max() > 0.1
+    turn = np.sign(known[1]) * np.diff(headings)
+    assert (turn > 0).all() or np.abs(known[1]) < 0.05
+
+
+def test_an_index_rule_learns_where_targets_appear():
+    # Story: after an episode the cells near the hotspots have the highest rates.
+    scenario = lissajous_env.scenario("hotspots")
+    simulation, policy = lissajous_env.Simulation(scenario, 8, seed=1), Index(scenario, 8)
+    while not simulation.over.all():
+        simulation.step(policy.act(simulation.observation))
+    places = simulation.targets.position.numpy()
+    there = simulation.targets.appears_at.numpy() < 300
+    for w in range(8):
+        gap = np.linalg.norm(policy.cells[:, None] - places[w, there[w]], axis=-1)
+        near = np.bincount(gap.argmin(axis=0), minlength=len(policy.cells))
+        assert np.corrcoef(policy.rates()[w, 0], near)[0, 1] > 0.7
+        counted = policy._found[w].sum(axis=-1)
+        assert (counted == counted[0]).all(), "the whole team knows the same"
+        detected = (simulation.targets.found_at.numpy()[w] < 2**30).sum()
+        assert 0.9 * detected <= counted[0] <= detected
+
+
+@pytest.mark.parametrize(
+    ("scenario", "best", "column", "factor"),
+    [
+        ("watch", "a-cmommt", "observed_fraction", 1.9),
+        ("intercept", "lead-pursuit", "detection_rate", 10.0),
+        ("hotspots", "index-learned", "detection_time_mean", 1 / 1.3),
+    ],
+)
+def test_reacting_is_worth_a_factor(scenario, best, column, factor):
+    # Oracle: the prototypes of these tasks, 0.354 and 0.155, 4.98 and 0.05 a minute, 7.59 s and 13.1 s.
+    means = []
+    for name in ("lanes", best):
+        rows = lissajous_env.evaluate(baselines.make(name, scenario, num_worlds=16), scenario, seeds=range(16))
+        means.append(np.mean([row[column] for row in rows]))
+    assert means[1] > factor * means[0] if factor > 1 else means[1] < factor * means[0]
+
+
+def test_an_index_rule_requires_arrivals_and_a_team_that_shares():
+    with pytest.raises(ValueError, match=r"targets.arrival_rate must be above 0 for an index rule \[1/s\], got 0"):
+        baselines.make("index", "watch")
+    with pytest.raises(ValueError, match=r"sensing.shared must be team, with .* got ring"):
+        baselines.make("index", lissajous_env.scenario("hotspots", **{"sensing.shared": "ring"}))

@@ -1,0 +1,167 @@
+"""Tracks: what robots remember of the targets that they had in sight, and what they tell each other."""
+
+import math
+from itertools import chain
+
+import numpy as np
+import pytest
+from test_feedback import FIELD, distances, drive
+
+import lissajous_env
+
+pytestmark = pytest.mark.filterwarnings("ignore::lissajous_env.parameters.assumptions.AssumptionWarning")
+
+STAY = {"targets.leave": False, "sensing.sight": 5.0, "sensing.tracks_seen": 12, "sensing.teammates_seen": 4}
+MESSY = {"noise.message_delay": 1.0, "noise.message_loss": 0.4}
+
+
+def made(worlds=2, seed=0, **overrides):
+    return lissajous_env.Simulation(lissajous_env.scenario("intruders", **FIELD | STAY | overrides), worlds, seed=seed)
+
+
+def entry(simulation, kind, name):
+    """(W, N, K) an entry of all tracks or teammates."""
+    sensing = simulation.scenario.sensing
+    count = sensing.tracks_seen if kind == "track" else sensing.teammates_seen
+    places = [simulation.layout.names.index(f"{kind}_{k}_{name}") for k in range(count)]
+    return simulation.observation.numpy()[..., places].astype(float)
+
+
+@pytest.mark.parametrize("shared", ["none", "team"])
+def test_tracks_are_what_was_in_sight_within_the_memory(shared):
+    # Oracle: NumPy, from distances and places at the end of each step; without delay or loss a team knows all at once.
+    simulation = made(**{"sensing.shared": shared, "sensing.memory": 4.0})
+    half, last, place = np.array([20.0, 12.5]), np.full((2, 5, 12), -np.inf), np.zeros((2, 5, 12, 2))
+    before, compared = np.full((2, 5, 12), False), 0
+    for step in chain([-1], drive(simulation)):
+        own = distances(simulation) < 5.0
+        known = own | (own.any(axis=1, keepdims=True) if shared == "team" else False)
+        targets = simulation.targets.position.numpy().astype(float)
+        velocity = np.where((known & before)[..., None], (targets[:, None] - place) / 0.5, 0.0)
+        last[known], place = step, np.where(known[..., None], targets[:, None], place)
+        age = (step - last) * 0.5
+        here = simulation.robots.position.numpy()[..., :2].astype(float)
+        for w, i in np.ndindex(2, 5):
+            there = np.flatnonzero(age[w, i] <= 4.0)
+            order = there[np.argsort(np.linalg.norm(place[w, i, there] - here[w, i], axis=-1))]
+            count = len(order)
+            assert entry(simulation, "track", "present")[w, i].tolist() == [1] * count + [0] * (12 - count)
+            ages, owns = (entry(simulation, "track", name)[w, i, :count] for name in ("age", "own"))
+            np.testing.assert_allclose(ages * 4.0, age[w, i, order], atol=1e-5)
+            np.testing.assert_array_equal(owns == 1, own[w, i, order])
+            x = entry(simulation, "track", "x")[w, i, :count]
+            np.testing.assert_allclose(x * 40, (place[w, i, order] - here[w, i])[:, 0], atol=1e-3)
+            fresh = age[w, i, order] == 0
+            x_speed = entry(simulation, "track", "x_velocity")[w, i, :count] * 3.0
+            np.testing.assert_allclose(x_speed[fresh], velocity[w, i, order, 0][fresh], atol=1e-3)
+            compared += count
+        before = known
+        assert (np.abs(place) <= half + 1e-3).all()
+    assert compared > 400
+
+
+def test_sharing_more_never_means_to_know_less():
+    # Law: what a robot knows without messages it knows with those of its neighbours, and with those of the team.
+    kinds = [made(4, **MESSY, **{"sensing.shared": shared}) for shared in ("none", "ring", "team")]
+    more = np.zeros(2)
+    for _ in zip(*(drive(each) for each in kinds), strict=True):
+        none, ring, team = (each.tracks.seen_at.numpy() for each in kinds)
+        assert (none <= ring).all()
+        assert (ring <= team).all()
+        more += (none < ring).mean(), (ring < team).mean()
+        none, ring, team = (each.tracks.heard_at.numpy() for each in kinds)
+        assert (none == -1).all()
+        assert (ring <= team).all()
+    assert (more > 1).all()
+
+
+def test_a_track_ages_by_a_step_unless_somebody_has_the_target_in_sight():
+    # Law: the step in which a target was last in sight stays, unless the robot or another one has seen it since.
+    simulation = made(4, **MESSY, **{"sensing.shared": "ring"})
+    before = simulation.tracks.seen_at.numpy().copy()
+    for _ in drive(simulation):
+        after, now = simulation.tracks.seen_at.numpy().copy(), simulation.clock.step.numpy()[0]
+        own, other = simulation.tracks.own_at.numpy() == now, simulation.tracks.other_at.numpy() == now - 2
+        np.testing.assert_array_equal(after != before, own | (other & (now - 2 > before)))
+        assert (after[own] == now).all()
+        assert (after >= before).all()
+        before = after
+
+
+def test_a_neighbours_sighting_arrives_with_its_message():
+    # Oracle: the sender's own sightings, as many steps ago as the delay; teammates' places likewise.
+    simulation = made(1, **{"sensing.shared": "ring", "noise.message_delay": 1.0})
+    neighbours, seen, places = simulation.scenario.neighbours, [], []
+    for step in chain([-1], drive(simulation, 60)):
+        seen.append(distances(simulation)[0] < 5.0)
+        places.append(simulation.robots.position.numpy()[0, :, :2].copy())
+        if step >= 2:
+            for i in range(5):
+                other = seen[-3][neighbours[i]].any(axis=0)
+                np.testing.assert_array_equal(simulation.tracks.other_at.numpy()[0, i] == step + 1 - 2, other)
+                known = simulation.tracks.mate_at.numpy()[0, i]
+                np.testing.assert_allclose(known[neighbours[i]], places[-3][neighbours[i]], atol=1e-4)
+                assert entry(simulation, "teammate", "present")[0, i].sum() == 2
+                assert entry(simulation, "teammate", "age")[0, i, :2] == pytest.approx([0.1, 0.1])
+
+
+@pytest.mark.parametrize("shared", ["none", "team"])
+def test_a_track_ends_when_its_target_was_detected_and_left(shared):
+    # Story: who saw it leave observes that once, and so does who is told; who is not remembers it until it is too old.
+    simulation = made(4, **{"targets.leave": True, "sensing.shared": shared, "sensing.memory": 100.0})
+    told, left = 0, 0
+    for _ in drive(simulation):
+        tracks, gone = simulation.tracks.seen_at.numpy() >= 0, simulation.targets.stage.numpy() == 3
+        saw = simulation.tracks.own_at.numpy() >= simulation.targets.found_at.numpy()[:, None]
+        left += entry(simulation, "track", "leaves").sum()
+        told += (tracks & gone[:, None]).sum()
+        assert not (tracks & gone[:, None] & saw).any()
+    assert (told > 0) == (shared == "none")
+    assert left > 0
+    if shared == "team":
+        assert left % 5 == 0
+
+
+def test_what_is_known_does_not_depend_on_the_numbers_of_the_robots():
+    # Law: with robots renumbered, and the ring with them, each has the same tracks and teammates.
+    order = np.array([3, 0, 4, 2, 1])
+    ring = np.array([0, 1, 2, 3, 4])
+    shared = {"sensing.shared": "ring", "noise.message_delay": 0.5, "task.substeps": 1}
+    one = made(1, **shared, **{"formation.ring": tuple(ring)})
+    other = made(1, **shared, **{"formation.ring": tuple(np.argsort(order)[ring].tolist())})
+    for name in ("position", "heading", "speed"):
+        getattr(other.robots, name).assign(getattr(one.robots, name).numpy()[:, order])
+    draw, start = np.random.default_rng(2), one.layout.names.index("track_0_present")
+    for step in range(60):
+        action = draw.uniform(-1, 1, one.action_shape).astype(np.float32)
+        one.step(action)
+        other.step(action[:, order])
+        if step > 30:  # what was in sight at the reset is forgotten by now
+            rows, renumbered = one.observation.numpy()[:, order, start:], other.observation.numpy()[..., start:]
+            np.testing.assert_allclose(renumbered, rows, atol=2e-5)
+
+
+@pytest.mark.parametrize("scale", [(2.0, 4.0), (1 / 8, 1.0)])
+def test_tracks_keep_their_bits_at_another_scale(scale):
+    scenario = lissajous_env.scenario("intruders", **FIELD | STAY | MESSY | {"sensing.shared": "team"})
+    one, other = (lissajous_env.Simulation(each, 2, seed=1) for each in (scenario, scenario.scaled(*scale)))
+    for _ in zip(drive(one), drive(other), strict=True):
+        assert one.observation.numpy().tobytes() == other.observation.numpy().tobytes()
+
+
+def test_no_tracks_cost_nothing():
+    # Story: without tracks there is no stage, no memory and no entry of theirs.
+    plain = lissajous_env.Simulation("intruders")
+    assert not {"sighting", "tracking", "tracks"} & {stage.name for stage in plain.stages.stages}
+    assert plain.tracks.sighted.size == plain.tracks.heard_at.size == 0
+    assert not [name for name in plain.layout.names if name.startswith(("track", "teammate"))]
+    assert not [name for name in plain.save_state() if name.startswith("Tracks")]
+
+
+def test_a_state_with_tracks_can_be_restored():
+    simulation, other = made(**{"sensing.shared": "team"}), made(seed=9, **{"sensing.shared": "team"})
+    assert len(list(drive(simulation, 20))) == 20
+    other.load_state(simulation.save_state())
+    for _ in zip(drive(simulation, 20), drive(other, 20), strict=True):
+        assert simulation.observation.numpy().tobytes() == other.observation.numpy().tobytes()
+    assert math.isfinite(other.score()[0]["observed_fraction"])
