@@ -13,13 +13,14 @@ from functools import cached_property
 import numpy as np
 
 from lissajous_env.device.locks import with_own_locks
-from lissajous_env.parameters.extensions import Extension, TargetMotion, as_extensions
+from lissajous_env.parameters.extensions import Extension, as_extensions
 from lissajous_env.parameters.robot_models import RobotModel, driven_by_velocity, model_of
-from lissajous_env.parameters.rogues import BringsRogues, rogue_of
+from lissajous_env.parameters.rogues import BringsRogues
+from lissajous_env.parameters.scenario_rules import check_together
 from lissajous_env.parameters.spreading import Spreading, spreading_of
 from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Messages, Noise
 from lissajous_env.settings.robot import Robot
-from lissajous_env.settings.targets import MOST_TARGETS, Sensing, Targets
+from lissajous_env.settings.targets import Sensing, Targets
 from lissajous_env.settings.task import Task
 from lissajous_env.theory import closed_forms, geometry
 
@@ -40,14 +41,12 @@ __all__ = [
 PARTS = {
     part.__name__.lower(): part for part in (Curve, Formation, Robot, Sensing, Targets, Faults, Noise, Messages, Task)
 }
-_OUTSIDE = 1.002
-"""Factor by which a curve of harmonics may exceed its rectangle; `Curve.through` has an error of up to 0.1 %."""
 
 
 @with_own_locks
 @dataclass(frozen=True)
 class Scenario(BringsRogues):
-    """All constants of an episode, in parts. Each part checks its own fields; this class checks rules across parts."""
+    """All constants of an episode, in parts. Each part checks its own fields, `scenario_rules` those across parts."""
 
     name: str = "custom"
     description: str = ""
@@ -71,111 +70,7 @@ class Scenario(BringsRogues):
             if not isinstance(getattr(self, name), str):
                 raise ValueError(f"{name} must be text, got {getattr(self, name)!r}")
         object.__setattr__(self, "extensions", as_extensions(self.extensions))
-        self._check_harmonics()
-        self._check_robots()
-        self._check_inset()
-        self._check_times()
-        if self.task.action == "velocity" and self.robot.kind != "car":
-            raise ValueError(f"task.action must be control for robots of kind {self.robot.kind}, got velocity")
-        if self.sight < self.sensing_radius:
-            rule = f"must be at least the sensing radius, {self.sensing_radius:g} [m]"
-            raise ValueError(f"sensing.sight {rule}, got {self.sensing.sight}")
-        model_of(self.robot.kind).check(self.curve, self.formation, self.robot, self.noise, self.task)
-        self._check_contamination()
-        self._check_rogues()
-        if self.target_capacity > MOST_TARGETS:
-            rule = f"must bring at most {MOST_TARGETS} targets per episode, with those of the start and six deviations"
-            raise ValueError(f"targets.arrival_rate {rule} [1/s], got {self.targets.arrival_rate}")
-
-    def _check_harmonics(self) -> None:
-        if not self.curve.harmonics:
-            return
-        gamma = np.linspace(0, 2 * np.pi, 32 * len(self.curve.harmonics) + 64, endpoint=False)
-        extent = np.abs(closed_forms.curve_point(self.curve, gamma)).max(axis=0)
-        if (extent > _OUTSIDE * np.array([self.curve.half_width, self.curve.half_height])).any():
-            rule = (
-                f"must stay in the rectangle, {self.curve.half_width:g} m x {self.curve.half_height:g} m to each side"
-            )
-            raise ValueError(f"curve.harmonics {rule}, got a curve that reaches {extent[0]:.6g} m x {extent[1]:.6g} m")
-
-    def _check_robots(self) -> None:
-        if self.curve.harmonics:
-            for name, value in (("robot.count", self.robot.count), ("sensing.radius", self.sensing.radius)):
-                if value is None:
-                    raise ValueError(
-                        f"{name} must be given for a curve of harmonics, because the paper's formulas do not apply"
-                    )
-        n = self.num_robots
-        if n > 1024:
-            raise ValueError(f"robot.count must be given, from 1 to 1024, because a + b is {n}, got None")
-        named = [
-            ("formation.ring", self.formation.ring or ()),
-            ("formation.displaced", [robot for robot, _ in self.formation.displaced]),
-            ("robot.drive_factors", [robot for robot, _ in self.robot.drive_factors]),
-            ("faults.schedule", [robot for robot, _, _ in self.faults.schedule]),
-            ("faults.removed", [robot for robot, _ in self.faults.removed]),
-        ]
-        for name, robots in named:
-            if any(robot >= n for robot in robots):
-                raise ValueError(f"{name} must name robots 0 to {n - 1}, got {tuple(robots)}")
-        ring = self.formation.ring
-        if ring is not None and sorted(ring) != list(range(n)):
-            raise ValueError(f"formation.ring must contain each of the {n} robots once, got {ring}")
-        if self.faults.lost > n:
-            raise ValueError(f"faults.lost must be at most the {n} robots, got {self.faults.lost}")
-        if self.faults.stop == "coast" and self.robot.kind != "car":
-            raise ValueError(f"faults.stop must be dead for robots of kind {self.robot.kind}, got coast")
-
-    def _check_inset(self) -> None:
-        half, radius = min(self.curve.half_width, self.curve.half_height), self.robot.radius
-        if self.task.boundary == "wall" and radius >= half:
-            raise ValueError(
-                f"robot.radius must be below {half:g}, half of the distance of the walls [m], got {radius}"
-            )
-        if self.inset >= half:
-            raise ValueError(
-                f"curve.inset must be below {half:g}, half of the rectangle's side [m], got {self.inset:g}"
-            )
-        if self.sensing.radius is not None and self.sensing.radius < self.inset:
-            rule = f"must be at least the inset of {self.inset:g}, or robots do not sense the edge [m]"
-            raise ValueError(f"sensing.radius {rule}, got {self.sensing.radius}")
-
-    def _check_contamination(self) -> None:
-        if self.task.contamination is not None and self.targets.custom > 0 and self.targets.speed_limit is None:
-            rule = "must be given if targets have a custom motion and task.contamination is set"
-            raise ValueError(f"targets.speed_limit {rule} [m/s], got None")
-        if self.task.contamination is not None and self.targets.respawn and self.targets.arrival_rate == 0:
-            rule = "must be above 0 if targets appear anew and task.contamination is set [1/s]"
-            raise ValueError(f"targets.arrival_rate {rule}, got 0")
-        _ = self.spreading
-
-    def _check_rogues(self) -> None:
-        name = self.targets.rogues
-        if name is None:
-            return
-        rogue = rogue_of(name)
-        if self.rogue_speed <= 0:
-            raise ValueError(
-                f"targets.speed_limit must be above 0 if rogues move the targets [m/s], got {self.rogue_speed}"
-            )
-        if rogue is not None and rogue.needs_contamination and self.task.contamination is None:
-            raise ValueError(f"task.contamination must be given for the rogue {name}, got None")
-        for each in self.extensions:
-            if isinstance(each, TargetMotion):
-                raise ValueError(f"targets.rogues must be None with the target motion {each.name}, got {name}")
-
-    def _check_times(self) -> None:
-        """Check that times do not round to zero steps."""
-        step = self.task.step
-        for fault in self.faults.schedule:
-            if fault[2] < math.inf and round(fault[2] / step) == round(fault[1] / step):
-                rule = (
-                    f"must contain faults of at least one step of {step:g} s, after both ends are rounded to steps [s]"
-                )
-                raise ValueError(f"faults.schedule {rule}, got {fault}")
-        delay = self.noise.message_delay
-        if delay > 0 and not 1 <= round(delay / step) <= 1000:
-            raise ValueError(f"noise.message_delay must be 0 or from 1 to 1000 steps of {step:g} s [s], got {delay}")
+        check_together(self)
 
     @cached_property
     def num_robots(self) -> int:

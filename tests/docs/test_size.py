@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 52_510
+LINES = 53_000
 """Lines of the packages."""
-MODULES = 359
+MODULES = 363
 """Files of the packages."""
-TESTS = 32_370
+TESTS = 32_519
 """Lines of the tests."""
 
 

@@ -6,6 +6,7 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.planning.request import Request
+from baselines.policies.line_abreast import ideal_worst_case
 from baselines.policies.partition_plan import PartitionParameters, partition_plan
 
 HALL = Request(width=40, height=25, robots=5, robot_radius=0.5, sensor_radius=6, speed=1.5, turning_radius=2,
@@ -38,6 +39,22 @@ def test_a_partition_stays_inside_and_detects_as_fast_as_without_walls(scenario,
     tables = policy.tables.places(2 * policy.tables.lead_in + policy.tables.loop)
     reach = np.array([scenario.driven.half_width, scenario.driven.half_height])
     assert (np.abs(tables) <= reach * 1.005).all()
+
+
+def test_lines_turn_inside_and_one_closes_up():
+    """Oracle: the simulated contamination, collisions and places; the ideal motion's time, from the start on."""
+    scenario = lissajous_env.scenario(HALL, **{"task.boundary": "wall"})
+    policy = baselines.make("line-abreast", scenario, num_worlds=2)
+    places, rows = play(policy, scenario, 2)
+    assert distance_from_walls(scenario, places) > 0.5 * (scenario.inset - scenario.robot.radius)
+    assert all(row["collisions"] == 0 and row["guarantee_open"] == 0 for row in rows)
+    worst = max(row["guaranteed_detection_time"] for row in rows)
+    assert worst <= 60
+    assert worst == pytest.approx(ideal_worst_case(scenario.resolve(), policy.lines), rel=0.05)
+    lost = lissajous_env.scenario(scenario, **{"faults.removed": ((2, 80.0),)})
+    places, rows = play(baselines.make("line-abreast", lost, num_worlds=2), lost, 2)
+    assert distance_from_walls(lost, places) > 0
+    assert all(row["collisions"] == 0 and row["guaranteed_detection_time"] <= 75 for row in rows)
 
 
 def test_cars_share_a_loop_where_walls_leave_no_room_for_one_each():

@@ -185,7 +185,7 @@ def test_none_is_only_for_fields_that_are_derived_or_switched_off(part, field):
         (lambda: Scenario(robot=Robot(wheelbase=1e-3, steering_max=1.57)), "robot.wheelbase must keep a car's turn in"),
         (lambda: Scenario(noise=Noise(message_delay=0.04)), "noise.message_delay must be 0 or from 1 to 1000 steps"),
         (lambda: Scenario(noise=Noise(message_delay=1e3)), "noise.message_delay must be 0 or from 1 to 1000 steps"),
-        (lambda: Scenario(robot=Robot(kind="boat")), "robot.kind must be one of car, curve, got 'boat'"),
+        (lambda: Scenario(robot=Robot(kind="boat")), "robot.kind must be one of car, differential, curve, got 'boat'"),
         (lambda: Scenario(name=None), "name must be text, got None"),  # type: ignore[arg-type]
         (lambda: Scenario(robot=None), "robot must be a Robot, got None"),  # type: ignore[arg-type]
         (lambda: Scenario(noise=Task()), "noise must be a Noise, got Task("),  # type: ignore[arg-type]
