@@ -1,4 +1,4 @@
-"""The command `lissajous identify`: the constants of the car model, fitted to a log."""
+"""The command `lissajous identify`: the constants of cars or differential drives, fitted to a log."""
 
 import math
 from dataclasses import replace
@@ -29,24 +29,25 @@ def identify(
     out: OutFile = None,
     output: OutputOptions = DEFAULT_OUTPUT,
 ) -> None:
-    """Fit the car model to a log of poses and commands, and print its constants with standard errors.
+    """Fit the model of a car or differential drive to a log, and print its constants with standard errors.
 
     Example:
         lissajous identify lab.mcap --out lab-cars.toml
 
     Args:
-        logs: rosbag2 file (.mcap) or folder, with poses and commands of one or more cars, or several that belong
-            together.
-        scenario: name of a scenario, .toml file, or module:attribute, from whose car the fit starts; by default that of
-            the log, or the paper's experiment.
+        logs: rosbag2 file (.mcap) or folder, with poses and commands of one or more robots, or several that
+            belong together.
+        scenario: name of a scenario, .toml file, or module:attribute, from whose robots the fit starts; by default that
+            of the log, or the paper's experiment. Its robot.kind, car or differential, selects the model.
         topics: topics of the robots' poses in their order, or one name in which {} stands for their numbers; for /tf
             and arrays of poses also with a part, as in /tf:car_{}.
         commands: topic of the commands with {}: sensor_msgs/JointState with the joints steering [rad] and throttle, or
-            std_msgs/Float64MultiArray of the two.
-        out: .toml file to write: a scenario with these cars.
+            std_msgs/Float64MultiArray of the two; of drives geometry_msgs/Twist, TwistStamped, or speed and yaw rate.
+        out: .toml file to write: a scenario with these robots.
         output: Console output.
     """
-    from lissajous_env.logs.identification import identify as fit
+    from lissajous_env.logs.drive_identification import DRIVE_CONSTANTS, identify_drive
+    from lissajous_env.logs.identification import identify as identify_car
     from lissajous_env.logs.reading import read
     from lissajous_env.logs.scoring import own_scenario
     from lissajous_env.parameters import named
@@ -55,8 +56,10 @@ def identify(
     check_file(out, ".toml")
     found = read(logs, topics, commands)
     given = named.scenario(scenario) if scenario is not None else own_scenario(found) or named.scenario("experiment")
-    if given.robot.kind != "car":
-        raise ValueError(f"scenario must be of robots of kind car, got {given.robot.kind}")
+    models = {"car": (identify_car, _UNITS), "differential": (identify_drive, DRIVE_CONSTANTS)}
+    if given.robot.kind not in models:
+        raise ValueError(f"scenario must be of robots of kind {' or '.join(models)}, got {given.robot.kind}")
+    fit, units = models[given.robot.kind]
     if not found.commands:
         raise ValueError(f"log {found.name} must have commands on a topic {commands}, got none")
     cars = {}
@@ -65,11 +68,11 @@ def identify(
             cars[found.label(robot)] = fit(found.tracks[robot], series, given.robot, found.statuses.get(robot))
         except ValueError as error:
             raise ValueError(f"{found.called([robot])} of {found.name}: {error}") from error
-    _print(output, cars)
+    _print(output, cars, units)
     for note in found.notes:
         output.print(f"note: {note}", "yellow")
     if out is not None:
-        write_atomically(out, _as_toml(cars, given, found.name))
+        write_atomically(out, _as_toml(cars, given, found.name, units))
         output.print(f"wrote {out}")
     output.print_json({
         robot: {"values": car.values, "errors": car.errors, "residual": car.residual, "samples": car.samples}
@@ -82,22 +85,25 @@ _RESIDUALS = {"position": "m", "heading": "rad", "speed": "m/s"}
 _UNITS = {"wheelbase": "m", "drag": "1/s", "drive": "m/s^2", "offset": "m/s^2", "dead_zone": "", "delay": "s"}
 
 
-def _print(output: OutputOptions, cars: "dict[str, Identified]") -> None:
-    titles = [f"{name.replace('_', ' ')}\n[{unit}]" if unit else f"{name}\n" for name, unit in _UNITS.items()]
+def _print(output: OutputOptions, cars: "dict[str, Identified]", units: dict[str, str]) -> None:
+    titles = [f"{name.replace('_', ' ')}\n[{unit}]" if unit else f"{name}\n" for name, unit in units.items()]
     columns = [Column("robot"), *map(Column, titles)]
     rows = [
-        [robot, *(_with_error(car.values[name], car.errors[name]) for name in _UNITS)] for robot, car in cars.items()
+        [robot, *(_with_error(car.values[name], car.errors[name]) for name in units)] for robot, car in cars.items()
     ]
     console = output.console()
     left_out = print_table(console, columns, rows)
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
-    if any(math.isnan(car.errors["dead_zone"]) for car in cars.values()):
-        words = "(given): the log does not determine this constant; no throttle in it lies within the dead zone."
-        output.print(words)
+    if any(math.isnan(error) for car in cars.values() for error in car.errors.values()):
+        why = (
+            "no throttle in it lies within the dead zone" if "dead_zone" in units else "no command is beyond the limit"
+        )
+        output.print(f"(given): the log does not determine this constant; {why}.")
     for robot, car in cars.items():
         sizes = [
             f"{name} {car.residual[name]:.3g} {unit}" if car.residual[name] >= 0 else f"{name} not measured"
             for name, unit in _RESIDUALS.items()
+            if name in car.residual
         ]
         output.print(f"residuals of robot {robot} over {car.samples:,} poses: {', '.join(sizes)}")
         if car.misfits:
@@ -115,17 +121,18 @@ def _with_error(value: float, error: float) -> str:
     return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
-def _as_toml(cars: "dict[str, Identified]", scenario: "Scenario", log: str) -> str:
-    """Return the file of a scenario with the mean of the cars, the standard errors in comments."""
-    mean, lines = {}, [f"# Cars identified from {log}: means with standard errors."]
-    for name, unit in _UNITS.items():
+def _as_toml(cars: "dict[str, Identified]", scenario: "Scenario", log: str, units: dict[str, str]) -> str:
+    """Return the file of a scenario with the mean of the robots, the standard errors in comments."""
+    mean, lines = {}, [f"# Robots identified from {log}: means with standard errors."]
+    for name, unit in units.items():
         values = [car.values[name] for car in cars.values()]
         mean[name] = float(f"{sum(values) / len(values):.6g}")
         error = math.sqrt(sum(car.errors[name] ** 2 for car in cars.values())) / len(cars)
         lines.append(f"# {name} = {_with_error(mean[name], error)} {unit}".rstrip())
-    lines.append("# A scenario has no delay of the commands.")
-    del mean["delay"]
-    robot = scenario.robot
-    limits = {"speed_max": None, "throttle_max": robot.full_throttle, "drive_factors": ()}
+    lines.append("# A scenario has no delay of the commands, nor factors of speeds.")
+    robot, limits = scenario.robot, {"drive_factors": ()}
+    if robot.kind == "car":
+        limits |= {"speed_max": None, "throttle_max": robot.full_throttle}
+    mean = {name: value for name, value in mean.items() if hasattr(robot, name)}
     made = replace(scenario, robot=replace(robot, **limits, **mean))
     return "\n".join([*lines, as_toml(made)])

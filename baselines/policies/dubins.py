@@ -73,24 +73,23 @@ def dubins_poses(
     return np.concatenate([place, heading[..., None]], axis=-1)
 
 
-def dubins_reach(start: np.ndarray, pieces: np.ndarray, radius: float) -> np.ndarray:
-    """Return the largest |x| and |y| (..., 6, 2) on paths of each kind, of finite pieces [m].
+def dubins_reach(start: np.ndarray, pieces: np.ndarray, turns: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Return the largest |x| and |y| (..., 2) on paths of finite pieces [m].
 
     Args:
         start: (..., 3) x, y [m] and heading [rad] of the starts.
-        pieces: (..., 6, 3) lengths of the pieces, of `dubins_lengths` [m].
-        radius: Radius of the turns [m].
+        pieces: (..., 3) lengths of the pieces [m].
+        turns: (..., 3) directions of the pieces, rows of `TURNS`.
+        radius: (...) radii of the turns [m].
     """
-    place = np.broadcast_to(start[..., None, :2], (*pieces.shape[:-1], 2))
-    heading = np.broadcast_to(start[..., None, 2], pieces.shape[:-1])
+    place, heading = start[..., :2], start[..., 2]
     reach = np.abs(place)
     for k in range(3):
-        turn, length = TURNS[:, k], pieces[..., k]
+        length, turn, wide = pieces[..., k, None], turns[..., k, None], radius[..., None]
         # An arc is farthest out at its ends, or where it is parallel to an axis.
-        quarters = np.arange(4) * np.pi / 2
-        until = radius * _turned(turn[:, None] * (quarters - heading[..., None]))
-        gone = np.concatenate([np.minimum(until, length[..., None]), length[..., None]], axis=-1)
-        turned = turn[:, None] * gone / radius
+        until = wide * _turned(turn * (np.arange(4) * np.pi / 2 - heading[..., None]))
+        gone = np.concatenate([np.minimum(until, length), length], axis=-1)
+        turned = turn * gone / wide
         middle = heading[..., None] + turned / 2
         chord = (gone * np.sinc(turned / (2 * np.pi)))[..., None]
         passed = place[..., None, :] + chord * np.stack([np.cos(middle), np.sin(middle)], axis=-1)

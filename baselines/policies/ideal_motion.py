@@ -49,6 +49,22 @@ def worst_undetected_time(
     return math.inf
 
 
+def worst_from_start(
+    lead_in: np.ndarray, loop: np.ndarray, half: tuple[float, float], radius: float, speed: float, step: float
+) -> float:
+    """Return the same time for robots that first drive (N, L, 2) lead-ins [m], from the start on [s]."""
+    check_patience()
+    field = _Field(half, radius, speed * step)
+    for place in lead_in.swapaxes(0, 1):
+        field.advance(field.sensed(place))
+    seen = [field.sensed(loop[:, k]) for k in range(loop.shape[1])]
+    for now in range(_ROUNDS * len(seen)):
+        field.advance(seen[now % len(seen)])
+        if field.cleared and now >= 2 * len(seen):
+            return field.longest * step
+    return math.inf
+
+
 def coverage(loop: np.ndarray, half: tuple[float, float], radius: float, coarse: bool = False) -> tuple[float, float]:
     """Return the share of places that are never visited, and the longest time between two visits [control steps].
 

@@ -1,11 +1,13 @@
 """The policy `line-abreast`: cars in straight lines that sweep the rectangle back and forth."""
 
+import math
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.driving import slowest_top_speed
 from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.line_closing import close_up, closes_up, closing_of
@@ -14,10 +16,13 @@ from baselines.policies.line_path import (
     LinePlan,
     can_span,
     check,
+    inner_plans,
     line_path,
     line_plan,
+    turns_inside,
 )
 from baselines.policies.line_transit import Effort, Pace, angle_steps, effort_of, transit
+from baselines.policies.line_ways import ways_from_start
 from baselines.policies.neighbour_watch import WATCH
 from baselines.policies.own_row import own_phase
 from baselines.policies.partition import plain_of
@@ -61,6 +66,8 @@ def choose_ways(
 def best_plan(scenario: Scenario, parameters: LineParameters) -> LinePlan:
     """Return the plan of the given number of lines, or of the number with the best guarantee once they have formed."""
     check(scenario, parameters)
+    if turns_inside(scenario):
+        return best_inner_plan(scenario, parameters)
     if parameters.lines is not None:
         return line_plan(scenario, parameters, parameters.lines)
     counts = [m for m in range(1, min(scenario.num_robots, _LINES_MAX) + 1) if can_span(scenario, m)]
@@ -68,6 +75,26 @@ def best_plan(scenario: Scenario, parameters: LineParameters) -> LinePlan:
     if len(plans) == 1:
         return plans[0]
     return min(plans, key=lambda plan: ideal_worst_case(scenario, plan))
+
+
+def best_inner_plan(scenario: Scenario, parameters: LineParameters) -> LinePlan:
+    """Return the plan with the best guarantee of lines that turn inside, by the number of lines and the speed.
+
+    Raises:
+        UnsuitableScenarioError: no line spans the rectangle in its turns, too, or rogues pass it while it turns.
+    """
+    most = min(scenario.num_robots, _LINES_MAX)
+    counts = [parameters.lines] if parameters.lines else range(1, most + 1)
+    found = [inner_plans(scenario, parameters, count) for count in counts]
+    plans = [plan for some, _ in found for plan in some]
+    if not plans:
+        rule = f"line-abreast requires {counts[0]} line(s) of {scenario.num_robots} cars to turn inside"
+        raise UnsuitableScenarioError(f"{rule}: {found[0][1]}")
+    times = [ideal_worst_case(scenario, plan) for plan in plans]
+    if not math.isfinite(min(times)):
+        rule = "line-abreast requires lines that no rogue passes while they turn inside"
+        raise UnsuitableScenarioError(f"{rule}, and rogues of {scenario.rogue_speed:g} m/s pass every one")
+    return plans[int(np.argmin(times))]
 
 
 def ideal_worst_case(scenario: Scenario, plan: LinePlan) -> float:
@@ -80,7 +107,7 @@ def ideal_worst_case(scenario: Scenario, plan: LinePlan) -> float:
 def loops_of(plan: LinePlan, starts: np.ndarray, lanes: np.ndarray) -> np.ndarray:
     """Return along, across [m] and heading [rad] (N, K, 3) of cars of some starts and lanes, a period of K steps."""
     at = line_path(plan)[(starts[:, None] + np.arange(plan.period)) % plan.period]
-    return np.stack([at[..., 0], at[..., 1] + at[..., 3] * lanes[:, None], at[..., 2]], axis=-1)
+    return np.stack([at[..., 0], at[..., 1] + lanes[:, None], at[..., 2]], axis=-1)
 
 
 def effort(scenario: Scenario, plan: LinePlan) -> Effort:
@@ -89,20 +116,28 @@ def effort(scenario: Scenario, plan: LinePlan) -> Effort:
 
 
 @lru_cache(maxsize=16)
-def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[LinePlan, PathTables]:
-    """Return the lines of a scenario, and the tables of the paths of its robots, one plan for each angle."""
+def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[LinePlan, PathTables, np.ndarray]:
+    """Return the lines of a scenario, the tables of the paths of its robots, and the place (N,) of each in the lines.
+
+    The tables have one plan for each angle of the formation, or one plan alone within an inset.
+
+    Raises:
+        UnsuitableScenarioError: no lines span the rectangle, or there are no ways into them without collisions inside.
+    """
     plan = best_plan(scenario, parameters)
     slots = np.argsort(scenario.ring)  # neighbours on the ring are neighbours in a line
-    at = loops_of(plan, plan.starts[slots], plan.lanes[slots])
-    loop, heading = at[..., :2], at[:, 0, 2]
+    loops = loops_of(plan, plan.starts, plan.lanes)
     if scenario.curve.half_height > scenario.curve.half_width:
-        loop, heading = np.stack([-at[..., 1], at[..., 0]], axis=-1), heading + np.pi / 2
-    poses = np.concatenate([loop[:, 0], heading[:, None]], axis=-1)
+        loops = np.stack([-loops[..., 1], loops[..., 0], loops[..., 2] + np.pi / 2], axis=-1)
+    if scenario.inset:
+        lead_in, loop, slots = ways_from_start(scenario, loops, plan.speed, slots)
+        return plan, path_tables(scenario, loop, lead_in), slots
     fastest = min(_FULL * slowest_top_speed(scenario), _HASTE * plan.speed)
     pace = Pace(scenario.robot.drag, max(fastest, 1.001 * plan.speed), plan.speed)
-    radius = plan.speed * plan.step * plan.turn.short / plan.turn.angle
-    ways = transit(scenario, effort(scenario, plan), poses, radius, pace)
-    return plan, path_tables(scenario, np.broadcast_to(loop, (len(ways), *loop.shape)), ways)
+    radius = plan.aside or plan.speed * plan.step * plan.turn.short / plan.turn.angle
+    loop = loops[slots, :, :2]
+    ways = transit(scenario, effort(scenario, plan), loops[slots, 0], radius, pace)
+    return plan, path_tables(scenario, np.broadcast_to(loop, (len(ways), *loop.shape)), ways), slots
 
 
 @register("line-abreast", kind="car")
@@ -110,17 +145,18 @@ class LineAbreast(TimedPaths):
     """Cars in straight lines across the rectangle, which sweep it back and forth.
 
     The cars of a line are so close that no rogue passes between two sensing discs (`line_path.speed_limit` has the
-    spacing law), the outermost ones reach the walls, and all copy one path: to the end of the rectangle, a turn of
-    three arcs back into the own lanes, outside of the rectangle where `task.boundary` is open, and back. Several lines,
-    where there are cars for them, are interleaved and spread over the period; their number is the one with the shortest
-    worst-case undetected time of the ideal motion. `line_transit` computes the ways from the formation into the lines,
-    chosen so that no two cars meet; `line_closing` closes a line up.
+    spacing law), the outermost ones reach the walls, and all copy one path: to the end of the rectangle, a turn, and
+    back. In the open the turn is outside of the rectangle, of three arcs back into the own lanes; within walls or an
+    inset it is a half circle inside, and the way back is beside the lane. Several lines, where there are cars for them,
+    are interleaved and spread over the period; their number is the one with the shortest worst-case undetected time of
+    the ideal motion. `line_transit`, or `line_ways` within an inset, computes the ways from the formation into the
+    lines, chosen so that no two cars meet; `line_closing` closes a line up.
 
     A car's place in a line is fixed: neighbours on the communication ring are neighbours in a line. A line closes up
     where one of its robots has stopped or been removed, if the others can still span the rectangle. If they cannot, or
     where there are several lines, the others stay in their lanes. A robot that resumes catches up with its line without
-    regard to others: `line-abreast-safe` avoids collisions then. Where the boundary is closed, the turns lie inside of
-    it, and a line is no barrier while it turns: rogues can slip past at the walls.
+    regard to others: `line-abreast-safe` avoids collisions then. Lines that turn inside need larger sensors and a start
+    that all robots know; others are refused.
 
     Lines of searchers that sweep a region in which rogues have a known top speed: Y. Altshuler, V. Yanovsky, I. A.
     Wagner, A. M. Bruckstein, "Efficient cooperative search of smart targets using UAV swarms", Robotica 26 (2008); R.
@@ -153,18 +189,17 @@ class LineAbreast(TimedPaths):
         tracking: TrackingParameters | None = None,
     ):
         self.parameters = parameters or LineParameters()
-        self.lines, tables = line_tables(plain_of(scenario), self.parameters)
+        self.lines, tables, slots = line_tables(plain_of(scenario), self.parameters)
         super().__init__(
             scenario, num_worlds, device, tables=tables, plan=np.zeros(num_worlds, int), parameters=tracking
         )
         self._closes = closes_up(self.scenario, self.lines)
         self._closing = closing_of(self.scenario, self.lines, tables.lead_in)
-        slots = np.argsort(self.scenario.ring).astype(np.int32)
         self._slots = wp.array(slots, dtype=wp.int32, device=self.device)
         self._remembered = wp.zeros((*self.shape, 2, WATCH), dtype=wp.float32, device=self.device)
         angles = effort(self.scenario, self.lines).angles
         steps = angle_steps(self.scenario, angles)
-        self._angles = (angles, int(steps[0]), len(steps))
+        self._angles = (angles, int(steps[0]), len(tables.pose))
         self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
 
     def decide(self, observation: wp.array) -> None:

@@ -32,6 +32,11 @@ class Closing:
 
     cars: int
     half_span: float
+    """Half of the span of a line, with R of turns inside."""
+    room: float
+    """Largest distance of a lane from the middle."""
+    aside: float
+    """Distance of a car from its lane in a sweep: R of turns inside."""
     half_length: float
     upright: int
     speed: float
@@ -44,10 +49,16 @@ class Closing:
 def closing_of(scenario: Scenario, plan: LinePlan, lead_in: int) -> Any:
     """Return the constants of closing up."""
     closing = Closing()
-    closing.cars, closing.half_span, closing.half_length = len(plan.lanes), plan.half_span, plan.half_length
+    closing.cars, closing.half_span, closing.half_length = (
+        len(plan.lanes),
+        plan.half_span + plan.aside,
+        plan.half_length,
+    )
+    closing.room = min(scenario.driven.half_width, scenario.driven.half_height) - plan.aside
+    closing.aside = plan.aside
     closing.upright = int(scenario.curve.half_height > scenario.curve.half_width)
     closing.speed, closing.step, closing.unit = plan.speed, plan.step, scenario.time_unit
-    closing.clear, closing.lead_in = 3 * scenario.robot.radius, lead_in
+    closing.clear, closing.lead_in = 3 * scenario.robot.radius + plan.aside, lead_in
     return closing
 
 
@@ -58,20 +69,28 @@ def closes_up(scenario: Scenario, plan: LinePlan) -> bool:
     """
     cars = scenario.num_robots
     spacing = largest_spacing(plan.speed, scenario.sensing_radius, scenario.rogue_speed, plan.step)
-    return plan.line_of.max() == 0 and cars > 3 and (cars - 1) * spacing >= 2 * plan.half_span
+    return plan.line_of.max() == 0 and cars > 3 and (cars - 1) * spacing >= 2 * (plan.half_span + plan.aside)
 
 
 @wp.func
 def lane_of(slot: int, above: float, below: float, closing: Closing) -> float:
     """Place across of a robot of the line [m], where some robots are missing above and below it."""
-    cars = float(closing.cars)
-    return closing.half_span * (2.0 * (float(slot) - below + 0.5) / (cars - above - below) - 1.0)
+    cars = float(closing.cars) - above - below
+    half = wp.min(closing.half_span, closing.room * cars / wp.max(cars - 1.0, 1.0))
+    return half * (2.0 * (float(slot) - below + 0.5) / cars - 1.0)
 
 
 @wp.func
 def across(place: wp.vec2, closing: Closing) -> float:
     """Coordinate across the sweep [m]."""
     return wp.where(closing.upright == 1, -place[0], place[1])
+
+
+@wp.func
+def beside_lane(heading: float, closing: Closing) -> float:
+    """Coordinate across of a car that sweeps, less that of its lane [m]."""
+    ahead = wp.where(closing.upright == 1, wp.sin(heading), wp.cos(heading))
+    return closing.aside * wp.sign(ahead)
 
 
 @wp.func
@@ -128,7 +147,8 @@ def close_up(
             elif straight:
                 full = lane_of(beside, 0.0, 0.0, closing)
                 fewer = lane_of(beside, float(side), 1.0 - float(side), closing)
-                known[_MISSING] = wp.where((across(theirs, closing) - full) / (fewer - full) > 0.4, 1.0, 0.0)
+                lane = across(theirs, closing) - beside_lane(own_heading(w, i, observation), closing)
+                known[_MISSING] = wp.where((lane - full) / (fewer - full) > 0.4, 1.0, 0.0)
     lane = lane_of(slot, remembered[w, i, 1][_MISSING], remembered[w, i, 0][_MISSING], closing)
     lane = wp.clamp(lane, low, wp.max(low, high))
     if not straight:

@@ -3,6 +3,11 @@
 Coordinates are along and across the sweep: `along` the longer side of the rectangle, `across` the shorter one, which
 the lines span. A line's path is a table of one state for each control step, periodic: from the left end of the
 rectangle to the right one, a turn, back, and a turn. Float64 NumPy.
+
+In the open, a turn of three arcs outside of the rectangle leads back into the own lane. Within walls or an inset, every
+car turns on a half circle, and sweeps back beside its lane, by the circle's radius R to the other side. All cars copy
+that, too, so the spacing law is valid in turns; an outermost car is R nearer to its wall on one way, and R farther from
+it on the other. `what_fails_inside` has the conditions.
 """
 
 import math
@@ -23,6 +28,8 @@ _CRUISE, _FASTEST = 0.96, 0.98
 """Speeds of a line in the top speed of the slowest car: by default, and at most; the rest is for catching up."""
 _GRIP = 0.92
 """Share of the grip, and of the tightest turn, that the path uses: the rest corrects errors."""
+_SHARES = (1.0, 0.8, 0.6, 0.45, 0.3)
+"""Speeds of lines that turn inside, in the largest one: slower cars turn on smaller circles where grip limits them."""
 _PASSING = 1.5
 """Distance at which cars of two lines pass each other, in sums of their radii."""
 
@@ -40,15 +47,17 @@ class LineParameters(Checked):
     grip: float = number(_GRIP, 0.05, 1)
     """Share of the cars' grip and of their largest curvature that turns use."""
     settle: float = number(0.0, 0, 1e4, "m")
-    """Distance outside of the rectangle at which turns begin and end [m]; without effect where `task.boundary` is
-    closed."""
+    """Distance outside of the rectangle at which turns begin and end [m]; without effect on lines that turn inside."""
 
 
 class Turn(NamedTuple):
-    """A turn by half a circle back into the own lane: an arc to the left, a wide one to the right, one to the left."""
+    """A turn by half a circle: an arc to the left, a wide one to the right, one to the left, back into the own lane.
+
+    Without the short arcs it is a half circle, beside the lane.
+    """
 
     short: int
-    """Steps of the first and of the last arc."""
+    """Steps of the first and of the last arc; 0 for a half circle."""
     long: int
     """Steps of the arc between them."""
     angle: float
@@ -60,9 +69,15 @@ class Turn(NamedTuple):
         return 2 * self.short + self.long
 
     @property
+    def aside(self) -> float:
+        """Distance of the ends of the turn from the lane [step]: the radius of a half circle, else 0."""
+        return 0.0 if self.short else self.long / math.pi
+
+    @property
     def headings(self) -> np.ndarray:
         """Headings after each step, from 0 to -pi [rad]."""
-        rates = np.repeat([self.angle / self.short, -(math.pi + 2 * self.angle) / self.long, self.angle / self.short],
+        first = self.angle / max(self.short, 1)
+        rates = np.repeat([first, -(math.pi + 2 * self.angle) / self.long, first],
                           [self.short, self.long, self.short])  # fmt: skip
         return np.cumsum(rates)
 
@@ -88,8 +103,11 @@ class LinePlan:
     """(N,) places across of the cars, line by line [m]."""
     line_of: np.ndarray
     """(N,) line of each car."""
-    squeeze: float
-    """Factor of the places across in a turn; below 1 where turns have to fit into the rectangle."""
+
+    @property
+    def aside(self) -> float:
+        """Distance of a car from its lane in a sweep, to the left of it: R of turns inside, else 0 [m]."""
+        return self.speed * self.step * self.turn.aside
 
     @property
     def period(self) -> int:
@@ -127,27 +145,36 @@ def largest_spacing(speed: float, radius: float, rogue_speed: float, step: float
     return 2 * math.sqrt(max(radius**2 - ((rogue_speed + speed) * step / 2) ** 2, 0.0))
 
 
-def lanes_of(scenario: Scenario, lines: int) -> tuple[float, np.ndarray, np.ndarray]:
+def turns_inside(scenario: Scenario) -> bool:
+    """Return whether lines turn inside the rectangle: within walls or an inset."""
+    return scenario.task.boundary != "open" or scenario.inset > 0
+
+
+def lanes_of(scenario: Scenario, lines: int, aside: float = 0.0) -> tuple[float, np.ndarray, np.ndarray]:
     """Return how m lines share the span 2 B: pitch of their lanes [m], places across [m] and line of each car.
 
     The lines are interleaved, so that their cars pass each other: lane j of the N lanes belongs to line j mod m. With
-    the pitch 2 B / (N + 1 - m), the outermost car of any line is at most half a spacing, m pitches, from the wall.
+    the pitch 2 (B + R) / (N + 1 - m), the outermost car of any line is at most half a spacing, m pitches, from the
+    wall, if it is R, `aside` [m], beside its lane. The pitch is smaller where the inset leaves less room.
     """
-    n, span = scenario.num_robots, 2 * min(scenario.curve.half_width, scenario.curve.half_height)
-    pitch = min(span / (n + 1 - lines), span / max(n - 1, 1))
+    n, half = scenario.num_robots, min(scenario.curve.half_width, scenario.curve.half_height)
+    room = min(scenario.driven.half_width, scenario.driven.half_height)
+    pitch = min(2 * (half + aside) / (n + 1 - lines), 2 * (room - aside) / max(n - 1, 1))
     order = np.concatenate([np.arange(line, n, lines) for line in range(lines)])
     return pitch, (order - (n - 1) / 2) * pitch, order % lines
 
 
-def spacing_of(scenario: Scenario, lines: int) -> float:
+def spacing_of(scenario: Scenario, lines: int, aside: float = 0.0) -> float:
     """Return the spacing of the cars in a line, or twice the largest distance of an outermost car from the wall [m]."""
-    pitch, lanes, _ = lanes_of(scenario, lines)
-    wall = min(scenario.curve.half_width, scenario.curve.half_height) + lanes.min() + (lines - 1) * pitch
+    pitch, lanes, _ = lanes_of(scenario, lines, aside)
+    wall = min(scenario.curve.half_width, scenario.curve.half_height) + lanes.min() + (lines - 1) * pitch + aside
     return max(lines * pitch, 2 * wall)
 
 
 def can_span(scenario: Scenario, lines: int) -> bool:
     """Return whether that many lines can span the rectangle, with room for cars of two lines to pass each other."""
+    if turns_inside(scenario):
+        return bool(inner_plans(scenario, LineParameters(), lines)[0])
     spacing, pitch = spacing_of(scenario, lines), lanes_of(scenario, lines)[0]
     fits = speed_limit(spacing, scenario.sensing_radius, scenario.rogue_speed, scenario.task.step) > 0
     return fits and (lines == 1 or pitch >= _PASSING * 2 * scenario.robot.radius)
@@ -161,7 +188,7 @@ def check(scenario: Scenario, parameters: LineParameters) -> None:
         rule = "line-abreast requires N * 2 * sensing radius >= the shorter side"
         raise UnsuitableScenarioError(f"{rule}: {n} * 2 * {radius:g} < {span:g} [m]")
     lines = parameters.lines or 1
-    if not can_span(scenario, lines):
+    if not turns_inside(scenario) and not can_span(scenario, lines):
         rule = f"line-abreast requires {lines} line(s) of {n} cars to span {span:g} m with discs of {radius:g} m"
         raise UnsuitableScenarioError(f"{rule}: {_what_fails(scenario, lines)}")
 
@@ -209,28 +236,95 @@ def arcs(headings: np.ndarray, distances: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def line_plan(scenario: Scenario, parameters: LineParameters, lines: int) -> LinePlan:
-    """Return the plan of so many lines."""
-    curve, robot, step = scenario.curve, scenario.robot, scenario.task.step
+    """Return the plan of so many lines that turn outside of the rectangle."""
+    curve, step = scenario.curve, scenario.task.step
     A, B = max(curve.half_width, curve.half_height), min(curve.half_width, curve.half_height)
     _, lanes, line_of = lanes_of(scenario, lines)
-    fastest = min(_CRUISE * slowest_top_speed(scenario), fastest_speed(scenario))
     limit = speed_limit(spacing_of(scenario, lines), scenario.sensing_radius, scenario.rogue_speed, step)
-    speed = min(parameters.speed or fastest, limit, _FASTEST * slowest_top_speed(scenario))
+    speed = min(_speed_of(scenario, parameters), limit)
+    turn = turn_of(_largest_turn(scenario, parameters, speed))
+    reach = A + parameters.settle
+    sweep = max(math.ceil(2 * reach / (speed * step) - 1e-9), 1)
+    return LinePlan(A, B, 2 * reach / (sweep * step), step, sweep, turn, reach, lanes, line_of)
+
+
+def _speed_of(scenario: Scenario, parameters: LineParameters) -> float:
+    """Return the largest speed of lines that the parameters and the slowest car allow [m/s]."""
+    fastest = min(_CRUISE * slowest_top_speed(scenario), fastest_speed(scenario))
+    return min(parameters.speed or fastest, _FASTEST * slowest_top_speed(scenario))
+
+
+def _largest_turn(scenario: Scenario, parameters: LineParameters, speed: float) -> float:
+    """Return the largest turn at a speed that steering and grip allow [rad/step]."""
+    robot = scenario.robot
     base = robot.wheelbase * (1 + SPREAD_MAX * scenario.noise.wheelbase_spread)
     sharpest = 1 / turning_radius(base, robot.steering_max)
-    turn = turn_of(parameters.grip * step * min(sharpest * speed, robot.lateral_acceleration_max / speed))
-    path = np.vstack([[0.0, 0.0], np.cumsum(arcs(np.append(0.0, turn.headings), np.full(turn.steps, speed * step)), 0)])
-    reach, squeeze = A + parameters.settle, 1.0
-    if scenario.task.boundary != "open":
-        reach = A - path[:, 0].max()
-        squeeze = min(max((B - np.abs(path[:, 1]).max()) / np.abs(lanes).max(), 0.0), 1.0) if lanes.any() else 1.0
-    sweep = max(math.ceil(2 * max(reach, 0.0) / (speed * step) - 1e-9), 1)
-    speed = 2 * max(reach, 0.0) / (sweep * step) or speed
-    return LinePlan(A, B, speed, step, sweep, turn, reach, lanes, line_of, squeeze)
+    grip = robot.lateral_acceleration_max / speed
+    return parameters.grip * scenario.task.step * min(sharpest * speed, grip)
+
+
+@lru_cache(maxsize=64)
+def inner_plans(scenario: Scenario, parameters: LineParameters, lines: int) -> tuple[tuple[LinePlan, ...], str]:
+    """Return the plans of so many lines that turn inside, of several speeds, and what fails at the lowest one."""
+    largest, plans, failing = _speed_of(scenario, parameters), [], ""
+    for share in (1.0,) if parameters.speed else _SHARES:
+        plan = _inner_plan(scenario, parameters, lines, share * largest)
+        failing = what_fails_inside(scenario, plan)
+        if not failing:
+            plans.append(plan)
+    return tuple(plans), failing
+
+
+def _inner_plan(scenario: Scenario, parameters: LineParameters, lines: int, fastest: float) -> LinePlan:
+    """Return the plan of lines that turn inside at about a speed [m/s]: whole steps of a sweep and of a half circle.
+
+    A sweep of k steps and a half circle of n steps span the driven rectangle if v dt (k / 2 + n / pi) is half of it.
+    """
+    curve, driven, step = scenario.curve, scenario.driven, scenario.task.step
+    A, B = max(curve.half_width, curve.half_height), min(curve.half_width, curve.half_height)
+    half, long = max(driven.half_width, driven.half_height), 4
+    while True:
+        sweep = max(math.ceil(2 * (half / (fastest * step) - long / math.pi) - 1e-9), 1)
+        speed = half / (step * (sweep / 2 + long / math.pi))
+        if math.pi <= _largest_turn(scenario, parameters, speed) * long * (1 + 1e-9):
+            break
+        long += 1
+    turn = Turn(0, long, 0.0)
+    _, lanes, line_of = lanes_of(scenario, lines, speed * step * turn.aside)
+    return LinePlan(A, B, speed, step, sweep, turn, half - speed * step * turn.aside, lanes, line_of)
+
+
+def what_fails_inside(scenario: Scenario, plan: LinePlan) -> str:
+    """Return the condition that a plan of lines that turn inside fails, with its numbers; an empty string for none."""
+    inset, radius, robot = scenario.inset, scenario.sensing_radius, scenario.robot
+    lines, turn = int(plan.line_of.max()) + 1, plan.aside
+    about = f"at {plan.speed:.3g} m/s cars turn on half circles of {turn:.3g} m"
+    if turn + inset > plan.half_span or plan.reach < 0:
+        return f"{about}, which do not fit {inset:.3g} m inside of walls {2 * plan.half_span:g} m apart"
+    pitch, spacing = lanes_of(scenario, lines, turn)[0], spacing_of(scenario, lines, turn)
+    if lines * pitch >= 2 * radius:
+        return f"{about}, so those of a line would be {lines * pitch:.3g} m apart, and not less than {2 * radius:.3g} m"
+    if spacing >= 2 * radius:
+        return f"{about}, so the outermost would be {spacing / 2:.3g} m from its wall, and not less than {radius:.3g} m"
+    limit = speed_limit(spacing, radius, scenario.rogue_speed, plan.step)
+    if limit < plan.speed:
+        return (
+            f"rogues of {scenario.rogue_speed:g} m/s cross a line of {plan.speed:.3g} m/s, and not of {limit:.3g} m/s"
+        )
+    apart, needed = pitch - 2 * turn * (lines > 1), _PASSING * 2 * robot.radius
+    if apart < needed:
+        return f"{about}, so they would come as near as {max(apart, 0):.3g} m to others, and need {needed:.3g} m"
+    aside = max(plan.half_span - float(np.abs(plan.lanes).max()), spacing / 2)
+    away = math.hypot(inset + turn, aside) - turn
+    if away > radius:
+        return (
+            f"{about}, which end {away:.3g} m from places at the end of the rectangle, beyond sensors of {radius:.3g} m"
+        )
+    return ""
 
 
 def line_path(plan: LinePlan) -> np.ndarray:
-    """Return one period of the path of a car in the lane 0: (P, 4) along, across [m], heading [rad], factor of lanes.
+    """Return one period of the path of a car in the lane 0: (P, 3) along, across [m] and heading [rad].
 
     Step 0 is where the sweep to the right begins.
     """
@@ -238,18 +332,5 @@ def line_path(plan: LinePlan) -> np.ndarray:
     there = np.concatenate([straight, plan.turn.headings])
     headings = np.concatenate([[0.0], there, there - math.pi])
     moved = np.cumsum(arcs(headings, np.full(plan.period, plan.speed * plan.step)), axis=0)
-    places = np.vstack([[0.0, 0.0], moved])[:-1] + np.array([-plan.reach, 0.0])
-    return np.column_stack([places, headings[:-1], _lane_factors(plan)])
-
-
-def _lane_factors(plan: LinePlan) -> np.ndarray:
-    """Return the factor of the lanes at each step of the path: 1 in the middle of a sweep, `squeeze` in turns."""
-    factors = np.full(plan.period, plan.squeeze)
-    if plan.squeeze == 1:
-        return factors
-    ramp = max(plan.sweep // 4, 1)
-    rising = 0.5 - 0.5 * np.cos(np.pi * np.minimum(np.arange(plan.sweep) / ramp, 1.0))
-    share = np.minimum(rising, rising[::-1])
-    for start in (0, plan.sweep + plan.turn.steps):
-        factors[start : start + plan.sweep] = plan.squeeze + (1 - plan.squeeze) * share
-    return factors
+    places = np.vstack([[0.0, 0.0], moved])[:-1] + np.array([-plan.reach, plan.aside])
+    return np.column_stack([places, headings[:-1]])

@@ -161,7 +161,7 @@ def _drivable(
     swell = lengths / duration - (before + after) / 2
     possible = np.isfinite(lengths)
     if np.isfinite(car.within).all():
-        reach = dubins_reach(start, np.where(possible[..., None], pieces, 0.0), car.turning)
+        reach = dubins_reach(start, np.where(possible[..., None], pieces, 0.0), TURNS, np.array(car.turning))
         possible &= (reach <= np.maximum(car.within, np.abs(start[:2])) * (1 + 1e-9)).all(axis=-1)
     for share in _PROFILE:
         speed = before + (after - before) * share + 6 * swell * share * (1 - share)

@@ -8,6 +8,7 @@ import numpy as np
 
 from baselines.onboard import Command, Twist
 from lissajous_env.logs.car_input import actions_of
+from lissajous_env.logs.drive_input import actions_of_twists
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.robot import Robot
@@ -26,13 +27,6 @@ def of_twist(robot: Robot, step: float, speed: float, twist: Twist) -> Command:
     steering = math.atan(robot.wheelbase * twist.yaw_rate / twist.speed) if twist.speed else 0.0
     offset = math.copysign(robot.offset, push) if robot.reverses else robot.offset
     return Command(steering, (push + offset) / robot.drive)
-
-
-def action_of(robot: Robot, twist: Twist) -> tuple[float, float]:
-    """Return the action of a differential drive for a twist, clipped to what the drive can do."""
-    end = robot.top_speed if twist.speed > 0 else -robot.lowest_speed
-    speed = twist.speed / end if end > 0 else 0.0
-    return min(max(speed, -1.0), 1.0), min(max(twist.yaw_rate / robot.top_yaw_rate, -1.0), 1.0)
 
 
 class Vehicle:
@@ -82,7 +76,7 @@ class Vehicle:
             given = self._commands[0][1]
         action = np.zeros(self._size, dtype=np.float32)
         if self._robot.kind == "differential":
-            action[:2] = (0.0, 0.0) if given is None else action_of(self._robot, given)
+            action[:2] = actions_of_twists(self._robot, np.array(given or Twist(0.0, 0.0)))
             return action
         if isinstance(given, Twist):
             drives = given.speed > 0 or (given.speed < 0 and self._robot.reverses)

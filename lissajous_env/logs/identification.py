@@ -61,12 +61,12 @@ class Identified:
     """Constants of a car with their standard errors."""
 
     values: dict[str, float]
-    """Value of each of `CONSTANTS`."""
+    """Value of each constant by name, of a car those of `CONSTANTS`."""
     errors: dict[str, float]
     """Standard error of each; NaN for a constant that the log does not determine, whose value is then the given one."""
     residual: dict[str, float]
-    """Standard deviation of the log from the prediction: x and y together [m], heading [rad], speed [m/s], NaN without
-    measured speeds."""
+    """Standard deviation of the log from the prediction: for cars x and y together [m], heading [rad], speed [m/s], NaN
+    without measured speeds."""
     samples: int
     """Number of poses that were used."""
     misfits: tuple[str, ...] = ()

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.logs.clocks import SAME, Clock, Recorded
+from lissajous_env.logs.drive_input import DRIVE_INPUTS
 from lissajous_env.logs.log import Log, Series, Track
 from lissajous_env.logs.messages import Bags, Message
 from lissajous_env.logs.poses import Poses, RobotPoses
@@ -22,6 +23,7 @@ from lissajous_env.world.state import REMOVED, STUCK, WORKING
 EPISODE = "/lissajous/episode"
 COMMAND, PHASE, STATUS = "/robot_{}/command", "/robot_{}/phase", "/robot_{}/status"
 _JOINTS, _NUMBERS = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64MultiArray"
+_TWISTS = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
 _FEWEST = 2
 _LATE = 1.0
 """Time between the first poses of two robots from which on a note says that the episode begins late [s]."""
@@ -45,7 +47,8 @@ def read(
             /tf (`/tf:car_{}`), or a place in an array (`/poses:2`). Of several files, one name without {} stands for
             one robot in each.
         commands: Topic of the commands, with {} for the same numbers: sensor_msgs/JointState with joints named steering
-            and throttle, or std_msgs/Float64MultiArray of the two.
+            and throttle, or std_msgs/Float64MultiArray of the two; of differential drives speed and yaw rate, also as
+            geometry_msgs/Twist or TwistStamped.
         origin: x, y [m] and heading [rad] of the middle of the rectangle in the frame of the log.
 
     Raises:
@@ -97,7 +100,7 @@ class _Reading:
         episode, begin = self._episode(tracks)
         if begin is None:
             self._note_late(tracks)
-        given = self._others(commands, (_JOINTS, _NUMBERS), _command_of)
+        given = self._others(commands, (_JOINTS, _NUMBERS, *_TWISTS), _command_of)
         phases = self._others(PHASE, ("std_msgs/msg/Float64",), _number_of)
         statuses = self._others(STATUS, ("std_msgs/msg/UInt8",), _status_of)
         for (topic, reason), count in sorted(self._bags.ignored.items()):
@@ -256,6 +259,9 @@ def _checked_episode(text: str, name: str) -> dict[str, Any]:
 
 def _command_of(message: Any) -> Values | str:
     """Return the values of a command, those with names in the order of their names."""
+    twist = getattr(message, "twist", message)
+    if hasattr(twist, "linear"):
+        return DRIVE_INPUTS, [float(twist.linear.x), float(twist.angular.z)]
     if not hasattr(message, "name"):
         return (), [float(value) for value in message.data]
     names = list(message.name)

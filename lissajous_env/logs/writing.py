@@ -5,7 +5,7 @@ Topics, in the frame `map`, whose origin is the middle of the rectangle:
 | topic | type | content |
 |---|---|---|
 | `/robot_K/odom` | nav_msgs/Odometry | pose; speed and yaw rate |
-| `/robot_K/command` | sensor_msgs/JointState | command from this time on: of a car, steering [rad] and throttle |
+| `/robot_K/command` | sensor_msgs/JointState | command from this time on, of a car steering [rad] and throttle |
 | `/robot_K/phase` | std_msgs/Float64 | phase theta of (1) [rad] |
 | `/robot_K/status` | std_msgs/UInt8 | 0 working, 1 failed, 2 removed |
 | `/markers` | visualization_msgs/MarkerArray | curve, rectangle, bodies, headings, sensing discs, targets |
@@ -26,6 +26,7 @@ import numpy as np
 
 from lissajous_env.episodes.recording import Recording
 from lissajous_env.logs.car_input import inputs_of
+from lissajous_env.logs.drive_input import twists_of
 from lissajous_env.logs.markers import Shape, ground_shapes, robot_shapes, target_shape
 from lissajous_env.logs.messages import rosbags, type_store
 from lissajous_env.logs.reading import COMMAND, EPISODE, ODOMETRY, PHASE, STATUS
@@ -169,12 +170,14 @@ def _pose(types: Any, x: float, y: float, z: float, heading: float) -> Any:
 
 
 def _commands(recording: Recording) -> np.ndarray:
-    """Return the actions of a recording, of cars with steering angle [rad] and throttle in place of the first two."""
+    """Return the actions of a recording, those of cars and differential drives in physical units."""
     if recording.scenario.task.action != "control":
         raise ValueError(f"task.action must be control for a log, got {recording.scenario.task.action}")
     commands = recording.action.copy()
     if recording.scenario.robot.kind == "car":
         commands[..., :2] = inputs_of(recording.scenario.resolve().robot, np.ascontiguousarray(commands[..., :2]))
+    if recording.scenario.robot.kind == "differential":
+        commands[..., :2] = twists_of(recording.scenario.robot, commands[..., :2])
     return commands
 
 

@@ -58,7 +58,7 @@ def _driving(scenario: Scenario) -> np.ndarray:
 
     A component requests the unit of speed where it is farthest from its value at rest, and 0 if it drives no robot.
     """
-    model = model_of(scenario.robot.kind)
+    model = scenario.model
     rest = np.array(model.rest_action(scenario.robot))
     unit = model.speed_unit(scenario.driven, scenario.formation, scenario.robot)
     drives = np.isin(np.arange(model.action_size), range(model.action_size) if model.driving is None else model.driving)

@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 52_614
+LINES = 53_000
 """Lines of the packages."""
-MODULES = 362
+MODULES = 363
 """Files of the packages."""
-TESTS = 32_458
+TESTS = 32_600
 """Lines of the tests."""
 
 

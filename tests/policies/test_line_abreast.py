@@ -10,6 +10,7 @@ from baselines.policies.line_abreast import LineAbreast, ideal_worst_case, line_
 from baselines.policies.line_path import (
     LineParameters,
     can_span,
+    inner_plans,
     largest_spacing,
     line_path,
     line_plan,
@@ -17,6 +18,7 @@ from baselines.policies.line_path import (
     turn_of,
 )
 from lissajous_env.parameters import named
+from lissajous_env.theory.geometry import turning_radius
 
 INTRUDERS = lissajous_env.scenario("intruders", **{"task.contamination": (108, 48), "targets.speed_limit": 0.6})
 SEVEN = {"robot.count": 7, "task.duration": 60.0}
@@ -92,6 +94,8 @@ def test_lines_share_the_span():
     ({"targets.speed_limit": 4.0}, "5 cars to span 4.8 m with discs of 0.5 m: rogues of 4 m/s cross a line within"),
     ({"robot.count": 9, "lines": 2}, "2 line.s. of 9 cars .*: the cars of a line would be 1.2 m apart, and not less"),
     ({"robot.count": 12, "lines": 2, "robot.radius": 0.2}, "pass each other at 0.436 m, and need 0.6 m"),
+    ({"task.boundary": "wall"}, "half circles of 0.5.* m, so the outermost would be 1.2.* m from its wall"),
+    ({"task.boundary": "wall", "sensing.radius": 1.5}, "requires a start that .* robots know .* got rotated and 0.02"),
 ])  # fmt: skip
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_line_that_cannot_work_is_refused(overrides, words):
@@ -147,17 +151,44 @@ def test_lines_stand_upright_in_an_upright_rectangle():
     lying, upright = (line_tables(lissajous_env.scenario("intruders", **each).resolve(), LineParameters(speed=1.5))
                       for each in ({}, turned))  # fmt: skip
     np.testing.assert_array_equal(lying[0].lanes, upright[0].lanes)
-    begin = [tables.pose[0, :, 4 * tables.lead_in :: 4, :2] for _, tables in (lying, upright)]
+    begin = [tables.pose[0, :, 4 * tables.lead_in :: 4, :2] for _, tables, _ in (lying, upright)]
     np.testing.assert_allclose(begin[1], np.stack([-begin[0][..., 1], begin[0][..., 0]], axis=-1), atol=1e-6)
 
 
-def test_turns_stay_inside_of_a_closed_boundary():
-    scenario = lissajous_env.scenario("intruders", **{"task.boundary": "wall"}).resolve()
-    plan = line_plan(scenario, LineParameters(speed=1.0), 1)
-    path = line_path(plan)
-    places = path[:, None, 1] + path[:, 3, None] * plan.lanes
-    assert np.abs(path[:, 0]).max() <= 5.4 + 1e-9
-    assert np.abs(places).max() <= 2.4 + 1e-9
+def test_lines_that_turn_inside_keep_their_spacing_and_stay_off_the_walls():
+    """Law over random halls: no car leaves the driven rectangle, turns too tightly or leaves a gap beside it."""
+    draw, played = np.random.default_rng(5), 0
+    for _ in range(60):
+        height = math.exp(draw.uniform(math.log(2), math.log(50)))
+        halves = {"curve.half_width": height / 2 * draw.uniform(1, 5), "curve.half_height": height / 2}
+        cars = {"robot.count": int(draw.integers(2, 12)), "robot.radius": height * draw.uniform(0.005, 0.03)}
+        cars |= {
+            "robot.wheelbase": height * draw.uniform(0.005, 0.05),
+            "sensing.radius": height * draw.uniform(0.1, 0.5),
+        }
+        scenario = lissajous_env.scenario("intruders", **{"task.boundary": "wall"}, **halves, **cars).resolve()
+        reach = np.array([scenario.driven.half_width, scenario.driven.half_height])
+        for lines in (1, 2):
+            for plan in inner_plans(scenario, LineParameters(), lines)[0]:
+                played += 1
+                path = line_path(plan)
+                assert len(path) == plan.period
+                y = path[:, 1, None] + plan.lanes
+                assert np.abs(path[:, 0]).max() <= reach[0] * (1 + 1e-9)
+                assert np.abs(y).max() <= reach[1] * (1 + 1e-9)
+                turn = np.abs(np.angle(np.exp(1j * np.diff(path[:, 2], append=path[0, 2])))).max() / plan.step
+                assert turn <= plan.speed / turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
+                limit = speed_limit(0.0, scenario.sensing_radius, scenario.rogue_speed, plan.step)
+                assert plan.speed <= limit
+                for line in range(lines):
+                    across = np.sort(y[:, plan.line_of == line], axis=1)
+                    widest = np.diff(across, axis=1).max(initial=0.0)
+                    beside = max(plan.half_span - across.max(axis=1).min(), across.min(axis=1).max() + plan.half_span)
+                    spacing = largest_spacing(plan.speed, scenario.sensing_radius, scenario.rogue_speed, plan.step)
+                    assert max(widest, 2 * beside) <= spacing * (1 + 1e-6)
+                other = y[:, None, :] - y[None, :, :1]  # cars of other lines meet at any two places of the path
+                assert lines == 1 or np.abs(other[..., 1:]).min() > 2 * scenario.robot.radius
+    assert played >= 30
 
 
 def across_at_the_end(**faults):

@@ -98,9 +98,8 @@ FIXED = {
     ),
     "a status of text": (shrunk() + extra("/robot_{}/status", lambda t: plain("String", "ok")), ("msg/String",)),
     "a command of another type": (
-        shrunk() + extra("/robot_{}/command", lambda t: KINDS["geometry_msgs/msg/Twist"](
-            *2 * [KINDS["geometry_msgs/msg/Vector3"](0.5, 0.0, 0.0)])),
-        ("/robot_0/command", "geometry_msgs/msg/Twist", "unknown without commands"),
+        shrunk() + extra("/robot_{}/command", lambda t: KINDS["geometry_msgs/msg/Vector3"](0.5, 0.0, 0.0)),
+        ("/robot_0/command", "geometry_msgs/msg/Vector3", "unknown without commands"),
     ),
     "commands with other names": (
         shrunk() + extra("/robot_{}/command", lambda t: joints(EPOCH + t, ["left", "right"], [0.1, 0.2])),

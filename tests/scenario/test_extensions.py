@@ -198,7 +198,7 @@ def test_what_a_function_returns_is_checked(door, value, message):
         (lambda: made(5), "extensions must be objects or module:name, got 5"),
         (lambda: lissajous_env.score_column("median")(returning(1)), "wrong.reduce must be one of mean, sum, max"),
         (lambda: lissajous_env.observation_entry(0)(returning(1)), "wrong.size must be a whole number"),
-        (lambda: lissajous_env.observation_entry(low=2)(returning(1)), "wrong.high must be above low = 2"),
+        (lambda: lissajous_env.observation_entry(low=1.0)(returning(1)), "wrong.high must be above low = 1"),
         (lambda: lissajous_env.reward_term()(5), "reward term must be a function or a Warp kernel, got 5"),
     ],
 )
