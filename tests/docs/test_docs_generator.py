@@ -40,7 +40,7 @@ def test_the_page_of_a_scenario_has_its_numbers():
     assert [row[1] for row in rows_below("Action", text)] == ["steering", "throttle"]
     assert "reward = 1 * detections - 1 * collisions - 0.5 * effort\n" in text
     assert "their agents are terminated" in text
-    assert "A wall stops a car's centre" in text
+    assert "A wall stops a car's body" in text
     assert "*the replay*" in text
     assert "benchmarks/results.py --scenarios yard --store" in text
     assert "$" not in text
