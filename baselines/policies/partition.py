@@ -10,6 +10,7 @@ worst-case undetected time (`baselines.policies.partition_plan`).
 """
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterator
 from functools import lru_cache
@@ -35,6 +36,8 @@ ARRIVING = SafetyParameters(clearance=0.07, growth=0.2)
 """Parameters of the collision filter of cars on the way to their loops, which give way earlier than those on loops."""
 _PHASES = 4
 """Phases of the team for which a transit within an inset is sought."""
+_VARIANTS = 800
+"""Variants of plans for which a transit is sought, times the square of the number of robots; at least 4 are tried."""
 _LONGEST = 6.0
 """Longest planned transit, in the time in which a car drives half of the rectangle's half perimeter."""
 
@@ -132,7 +135,8 @@ def plain_of(scenario: Scenario) -> Scenario:
 def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tuple[Plan, PathTables, float]:
     """Return the plan of a scenario, its timed paths by robot, and how long the collision filter is needed [step]."""
     plans = partition_plans(scenario, parameters)
-    for plan in (variant for each in plans for variant in variants_of(scenario, each)):
+    variants = (variant for each in plans for variant in variants_of(scenario, each))
+    for plan in itertools.islice(variants, max(_VARIANTS // scenario.num_robots**2, 4)):
         planned = planned_transit(scenario, plan, parameters) if start_is_known(scenario) else None
         if planned is not None:
             lead_in, chosen = planned

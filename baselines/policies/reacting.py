@@ -41,7 +41,7 @@ def nearest(offset: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarr
         return np.zeros_like(offset[:, :, 0, :]), np.zeros(there.shape[:2], bool)
     far = np.where(there, np.linalg.norm(offset, axis=-1), np.inf)
     first = far.argmin(axis=-1)
-    return np.take_along_axis(offset, first[..., None, None], axis=2)[:, :, 0], there.any(axis=-1)
+    return np.take_along_axis(offset, first[..., None, None], axis=2)[:, :, 0], np.any(there, axis=-1)
 
 
 def known_places(rows: Rows) -> np.ndarray:
@@ -261,7 +261,7 @@ class Chase(Searching):
         ahead = np.clip(here + rows.track_offset + rows.track_velocity * when[..., None], -self.half, self.half) - here
         first = far.argmin(axis=-1)[..., None, None]
         goal = np.take_along_axis(ahead, first, axis=2)[:, :, 0]
-        return np.where(now.any(axis=-1)[..., None], towards(goal, 0.02 * self.sight), self.patrol.wish(rows))
+        return np.where(np.any(now, axis=-1, keepdims=True), towards(goal, 0.02 * self.sight), self.patrol.wish(rows))
 
 
 class Index(Reacting):

@@ -1,11 +1,14 @@
 """Planned paths within walls: bodies stay inside, do not collide, and detect every rogue within the printed time."""
 
+import math
+
 import numpy as np
 import pytest
 
 import baselines
 import lissajous_env
 from baselines.planning.request import Request
+from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.line_abreast import ideal_worst_case
 from baselines.policies.partition_plan import PartitionParameters, partition_plan
 
@@ -55,6 +58,46 @@ def test_lines_turn_inside_and_one_closes_up():
     places, rows = play(baselines.make("line-abreast", lost, num_worlds=2), lost, 2)
     assert distance_from_walls(lost, places) > 0
     assert all(row["collisions"] == 0 and row["guaranteed_detection_time"] <= 75 for row in rows)
+
+
+def random_hall(seed):
+    """Return a hall of 2 m to 100 m with walls, 1 to 8 times as wide as high, with 2 to 10 cars that fit it."""
+    draw = np.random.default_rng(seed)
+    width = math.exp(draw.uniform(math.log(2), math.log(100)))
+    height = width / draw.uniform(1, 8)
+    speed = width * draw.uniform(0.02, 0.1)
+    request = Request(
+        width=width, height=height, robots=int(draw.integers(2, 11)), robot_radius=height * draw.uniform(0.01, 0.05),
+        sensor_radius=height * draw.uniform(0.3, 0.8), speed=speed, turning_radius=height * draw.uniform(0.02, 0.2),
+        rogue_speed=speed * draw.uniform(0.1, 0.9),
+    )  # fmt: skip
+    return lissajous_env.scenario(request.task(int(request.robots)), **{"task.boundary": "wall"})
+
+
+@pytest.mark.parametrize("policy", ["partition", "line-abreast"])
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_planned_paths_in_any_hall_stay_inside_and_apart_or_are_refused(policy, seed):
+    """Law: bodies on planned paths stay inside and do not touch, and the simulated cars follow them."""
+    scenario = random_hall(seed)
+    refusal = ""
+    try:
+        policy = baselines.make(policy, scenario)
+    except UnsuitableScenarioError as error:
+        refusal = str(error)
+    if refusal:
+        assert " requires " in refusal, "the condition"
+        assert "got" in refusal or ": " in refusal, "and what fails"
+        return
+    tables, radius = policy.tables, scenario.robot.radius
+    planned = tables.places(tables.lead_in + tables.loop)[0]
+    assert distance_from_walls(scenario, planned) > 0
+    one, other = np.triu_indices(scenario.num_robots, 1)
+    if tables.lead_in > 0:
+        assert np.linalg.norm(planned[one] - planned[other], axis=-1).min() > 2 * radius
+    places, rows = play(policy, scenario, 1, min(scenario.task.steps, 600))
+    assert distance_from_walls(scenario, places) > 0
+    assert rows[0]["collisions"] == 0
 
 
 def test_cars_share_a_loop_where_walls_leave_no_room_for_one_each():

@@ -7,7 +7,6 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
-from stable_baselines3 import PPO
 
 from lissajous_env import ScenarioSpace, scenario
 from lissajous_env.parameters.assumptions import AssumptionWarning
@@ -48,14 +47,6 @@ def test_each_group_is_as_if_alone_until_it_changes_its_scenario():
     assert [now.num_robots for now in env.scenarios] == [then.num_robots for then in before]
     assert {score["scenario"] for score in env.scores} == {each.name for each in before}
     assert len(env.scores) == 6
-
-
-def test_a_learner_of_another_library_takes_it():
-    env = MixedVecEnv("monitoring-v1", num_groups=2, group_size=2)
-    model = PPO("MlpPolicy", env, n_steps=8, batch_size=16, n_epochs=1, device="cpu")
-    before = [parameter.detach().clone() for parameter in model.policy.parameters()]
-    model.learn(16 * env.num_envs)
-    assert any((now != then).any() for now, then in zip(model.policy.parameters(), before, strict=True))
 
 
 def test_rows_that_a_scenario_lacks_and_wrong_actions_are_refused():

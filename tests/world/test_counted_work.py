@@ -57,7 +57,9 @@ BASES = {
 }
 VALUES = (0, 1e-6, 1e-3, 0.01, 0.1, 0.3, 1, 5, 50, 1000, 1e5, None, True, False, "unseen", "boundary")
 PARTS = ("targets", "sensing", "noise", "faults")
-WITH_REASON = {"targets.speed", "targets.fleeing", "targets.count", "sensing.radius", "noise.actuator"}
+WITH_REASON = {
+    "targets.speed", "targets.fleeing", "targets.count", "sensing.radius", "sensing.sight", "noise.actuator",
+}  # fmt: skip
 """Fields that bring more robots near a target: targets or robots go farther in a step, or discs are larger."""
 MOST = 2.5
 """Largest factor by which another field may change the work of a target."""
