@@ -78,7 +78,7 @@ class Limits:
     apart: float
     """Least distance of two robots [m]."""
     half: tuple[float, float]
-    """Half width and half height of the rectangle [m]."""
+    """Half width and half height of the rectangle without its inset [m]."""
     step: float
     """Control step [s]."""
 
@@ -86,7 +86,7 @@ class Limits:
     def of(cls, task: Scenario) -> "Limits":
         """Return the limits of the cars of a task."""
         room = PartitionParameters(clearance=_CLEARANCE * task.robot.radius)
-        half = task.curve.half_width, task.curve.half_height
+        half = task.driven.half_width, task.driven.half_height
         top = min(task.robot.top_speed, task.robot.steady_speed(task.robot.drive * float(task.drive_factors.min())))
         return cls(_FASTEST * top, turning_radius_of(task), required_distance(task, room), half, task.task.step)
 
