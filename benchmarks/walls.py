@@ -64,7 +64,7 @@ def cell_of(name: str, scenario: Scenario, seeds: range) -> str:
     if not np.isnan(worst := max(row[WORST_CASE.name] for row in rows)):
         parts.append(f"{'> ' if any(row[OPEN.name] for row in rows) else ''}{worst:.3g} s")
     collisions = np.mean([row[COLLISIONS.name] for row in rows])
-    parts.append(f"{collisions:.2g} collisions" if collisions else "none")
+    parts.append(f"{collisions:.2g} collisions" if collisions < 99.5 else f"{collisions:.0f} collisions")
     if contacts.count.any():
         parts.append(f"{contacts.count.mean():.2g} contacts")
     if contacts.standing.any():

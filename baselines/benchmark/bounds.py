@@ -32,7 +32,13 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.simulation import Simulation
 
-GRIDS = {"intruders": (108, 48), "intruders-inside": (108, 48), "rough": (90, 40), "rough-lost": (90, 40)}
+GRIDS = {
+    "intruders": (108, 48),
+    "intruders-inside": (108, 48),
+    "intruders-walls": (108, 48),
+    "rough": (90, 40),
+    "rough-lost": (90, 40),
+}
 """Columns and rows of `task.contamination` of scenarios that do not follow the guarantee by themselves, as that makes
 their steps slower: a benchmark has a number for the guarantee on all of them."""
 BEST_KNOWN = "best known"

@@ -34,6 +34,8 @@ def plan(
     sensor_radius: float | None = None,
     speed: float | None = None,
     turning_radius: float | None = None,
+    robot: Literal["curve", "car", "differential"] | None = None,
+    acceleration: float | None = None,
     rogue_speed: float | None = None,
     entry: Literal["inside", "boundary", "unseen"] | None = None,
     failures: int = 0,
@@ -67,8 +69,10 @@ def plan(
         robot_radius: radius of a robot's body [m].
         sensor_radius: radius of a robot's sensing disc [m].
         speed: top speed of the robots [m/s].
-        turning_radius: radius of a car's tightest circle [m]; without it robots are points that stay on the curve, and
-            all plans are formations.
+        turning_radius: radius of a car's tightest circle [m]; without it and --robot, robots are points that stay on
+            the curve, and all plans are formations.
+        robot: kind of the robots: points on the curve, cars, or differential drives, which turn on the spot.
+        acceleration: largest acceleration of differential drives [m/s^2].
         rogue_speed: top speed of evading targets that know the robots' future [m/s]; 0 by default.
         entry: place where targets appear: anywhere in the rectangle, on its boundary, or outside all sensing discs.
         failures: number of robots that fail for good: each combination of as many is removed once.
@@ -76,7 +80,7 @@ def plan(
             the smallest number that achieves it.
         clearance: least distance of two bodies [m]; plans whose bodies come closer are marked and come after the
             others. It is a tenth of a body's diameter by default.
-        plans: number of plans that are tried for each number of robots, 300 by default; a fifth as many of the best
+        plans: number of plans that are tried for each number of robots, 200 by default; a fifth as many of the best
             ones are then simulated to the end. The result does not depend on the speed of the machine.
         seconds: duration of the search [s], in place of a number of plans.
         optimise: also improve paths of any form by CMA-ES, from the best plans; requires the extra `plan` and a longer
@@ -90,8 +94,8 @@ def plan(
     whole_number("rows", rows)
     budget = Budget.of(plans, seconds)
     outcome = Outcome.of(Request(
-        scenario, width, height, open, _range(robots), robot_radius, sensor_radius, speed, turning_radius, rogue_speed,
-        entry, failures, guarantee, clearance, seed,
+        scenario, width, height, open, _range(robots), robot_radius, sensor_radius, speed, turning_radius, robot,
+        acceleration, rogue_speed, entry, failures, guarantee, clearance, seed,
     ))  # fmt: skip
     with nullcontext() if out is None else report.open_folder(out) as folder:
         _search(outcome, budget, optimise, fixed_start, output)

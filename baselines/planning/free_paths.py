@@ -78,7 +78,7 @@ class Limits:
     apart: float
     """Least distance of two robots [m]."""
     half: tuple[float, float]
-    """Half width and half height of the rectangle [m]."""
+    """Half width and half height of the rectangle without its inset [m]."""
     step: float
     """Control step [s]."""
 

@@ -11,9 +11,11 @@ from typing import Any
 from baselines.benchmark.bounds import GRIDS
 from baselines.planning.plans import top_speed
 from baselines.planning.rehearse import Episodes, grid
+from baselines.policies.as_cars import like_cars
 from baselines.similarity import motion_scale
 from lissajous_env.episodes.guarantee import CELLS
 from lissajous_env.parameters import named
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.settings.parts import Formation
@@ -75,6 +77,10 @@ class Request:
     """Top speed of the robots [m/s]."""
     turning_radius: float | None = None
     """Radius of a car's tightest circle [m]; None for points on the curve, or the scenario's robots."""
+    robot: str | None = None
+    """Kind of the robots, as in `robot.kind`; None for the scenario's, cars with a turning radius, or points."""
+    acceleration: float | None = None
+    """Largest acceleration of differential drives [m/s^2]; None for the default of `robot.acceleration_max`."""
     rogue_speed: float | None = None
     """Top speed of evading targets [m/s]."""
     entry: str | None = None
@@ -95,10 +101,11 @@ class Request:
             if self.scenario is None and getattr(self, name) is None:
                 rule = f"{name} must be given without a scenario"
                 raise ValueError(f"{rule}{f' [{unit}]' if unit else ''}, got None")
-        for name, unit in (*_NEEDED.items(), ("turning_radius", "m")):
+        for name, unit in (*_NEEDED.items(), ("turning_radius", "m"), ("acceleration", "m/s^2")):
             value = getattr(self, name)
             if name != "robots" and value is not None and not _LEAST <= value <= _MOST:
                 raise ValueError(f"{name} must be from {_LEAST:g} to {_MOST:g} [{unit}], got {shown(value)}")
+        self._check_kind()
         if self.rogue_speed is not None and not 0 <= self.rogue_speed <= 100:
             raise ValueError(f"rogue_speed must be from 0 to 100 [m/s], got {shown(self.rogue_speed)}")
         if self.clearance is not None and not 0 <= self.clearance <= _MOST:
@@ -108,6 +115,17 @@ class Request:
         if not isinstance(self.failures, int) or not 0 <= self.failures < self.numbers[0]:
             rule = f"failures must be a whole number from 0 to {self.numbers[0] - 1}, fewer than the robots"
             raise ValueError(f"{rule}, got {shown(self.failures)}")
+
+    def _check_kind(self) -> None:
+        """Check that the options of a kind of robots come with that kind."""
+        kind = self.robot or (self.base.robot.kind if self.base is not None else "curve")
+        kind = "car" if self.robot is None and self.turning_radius is not None else kind
+        for name, of in (("turning_radius", "car"), ("acceleration", "differential")):
+            value = getattr(self, name)
+            if value is not None and kind != of:
+                raise ValueError(f"{name} must be omitted unless robots are of kind {of}, got {value:g} with {kind}")
+        if self.robot == "car" and self.base is None and self.turning_radius is None:
+            raise ValueError("turning_radius must be given for robots of kind car [m], got None")
 
     @cached_property
     def base(self) -> Scenario | None:
@@ -183,7 +201,10 @@ class Request:
             ),
             task=Task(duration=10.0),
         )  # fmt: skip
-        return named.build(base, **_apart(chosen, num_robots))
+        fields = _apart(chosen, num_robots)
+        if robot.kind == "differential":
+            fields = {name: value for name, value in fields.items() if not name.startswith("robot.")} | {"robot": robot}
+        return named.build(base, **fields)
 
     def _changed(self, scenario: Scenario, num_robots: int) -> Scenario:
         """Return the given scenario with what the request changes."""
@@ -207,7 +228,7 @@ class Request:
         halves = (self.width or 2 * curve.half_width) / 2, (self.height or 2 * curve.half_height) / 2
         if halves != (curve.half_width, curve.half_height) or num_robots != scenario.num_robots:
             inset = 0.0 if self.open else scenario.inset
-            speed = robot.top_speed if robot.kind == "car" else self.speed or top_speed(scenario)
+            speed = robot.top_speed if robot.kind != "curve" else self.speed or top_speed(scenario)
             sensor = self.sensor_radius or scenario.sensing_radius
             chosen = _best_design(*halves, robot, sensor, speed, num_robots, inset)
             given = _apart(chosen, num_robots).items()
@@ -236,6 +257,10 @@ def _robot(robot: Robot, request: Request) -> Robot:
         changed["radius"] = request.robot_radius
     if request.speed is not None:
         changed |= {"speed_max": request.speed, "throttle_max": None, "phase_rate_max": None}
+    if request.robot is not None:
+        changed["kind"] = request.robot
+    if request.acceleration is not None:
+        changed["acceleration_max"] = request.acceleration
     if request.turning_radius is not None:
         changed |= {"kind": "car", "wheelbase": request.turning_radius * math.tan(robot.steering_max)}
     return dataclasses.replace(robot, **changed)
@@ -258,11 +283,19 @@ def _best_design(
         sensor_radius,
         speed,
         num_robots,
-        wheelbase=robot.wheelbase if robot.kind == "car" else None,
+        wheelbase=_wheelbase(robot),
         steering_max=robot.steering_max,
         lateral_acceleration_max=robot.lateral_acceleration_max,
         inset=inset,
     )[0]
+
+
+def _wheelbase(robot: Robot) -> float | None:
+    """Return the wheelbase of a car, or of one that turns like a robot of another model [m]; None for points."""
+    if robot.kind == "car":
+        return robot.wheelbase
+    as_car = model_of(robot.kind).as_car
+    return None if as_car is None else as_car.turning_radius(robot) * math.tan(robot.steering_max)
 
 
 def _apart(candidate: Candidate, num_robots: int) -> dict[str, Any]:
@@ -288,9 +321,9 @@ def _times(made: Scenario) -> dict[str, Any]:
     some sweeps of the rectangle by a team that never covers a place twice.
     """
     width, height, robots = 2 * made.curve.half_width, 2 * made.curve.half_height, made.num_robots
-    radius, speed = made.sensing_radius, top_speed(made)
-    limits = [0.1 * motion_scale(made).time, _REACH_STEP * radius / speed]
-    step = float(f"{min(limits + ([1 / made.robot.drag] if made.robot.kind == 'car' else [])):.3g}")
+    radius, speed, like = made.sensing_radius, top_speed(made), like_cars(made) or made
+    limits = [0.1 * motion_scale(like).time, _REACH_STEP * radius / speed]
+    step = float(f"{min(limits + ([1 / like.robot.drag] if like.robot.kind == 'car' else [])):.3g}")
     sweep = (width * height / (2 * radius) + width + height) / (robots * speed)
     steps = min(max(math.ceil(_SWEEPS * sweep / step), _FEWEST_STEPS), max(_MOST_STEPS, math.ceil(8 * sweep / step)))
     duration = float(f"{steps * step:.9g}")

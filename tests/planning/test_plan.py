@@ -16,6 +16,7 @@ import baselines
 import lissajous_env
 from baselines.planning import report
 from baselines.planning.budget import Budget
+from baselines.planning.families import FAMILIES
 from baselines.planning.families.defaults import default_policies, included
 from baselines.planning.families.lissajous import curves_of, formations
 from baselines.planning.family import Family
@@ -366,6 +367,9 @@ def test_a_scenario_is_the_task_as_it_is():
         ({"scenario": "evaders", "robots": "x"}, "robots must be a number or a pair"),
         ({"scenario": "evaders", "robots": (3, 2)}, "robots must be a number, or a range few:many, from 2 to 64"),
         ({"scenario": "evaders", "guarantee": -1.0}, "guarantee must be from 0.001 to 1000000 [s], got -1.0"),
+        ({"scenario": "evaders", "acceleration": 0.8}, "acceleration must be omitted unless robots are of kind"),
+        ({**HALL, "robots": 5, "robot": "differential", "turning_radius": 1.0}, "turning_radius must be omitted"),
+        ({**HALL, "robots": 5, "robot": "car"}, "turning_radius must be given for robots of kind car [m], got None"),
         ({"scenario": "evaders", "clearance": -1.0}, "clearance must be from 0 to 10000 [m], got -1.0"),
         ({"scenario": "evaders", "entry": "nowhere"}, "targets.entry must be one of inside, boundary, unseen"),
     ],
@@ -398,6 +402,15 @@ def test_the_interval_of_the_detection_time_is_that_of_student():
     low, high = t_interval([1.0, 2.0, 3.0, math.nan, 4.0])
     assert (low, high) == pytest.approx((2.5 - 3.1824 * 1.29099 / 2, 2.5 + 3.1824 * 1.29099 / 2), abs=1e-4)
     assert math.isnan(t_interval([1.0])[0])
+
+
+def test_differential_drives_are_planned_for_with_their_acceleration():
+    """Law: all families of cars fit them, and the task has their limits."""
+    task = Request(**HALL, robots=5, robot="differential", acceleration=0.8).task(5)
+    assert (task.robot.kind, task.robot.acceleration_max, task.robot.top_speed) == ("differential", 0.8, 1.5)
+    assert task.task.boundary == "wall"
+    families = [family_of(task) for family_of in FAMILIES]
+    assert {family.name for family in families if family.starts} >= {"partition", "lines", "Lissajous", "loops"}
 
 
 @pytest.mark.parametrize("robots", [4, 6])

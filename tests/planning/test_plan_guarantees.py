@@ -112,7 +112,7 @@ def test_the_number_of_episodes_is_in_the_table(small):
 
 
 def test_a_family_that_was_not_tried_is_named_in_the_first_line(small, capsys, monkeypatch):
-    """Story: a clock on which a second look has no time; what the search did not try stands above the table."""
+    """Story: a clock on which the defaults have no time; what the search did not try stands above the table."""
     hours = itertools.count(0.0, 3600.0)
     monkeypatch.setattr(Search.__init__, "__defaults__", (*Search.__init__.__defaults__[:-1], lambda: next(hours)))
     code, said, _ = called(capsys, "plan", small, "--seconds", 1)
@@ -120,7 +120,7 @@ def test_a_family_that_was_not_tried_is_named_in_the_first_line(small, capsys, m
     assert code in (0, 1)
     assert first.startswith("Not tried: ")
     assert first.endswith("more --seconds are needed.")
-    assert "loops" in first
+    assert "defaults" in first
 
 
 def test_every_family_is_tried_before_the_defaults(small, monkeypatch):

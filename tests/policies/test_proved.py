@@ -219,7 +219,7 @@ def test_shipped_scenarios_to_which_the_theorem_applies():
     apply = {name for name in cars if not unmet_conditions(lissajous_env.scenario(name))}
     assert apply == {
         "experiment", "intruders", "intruders-inside", "evaders", "evaders-failure", "evaders-lost", "evaders-fast",
-        "evaders-uneven", "hall", "team",
+        "evaders-uneven", "evaders-walls", "hall", "intruders-walls", "team",
     }  # fmt: skip
 
 
