@@ -80,7 +80,7 @@ def plan(
             the smallest number that achieves it.
         clearance: least distance of two bodies [m]; plans whose bodies come closer are marked and come after the
             others. It is a tenth of a body's diameter by default.
-        plans: number of plans that are tried for each number of robots, 300 by default; a fifth as many of the best
+        plans: number of plans that are tried for each number of robots, 200 by default; a fifth as many of the best
             ones are then simulated to the end. The result does not depend on the speed of the machine.
         seconds: duration of the search [s], in place of a number of plans.
         optimise: also improve paths of any form by CMA-ES, from the best plans; requires the extra `plan` and a longer

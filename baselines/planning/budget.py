@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from baselines.planning.request import check_time
 from lissajous_env.settings.checks import whole_number
 
-PLANS = 300
+PLANS = 200
 """Default number of plans that are tried: about a minute on two cores for five cars in a hall of 40 m x 25 m."""
 _LEAST = 1.0
 """Shortest duration of a search [s]."""

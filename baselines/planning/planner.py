@@ -139,7 +139,7 @@ def plan(
 
     Args:
         scenario: Scenario from which missing values are taken; without it, the rectangle and the robots must be given.
-        plans: Number of plans that are tried for each number of robots, 300 by default; a fifth as many of the best
+        plans: Number of plans that are tried for each number of robots, 200 by default; a fifth as many of the best
             ones are then played to the end.
         seconds: Duration of the search [s], in place of a number of plans.
         optimise: True to improve free-form paths by CMA-ES too; requires the extra `plan`.

@@ -33,7 +33,10 @@ _COLLISION = {
     "stop": "Two robots that collide stop for good; the episode continues.",
     "remove": "Two robots that collide are removed: their agents are terminated.",
 }
-_LIMITS = {"steering_max": "rad", "throttle_min": "", "throttle_max": "", "phase_rate_max": "rad/s"}
+_LIMITS = {
+    "steering_max": "rad", "throttle_min": "", "throttle_max": "", "phase_rate_max": "rad/s", "speed_min": "m/s",
+    "speed_max": "m/s", "yaw_rate_max": "rad/s",
+}  # fmt: skip
 """Fields of a robot that limit its actions, with their units."""
 
 
