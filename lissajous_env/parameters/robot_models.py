@@ -110,6 +110,8 @@ def register_robot_model(model: RobotModel) -> RobotModel:
         raise ValueError(f"robot model {model.name} must move by a Warp kernel, got {shown(model.move)}")
     if not model.table:
         raise ValueError(f"robot model {model.name} must have a table of at least one row, got {shown(model.table)}")
+    if model.rest is not None and not callable(model.rest):
+        raise ValueError(f"rest of robot model {model.name} must be a function of a Robot, got {shown(model.rest)}")
     for what, given in {"table": model.table, "rest": [model.rest_action(Robot())]}.items():
         for row in given:
             if len(row) != model.action_size or not all(_is_action(each) for each in row):

@@ -15,6 +15,7 @@ from command_line import called, lissajous
 import baselines
 import lissajous_env
 from lissajous_env.console.cli import main
+from lissajous_env.parameters.robot_models import robot_kinds
 from lissajous_env.world.columns import NAMES
 
 BENCHMARK = (
@@ -258,7 +259,7 @@ def test_policies_lists_what_drives_a_scenario_and_what_each_one_is(capsys):
     assert {each["name"] for each in everything if each["learned"]} >= {"learned-intruders", "learned-intruders-safe"}
     assert not listed["kuramoto"]["learned"]
     assert [each["name"] for each in everything] == list(baselines.names())
-    assert all(each["description"] and each["kind"] in (None, "car", "curve", "velocity") for each in everything)
+    assert all(each["description"] and each["kind"] in (None, *robot_kinds(), "velocity") for each in everything)
     table = called(capsys, "policies")[1]
     for each in everything:
         assert re.search(rf"^{each['name']} +({each['kind'] or 'any'}) ", table, re.MULTILINE)

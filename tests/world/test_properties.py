@@ -90,6 +90,10 @@ def scenarios(draw):
     if overrides["sensing.radius"] is not None:
         overrides["sensing.sight"] = draw(st.sampled_from([None, 2 * overrides["sensing.radius"]]))
     overrides["targets.respawn"] = overrides["targets.leave"] and draw(st.booleans())
+    half = min(overrides["curve.half_width"], overrides["curve.half_height"])
+    if overrides["task.boundary"] == "wall":  # walls leave room for bodies, and sensors reach them
+        overrides["robot.radius"] = min(overrides["robot.radius"], 0.2 * half)
+        overrides |= {"curve.inset": overrides["robot.radius"], "sensing.radius": None, "sensing.sight": None}
     columns = draw(st.integers(1, 40))
     rows = max(round(columns * overrides["curve.half_height"] / overrides["curve.half_width"]), 1)
     with contextlib.suppress(ValueError):  # cells that are too long, or too small for rogues as fast as these
