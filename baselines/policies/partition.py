@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.cells import tour
 from baselines.policies.partition_plan import PartitionParameters, Plan, car_of, partition_plans, required_distance
 from baselines.policies.path_tables import PathTables, path_tables
@@ -142,8 +143,27 @@ def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tupl
             lead_in, chosen = planned
             loop = np.roll(plan.loop[chosen], -lead_in.shape[1], axis=1)
             return plan, path_tables(scenario, loop, lead_in), 0.0
+    check_loops_apart(scenario, plans[0], parameters, "partition")
     loop = plans[0].loop[cells_of_ring(scenario, plans[0])]
     return plans[0], path_tables(scenario, loop), arrival_of_all(scenario, plans[0])
+
+
+def loops_lie_apart(plan: Plan, distance: float) -> bool:
+    """Return whether no places of two loops, at whatever times, are nearer than a distance [m]."""
+    pairs = itertools.combinations(plan.loop, 2)
+    return all(np.linalg.norm(one[:, None] - other, axis=-1).min() >= distance for one, other in pairs)
+
+
+def check_loops_apart(scenario: Scenario, plan: Plan, parameters: PartitionParameters, policy: str) -> None:
+    """Raise UnsuitableScenarioError if cars with a known start and no transit would drive onto loops that overlap.
+
+    Within an inset there is no room to pass each other, so the collision filter does not separate them.
+    """
+    apart = required_distance(scenario, parameters)
+    if scenario.inset and start_is_known(scenario) and not loops_lie_apart(plan, apart):
+        rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
+        rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
+        raise UnsuitableScenarioError(f"{rule}, got loops that overlap, and no ways without collisions")
 
 
 def variants_of(scenario: Scenario, plan: Plan) -> Iterator[Plan]:

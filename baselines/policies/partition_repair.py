@@ -21,6 +21,8 @@ from baselines.policies.news import exchange_news, share_line
 from baselines.policies.partition import (
     ARRIVING,
     arrival_of_all,
+    check_loops_apart,
+    loops_lie_apart,
     plain_of,
     planned_transit,
     take_filtered,
@@ -241,14 +243,6 @@ def _watch_of(scenario: Scenario, plan: Plan, repair: RepairParameters) -> Any:
     return watch
 
 
-def loops_lie_apart(plan: Plan, distance: float) -> bool:
-    """Return whether no places of two loops, at whatever times, are nearer than a distance [m]."""
-    robots, steps = plan.loop.shape[:2]
-    places = plan.loop.reshape(-1, 2)
-    between = np.linalg.norm(places[:, None] - places[None], axis=-1).reshape(robots, steps, robots, steps)
-    return bool(between.min(axis=(1, 3))[np.triu_indices(robots, 1)].min(initial=math.inf) >= distance)
-
-
 @lru_cache(maxsize=64)
 def timed_repair(
     scenario: Scenario, parameters: PartitionParameters, repair: RepairParameters
@@ -265,6 +259,8 @@ def timed_repair(
         planned = planned_transit(scenario, plan, parameters, np.array(turned))
         if planned is not None:
             lead_in, cell = planned
+        else:
+            check_loops_apart(scenario, plan, parameters, "partition-repair")
     unit = scenario.curve.half_height
     offset = _avoided_distance(scenario, repair) * int(SIDE) / FINER / (OFFSETS - 1)
     room, lines = room_of(scenario, parameters), None

@@ -118,3 +118,10 @@ def test_cars_share_a_loop_where_walls_leave_no_room_for_one_each():
 def test_loops_that_cannot_be_driven_or_do_not_sense_the_corners_are_refused(changed, words):
     with pytest.raises(ValueError, match=words):
         partition_plan(lissajous_env.scenario("evaders", **{"task.boundary": "wall"}, **changed))
+
+
+def test_loops_that_overlap_and_have_no_ways_are_refused():
+    scenario = lissajous_env.scenario("evaders", **{"task.boundary": "wall"})
+    words = r"partition-repair requires ways from the start .* or loops at least 0\.375 m apart .* loops that overlap"
+    with pytest.raises(UnsuitableScenarioError, match=words):
+        baselines.make("partition-repair", scenario)

@@ -9,8 +9,9 @@ import baselines
 import lissajous_env
 from baselines.policies.cells import divisions
 from baselines.policies.line_shares import lines_of
+from baselines.policies.partition import loops_lie_apart
 from baselines.policies.partition_plan import Plan
-from baselines.policies.partition_repair import PartitionRepair, loops_lie_apart
+from baselines.policies.partition_repair import PartitionRepair
 from lissajous_env.episodes.guarantee import worst_undetected_times
 
 NEWS = {"messages.size": 15, "task.contamination": (40, 40)}
