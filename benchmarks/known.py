@@ -12,6 +12,7 @@ the start. `--store` also plays the default policies and puts a table of them an
 docs/figures.json.
 """
 
+import contextlib
 import math
 import shutil
 import time
@@ -32,6 +33,7 @@ from baselines.planning.family import Family, Settings
 from baselines.planning.plans import SETTLED, WHOLE, Figures, Plan, Planned
 from baselines.planning.rehearse import Episodes, play, quietly
 from baselines.planning.search import Search
+from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import toml_value
@@ -146,8 +148,11 @@ def row_of(name: str) -> list[str]:
     """Return the row of a scenario: its lower bound, and the stored plans beside the best default policies [s]."""
     task = as_played(name, {})
     family = included(task)
+    played = []
     with quietly():
-        played = [play(family.plan(each), Episodes()) for each in family.starts]
+        for each in family.starts:
+            with contextlib.suppress(UnsuitableScenarioError):
+                played.append(play(family.plan(each), Episodes()))
     without = [each.figures for each in played if not each.figures.collisions]
     whole = min((each.worst_case for each in without), default=math.inf)
     settled = min((each.settled for each in without), default=math.inf)
