@@ -34,16 +34,16 @@ for _name, (_coordinator, _tracker, _about) in COMBINATIONS.items():
     register(_name, _tracker.kind, partial(_tracker, _coordinator), about=_about, on_request=_name in ON_REQUEST)
 register("sweep", "car", Sweep, about="Single-file patrol along the boundary, or in lanes.")
 register("laps", "car", Laps, about="The loop of `sweep`, each car independently, at top speed.")
-for _name, _factory, _scenarios in (
-    ("lanes", Lanes, ()),
-    ("follow", Follow, ("watch",)),
-    ("a-cmommt", Force, ("watch",)),
-    ("pure-pursuit", partial(Chase, lead=0.0), ("intercept",)),
-    ("lead-pursuit", Chase, ("intercept",)),
-    ("index", partial(Index, learns=False), ("hotspots",)),
-    ("index-learned", Index, ("hotspots",)),
+for _name, _factory, _scenarios, _about in (
+    ("lanes", Lanes, (), "Patrol of vertical lanes, the robots at equal distances; it observes no target."),
+    ("follow", Follow, ("watch",), "Drive to the nearest target in sight."),
+    ("a-cmommt", Force, ("watch",), "Forces towards targets and away from robots (Parker, 2002)."),
+    ("pure-pursuit", partial(Chase, lead=0.0), ("intercept",), "Drive to the nearest target in sight of any robot."),
+    ("lead-pursuit", Chase, ("intercept",), "Drive to where the nearest target in sight of any robot will be."),
+    ("index", partial(Index, learns=False), ("hotspots",), "Drive to the most targets per time, at uniform rates."),
+    ("index-learned", Index, ("hotspots",), "Drive to the most targets per time, at rates that it learns."),
 ):
-    register(_name, "velocity", _factory, made_for=_scenarios)
+    register(_name, "velocity", _factory, made_for=_scenarios, about=_about)
 register("random", None, RandomWaypoint, about="Random waypoints; random phase rates for points.")
 register("still", None, Still, about="No motion.")
 register_filter(Safe)
