@@ -1,6 +1,5 @@
 """Planning: the search on the task of each number of robots, and the Pareto-optimal plans that it finds."""
 
-import math
 import os
 import time
 from collections.abc import Callable
@@ -9,7 +8,7 @@ from typing import Any
 
 from baselines.planning import free_paths
 from baselines.planning.budget import DEFAULT, Budget
-from baselines.planning.plans import Planned, pareto_optimal
+from baselines.planning.plans import Planned, best_of
 from baselines.planning.rehearse import quietly
 from baselines.planning.request import Request
 from baselines.planning.search import Search
@@ -61,8 +60,7 @@ class Outcome:
     @property
     def plans(self) -> list[Planned]:
         """Return the Pareto-optimal plans, the shortest worst case first; those with a bound alone if there is one."""
-        bounded = [each for each in self.finals if each.figures.worst_case < math.inf]
-        return pareto_optimal(bounded) or pareto_optimal(self.finals)
+        return best_of(self.finals)
 
     @property
     def fewest_robots(self) -> int | None:

@@ -225,6 +225,11 @@ def pareto_optimal(planned: Sequence[Planned]) -> list[Planned]:
     return [by_objectives[each] for each in sorted(best)]
 
 
+def best_of(planned: Sequence[Planned]) -> list[Planned]:
+    """Return the Pareto-optimal plans, the shortest worst case first; those with a bound alone if there is one."""
+    return pareto_optimal([each for each in planned if each.figures.worst_case < math.inf]) or pareto_optimal(planned)
+
+
 def in_turn(lists: Sequence[Sequence[Any]]) -> Iterator[Any]:
     """Yield the first of each list, then the second of each."""
     nothing = object()

@@ -29,8 +29,8 @@ from lissajous_env.world.robots.faults import removal_steps
 from lissajous_env.world.score import is_open
 from lissajous_env.world.simulation import Simulation
 
-EPISODES, MOST_LOSSES = 4, 64
-"""Final episodes of a plan without failures, and most episodes with failures."""
+EPISODES, CONFIRMED, MOST_LOSSES = 4, 16, 64
+"""Final episodes of a plan without failures, those of the best plans, and most episodes with failures."""
 _SCREENED, _SCREENED_LOSSES = 2, 8
 """Episodes of a first look without failures, and most of these with failures."""
 _LOST_AT = 0.25

@@ -42,8 +42,8 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> lis
         Column("", name="number"),
         Column("plan", left=True),
         Column("N") if len(outcome.tasks) > 1 else None,
-        Column(f"worst case [s]\n{outcome.request.episodes.count} episodes"),
-        Column(f"second half [s]\n{outcome.request.episodes.count} episodes"),
+        Column(f"worst case [s]\n{_played(plans)} episodes"),
+        Column(f"second half [s]\n{_played(plans)} episodes"),
         Column(f"with {failures} lost [s]\n{_losses(outcome)} episodes") if failures else None,
         Column("lower\nbound [s]", rank=1),
         Column("detected in\nmean [s]", rank=1),
@@ -114,7 +114,8 @@ def sentences(outcome: Outcome) -> list[str]:
     """Return what was played, what the figures mean, and the reasons of the families that have no plan."""
     episodes = outcome.request.episodes
     words = [
-        f"{outcome.looks} plans were tried, {len(outcome.finals)} simulated to the end: {episodes.count} episodes each"
+        f"{outcome.looks} plans were tried, {len(outcome.finals)} simulated to the end: {episodes.count} episodes each,"
+        f" {_played(outcome.plans)} of the best"
     ]
     if episodes.failures:
         lost = "1 robot is removed" if episodes.failures == 1 else f"{episodes.failures} robots are removed"
@@ -167,6 +168,12 @@ def _of_guarantee(outcome: Outcome) -> list[str]:
     if fewest is None:
         return [*words, f"No plan was found that guarantees {asked}."]
     return [*words, f"{fewest} robots are the fewest with which a plan was found that guarantees {asked}."]
+
+
+def _played(plans: Sequence[Planned]) -> str:
+    """Return the number of episodes without failures of some plans."""
+    counts = [len(each.rows) for each in plans]
+    return " to ".join(dict.fromkeys([str(min(counts, default=0)), str(max(counts, default=0))]))
 
 
 def _losses(outcome: Outcome) -> str:

@@ -1,5 +1,6 @@
 """The search: looks at the first plan of each family, the defaults, then more looks, and final episodes of the best."""
 
+import dataclasses
 import itertools
 import math
 import time
@@ -17,8 +18,8 @@ from baselines.planning.families.defaults import DEFAULTS
 from baselines.planning.family import Family, Settings
 from baselines.planning.free_paths import optimise
 from baselines.planning.in_order import AHEAD, in_order
-from baselines.planning.plans import SETTLED, WHOLE, Plan, Planned, in_turn
-from baselines.planning.rehearse import Episodes, Look, look_at, play, reason_of
+from baselines.planning.plans import SETTLED, WHOLE, Plan, Planned, best_of, in_turn
+from baselines.planning.rehearse import CONFIRMED, Episodes, Look, look_at, play, reason_of
 from baselines.policies.patience import StoppedError
 from baselines.policies.settings import PolicySettings
 from lissajous_env.device.devices import cores
@@ -125,10 +126,11 @@ class Search:
         self.families = [family_of(self.task) for family_of in self._make_families]
         self._on_progress = on_progress
         with ThreadPoolExecutor(min(cores(), AHEAD)) as threads:
-            for stages in ((self._look_at_firsts, self._play_defaults, self._look, self._optimise), (self._finish,)):
+            looking = self._look_at_firsts, self._play_defaults, self._look, self._optimise
+            for stages in (looking, (self._finish,), (self._confirm,)):
                 try:
                     for stage in stages:
-                        if not self._is_met:
+                        if not self._is_met or stage == self._confirm:
                             stage(threads)
                 except KeyboardInterrupt:
                     self.interrupted = True
@@ -331,6 +333,23 @@ class Search:
         share = math.inf if self.interrupted else 1.0
         looks = list(self._play(threads, iter(waiting), lambda: not self._may_begin(), share))
         self.broken += [look.refusal for look in looks if look.refusal not in ("", _STOPPED)]
+
+    def _confirm(self, threads: ThreadPoolExecutor) -> None:
+        """Play the best plans in more episodes until all of them have been: the worst of a few is seldom the worst."""
+        confirmed = dataclasses.replace(self.episodes, count=max(CONFIRMED, self.episodes.count))
+        longest = self._longest * confirmed.count / self.episodes.count
+
+        def is_over() -> bool:
+            seconds = self._budget.seconds
+            return self.interrupted or (seconds is not None and self._clock() + longest > seconds)
+
+        while True:
+            best = {each.plan.key: each.plan for each in best_of(self.finals) if len(each.rows) < confirmed.count}
+            calls = ((plan, partial(play, plan, confirmed)) for plan in best.values())
+            again = {plan.key: ended for plan, ended in in_order(threads, calls, is_over, self._report)}
+            if not again:
+                return
+            self.finals = [again[each.plan.key].result() if each.plan.key in again else each for each in self.finals]
 
     def _may_begin(self) -> bool:
         """Return whether there is time for final episodes of the longest duration so far."""
