@@ -38,7 +38,7 @@ _STARTS = 1
 _LATEST = 0.85
 """Share of the time after which the episodes of the defaults are ended."""
 _CUTOFF = 3.0
-"""A first look ends where the worst-case undetected time is beyond that of the best plan by this factor."""
+"""Looks and episodes of defaults end where the worst case is beyond that of the best plan by this factor."""
 _FEWEST_FINALS = 3
 """Plans that are played to the end after Ctrl-C."""
 _STOPPED = "the time ended before it was played to the end"
@@ -175,9 +175,8 @@ class Search:
         if not plans:
             return
         waiting = in_turn([plans, [look.plan for look in self.ranked()[: len(plans)]]])
-        # A default that is worse without failures may be better with them.
-        slack = _CUTOFF if self.episodes.failures else 1.0
-        for look in self._play(threads, waiting, lambda: self._is_spent(_DEFAULTS), _LATEST, slack):
+        # A default that is worse in a few episodes may be better in more of them, or with failures.
+        for look in self._play(threads, waiting, lambda: self._is_spent(_DEFAULTS), _LATEST, _CUTOFF):
             for family in self._of(DEFAULTS) if look.plan.family == DEFAULTS else ():
                 family.looks.append(({"policy": look.plan.settings.policy}, look))
         self.unplayed = sum(plan.key not in self._played for plan in plans)

@@ -223,7 +223,7 @@ def test_a_score_that_is_no_number_fails_its_policy_and_is_not_kept(tmp_path, mo
     assert lines(tmp_path) == []
 
 
-@pytest.mark.parametrize("width", [1, 40, 60, 80, 100, 200])
+@pytest.mark.parametrize("width", [1, 40, 60, 80, 100, 240])
 @pytest.mark.parametrize("digits", [1.0, 1234.5])
 def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
     rng = np.random.default_rng(1)
@@ -243,7 +243,7 @@ def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
     whole, nothing = shown(400)
     text, left_out = shown(width)
     assert nothing == []
-    assert bool(left_out) == (width < 200)
+    assert bool(left_out) == (width < 240)
     assert {word.strip("\N{BOX DRAWINGS LIGHT HORIZONTAL}") for word in text.split()} <= {"", *whole.split()}
     assert {"arc-mpcc-safe", "runs/x[/b]"} <= set(text.split())
     if width >= 60:

@@ -22,7 +22,7 @@ from baselines.planning.families.lissajous import curves_of, formations
 from baselines.planning.family import Family
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import Figures, Plan, Planned, dominates, pareto_optimal, t_interval
-from baselines.planning.rehearse import Episodes, play
+from baselines.planning.rehearse import CONFIRMED, Episodes, play
 from baselines.planning.request import Request
 from baselines.planning.search import Search
 from baselines.policies.patience import StoppedError, patience
@@ -76,7 +76,7 @@ def test_the_best_plan_is_no_worse_than_any_default(small):
     best = pareto_optimal(search.finals)[0].figures
     assert (search.unplayed, best.collisions) == (0, 0)
     for name in default_policies(task):
-        rows = lissajous_env.evaluate(baselines.make(name, task, 4), task, range(4))
+        rows = lissajous_env.evaluate(baselines.make(name, task, CONFIRMED), task, range(CONFIRMED))
         if not any(row["collisions"] for row in rows):
             worst = math.inf if any(row["guarantee_open"] for row in rows) else max(
                 row["guaranteed_detection_time"] for row in rows
@@ -134,7 +134,7 @@ def test_the_folders_reproduce_the_printed_figures(small, tmp_path, capsys):
     assert 1 <= len(shown) <= 3
     assert (out / report.PICTURE).read_bytes().startswith(b"\x89PNG")
     for k, each in enumerate(shown, start=1):
-        rows = evaluated(capsys, out / str(k), "--episodes", 4)
+        rows = evaluated(capsys, out / str(k), "--episodes", CONFIRMED)
         figures, made = each["figures"], lissajous_env.scenario(str(out / str(k) / "scenario.toml"))
         at = made.task.duration / 4
         failed = [
@@ -142,7 +142,7 @@ def test_the_folders_reproduce_the_printed_figures(small, tmp_path, capsys):
             for i in range(5)
         ]
         assert figures["worst_case"] == worst_of(rows)
-        ages = worst_undetected_times(lissajous_env.policy(out / str(k), made, 4), made, range(4))
+        ages = worst_undetected_times(lissajous_env.policy(out / str(k), made, CONFIRMED), made, range(CONFIRMED))
         assert figures["settled"] == ("inf" if worst_of(rows) == "inf" else ages[:, made.task.steps // 2 + 1 :].max())
         assert figures["detection_time"] == pytest.approx(np.mean([row["detection_time_mean"] for row in rows]))
         assert figures["clearance"] == min(row["min_separation"] for row in rows) - 2 * made.robot.radius
@@ -171,8 +171,9 @@ def worst_of(rows):
 def test_the_same_plan_has_the_same_figures_again(small):
     """The law of the batch: a plan's figures do not depend on what else was played."""
     outcome = baselines.plan(small, plans=24, failures=1)
+    confirmed = dataclasses.replace(outcome.request.episodes, count=CONFIRMED)
     for each in outcome.plans[:2]:
-        assert repr(play(each.plan, outcome.request.episodes).figures) == repr(each.figures)
+        assert repr(play(each.plan, confirmed).figures) == repr(each.figures)
 
 
 numbers = st.integers(0, 3).map(float)

@@ -11,12 +11,23 @@ from choices import differing
 
 import baselines
 import lissajous_env
+from baselines import names
+from baselines.policies import registry
 from baselines.policies.base import Policy
 from baselines.policies.coordinators.kuramoto import Kuramoto
 from lissajous_env import Simulation
 
 STEPS = 12
-CASES = [(name, "rough" if name in baselines.names("rough") else "failure") for name in differing(baselines.names())]
+
+
+def made_for(name):
+    return registry.describe(name)["made_for"]
+
+
+CASES = [
+    (name, next(scenario for scenario in ("rough", "failure", *made_for(name), "watch") if name in names(scenario)))
+    for name in differing(names())
+]
 
 
 def episode(policy, scenario, worlds, seed, steps=STEPS):

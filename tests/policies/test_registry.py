@@ -50,7 +50,7 @@ def test_the_same_policy_may_be_registered_again():
 @pytest.mark.parametrize(("given", "words"), [
     (("", None, Still), "name of a policy must be a word, got ''"),
     ((None, None, Still), "name of a policy must be a word, got None"),
-    (("mine", "boat", Still), "kind of mine must be one of car, curve, or None, got 'boat'"),
+    (("mine", "boat", Still), "kind of mine must be one of car, differential, curve, velocity, or None, got 'boat'"),
     (("mine", None, "Still"), "factory of mine must be callable, got 'Still'"),
 ])  # fmt: skip
 def test_what_is_no_policy_is_refused(given, words):

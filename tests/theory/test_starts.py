@@ -17,7 +17,7 @@ EMPTY = {
 }  # fmt: skip
 CROWDED = {
     "robot.count": 12, "formation.p": 6, "formation.start": "random", "robot.radius": 1.5,
-    "robot.wheelbase": 1.6, "formation.phase_rate": 0.12,
+    "robot.wheelbase": 1.6, "formation.phase_rate": 0.12, "task.boundary": "open",
 }  # fmt: skip
 RANDOM = {"formation.start": "random"}
 WORLDS = 32
@@ -63,7 +63,7 @@ def collides(policy, scenario):
     [
         ("experiment", RANDOM),
         ("team", {"formation.start_headway": 0.0}),
-        ("hall", CROWDED | {"task.boundary": "open", "formation.start_headway": 0.6, "formation.start_noise": 0.3}),
+        ("hall", CROWDED | {"formation.start_headway": 0.6, "formation.start_noise": 0.3}),
     ],
 )
 def test_from_a_start_that_is_called_unavoidable_every_policy_collides(name, changes):
