@@ -50,9 +50,9 @@ DIGESTS = {
     "knot": "7379294112a77c8d",
     "swarm": "7f15ff5928400178",
     "city": "841a229b3b9a0a07",
-    "watch": "e0cf0cf4604ce376",
-    "intercept": "ed1af2fb063466d2",
-    "hotspots": "fbdca19ae4062a5c",
+    "watch": "dfe45e095009751a",
+    "intercept": "4a81791c4d51879a",
+    "hotspots": "93da5fee05916938",
 }
 
 KINDS: dict[str, Any] = dict(PARTS)
