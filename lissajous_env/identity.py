@@ -1,4 +1,4 @@
-"""Where results come from: the code of users, the command, the machine, and versions.
+"""Provenance of results: the code of users, the command, the machine, and versions.
 
 The files of its modules identify the code of a user, so that results of different code are never mixed. Code of this
 distribution is identified by its version, which results store beside these parts.

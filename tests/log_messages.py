@@ -54,8 +54,8 @@ def odometry(t, x, y, yaw, speed=SPEED, frame="map", z=0.0, length=1.0):
     )
 
 
-def stamped(t, x, y, yaw):
-    return KINDS["geometry_msgs/msg/PoseStamped"](header(t), pose(x, y, yaw))
+def stamped(t, x, y, yaw, z=0.0):
+    return KINDS["geometry_msgs/msg/PoseStamped"](header(t), pose(x, y, yaw, z))
 
 
 def transform(t, x, y, yaw, child, frame="map"):

@@ -1,4 +1,4 @@
-"""What is known of a scenario: how a benchmark plays it, bounds, best known plans, and whether a theorem applies.
+"""Knowledge of a scenario: its form in a benchmark, bounds, best known plans, and whether a theorem applies.
 
 The best known plans of the included scenarios, with robots that start as in the scenario, are folders in `known`. A
 folder is that of a plan, with the scenario as a benchmark plays it, and `found.toml`: the command that found the plan

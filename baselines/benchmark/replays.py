@@ -40,8 +40,8 @@ def write_report(folder: Folder, outcome: Outcome, progress: Console) -> str:
 
     It depends only on the score rows and their seeds, so that a benchmark that was interrupted has the same report.
     """
-    made = provenance(outcome.stored["device"])
-    report = Report(outcome.table, made, _commands(outcome), _nameless(outcome), outcome.failures, outcome.theorem)
+    origin = provenance(outcome.stored["device"])
+    report = Report(outcome.table, origin, _commands(outcome), _nameless(outcome), outcome.failures, outcome.theorem)
     ranked, cells, asked = report.ranked(), playable(outcome), outcome.settings.replays
     folder.write(written.REPORT, report.html(ranked, {}))
     wanted = with_references(chosen(asked, ranked, cells), cells, ranked, outcome.table.references())

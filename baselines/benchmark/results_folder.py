@@ -283,9 +283,9 @@ def detections_of(simulation: Simulation, rows: Sequence[Mapping[str, Any]]) -> 
     entries = []
     for world, row in enumerate(rows):
         if row["episode"] < MOST_DETECTIONS:
-            times, found = simulation.detection_times(world)
+            times, detected = simulation.detection_times(world)
             times = np.round(times, 6)
-            values = row["scenario"], row["policy"], row["episode"], times[found].tolist(), times[~found].tolist()
+            values = row["scenario"], row["policy"], row["episode"], times[detected].tolist(), times[~detected].tolist()
             entries.append(dict(zip(_DETECTION, values, strict=True)))
     return entries
 

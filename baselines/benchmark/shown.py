@@ -1,4 +1,4 @@
-"""What tables, report and figures show: columns of scores, numbers derived from them, and numbers in words."""
+"""Contents of tables, report and figures: columns of scores, numbers derived from them, and numbers in words."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence

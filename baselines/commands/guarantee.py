@@ -69,7 +69,7 @@ def guarantee(
             _print(output.console(), each, known[each.name])
         folder.write(picture, picture_of_speeds(made, known))
     output.print(f"wrote {picture} in {out}")
-    output.print_json({name: [each._asdict() for each in rows] for name, rows in known.items()})
+    output.print_json({name: [row._asdict() for row in rows] for name, rows in known.items()})
 
 
 def reaches(scenario: Scenario, radii: int, cells: int) -> list[Reach]:

@@ -12,7 +12,7 @@ _TICK = 0.2
 """Time between two calls of `on_tick` [s]."""
 
 Call = tuple[Any, Callable[[Callable[[], bool]], Any]]
-"""What a call is for, and the function that is called: its argument returns whether the result is still wanted not."""
+"""Purpose of a call, and the function that is called; its argument returns True once nobody waits for the result."""
 
 
 def in_order(

@@ -71,7 +71,7 @@ class Figures:
     outside: float
     """Largest distance of any part of a body beyond the edge of the rectangle in the episodes without failures [m]."""
     too_close: bool
-    """Whether two bodies come closer than the requested clearance in an episode, also of those with failures."""
+    """True if two bodies come closer than the requested clearance in an episode, also of those with failures."""
     distance: float
     """Distance that a robot drives in a minute, mean over robots and episodes without failures [m/min]."""
     messages: str
@@ -218,16 +218,17 @@ def pareto_optimal(planned: Sequence[Planned]) -> list[Planned]:
     better.
     """
     by_objectives: dict[tuple[float, ...], Planned] = {}
-    for each in planned:
-        if each.figures.collisions == 0:
-            by_objectives.setdefault((*each.figures.objectives, float(each.plan.scenario.num_robots)), each)
+    for plan in planned:
+        if plan.figures.collisions == 0:
+            by_objectives.setdefault((*plan.figures.objectives, float(plan.plan.scenario.num_robots)), plan)
     best = [one for one in by_objectives if not any(dominates(other, one) for other in by_objectives)]
     return [by_objectives[each] for each in sorted(best)]
 
 
 def best_of(planned: Sequence[Planned]) -> list[Planned]:
     """Return the Pareto-optimal plans, the shortest worst case first; those with a bound alone if there is one."""
-    return pareto_optimal([each for each in planned if each.figures.worst_case < math.inf]) or pareto_optimal(planned)
+    bounded = [plan for plan in planned if plan.figures.worst_case < math.inf]
+    return pareto_optimal(bounded) or pareto_optimal(planned)
 
 
 def in_turn(lists: Sequence[Sequence[Any]]) -> Iterator[Any]:

@@ -96,7 +96,7 @@ class Look:
     settled: float = math.inf
     """Worst-case undetected time of the second half of the episodes [s]."""
     too_close: bool = False
-    """Whether two bodies come closer than the requested clearance."""
+    """True if two bodies come closer than the requested clearance."""
     mean_age: float = math.inf
     """Mean over cells and time of how long a target can have been undetected [s], to compare plans without a bound."""
     refusal: str = ""

@@ -133,7 +133,7 @@ def sentences(outcome: Outcome) -> list[str]:
         words.append("No plan has a bound on the time for which such a target can stay undetected.")
     elif outcome.plans and episodes.failures:
         words += _of_failures(outcome)
-    if any(each.figures.too_close for each in outcome.plans):
+    if any(plan.figures.too_close for plan in outcome.plans):
         least = outcome.request.least_gap
         words.append(f"Close: two bodies come closer than {least:.3g} m (--clearance); such plans come last.")
     words.append("Detected in mean: mean detection time, with its 95 % interval over the episodes (Student's t).")
@@ -172,7 +172,7 @@ def _of_guarantee(outcome: Outcome) -> list[str]:
 
 def _played(plans: Sequence[Planned]) -> str:
     """Return the number of episodes without failures of some plans."""
-    counts = [len(each.rows) for each in plans]
+    counts = [len(plan.rows) for plan in plans]
     return " to ".join(dict.fromkeys([str(min(counts, default=0)), str(max(counts, default=0))]))
 
 

@@ -167,19 +167,19 @@ class Request:
         """
         changed: dict[str, Any] = {}
         if self.base is None:
-            made = self._rectangle(num_robots, 0.0)
-            changed |= _times(made)
+            scenario = self._rectangle(num_robots, 0.0)
+            changed |= _times(scenario)
             if not self.open:
                 # The inset depends on the control step and on the speed along the curve, which the design determines.
                 walls = {"task.boundary": "wall"}
-                inset = named.build(made, **changed, **walls).inset
-                made = self._rectangle(num_robots, inset)
-                changed |= walls | _times(named.build(made, **{"curve.inset": inset}))
+                inset = named.build(scenario, **changed, **walls).inset
+                scenario = self._rectangle(num_robots, inset)
+                changed |= walls | _times(named.build(scenario, **{"curve.inset": inset}))
         else:
-            made = self._changed(self.base, num_robots)
-        if made.task.contamination is None:
-            changed["task.contamination"] = GRIDS.get(made.name) or grid(made, CELLS, 4.0)
-        return named.build(dataclasses.replace(made, extensions=()), **changed)
+            scenario = self._changed(self.base, num_robots)
+        if scenario.task.contamination is None:
+            changed["task.contamination"] = GRIDS.get(scenario.name) or grid(scenario, CELLS, 4.0)
+        return named.build(dataclasses.replace(scenario, extensions=()), **changed)
 
     def _rectangle(self, num_robots: int, inset: float) -> Scenario:
         """Return the scenario of a rectangle and robots, which begin in the best design of the paper's formation.

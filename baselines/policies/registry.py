@@ -54,7 +54,7 @@ _LOADERS: dict[str, Loader] = {}
 """Loaders of policies in folders, by the file that such a folder contains."""
 _BROUGHT = EntryPoints("lissajous_env.policies", "policies", lambda register_theirs: register_theirs())
 _VELOCITY = "velocity"
-"""What policies drive whose actions are velocities: `Scenario.actuation`."""
+"""Kind of policies whose actions are velocities, as in `Scenario.actuation`."""
 _REGISTER = "register", "register_policy", "register_coordinator"
 """Names of the functions that add policies."""
 _PLAYERS = {

@@ -287,7 +287,7 @@ class Scenario(BringsRogues):
 
     @property
     def actuation(self) -> str:
-        """What policies drive: robots of a kind, or cars by their `velocity`."""
+        """Kind of the robots that policies drive, or `velocity` where an action is a velocity of a car."""
         return "velocity" if self.task.action == "velocity" else self.robot.kind
 
     @property
