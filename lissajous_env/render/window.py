@@ -32,7 +32,8 @@ class Window:
         """Show a picture for at least 1 / `fps` seconds."""
         if self.closed:
             return
-        if not pygame.display.get_init() or pygame.display.get_surface() is not self._screen:
+        screen = pygame.display.get_surface() if pygame.display.get_init() else None
+        if screen is None or screen is not self._screen or screen.get_size() != self._size:
             self._open()  # other code has quit pygame or replaced its window
         self._screen.blit(picture, (0, 0))
         pygame.display.flip()
