@@ -32,7 +32,7 @@ def world(
     Args:
         settings: Settings of the node.
         scenario: name of a scenario, .toml file, or module:attribute.
-        out: file to write, as in `lissajous run`: .html, .mp4, .gif, .png, .svg, .pdf, .npz or .mcap.
+        out: file to write, as in `lissajous run`: .html, .mp4, .gif, .npz or .mcap.
         output: Console output.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
