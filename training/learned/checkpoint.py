@@ -30,6 +30,7 @@ from lissajous_env.wording import shown
 from training.learned.card import Card, require
 from training.learned.history import check_notes
 from training.learned.network import Network
+from training.learned.team_network import TeamNetwork
 
 FILE = "checkpoint.json"
 BEST = "best/"
@@ -57,7 +58,7 @@ def hold(folder: str | Path) -> Folder:
 
 def save(
     folder: str | Path | Folder,
-    network: Network,
+    network: Network | TeamNetwork,
     card: Card,
     *,
     state: Mapping[str, np.ndarray] | None = None,
@@ -95,7 +96,7 @@ def save(
                 held.remove(name)
 
 
-def read(folder: str | Path) -> tuple[Network, Card, dict[str, Any]]:
+def read(folder: str | Path) -> tuple[Network | TeamNetwork, Card, dict[str, Any]]:
     """Read a checkpoint; return its network, its card and the contents of `checkpoint.json`.
 
     Raises:
@@ -110,7 +111,8 @@ def read(folder: str | Path) -> tuple[Network, Card, dict[str, Any]]:
     with _naming(weights):
         for name, array in arrays.items():
             require(f"dtype of {name}", array.dtype == np.float32, "must be float32", str(array.dtype))
-        network = Network.from_arrays(arrays)
+        kind = TeamNetwork if any(name.startswith("team.") for name in arrays) else Network
+        network = kind.from_arrays(arrays)
     if network.inputs != card.network_inputs or network.outputs != card.action_size:
         got = f"{network.inputs} to {network.outputs}"
         raise ValueError(f"{path} is damaged: it must map {card.network_inputs} to {card.action_size}, got {got}")
