@@ -9,29 +9,12 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import ARRAY, stage
 from lissajous_env.device.warp_abi import fields_of
-from lissajous_env.world.state import NEVER, NOWHERE, Clock
+from lissajous_env.world.state import INITIAL_STATE, Clock
+from lissajous_env.world.tally import INITIAL_TOTALS
 
 wp.set_module_options(OPTIONS)
 
-INITIAL = {
-    "robots.resumed_at": -1,
-    "links.heard_at": -1,
-    "targets.found_at": int(NEVER),
-    "tracks.seen_at": -1,
-    "tracks.own_at": -1,
-    "tracks.other_at": -1,
-    "tracks.heard_at": -1,
-    "contamination.row_oldest": int(NEVER),
-    "contamination.oldest": int(NEVER),
-    "contamination.cleared_at": int(NEVER),
-    "contamination.high_at": -1,
-    "tally.min_separation": 1.0e30,
-    "tally.covered_at": int(NEVER),
-    "tally.covered_each_at": int(NEVER),
-    "tally.off_at": -1,
-    "tally.fault_end": -1,
-    "tally.driven_from": float(NOWHERE),
-}
+INITIAL = INITIAL_STATE | INITIAL_TOTALS
 """Initial values that are not zero, by struct and field."""
 
 

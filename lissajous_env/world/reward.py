@@ -41,7 +41,8 @@ def clear_events(w: int, i: int, clock: Clock, latest: StepEvents):
 @stage(ROBOT, writes="latest: reward, terms; tally: returns", idle=True)
 def give_reward(
     w: int,
-    i: int,
+    lane: int,
+    lanes: int,
     task: TaskStruct,
     cells_total: int,
     clock: Clock,
@@ -56,31 +57,32 @@ def give_reward(
     formation = task.reward_formation * tally.phase_error[w] * task.step
     observation = task.reward_observation * float(latest.in_sight[w]) * task.step
     age_reduction = task.reward_contamination * contamination.age_reduction[w] * task.step
-    if clock.active[w] == 0:  # the episode has ended
-        for term in range(count):
-            latest.terms[w, i, term] = 0.0
-        latest.reward[w, i] = 0.0
-    else:
-        # A robot that was removed in an earlier step has no share in the team's later rewards.
-        is_new = latest.collisions[w, i] > 0 or latest.outside[w, i] == 1
-        part = wp.where(latest.terminated[w, i] and not is_new, 0.0, 1.0)
-        detection = task.reward_detection * float(latest.detections[w, i])
-        collision = task.reward_collision * float(latest.collisions[w, i])
-        effort = part * task.reward_effort * latest.effort[w, i]
-        outside = task.reward_outside * float(latest.outside[w, i]) * task.step
-        latest.terms[w, i, 0] = detection
-        latest.terms[w, i, 1] = part * waiting
-        latest.terms[w, i, 2] = collision
-        latest.terms[w, i, 3] = part * idleness
-        latest.terms[w, i, 4] = effort
-        latest.terms[w, i, 5] = part * formation
-        latest.terms[w, i, 6] = outside
-        latest.terms[w, i, 7] = part * age_reduction
-        latest.terms[w, i, 8] = part * observation
-        reward = detection + part * (waiting + idleness + formation + age_reduction) + collision + effort + outside
-        reward += part * observation
-        for term in range(_TERMS, count):
-            latest.terms[w, i, term] = wp.where(part > 0.0, latest.terms[w, i, term], 0.0)
-            reward += latest.terms[w, i, term]
-        latest.reward[w, i] = reward
-        tally.returns[w, i] += wp.float64(reward)
+    for i in range(lane, latest.reward.shape[1], lanes):
+        if clock.active[w] == 0:  # the episode has ended
+            for term in range(count):
+                latest.terms[w, i, term] = 0.0
+            latest.reward[w, i] = 0.0
+        else:
+            # A robot that was removed in an earlier step has no share in the team's later rewards.
+            is_new = latest.collisions[w, i] > 0 or latest.outside[w, i] == 1
+            part = wp.where(latest.terminated[w, i] and not is_new, 0.0, 1.0)
+            detection = task.reward_detection * float(latest.detections[w, i])
+            collision = task.reward_collision * float(latest.collisions[w, i])
+            effort = part * task.reward_effort * latest.effort[w, i]
+            outside = task.reward_outside * float(latest.outside[w, i]) * task.step
+            latest.terms[w, i, 0] = detection
+            latest.terms[w, i, 1] = part * waiting
+            latest.terms[w, i, 2] = collision
+            latest.terms[w, i, 3] = part * idleness
+            latest.terms[w, i, 4] = effort
+            latest.terms[w, i, 5] = part * formation
+            latest.terms[w, i, 6] = outside
+            latest.terms[w, i, 7] = part * age_reduction
+            latest.terms[w, i, 8] = part * observation
+            reward = detection + part * (waiting + idleness + formation + age_reduction) + collision + effort + outside
+            reward += part * observation
+            for term in range(_TERMS, count):
+                latest.terms[w, i, term] = wp.where(part > 0.0, latest.terms[w, i, term], 0.0)
+                reward += latest.terms[w, i, term]
+            latest.reward[w, i] = reward
+            tally.returns[w, i] += wp.float64(reward)

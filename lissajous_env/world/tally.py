@@ -6,7 +6,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import WORLD, stage
 from lissajous_env.device.trig import atan2
-from lissajous_env.world.state import NEVER, REMOVED, STUCK, Clock, Robots, StepEvents
+from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Robots, StepEvents
 
 wp.set_module_options(OPTIONS)
 
@@ -83,6 +83,17 @@ class EpisodeTotals:
     """(W, N) place from which that motion is measured [m]."""
     returns: wp.array2d(dtype=wp.float64)
     """(W, N) sum of the rewards."""
+
+
+INITIAL_TOTALS = {
+    "tally.min_separation": 1.0e30,
+    "tally.covered_at": int(NEVER),
+    "tally.covered_each_at": int(NEVER),
+    "tally.off_at": -1,
+    "tally.fault_end": -1,
+    "tally.driven_from": float(NOWHERE),
+}
+"""Values that are not zero at the beginning of an episode."""
 
 
 @wp.func

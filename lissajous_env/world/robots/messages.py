@@ -15,13 +15,14 @@ wp.set_module_options(OPTIONS)
 
 
 @stage(ROBOT, writes="links: sending, sent")
-def send(w: int, i: int, clock: Clock, robots: Robots, links: Links):
+def send(w: int, lane: int, lanes: int, clock: Clock, robots: Robots, links: Links):
     """Send measured phase and position to both neighbours; a removed robot sends nothing."""
     slot = clock.step[w] % links.sent.shape[2]
-    links.sending[w, i, slot] = wp.where(robots.status[w, i] == REMOVED, 0, 1)
-    pose = robots.measured[w, i]
-    turn = robots.measured_turn[w, i]
-    links.sent[w, i, slot] = wp.vec4(turn[0], turn[1], pose[0], pose[1])
+    for i in range(lane, robots.status.shape[1], lanes):
+        links.sending[w, i, slot] = wp.where(robots.status[w, i] == REMOVED, 0, 1)
+        pose = robots.measured[w, i]
+        turn = robots.measured_turn[w, i]
+        links.sent[w, i, slot] = wp.vec4(turn[0], turn[1], pose[0], pose[1])
 
 
 @stage(ROBOT, writes="links: heard, heard_at")
