@@ -50,7 +50,7 @@ def test_what_is_no_policy_is_refused(given, words):
 
 @pytest.mark.parametrize(("name", "words"), [
     (3, "policy must be a name or a folder, got"),
-    ("kuramoto-safe", "must drive robots of kind car to be wrapped by -safe, got kuramoto-safe, which drives kind curve"),
+    ("kuramoto-safe", "must drive robots of kind car to be wrapped by -safe, got kuramoto-safe, which drives kind cur"),
     ("kuramoto-mpcc-safe", "must drive robots of kind curve, got kuramoto-mpcc-safe, which drives kind car"),
 ])  # fmt: skip
 def test_what_cannot_be_made_is_refused(name, words):
