@@ -9,7 +9,7 @@ LINES = 52_580
 """Lines of the packages."""
 MODULES = 360
 """Files of the packages."""
-TESTS = 32_391
+TESTS = 32_228
 """Lines of the tests."""
 
 
