@@ -49,7 +49,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--address", help="address of a Ray cluster; by default one is started on this machine")
     options = parser.parse_args()
-    ray.init(options.address)
+    ray.init(options.address or "local")
     algorithm = config(options.scenario, options.workers).build_algo()
     for k in range(options.iterations):
         returns = algorithm.train()["env_runners"].get("episode_return_mean")

@@ -26,6 +26,14 @@ ROGUES = {"targets.count": 2, "targets.arrival_rate": 1.0, "targets.entry": "uns
 CRASHING = {**SHORT, "task.on_collision": "remove", "robot.radius": 0.2, "formation.start": "random"}
 
 
+@pytest.fixture(scope="module")
+def one_node():
+    """Ray on this machine, and not the cluster that another process has there for other tests."""
+    ray.init("local", num_cpus=2, object_store_memory=2**27, include_dashboard=False, log_to_driver=False)
+    yield
+    ray.shutdown()
+
+
 def play(env, seed, steps=300):
     """Return the results of the reset and of each step; actions depend on the seed alone."""
     draw = np.random.default_rng(seed)
@@ -112,7 +120,7 @@ def test_when_all_robots_are_removed_the_episode_is_terminated():
 # The example.
 
 
-def test_the_example_trains_and_its_policy_is_the_mean_of_the_module():
+def test_the_example_trains_and_its_policy_is_the_mean_of_the_module(one_node):
     # Oracles: weights that change and are finite; RLlib's own deterministic action.
     logging.getLogger("ray.rllib").setLevel(logging.ERROR)
     scenario = lissajous_env.scenario("failure", **{"task.duration": 3.0})
@@ -134,7 +142,6 @@ def test_the_example_trains_and_its_policy_is_the_mean_of_the_module():
         assert row["targets"] > 0
     finally:
         algorithm.stop()
-        ray.shutdown()
 
 
 # Two sides.
@@ -165,7 +172,7 @@ def test_each_side_has_its_module():
         policy_mapping_fn("other_1")
 
 
-def test_ppo_trains_the_modules_of_both_sides():
+def test_ppo_trains_the_modules_of_both_sides(one_node):
     # Oracle: the weights of both modules change and stay finite.
     logging.getLogger("ray.rllib").setLevel(logging.ERROR)
     config = two_sided_config("experiment", **ROGUES)
@@ -187,4 +194,3 @@ def test_ppo_trains_the_modules_of_both_sides():
             assert not np.array_equal(before[name], after[name])
     finally:
         algorithm.stop()
-        ray.shutdown()
