@@ -33,10 +33,7 @@ _REGISTERED: dict[str, Scenario] = {}
 """Scenarios of users and of other packages, by name."""
 _SPACES: dict[str, ScenarioSpace] = {}
 """Spaces of scenarios by name: those of users, and those of the package that were used."""
-_INCLUDED_SPACES = {
-    name: str(Path(__file__).with_name(f"{name}.toml"))
-    for name in ("monitoring-v1", "watch-v1", "intercept-v1", "hotspots-v1")
-}
+_INCLUDED_SPACES = {path.stem: str(path) for path in sorted(Path(__file__).parent.glob("*-v*.toml"))}
 """Files of the included spaces, by name."""
 _NAMES = (
     rf"(?!.*\{SUFFIX}$)\w[\w.-]{{0,98}}",
