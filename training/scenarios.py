@@ -48,8 +48,14 @@ def without_warnings(space: ScenarioSpace | None) -> Iterator[None]:
 
 
 def lean_fields(made: Scenario) -> dict[str, Any]:
-    """Return the fields that leave out the grids which neither the reward nor the targets of a scenario need."""
+    """Return the fields that leave out what a training does not need.
+
+    These are the grids that neither the reward nor the targets use and, where it counts how long targets are in sight,
+    the rewards for their first detection, which are larger.
+    """
     fields: dict[str, Any] = {}
+    if made.task.reward_observation > 0:
+        fields |= {"task.reward_detection": 0.0, "task.reward_waiting": 0.0}
     if made.task.reward_idleness == 0:
         fields["task.grid"] = None
     if made.task.reward_contamination == 0 and not made.task.conservative and made.targets.rogues is None:

@@ -198,7 +198,7 @@ class Training:
         """Robot steps and rollouts so far; factor of the costs of collisions; variance of the returns; collisions of a
         team in an episode, as a running mean."""
         self.limit = settings.collisions or 0.0
-        self._returns = np.zeros(self.worlds.count)
+        self._returns, self._taken = np.zeros(self.worlds.count), 0
         self._memory = torch.zeros(self.worlds.count, settings.memory)
         self._begins = np.ones(self.worlds.count, np.float32)
         self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
@@ -254,8 +254,9 @@ class Training:
         rate = 0.5 * per_robot * self.worlds.steps * self.worlds.side.places
         numbers["collided"] += (rate - numbers["collided"]) / 200
         self._returns = self._returns * settings.gamma + reward
-        numbers["spread"] += (self._returns.var() - numbers["spread"]) / 300
+        numbers["spread"] += (self._returns.var() - numbers["spread"]) / (1 + min(self._taken, 300))
         self._returns *= 1 - np.repeat(step.over, self.worlds.side.places)
+        self._taken += 1
         return reward
 
     def _value(self, own: Tensor, reads: Sequence[Tensor]) -> np.ndarray:
@@ -355,8 +356,8 @@ def _train(settings: TrainingSettings, folder: Folder, say: Callable[[str], None
             if (
                 not curve
                 or numbers["steps"] // every > curve[-1]["steps"] // every
-                or curve[-1]["steps"] < numbers["steps"]
-                and done
+                or (curve[-1]["steps"] < numbers["steps"]
+                and done)
             ):
                 network = state.actor.arrays()
                 results = mean_of(validate(settings, partial(LearnedTeam, network, card), rivals or None))

@@ -44,9 +44,9 @@ def mean_of(results: Sequence[dict[str, float]]) -> dict[str, float]:
     return means | {"worth": float(np.exp(np.mean(np.log([of["worth"] for of in results]))))}
 
 
-def rank_of(point: dict[str, float], limit: float) -> tuple[bool, float]:
-    """Return what decides between policies: first the limit of collisions, then the worth."""
-    return point["collisions"] <= limit * 1.05 + 0.02, point["worth"]
+def rank_of(point: dict[str, float], limit: float) -> float:
+    """Return the worth of a policy, divided by its collisions in units of the limit where they are above it."""
+    return point["worth"] * min(1.0, (limit + 0.05) / max(point["collisions"], 1e-9))
 
 
 def words_of(of: dict[str, float]) -> str:
