@@ -74,8 +74,8 @@ class Cover(Searching):
 class VoronoiPursuit(Searching):
     """Pursuit that shrinks a target's Voronoi cell: drive to the middle of the border between it and the own cell.
 
-    A robot pursues the target in sight of any robot that is nearest to it, and drives straight to it where it is near or
-    the cells have no common border. Cells are those of points in the rectangle, by the time to reach them.
+    A robot pursues the nearest of the targets that any robot has in sight, and drives straight to it where it is near
+    or the cells have no common border. Cells are those of points in the rectangle, by the time to reach them.
 
     Reference: H. Huang, W. Zhang, J. Ding, D. M. Stipanović, C. J. Tomlin, "Guaranteed decentralized pursuit-evasion in
     the plane with multiple pursuers", IEEE Conference on Decision and Control 2011, 4835-4840.
