@@ -46,7 +46,7 @@ GRIDS = {
     "watch": [
         (Lanes, LANES),
         (Force, {"shared": (0.0, 0.1), "reach": (1.5, 2.0, 3.0), "apart": (2.0, 2.5, 3.0), "push": (0.5, 1.0, 2.0)}),
-        (Cover, {"delay": (0.5, 0.75, 1.0), "fade": (1.5, 2.25, 3.0), "margin": (0.65, 0.7, 0.75, 0.8)}),
+        (Cover, {"delay": (0.5, 0.75, 1.0), "fade": (1.5, 2.25, 3.0), "margin": (0.5, 0.55, 0.6, 0.65, 0.7)}),
     ],
     "intercept": [
         (Lanes, LANES),

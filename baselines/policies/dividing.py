@@ -38,7 +38,7 @@ class Cover(Searching):
         device: Any = "cpu",
         delay: float = 0.75,
         fade: float = 2.25,
-        margin: float = 0.75,
+        margin: float = 0.6,
     ):
         super().__init__(scenario, num_worlds, device)
         unit_time = self.sight / self.top
@@ -95,7 +95,7 @@ class VoronoiPursuit(Searching):
         num_worlds: int = 1,
         device: Any = "cpu",
         near: float = 0.3,
-        width: float = 0.1,
+        width: float = 0.15,
         fade: float = 0.4,
     ):
         super().__init__(scenario, num_worlds, device)
