@@ -1,7 +1,6 @@
-// The table of all episodes, which can be sorted and filtered; each has a replay or the command for one.
+// The table of all episodes, which can be sorted and filtered; some have a replay.
 
 import { reveal } from "./folding.js";
-import { copied } from "./link.js";
 import { badge } from "./svg.js";
 import { fill, heading, heads, ordered } from "./tables.js";
 import { button, byId, element, number } from "./words.js";
@@ -136,29 +135,19 @@ export class Episodes {
       element("td", "number", String(episodes.seed[k])),
       element("td", "chips", ...kinds),
       ...values,
-      this.actions(k, scenario, policy),
+      this.actions(k),
     );
     row.dataset.place = k;
     return row;
   }
 
-  actions(k, scenario, policy) {
+  actions(k) {
     const made = element("td", "actions"),
-      { report } = this,
-      { episodes } = report;
+      { episodes } = this.report;
     const replay = this.replayOf.get(`${episodes.scenario[k]} ${episodes.policy[k]} ${episodes.seed[k]}`);
-    const command = commandOf(report, scenario, policy, episodes.seed[k]);
     if (replay) {
       made.append(button("play", "Replay", () => this.onReplay(replay)));
       made.firstChild.dataset.replay = replay;
-      const appears = report.replays[replay][4];
-      if (appears !== null) {
-        made.append(button("play rogue", "Rogue", () => this.onReplay(replay, `t=${appears.toFixed(1)}`)));
-        made.lastChild.title = "Replay from where the rogue appears that this policy misses";
-      }
-    } else if (command) {
-      made.append(button("", "Command", () => tell(made, command)));
-      made.firstChild.title = "Show the command for a replay";
     }
     return made;
   }
@@ -169,38 +158,4 @@ export function chip(kind, words) {
   const made = element("span", `kind ${kind.name}`, words);
   made.title = kind.about;
   return made;
-}
-
-// Return the command that replays an episode beside the reference, if a command can name it.
-function commandOf(report, scenario, policy, seed) {
-  if (!scenario.command || !policy.named) return null;
-  const [name, ...changes] = scenario.command.split(" --set "),
-    reference = report.policies[scenario.reference];
-  const against = reference && reference.named && reference !== policy ? ` --against ${quoted(reference.name)}` : "";
-  const file = `${scenario.name}-${policy.name}-${seed}.html`.replaceAll(/[^\w.-]+/g, "-");
-  const set = changes.length ? ` --set ${changes.join(" --set ")}` : "";
-  return `lissajous replay ${name} ${quoted(policy.name)} --seed ${seed}${against} --out ${file}${set}`;
-}
-
-function quoted(word) {
-  return /^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\"'\"'")}'`;
-}
-
-// Show a command in a separate row and copy it.
-function tell(cell, command) {
-  const row = cell.parentElement,
-    next = row.nextElementSibling;
-  if (next && next.classList.contains("told")) {
-    next.remove();
-    return;
-  }
-  const code = element("code", "", command),
-    said = element("small", "muted"),
-    wide = element("td", "", code, said);
-  wide.colSpan = row.cells.length;
-  row.after(element("tr", "told", wide));
-  copied(command).then((done) => {
-    getSelection().selectAllChildren(code);
-    said.append(done ? "copied" : "selected; press Ctrl+C");
-  });
 }
