@@ -11,7 +11,7 @@ import baselines
 import lissajous_env
 from baselines.policies import registry
 from baselines.policies.combinations import COMBINATIONS, ON_REQUEST
-from baselines.policies.coordinators.tracked_reference import ReferenceParameters, TrackedReference
+from baselines.policies.coordinators.borkar import ReferenceParameters, TrackedReference
 from baselines.policies.trackers.base import OnCurve
 
 COORDINATORS = ("kuramoto", "open-loop", "tracked-reference", "running-reference", "consensus", "arc")
