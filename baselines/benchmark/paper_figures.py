@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
@@ -20,7 +21,6 @@ from baselines.benchmark.shown import COMPARED, DERIVED, IMPROVEMENT, OVERALL, b
 from baselines.benchmark.statistics import SHARE_OF_SEEDS, Estimate
 from baselines.benchmark.table import Policies, Rows, Table, grouped, numbers
 from baselines.policies.registry import unwrapped
-from lissajous_env.render.plotting import own_settings
 from lissajous_env.world.columns import LARGEST, OPEN, SHARE, WHOLE, Column
 
 FORMATS = ("pdf", "svg", "png")
@@ -49,7 +49,7 @@ _ROW = 0.17
 def draw(table: Table, form: str) -> Iterator[tuple[str, bytes]]:
     """Draw all figures of a table and yield each as name of its file and content."""
     styles = styles_of(dict.fromkeys(row["policy"] for row in table.rows))
-    with own_settings(_STYLE):
+    with style.context(["default", _STYLE]):
         for of in table.overall:
             figure = _figure(f"over {len(of.scenarios)} scenarios", of.policies, OVERALL, styles)
             yield f"overall-{of.kind}.{form}", saved(figure, form)

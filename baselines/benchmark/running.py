@@ -158,7 +158,7 @@ def _default(scenario: Scenario, everything: bool) -> list[str]:
     chosen = [name for name in POLICIES if name in fitting]
     for name in fitting:
         is_added = registry.made_for(name, scenario.name) and (everything or not registry.ships(name))
-        is_plain = not registry.unwrapped(name)[1] or (everything and registry.is_specialist(name))
+        is_plain = not registry.unwrapped(name)[1] or (everything and registry.describe(name)["made_for"])
         if is_added and is_plain and name not in chosen:
             chosen.append(name)
     return chosen

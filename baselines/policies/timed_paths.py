@@ -60,7 +60,7 @@ class TrackingParameters(Checked):
 
     settling: float | None = number(None, 1e-6, 1e6, "s")
     """Time constant of an error [s]; None is 0.12 s in the time scale of the paper's experiment, and at least 0.8
-    control steps."""
+    control steps, and for differential drives the time 1 / sqrt(yaw acceleration): they weave if it is shorter."""
     approach: float = number(1.5, 0.05, 1.57, "rad")
     """Largest angle at which a car approaches its path [rad]."""
     catch_up: float = number(0.5, 0.01, 10)
@@ -89,7 +89,8 @@ class Tracking:
 def tracking_of(scenario: Scenario, tables: PathTables, parameters: TrackingParameters) -> Any:
     """Return the constants of the following of timed paths in a scenario."""
     step, tracking = scenario.task.step, Tracking()
-    settling = parameters.settling or max(0.12 * motion_scale(scenario).time, 0.8 * step)
+    least = max(0.8 * step, (scenario.robot.yaw_acceleration_max or math.inf) ** -0.5)
+    settling = parameters.settling or max(0.12 * motion_scale(scenario).time, least)
     tracking.step, tracking.pole = step, math.exp(-step / settling)
     tracking.approach, tracking.catch_up = parameters.approach, parameters.catch_up
     tracking.learning, tracking.room = parameters.learning, manoeuvring_length(scenario.robot)

@@ -38,7 +38,7 @@ def test_a_clustered_formation_comes_back_and_the_open_loop_does_not():
     # Story of Section V, with Fig. 6: those that stop resume; only who hears the others can close the gap again.
     recovery = {name: played(name, "redundant", "recovery_time", 2) for name in ("kuramoto", "open-loop")}
     assert recovery["kuramoto"].max < 15
-    assert recovery["open-loop"].n_finite == 0
+    assert recovery["open-loop"].known == 0
 
 
 @pytest.mark.parametrize(("name", "lost"), [("rough", 0), ("rough-lost", 1)])

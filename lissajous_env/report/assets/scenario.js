@@ -30,8 +30,7 @@ export function scenarioSection(report, scenario, s, onPick) {
 function light(box) {
   const turn = (policy) => {
     box.classList.toggle("lit", policy !== undefined);
-    for (const part of box.querySelectorAll("[data-policy]"))
-      part.classList.toggle("on", part.dataset.policy === policy);
+    for (const part of box.querySelectorAll("[data-policy]")) part.classList.toggle("on", part.dataset.policy === policy);
   };
   box.addEventListener("pointerover", (event) => turn(event.target.closest("[data-policy]")?.dataset.policy));
   box.addEventListener("pointerleave", () => turn(undefined));
@@ -133,12 +132,6 @@ function tradeoff(report, scenario, across, up) {
     y: { scale: scaleOf(ends(up), [], 1), title: "" },
   };
   return figure("Detection against collisions", `${up.title} per episode; bars: 95 % intervals`, axes, (plot) => {
-    const near = 5,
-      places = shown.map((policy) => [
-        plot.x(of(policy, across).value),
-        plot.y(of(policy, up).value),
-      ]);
-    const taken = places.map(([x, y]) => [x - near, y - near, x + near, y + near]);
     for (const policy of shown) {
       const [x, y] = [of(policy, across), of(policy, up)],
         look = report.policies[policy.policy];
@@ -151,30 +144,7 @@ function tradeoff(report, scenario, across, up) {
         svg("g", { transform: `translate(${left.toFixed(1)} ${top.toFixed(1)})` }, markOf(look)),
       );
       plot.picture.append(group);
-      label(plot, group, look.name, left, top, taken);
     }
   });
 }
 
-// Place a name beside its point without overlaps, off the horizontal interval if there is room.
-function label(plot, group, words, x, y, taken) {
-  const wide = 5.6 * words.length,
-    left = x + 9 + wide > plot.width;
-  for (const off of [-5, 13, 3, -17]) {
-    if (plot.y(0) < y + off) continue;
-    const box = left
-      ? [x - 9 - wide, y + off - 9, x - 9, y + off + 2]
-      : [x + 9, y + off - 9, x + 9 + wide, y + off + 2];
-    if (taken.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3]))
-      continue;
-    taken.push(box);
-    group.append(
-      svg(
-        "text",
-        { x: left ? x - 9 : x + 9, y: y + off, "text-anchor": left ? "end" : "start", class: "point-name" },
-        words,
-      ),
-    );
-    return;
-  }
-}
