@@ -28,7 +28,7 @@ from baselines.policies.own_row import own_phase
 from baselines.policies.partition import plain_of
 from baselines.policies.path_tables import PathTables, path_tables
 from baselines.policies.registry import register
-from baselines.policies.timed_paths import STEPS, TimedPaths, TrackingParameters
+from baselines.policies.timed_paths import STEPS, TimedPaths
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.parameters.scenario import Scenario
@@ -172,7 +172,6 @@ class LineAbreast(TimedPaths):
         num_worlds: W.
         device: Warp device.
         parameters: Speed, number of lines, and turns.
-        tracking: Gains and limits of the following of the paths.
 
     Raises:
         ValueError: sensing discs that are too small, or too few, for a line to span the shorter side.
@@ -186,13 +185,10 @@ class LineAbreast(TimedPaths):
         num_worlds: int = 1,
         device: Any = "cpu",
         parameters: LineParameters | None = None,
-        tracking: TrackingParameters | None = None,
     ):
         self.parameters = parameters or LineParameters()
         self.lines, tables, slots = line_tables(plain_of(scenario), self.parameters)
-        super().__init__(
-            scenario, num_worlds, device, tables=tables, plan=np.zeros(num_worlds, int), parameters=tracking
-        )
+        super().__init__(scenario, num_worlds, device, tables=tables)
         self._closes = closes_up(self.scenario, self.lines)
         self._closing = closing_of(self.scenario, self.lines, tables.lead_in)
         self._slots = wp.array(slots, dtype=wp.int32, device=self.device)

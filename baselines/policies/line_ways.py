@@ -4,16 +4,14 @@ The lines may begin in any phase, and a robot may have any place that the ring c
 stay neighbours in a line. The ways without collisions of the shortest worst case are taken.
 """
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
 
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.ideal_motion import worst_from_start
-from baselines.policies.partition import planned_transit
-from baselines.policies.partition_plan import PartitionParameters, Plan
-from baselines.policies.transit import start_is_known
+from baselines.policies.loop_shapes import PartitionParameters
+from baselines.policies.transit import planned_transit, start_is_known
 from lissajous_env.parameters.scenario import Scenario
 
 _CLEAR = 0.5
@@ -55,11 +53,9 @@ def ways_from_start(
     options = []
     for phase in _PHASES:
         shifted = np.roll(loops[..., :2], -round(phase * loops.shape[1]), axis=1)
-        plan = Plan(np.zeros((len(slots), 6)), shifted, speed, math.nan)
-        planned = planned_transit(scenario, plan, room, places)
-        if planned is not None:
-            lead_in, chosen = planned
-            loop = np.roll(shifted[chosen], -lead_in.shape[1], axis=1)
+        ways = planned_transit(scenario, shifted, room, places)
+        if ways is not None:
+            lead_in, loop, chosen = ways
             rogues = scenario.sensing_radius, scenario.rogue_speed, scenario.task.step
             options.append((worst_from_start(lead_in, loop, half, *rogues), len(options), (lead_in, loop, chosen)))
     if options:

@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 53_076
+LINES = 52_948
 """Lines of the packages."""
 MODULES = 363
 """Files of the packages."""
-TESTS = 32_609
+TESTS = 32_612
 """Lines of the tests."""
 
 
