@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 52_948
+LINES = 52_800
 """Lines of the packages."""
-MODULES = 363
+MODULES = 362
 """Files of the packages."""
-TESTS = 32_612
+TESTS = 32_611
 """Lines of the tests."""
 
 

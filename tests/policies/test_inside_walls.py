@@ -9,7 +9,7 @@ import baselines
 import lissajous_env
 from baselines.planning.request import Request
 from baselines.policies.base import UnsuitableScenarioError
-from baselines.policies.line_abreast import ideal_worst_case
+from baselines.policies.line_path import ideal_worst_case
 from baselines.policies.loop_shapes import PartitionParameters
 from baselines.policies.partition_plan import partition_plan
 
