@@ -1,11 +1,16 @@
-"""A team of robots as nodes of ROS 2 in this process, with the simulated world, for tests."""
+"""A team of robots as nodes of ROS 2 in this process, with the simulated world, for tests.
+
+The clock of the world waits for the robots, so that a story is the same on every machine, however busy.
+"""
 
 import contextlib
-import functools
 import os
 import subprocess
 import sys
 import tempfile
+import time
+
+from rclpy.parameter import Parameter
 
 from baselines.ros import library as ros
 from baselines.ros.robot import RobotNode
@@ -15,31 +20,25 @@ from lissajous_env.parameters.scenario_file import as_toml
 
 AGILE = {"robot.steering_max": 0.8, "robot.model_offset": None, "formation.start_noise": 0.0, "faults.schedule": ()}
 """Cars whose turning circle is smaller than the curve's tightest bend, without failures."""
+PATIENCE = 100.0
+"""Longest time that a test waits for a condition [s]."""
+
+
+def use_domain():
+    """Use a domain of this process, on the loopback interface."""
+    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 
 @contextlib.contextmanager
 def in_ros():
-    """ROS 2 in a domain of this process, on the loopback interface."""
-    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    """ROS 2 in a domain of this process."""
+    use_domain()
     ros.start_ros()
     try:
         yield
     finally:
         ros.rclpy.try_shutdown()
-
-
-def in_real_time(story):
-    """A story that is told up to four times: on a busy machine, messages come late and robots stop as they should."""
-
-    @functools.wraps(story)
-    def told(*args, **kwargs):
-        for _ in range(3):
-            with contextlib.suppress(AssertionError):
-                return story(*args, **kwargs)
-        return story(*args, **kwargs)
-
-    return told
 
 
 def node_of(settings, **options):
@@ -53,38 +52,45 @@ def process(*arguments, **options):
     return subprocess.Popen(command, text=True, **options)
 
 
-def on_simulated_time(options_of, robot):
-    """Options of a robot's node, and the parameter by which its clock is that of the world."""
-    from rclpy.parameter import Parameter
-
-    return {"parameter_overrides": [Parameter("use_sim_time", value=True)], **options_of(robot)}
+def wait_until(holds, spin=lambda: time.sleep(0.05)):
+    """Call a function until a condition holds."""
+    ends = time.monotonic() + PATIENCE
+    while not holds() and time.monotonic() < ends:
+        spin()
+    assert holds()
 
 
 class Team:
-    """A world and robots in one process; `world.play()` runs all of them."""
+    """A world and robots in one process; `world.play()` runs all of them, as fast as the robots decide."""
 
-    def __init__(self, scenario, policy, settings=WorldSettings(), robots=None, options_of=lambda k: {}, **more):  # noqa: B008
+    def __init__(self, scenario, policy, robots=None, options_of=lambda k: {}, world=None, **more):
         self._folder = tempfile.TemporaryDirectory()
         self.file = os.path.join(self._folder.name, "lab.toml")
         with open(self.file, "w", encoding="utf-8") as file:
             file.write(as_toml(scenario))
-        self.world = WorldNode(scenario, settings)
+        settings: dict = {"pace": 1000.0, "wait": PATIENCE} | (world or {})
+        self.world = WorldNode(scenario, WorldSettings(**settings))
         self.world.discovery = 0.0  # within one process, everyone is known at once
         chosen = range(scenario.num_robots) if robots is None else robots
-        # A busy machine must not be taken for a jump of the clock.
-        if settings.pace != 1:
-            options_of = functools.partial(on_simulated_time, options_of)
-        given = {"policy": policy, "scenario": self.file, "lockstep": settings.lockstep, "clock_jump": 5.0} | more
-        self.robots = []
+        self._settings, self._options_of = {"policy": policy, "message_wait": PATIENCE} | more, options_of
+        self.robots = [self.robot(k) for k in chosen]
         self.others = []
-        for k in chosen:
-            self.robots.append(node_of(RobotSettings(robot=k, **given), **options_of(k)))
-            self.world.loop.add_node(self.robots[-1])
+        for node in self.robots:
+            self.world.loop.add_node(node)
+
+    def robot(self, k, **more):
+        """The node of a robot, whose clock is that of the world."""
+        simulated = {"parameter_overrides": [Parameter("use_sim_time", value=True)]}
+        settings = RobotSettings(robot=k, scenario=self.file, **self._settings | more)
+        return node_of(settings, **simulated, **self._options_of(k))
 
     def add(self, node):
         self.others.append(node)
         self.world.loop.add_node(node)
         return node
+
+    def spin(self):
+        self.world.loop.spin_once(timeout_sec=0.05)
 
     def __enter__(self):
         return self

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
@@ -27,7 +28,6 @@ from baselines.benchmark.statistics import (
 from baselines.benchmark.table import Against, Group, Rows, Table, compare, grouped, numbers
 from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.render.plotting import own_settings
 from lissajous_env.world.columns import LARGEST, OPEN, SHARE, WHOLE, WORST_CASE, Column
 
 FORMATS = ("pdf", "svg", "png")
@@ -61,7 +61,7 @@ _ROW = 0.17
 def draw(table: Table, against: str | None, form: str) -> Iterator[tuple[str, bytes]]:
     """Draw all figures of a table and yield each as name of its file and content."""
     styles = styles_of(dict.fromkeys(row["policy"] for row in table.rows))
-    with own_settings(_STYLE):
+    with style.context(["default", _STYLE]):
         for group in table.groups():
             if scores := _scores(group, table.scenarios):
                 yield f"profiles-{group.kind}.{form}", saved(_profiles(scores, styles), form)

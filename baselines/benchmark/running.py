@@ -173,7 +173,7 @@ def _all(names: Sequence[str], scenario: Scenario) -> list[str]:
     Of those with the collision filter, the paper's method alone and what was made for this very scenario.
     """
     chosen = [name for name in names if registry.made_for(name, scenario.name)]
-    filtered = [name for name in chosen if name == "kuramoto-mpcc-safe" or registry.is_specialist(name)]
+    filtered = [name for name in chosen if name == "kuramoto-mpcc-safe" or registry.describe(name)["made_for"]]
     return [name for name in chosen if not registry.unwrapped(name)[1] or name in filtered]
 
 

@@ -16,7 +16,7 @@ from lissajous_env.wording import few_of, where_raised
 if TYPE_CHECKING:
     from lissajous_env.episodes.recording import Recording
 
-FORMATS = (".html", ".mp4", ".gif", ".png", ".svg", ".pdf", ".npz", ".mcap")
+FORMATS = (".html", ".mp4", ".gif", ".npz", ".mcap")
 """Endings of the files that show or store one episode."""
 
 

@@ -37,15 +37,14 @@ def replay(
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
-    """Show an episode, played now or recorded before: as a page, in a window, or as MP4, GIF, PNG, SVG or PDF.
+    """Show an episode, played now or recorded before: as a page, in a window, or as MP4 or GIF.
 
     Example:
         lissajous replay evaders sweep --against kuramoto-mpcc --out replay.html
 
     Args:
         names: scenario and policy, or a policy's folder, as for `lissajous run`; or a recording (.npz) of it.
-        out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf, .npz or .mcap; without it, a window opens:
-            space pauses, left and right step, escape quits.
+        out: file to write, ending in .html, .mp4, .gif, .npz or .mcap; without it, a window opens.
         against: second policy, shown beside the first on the same seed; requires --out FILE.html.
         seed: seed of the episode; ignored for a recording.
         device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.

@@ -18,7 +18,6 @@ from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from lissajous_env.parameters.scenario_file import as_toml
 
 _Duration = Annotated[float | None, tyro.conf.arg(metavar="FLOAT")]
-_Flag = tyro.conf.FlagCreatePairsOff
 
 
 def launch(
@@ -26,7 +25,6 @@ def launch(
     policy: str = "kuramoto-mpcc",
     duration: _Duration = None,
     seed: int = 0,
-    lockstep: Annotated[bool, _Flag] = False,
     pace: float = 1.0,
     command: CommandKind = "car",
     out: OutFile = None,
@@ -46,8 +44,7 @@ def launch(
         policy: name of a policy, folder of a checkpoint, or module:factory.
         duration: duration of the episode [s]; by default that of the scenario.
         seed: seed of the episode.
-        lockstep: step when all robots have decided, instead of in real time.
-        pace: simulated seconds per second; less than 1 if the machine is too slow for real time.
+        pace: largest number of simulated seconds per second; the simulation waits for the robots' decisions.
         command: kind of the robots' commands: car, twist, twist_stamped or dart.
         out: file to write, as in `lissajous ros world`.
         output: Console output.
@@ -57,7 +54,7 @@ def launch(
     from baselines.ros.launching import Team
 
     check_file(out, *FORMATS)
-    WorldSettings(lockstep=lockstep, pace=pace)  # for its checks, before anything is started
+    WorldSettings(pace=pace)  # for its checks, before anything is started
     changes = parse_overrides(overrides) | ({} if duration is None else {"task.duration": duration})
     made = named.scenario(scenario, **changes)
     console = progress_console(output)
@@ -70,12 +67,10 @@ def launch(
             file = Path(folder, "scenario.toml")
             file.write_text(as_toml(made), encoding="utf-8")
             given = str(file)
-        shared = ["--scenario", given, "--command", command, *(["--lockstep"] if lockstep else [])]
+        shared = ["--scenario", given, "--command", command]
         world = ["--seed", str(seed), "--pace", str(pace), *(["--out", str(out.resolve())] if out is not None else [])]
         world += [flag for flag, given in (("--json", output.json), ("--quiet", output.quiet)) if given]
-        loss = 0.0 if lockstep else made.noise.message_loss
-        # A delay on a busy machine must not count as a jump of the clock.
-        robots = ["--policy", policy, "--message-loss", str(loss), "--clock-jump", "2", "--quiet"]
-        robots += [] if pace == 1 else ["--ros-args", "-p", "use_sim_time:=true"]
+        robots = ["--policy", policy, "--message-loss", str(made.noise.message_loss), "--quiet"]
+        robots += ["--ros-args", "-p", "use_sim_time:=true"]
         team = Team(made.num_robots, [*shared, *world], [*shared, *robots])
         team.run(lambda words: print_line(console, words))

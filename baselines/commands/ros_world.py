@@ -9,7 +9,7 @@ from baselines.benchmark.progress import bar
 from baselines.commands.playing import FORMATS, progress_console
 from baselines.ros.settings import WorldSettings
 from lissajous_env.console.recordings import check_file, show
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, print_line
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions
 from lissajous_env.parameters import named
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
 
@@ -21,9 +21,10 @@ def world(
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
-    """Simulate the robots' hardware as a node of ROS 2, at any pace or in lock-step, and print the score.
+    """Simulate the robots' hardware as a node of ROS 2, and print the score.
 
-    The node waits for all robots, starts them, and stops them at the end.
+    The node waits for all robots, starts them, and stops them at the end. The robots' nodes need the parameter
+    use_sim_time: their clock is that of the simulation, which waits for their decisions.
 
     Example:
         lissajous ros world --scenario experiment --set task.duration=20 --out episode.html
@@ -31,7 +32,7 @@ def world(
     Args:
         settings: Settings of the node.
         scenario: name of a scenario, .toml file, or module:attribute.
-        out: file to write, as in `lissajous run`: .html, .mp4, .gif, .png, .svg, .pdf, .npz or .mcap.
+        out: file to write, as in `lissajous run`: .html, .mp4, .gif, .npz or .mcap.
         output: Console output.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
@@ -50,9 +51,6 @@ def world(
         recording = node.play(lambda: shown_bar.advance(task), process.check)
     recording = replace(recording, score=recording.score | {"policy": "ros"})
     tables.print_row(console, recording.score)
-    if node.late_steps:
-        late = f"{node.late_steps} of {len(recording) - 1} steps came late"
-        print_line(console, f"note: {late}: this machine is too slow; try --pace 0.5", "yellow")
-    output.print_json(recording.score | {"late_steps": node.late_steps})
+    output.print_json(recording.score)
     if out is not None:
         show(recording, out, output)

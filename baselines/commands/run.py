@@ -36,7 +36,7 @@ def run(
             policy is played on the scenario for which it was made.
         seed: seed of the episode; the same seed repeats it.
         device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
-        out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf, .npz (a recording) or .mcap (a log of
+        out: file to write, ending in .html, .mp4, .gif, .npz (a recording) or .mcap (a log of
             ROS); without it, a window opens if there is a display.
         rogues: rogue (adversary) that moves all targets: wander, flee, shadow, follow-gap, or hide, which requires
             task.contamination; a learned one, such as hide-from-sweep or a folder; or several joined by +. By default

@@ -27,6 +27,10 @@ _PLANS = 4
 """Plans of different shapes from which one with a transit is selected where an inset limits the ways."""
 _SHAPES, _PATTERNS = 12, 2
 """Shapes whose motion is followed, and how many of these are tried with all directions and phases."""
+_MOST_SHAPES = 60
+"""Shapes whose motion is followed within an inset if none of the first has a bound."""
+_SENSED = 0.98
+"""Share of the sensing radius within an inset, where errors of the following must not open a gap along a wall."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +103,7 @@ def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
         robots=scenario.num_robots,
         half_width=scenario.curve.half_width / unit,
         driven=(scenario.driven.half_width / unit, scenario.driven.half_height / unit),
-        sensing=scenario.sensing_radius / unit,
+        sensing=(_SENSED if scenario.inset else 1.0) * scenario.sensing_radius / unit,
         apart=required_distance(scenario, parameters) / unit,
         turning=turning_radius_of(scenario) / unit,
         speed=(parameters.speed or RESERVE * robot.top_speed) * step / unit,
@@ -123,7 +127,10 @@ def _best(room: Room, parameters: PartitionParameters) -> list[tuple[np.ndarray,
     if not shapes:
         return []
     search = _Search(room, half)
-    for *_, shape in sorted(shapes, key=lambda each: each[:3])[:_SHAPES]:
+    ordered = [shape for *_, shape in sorted(shapes, key=lambda each: each[:3])]
+    for k, shape in enumerate(ordered[: _MOST_SHAPES if room.inside else _SHAPES]):
+        if k >= _SHAPES and search.best[0][0] < math.inf:
+            break
         search.compare(shape, _ALIKE)
     leading = sorted(search.compared, key=lambda each: each[0])[:_PATTERNS]
     for _, shape, _ in () if parameters.in_phase else leading:

@@ -51,9 +51,9 @@ STEPS, PROGRESS, PLAN, PUSH_BIAS, TURN_RATIO = (wp.constant(k) for k in range(5)
 NEXT_SPEED, NEXT_HEADING, NEXT_TURN = (wp.constant(k) for k in range(5, 8))
 MEMORY = 8
 
-
 _SETTLING, _SETTLING_STEPS = 0.12, 0.8
-"""Time constant of an error [s] in the time scale of the paper's experiment, and the least one [control step]."""
+"""Time constant of an error [s] in the time scale of the paper's experiment, and the least one [control step]; that of
+differential drives is at least 1 / sqrt(yaw acceleration), for they weave if it is shorter."""
 _APPROACH = wp.constant(1.5)
 """Largest angle at which a car approaches its path [rad]."""
 _CATCH_UP = wp.constant(0.5)
@@ -85,7 +85,8 @@ class Tracking:
 def tracking_of(scenario: Scenario, tables: PathTables, waits: bool) -> Any:
     """Return the constants of the following of timed paths in a scenario."""
     step, tracking = scenario.task.step, Tracking()
-    settling = max(_SETTLING * motion_scale(scenario).time, _SETTLING_STEPS * step)
+    least = max(_SETTLING_STEPS * step, (scenario.robot.yaw_acceleration_max or math.inf) ** -0.5)
+    settling = max(_SETTLING * motion_scale(scenario).time, least)
     tracking.step, tracking.pole = step, math.exp(-step / settling)
     tracking.room, tracking.waits = manoeuvring_length(scenario.robot), int(waits)
     tracking.lead_in, tracking.loop = tables.lead_in, tables.loop

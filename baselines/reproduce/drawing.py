@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from baselines.benchmark.plot_styles import BLUE, DARK, GREEN, ORANGE, PINK, RED, SKY, STYLE, saved
 from lissajous_env.parameters.scenario import Curve
-from lissajous_env.render.plotting import own_settings
 from lissajous_env.theory import closed_forms
 
 Format = Literal["png", "svg", "pdf"]
@@ -52,7 +52,7 @@ class Sheet:
 
     def __init__(self, name: str, title: str, width: float = 7.2, height: float = 3.2):
         self.name, self.title = name, title
-        self._style = own_settings(STYLE | _SMALLER)
+        self._style = style.context(["default", STYLE | _SMALLER])
         self._size = (width, height)
 
     def __enter__(self) -> "Sheet":

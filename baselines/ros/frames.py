@@ -43,8 +43,10 @@ class SpeedOfPoses:
         self._poses: deque[tuple[float, float, float]] = deque(maxlen=1000)
 
     def add(self, x: float, y: float, heading: float, stamp: float) -> Odometry | None:
-        """Return the pose with its speed; None for the first one, and after a gap of four windows."""
+        """Return the pose with its speed; None for the first one, after a gap of four windows, and for a repetition."""
         poses = self._poses
+        if poses and stamp == poses[-1][2]:
+            return None
         if poses and not 0 < stamp - poses[-1][2] < 4 * self._window:
             poses.clear()
         poses.append((x, y, stamp))

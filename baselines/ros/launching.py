@@ -48,7 +48,7 @@ class Team:
             CommandError: another team is running, a process ended before the world did, or the world failed.
         """
         # The node ends first, as long as it discovers no robot's end.
-        with _alone(), contextlib.closing(self), started() as here:
+        with alone(), contextlib.closing(self), started() as here:
             node = ros.Node("launch")
             here.nodes.append(node)
             states: dict[str, str] = {}
@@ -98,7 +98,7 @@ class Team:
 
 
 @contextlib.contextmanager
-def _alone() -> Iterator[None]:
+def alone() -> Iterator[None]:
     """Refuse to run beside another team of this user in the same domain, whose nodes would have the same names."""
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
     path = Path(tempfile.gettempdir(), f"lissajous-ros-{os.getuid()}-{domain}.lock")

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,34 +21,6 @@ COMMAND_TOPICS = {
     "dart": {"steering": "Float32", "throttle": "Float32"},
 }
 """For each kind of commands the topics that a robot's base listens to, with the types of their messages."""
-
-SIMULATED = ("cos_phase", "sin_phase", "works", "heard_before", "heard_after")
-"""Names in a message of the data that a simulated robot has besides its pose, in lock-step."""
-
-
-class Simulated(NamedTuple):
-    """Knowledge of a simulated robot besides its pose, sent in lock-step."""
-
-    phase: tuple[float, float]
-    """Cosine and sine of its phase."""
-    works: bool
-    """False for a robot that has failed."""
-    heard_at: tuple[float, float]
-    """Times at which the latest messages that have arrived of both ring neighbours were sent [s]; NaN for none."""
-
-
-def simulated_message(simulated: Simulated, time: float) -> Any:
-    """Return the data of a simulated robot at a time [s] as sensor_msgs/JointState."""
-    numbers = (*simulated.phase, float(simulated.works), *simulated.heard_at)
-    return named_numbers(SIMULATED, numbers, time)
-
-
-def simulated_of(message: Any) -> Simulated | None:
-    """Return the data of a simulated robot; None if the message is of something else."""
-    if tuple(message.name) != SIMULATED or len(message.position) != len(SIMULATED):
-        return None
-    cos_phase, sin_phase, works, before, after = message.position
-    return Simulated((cos_phase, sin_phase), works == 1, (before, after))
 
 
 def seconds(stamp: Any) -> float:

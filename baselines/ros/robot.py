@@ -4,18 +4,18 @@ import dataclasses
 import math
 import random
 import threading
-import time as wall
 from collections import deque
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from baselines.onboard import Limits, Odometry, Onboard, Output
+from baselines.onboard import Odometry, Onboard, Output
 from baselines.ros import library as ros
 from baselines.ros import messages
 from baselines.ros.frames import Origin, SpeedOfPoses, relative
 from baselines.ros.messages import named_numbers, ring_message, seconds, yaw
-from baselines.ros.pilot import LockstepPilot, Pilot, RealTimePilot
+from baselines.ros.pilot import Pilot
 from baselines.ros.settings import RobotSettings
 
 NAME = "policy"
@@ -45,13 +45,9 @@ class RobotNode(ros.Node):
         super().__init__(NAME, namespace=f"robot_{settings.robot}" if namespace is None else namespace, **options)
         self.settings = settings = self._declared(settings)
         kind = "twist" if settings.command.startswith("twist") else "car"
-        limits = Limits.none() if settings.lockstep else settings.limits()
-        self.onboard = Onboard(settings.policy, settings.scenario, settings.robot, kind, limits)
-        self.scenario, self.lockstep = self.onboard.scenario, settings.lockstep
-        self._origin = Origin(*settings.origin)
-        self._pilot: Pilot = (
-            LockstepPilot(self.onboard) if self.lockstep else RealTimePilot(self.onboard, settings.message_wait)
-        )
+        self.onboard = Onboard(settings.policy, settings.scenario, settings.robot, kind, settings.limits())
+        self.scenario, self._origin = self.onboard.scenario, Origin(*settings.origin)
+        self._pilot = Pilot(self.onboard, settings.message_wait)
         self._speed = SpeedOfPoses(self.scenario.task.step)
         self._random = random.Random(settings.robot)
         self._wrong_frame = ""
@@ -60,7 +56,7 @@ class RobotNode(ros.Node):
         self._warm_up()
         self._connect()
         if settings.autostart:
-            self._pilot.start()
+            self._pilot.start(self.now)
 
     @property
     def now(self) -> float:
@@ -97,7 +93,7 @@ class RobotNode(ros.Node):
         self.onboard.reset()
 
     def _connect(self) -> None:
-        settings, measured = self.settings, ros.reliable() if self.lockstep else ros.latest()
+        settings, measured = self.settings, ros.latest()
         changes = {"qos_overriding_options": ros.QoSOverridingOptions.with_default_policies()}
         self._send_message = self.create_publisher(ros.JointState, "message", ros.reliable(), **changes).publish
         self._send_action = self.create_publisher(ros.JointState, "action", ros.reliable(), **changes).publish
@@ -119,22 +115,18 @@ class RobotNode(ros.Node):
             self.create_subscription(ros.PointCloud2, name, self._seeing(name, width), measured, **changes)
         for name in ("start", "stop", "resume"):
             self.create_service(ros.Trigger, name, self._serving(name))
-        self.create_timer(0.5, self._report)
-        if self.lockstep:
-            self.create_subscription(ros.JointState, "simulated", self._take_simulated, measured)
-            return
-        self.create_subscription(
-            ros.UInt8, "status", lambda message: self._take("works", message.data == 0, self.now), ros.lasting()
-        )
-        self.create_timer(_TICK, self._tick)
-        self._ended = threading.Event()
+        self.create_subscription(ros.UInt8, "status", self._take_status, ros.lasting())
+        steady = ros.steady_clock()
+        self.create_timer(0.5, self._report, clock=steady)
+        self.create_timer(_TICK, self._tick, clock=steady)
+        self._ended, self._sending = threading.Event(), threading.Lock()
         self._publishing = threading.Thread(target=self._publish_commands, daemon=True)
         self._publishing.start()
 
     def rest(self) -> None:
         """Stop the robot, and publish the command of rest."""
         self.onboard.stop()
-        self._send_command(self._rest(), self.now)
+        self._send_command()
 
     def destroy_node(self) -> None:
         """End the thread that publishes commands, and the node."""
@@ -161,26 +153,18 @@ class RobotNode(ros.Node):
             self._wrong_frame = f"the pose is in frame {header.frame_id}, it must be {self.settings.frame}"
             return
         self._wrong_frame = ""
-        self._take("pose", odometry, odometry.stamp)
-
-    def _take_simulated(self, message: Any) -> None:
-        simulated = messages.simulated_of(message)
-        if simulated is not None:
-            self._take("simulated", simulated, seconds(message.header.stamp))
-
-    def _take(self, part: str, value: Any, stamp: float) -> None:
-        """Store a part of the input, send the message that it causes, and act if it is time."""
-        message = self._pilot.take(part, value, stamp, self.now)
-        if message is not None:
-            self._send_message(ring_message(message, self.settings.frame))
+        self._pilot.take(odometry)
         self._tick()
+
+    def _take_status(self, message: Any) -> None:
+        self._pilot.works = message.data == 0
 
     def _hearing(self, sender: int) -> Any:
         def hear(message: Any) -> None:
             heard = messages.heard(message, sender)
             lost = self.get_parameter("message_loss").value
             if heard is not None and not (lost > 0 and self._random.random() < lost):
-                self._pilot.hear(heard)
+                self._pilot.heard[sender] = heard
                 self._tick()
 
         return hear
@@ -192,7 +176,7 @@ class RobotNode(ros.Node):
                 rows = messages.cloud_rows(message, width)
                 if pose is not None or frame.endswith("aligned"):
                     rows = relative(rows, frame, self.settings.frame, pose, self._origin)
-                    self._take(name, rows, seconds(message.header.stamp))
+                    self._pilot.see(name, rows, seconds(message.header.stamp))
             except ValueError as error:
                 self.get_logger().warning(f"{name}: {error}", throttle_duration_sec=5.0)
 
@@ -201,7 +185,7 @@ class RobotNode(ros.Node):
     def _serving(self, name: str) -> Any:
         def serve(_request: Any, response: Any) -> Any:
             if name == "start":
-                self._pilot.start()
+                self._pilot.start(self.now)
                 self._output = None
             else:
                 getattr(self.onboard, name)()
@@ -212,23 +196,26 @@ class RobotNode(ros.Node):
         return serve
 
     def _tick(self) -> None:
-        """Act on every step that is due."""
-        before = wall.perf_counter()
-        while (acted := self._pilot.act(self.now)) is not None:
-            self._output, time = acted[1], acted[0]
-            self._publish(self._output, time)
-            self._send_command(self._rest() if self._wrong_frame else self.onboard.command_at(time), time)
-            self._times.append(wall.perf_counter() - before)
+        """Announce a new pose, and decide on the command of a step that is due."""
+        before, now = perf_counter(), self.now
+        if (message := self._pilot.announce(now)) is not None:
+            self._send_message(ring_message(message, self.settings.frame))
+        if (output := self._pilot.act(now)) is not None:
+            self._output = output
+            self._send_command()
+            # A simulated world that has received the action takes the command that came before it.
+            self._publish(output, now)
+            self._times.append(perf_counter() - before)
 
-    def _send_command(self, command: Any, time: float) -> None:
-        """Publish a command at a time [s]."""
+    def _send_command(self) -> None:
+        """Publish the command that is valid now."""
         largest, frame = self.scenario.robot.steering_max, f"{self.get_namespace()[1:]}/base_link".lstrip("/")
-        parts = messages.command_messages(command, self.settings.command, largest, time, frame)
-        for publisher, message in zip(self._command_publishers, parts, strict=True):
-            publisher.publish(message)
-
-    def _rest(self) -> Any:
-        return self.onboard.command_at(math.nan)
+        with self._sending:  # of two threads, so that no command follows a newer one
+            now = self.now
+            command = self.onboard.command_at(math.nan if self._wrong_frame else now)
+            parts = messages.command_messages(command, self.settings.command, largest, now, frame)
+            for publisher, message in zip(self._command_publishers, parts, strict=True):
+                publisher.publish(message)
 
     def _publish(self, output: Output, time: float) -> None:
         self._send_action(named_numbers(self.scenario.action_names, output.action.tolist(), time))
@@ -239,9 +226,7 @@ class RobotNode(ros.Node):
     def _publish_commands(self) -> None:
         """Publish the command at a steady rate, from a thread that does not wait for the policy."""
         while not self._ended.wait(1 / self.settings.rate):
-            now = self.now
-            command = self._rest() if self._wrong_frame else self.onboard.command_at(now)
-            self._send_command(command, now)
+            self._send_command()
 
     def _report(self) -> None:
         now, heard = self.now, self._pilot.heard

@@ -10,7 +10,7 @@ from typing import Any
 
 from baselines.ros import library as ros
 
-_GRACE = 3.0
+GRACE = 3.0
 """Time in which ROS 2 must end [s]."""
 
 
@@ -94,7 +94,7 @@ def _ended_in_time() -> Iterator[None]:
     blocks the interpreter's lock meanwhile, so no thread of Python can end the process.
     """
     with open(os.devnull, "w") as nowhere:
-        faulthandler.dump_traceback_later(_GRACE, exit=True, file=nowhere)
+        faulthandler.dump_traceback_later(GRACE, exit=True, file=nowhere)
         try:
             yield
         finally:

@@ -50,7 +50,8 @@ class RobotSettings(Checked):
     rate: float = number(20.0, 1.0, 1000.0, "1/s")
     """Rate at which the command is published [1/s]."""
     message_wait: float = number(0.02, 0.0, _FOREVER, "s")
-    """Longest time for which a new pose waits for the messages of the neighbours of the same time [s]."""
+    """Longest time for which a new pose waits for the messages of the neighbours of the same time, on the machine's
+    clock [s]."""
     message_loss: float = number(0.0, 0.0, 1.0)
     """Fraction of the neighbours' messages that are ignored at random, to try a bad network."""
     pose_age: float = _limit()
@@ -65,8 +66,6 @@ class RobotSettings(Checked):
     """Time for which a command is valid [s]."""
     autostart: Annotated[bool, _Flag] = flag(False)
     """Drive from the first pose on, without a call of the service `start`."""
-    lockstep: Annotated[bool, _Flag] = flag(False)
-    """Take one step for each step of the simulation in lock-step; as in the simulation, no limit stops the robot."""
 
     @property
     def part(self) -> str:
@@ -87,8 +86,6 @@ class RobotSettings(Checked):
 class WorldSettings(Checked):
     """Settings of the node that simulates the robots' hardware."""
 
-    lockstep: Annotated[bool, _Flag] = flag(False)
-    """Step when all robots have decided, instead of in real time, and publish `/clock`."""
     command: CommandKind = choice("car", *COMMANDS)  # noqa: RUF009
     """Kind of the robots' commands, as in `lissajous ros robot`."""
     seed: int = whole(0, 0, 2**31 - 1)
@@ -99,14 +96,12 @@ class WorldSettings(Checked):
     """Time after which a simulated robot without a command stops [s]; 0 selects 2.5 control steps."""
     wait: float = number(60.0, 1.0, _FOREVER, "s")
     """Longest time to wait for the robots [s]."""
-    pace: float = number(1.0, 0.01, 100.0)
-    """Simulated seconds per second. If it is not 1, the world publishes `/clock`, and the robots' nodes must have the
-    parameter `use_sim_time`."""
+    patience: float = number(10.0, 0.1, _FOREVER, "s")
+    """Longest time for which the clock waits for the decision of a robot [s]."""
+    pace: float = number(1.0, 0.01, 1000.0)
+    """Largest number of simulated seconds per second."""
 
     @property
     def part(self) -> str:
         """Name of these settings in error messages."""
         return "node"
-
-    def _check_together(self) -> None:
-        self._require(not self.lockstep or self.pace == 1, "pace", "must be 1 in lock-step")

@@ -1,7 +1,6 @@
 """The base of a simulated robot: it receives commands from the network, and stops without them."""
 
 import math
-from collections import deque
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,7 @@ def of_twist(robot: Robot, step: float, speed: float, twist: Twist) -> Command:
 
 
 class Vehicle:
-    """Commands that a simulated robot has received; all times are of the same clock [s].
+    """The latest command that a simulated robot has received; all times are of the same clock [s].
 
     Args:
         scenario: The scenario.
@@ -40,40 +39,32 @@ class Vehicle:
     def __init__(self, scenario: Scenario, watchdog: float):
         self._robot, self._step, self._watchdog = scenario.resolve().robot, scenario.task.step, watchdog
         self._size = scenario.action_size
-        self._commands: deque[tuple[float, Any]] = deque(maxlen=1000)
-        self._parts: dict[str, float] = {}
-
-    def warm_up(self) -> None:
-        """Compile and load the kernel by which commands are converted."""
-        if self._robot.kind == "car":
-            actions_of(self._robot, np.zeros(2, dtype=np.float32))
+        self._taken_at, self._command = -math.inf, None
+        self._steering = 0.0
+        self.action(0.0, 0.0)  # compiles and loads the kernel by which commands are converted
 
     def take(self, now: float, command: Any) -> None:
         """Store a command that arrived now; one that is not finite is ignored."""
         if command is not None and all(map(math.isfinite, command)):
-            self._commands.append((now, command))
+            self._taken_at, self._command = now, command
 
     def receive(self, now: float, topic: str, message: Any) -> None:
         """Store the command in a message that arrived now; of two topics, when that of the throttle arrives."""
         if topic == "cmd_vel":
             twist = getattr(message, "twist", message)
             self.take(now, Twist(twist.linear.x, twist.angular.z))
-            return
-        if topic == "command":
+        elif topic == "command":
             parts = dict(zip(message.name, message.position, strict=False))
+            if {"steering", "throttle"} <= parts.keys():
+                self.take(now, Command(parts["steering"], parts["throttle"]))
+        elif topic == "steering":
+            self._steering = message.data * self._robot.steering_max
         else:
-            self._parts[topic] = message.data * (self._robot.steering_max if topic == "steering" else 1.0)
-            parts = self._parts if topic == "throttle" else {}
-        if {"steering", "throttle"} <= parts.keys():
-            self.take(now, Command(parts["steering"], parts["throttle"]))
+            self.take(now, Command(self._steering, message.data))
 
-    def action(self, time: float, speed: float) -> np.ndarray:
-        """Return the action (A,) in force at a time, of a robot of a speed [m/s]; without a command that of rest."""
-        while len(self._commands) > 1 and self._commands[1][0] <= time:
-            self._commands.popleft()
-        given = None
-        if self._commands and self._commands[0][0] <= time <= self._commands[0][0] + self._watchdog:
-            given = self._commands[0][1]
+    def action(self, now: float, speed: float) -> np.ndarray:
+        """Return the action (A,) in force now, of a robot of a speed [m/s]; without a valid command that of rest."""
+        given = self._command if now - self._taken_at <= self._watchdog else None
         action = np.zeros(self._size, dtype=np.float32)
         if self._robot.kind == "differential":
             action[:2] = actions_of_twists(self._robot, np.array(given or Twist(0.0, 0.0)))
@@ -83,7 +74,6 @@ class Vehicle:
             given = of_twist(self._robot, self._step, speed, given) if drives else None
         if given is None:
             action[:2] = model_of(self._robot.kind).rest_action(self._robot)
-            return action
-        inputs = np.array(given, dtype=np.float32)
-        action[:2] = actions_of(self._robot, inputs)
+        else:
+            action[:2] = actions_of(self._robot, np.array(given, dtype=np.float32))
         return action

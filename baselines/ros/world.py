@@ -1,8 +1,7 @@
-"""The node of the simulation, in place of the hardware of all robots: poses out, commands in."""
+"""The node of the simulation, in place of the hardware of all robots: poses and the clock out, commands in."""
 
 import math
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Callable
 from time import monotonic
 from typing import Any
 
@@ -11,44 +10,31 @@ import numpy as np
 from baselines.onboard import Limits, inputs_of
 from baselines.onboard.commands import check_robots
 from baselines.ros import library as ros
-from baselines.ros.messages import (
-    COMMAND_TOPICS,
-    Simulated,
-    cloud_message,
-    marker,
-    odometry_message,
-    pose_message,
-    seconds,
-    simulated_message,
-    stamp_of,
-)
+from baselines.ros import messages
 from baselines.ros.settings import WorldSettings
 from baselines.ros.vehicle import Vehicle
 from lissajous_env.console.terminal import CommandError
 from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.logs.markers import target_shape
 from lissajous_env.logs.reading import EPISODE
-from lissajous_env.logs.writing import episode_text
+from lissajous_env.logs.writing import START, episode_text
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import REMOVED
 
 NAME = "world"
-START = 1.0
-"""Time of the reset in lock-step [s]; ROS interprets 0 as no time."""
 _AGAIN = 0.25
 """Period in which a state is sent again while robots are waited for [s]."""
 DISCOVERY = 4.0
 """Time after which a node has discovered everyone that was there before, such as a recorder [s]; participants of DDS
 announce themselves every 3 s."""
-_PATIENCE = 30.0
-"""Longest time to wait for an answer of a robot that has been there [s]."""
-_CLOCK_PERIOD = 0.005
-"""Period in which `/clock` is published if the simulation does not run at the pace of the system's clock [s]."""
 
 
 class WorldNode(ros.Node):
-    """The simulation as a node of ROS 2, in real time or in lock-step.
+    """The simulation as a node of ROS 2, on whose `/clock` the robots' nodes run.
+
+    The clock goes on from step to step: not faster than the pace, and not before each robot has decided on its command.
+    A robot that does not decide for `settings.patience` is not waited for until it decides again.
 
     Args:
         scenario: The scenario, of cars or differential drives.
@@ -58,7 +44,6 @@ class WorldNode(ros.Node):
     Attributes:
         simulation: The simulation.
         loop: Executor that runs this node while it plays; further nodes may be added.
-        late_steps: Number of steps that came late, in real time.
         discovery: Time for which the node waits at least, so that a recorder that was there before misses nothing [s].
 
     Raises:
@@ -72,20 +57,18 @@ class WorldNode(ros.Node):
         check_robots(scenario, settings.command)
         super().__init__(NAME, **options)
         self.settings, self.simulation = settings, Simulation(scenario, seed=settings.seed)
-        self._begun, self._clock_sent_at = monotonic(), -math.inf
-        self.scenario, self.late_steps = self.simulation.scenario, 0
+        self.scenario, self._begun, self._start = self.simulation.scenario, monotonic(), START
         # Compile and load every kernel before robots wait for a step.
         self.simulation.advance()
         inputs_of(self.simulation, 0)
         self.simulation.reset(seeds=[settings.seed])
         self._recorder = Recorder(self.simulation)
         count = self.scenario.num_robots
-        self._actions: list[dict[int, np.ndarray]] = [{} for _ in range(count)]
         watchdog = settings.watchdog or float(Limits().of(self.scenario).watchdog or 0.0)
         self._vehicles = [Vehicle(self.scenario, watchdog) for _ in range(count)]
-        self._vehicles[0].warm_up()
-        self._status, self._heading = [-1] * count, np.zeros(count)
-        self._is_there = [False] * count
+        self._status, self._yaw_rate = [-1] * count, np.zeros(count)
+        self._is_there, self._is_awaited = [False] * count, [True] * count
+        self._decided_at = [-math.inf] * count
         self.loop = ros.make_executor()
         self.loop.add_node(self)
         self._robots = [self._connect(k) for k in range(count)]
@@ -95,10 +78,8 @@ class WorldNode(ros.Node):
 
     @property
     def now(self) -> float:
-        """Time of the robots' clock [s], which is that of the system if the pace is 1."""
-        if self.settings.pace == 1:
-            return self.get_clock().now().nanoseconds / 1e9
-        return START + (monotonic() - self._begun) * self.settings.pace
+        """Time of the robots' clock [s]."""
+        return self._start + int(self.simulation.clock.step.numpy()[0]) * self.scenario.task.step
 
     def play(self, on_step: Callable[[], None] = lambda: None, check: Callable[[], None] = lambda: None) -> Recording:
         """Wait for the robots, start them, play the episode, and stop them.
@@ -112,12 +93,27 @@ class WorldNode(ros.Node):
         """
         self._check = check
         self._await_robots()
-        self._call("start")
+        self._call("start", self.settings.wait)
+        self._start += self.scenario.task.step
         self._recorder.take()
-        for _ in self._lockstep() if self.settings.lockstep else self._realtime():
+        # A recorded log then contains all that `lissajous score` needs.
+        self._send_episode(ros.String(data=episode_text(self.scenario, self.settings.seed, "ros", self.now)))
+        begins = monotonic()
+        while not self.simulation.over[0]:
+            begins = max(begins + self.scenario.task.step / self.settings.pace, monotonic())
+            self._await_decisions()
+            while (left := begins - monotonic()) > 0:
+                self._spin(left)
+            speeds = self.simulation.robots.speed.numpy()[0].tolist()
+            actions = [base.action(self.now, speed) for base, speed in zip(self._vehicles, speeds, strict=True)]
+            before = self.simulation.robots.measured.numpy()[0, :, 2].copy()
+            self.simulation.step(np.stack(actions)[None])
+            turned = self.simulation.robots.measured.numpy()[0, :, 2] - before
+            self._yaw_rate = np.arctan2(np.sin(turned), np.cos(turned)) / self.scenario.task.step
             self._recorder.take()
             on_step()
-        self._call("stop")
+        self._publish()
+        self._call("stop", 2.0)
         return self._recorder.recording()
 
     def destroy_node(self) -> None:
@@ -135,12 +131,12 @@ class WorldNode(ros.Node):
         def listen(name: str, cls: Any, take: Callable[[Any], None]) -> None:
             self.create_subscription(cls, names + name, take, reliable)
 
-        if self.settings.lockstep:
-            listen("action", ros.JointState, lambda message: self._take_action(robot, message))
-        else:
-            for topic, cls in COMMAND_TOPICS[self.settings.command].items():
-                take = partial(self._vehicles[robot].receive, topic=topic)
-                listen(topic, getattr(ros, cls), lambda message, take=take: take(self.now, message=message))
+        def commanded(topic: str) -> Callable[[Any], None]:
+            return lambda message: self._vehicles[robot].receive(self.now, topic, message)
+
+        for topic, cls in messages.COMMAND_TOPICS[self.settings.command].items():
+            listen(topic, getattr(ros, cls), commanded(topic))
+        listen("action", ros.JointState, lambda message: self._decided(robot, messages.seconds(message.header.stamp)))
         listen("message", ros.JointState, lambda _message: self._is_there.__setitem__(robot, True))
         calls = {name: self.create_client(ros.Trigger, names + name) for name in ("start", "stop")}
         return calls | {
@@ -149,118 +145,68 @@ class WorldNode(ros.Node):
             "status": publisher("status", ros.UInt8, ros.lasting()),
             "robots": publisher("robots", ros.PointCloud2),
             "targets": publisher("targets", ros.PointCloud2),
-            "simulated": publisher("simulated", ros.JointState),
         }
 
-    def _take_action(self, robot: int, message: Any) -> None:
-        if tuple(message.name) == tuple(self.scenario.action_names):
-            time = round(seconds(message.header.stamp) * 1e9)
-            self._actions[robot] = {time: np.array(message.position, dtype=np.float32)}
+    def _decided(self, robot: int, time: float) -> None:
+        self._decided_at[robot], self._is_awaited[robot] = time, True
 
     def _spin(self, timeout: float) -> None:
-        """Receive a message, within a time of the system's clock [s]."""
-        if self.settings.pace != 1:
-            timeout = min(timeout, _CLOCK_PERIOD)
-            if monotonic() - self._clock_sent_at >= _CLOCK_PERIOD:
-                self._clock_sent_at = monotonic()
-                self._send_clock(ros.Clock(clock=stamp_of(self.now)))
-        self.loop.spin_once(timeout_sec=max(timeout, 0.0))
+        """Receive a message, within a time of the machine's clock [s]."""
+        self.loop.spin_once(timeout_sec=timeout)
         self._check()
 
-    def _spin_until(self, holds: Callable[[], bool], limit: float, every: Callable[[], None] | None = None) -> bool:
+    def _spin_until(self, holds: Callable[[], bool], limit: float, again: Callable[[], None] | None = None) -> bool:
         """Receive messages and call a function regularly until a condition is true; return False after a time limit."""
-        begun = again = monotonic()
+        begun = called_at = monotonic()
         while not holds():
-            now = monotonic()
-            if now - begun > limit:
+            if monotonic() - begun > limit:
                 return False
-            if every is not None and now >= again:
-                every()
-                again = now + _AGAIN
-            self._spin(min(_AGAIN, 0.05))
+            if again is not None and monotonic() - called_at >= _AGAIN:
+                again()
+                called_at = monotonic()
+            self._spin(0.05)
         return True
 
     def _await_robots(self) -> None:
-        def publish() -> None:
-            self._publish(START if self.settings.lockstep else self.now)
+        """Publish the first state, at which the robots stand still, until all robots have sent a message."""
+
+        def stand() -> None:
+            self._start += self.scenario.task.step
+            self._publish()
 
         def ready() -> bool:
             return all(self._is_there) and monotonic() - self._begun >= self.discovery
 
-        if not self._spin_until(ready, max(self.settings.wait, self.discovery), publish) and not all(self._is_there):
+        if not self._spin_until(ready, max(self.settings.wait, self.discovery), stand):
             missing = ", ".join(f"robot_{k}" for k, there in enumerate(self._is_there) if not there)
             raise CommandError(f"no message of {missing} within {self.settings.wait:g} s")
 
-    def _call(self, name: str) -> None:
+    def _await_decisions(self) -> None:
+        """Publish the state, and wait until every robot that is waited for has decided on its command."""
+
+        def missing() -> list[int]:
+            late = [k for k, decided_at in enumerate(self._decided_at) if decided_at < self.now - 1e-6]
+            return [k for k in late if self._is_awaited[k] and self._status[k] != int(REMOVED)]
+
+        self._publish()
+        if not self._spin_until(lambda: not missing(), self.settings.patience, self._publish):
+            for k in missing():
+                self._is_awaited[k] = False
+
+    def _call(self, name: str, limit: float) -> None:
         """Call a service of every robot that has not been removed."""
         clients = {k: robot[name] for k, robot in enumerate(self._robots) if self._status[k] != int(REMOVED)}
-        limit = _PATIENCE if name == "start" else 2.0
-        ready = self._spin_until(lambda: all(each.service_is_ready() for each in clients.values()), limit)
+        ready = self._spin_until(lambda: all(client.service_is_ready() for client in clients.values()), limit)
         answers = {k: each.call_async(ros.Trigger.Request()) for k, each in clients.items() if each.service_is_ready()}
-        ready = ready and self._spin_until(lambda: all(each.done() for each in answers.values()), limit)
+        ready = ready and self._spin_until(lambda: all(answer.done() for answer in answers.values()), limit)
         if not ready and name == "start":
             silent = ", ".join(f"robot_{k}" for k in clients if k not in answers or not answers[k].done())
             raise CommandError(f"the service {name} of {silent} does not answer")
 
-    def _realtime(self) -> Iterator[None]:
-        step = self.scenario.task.step
-        end = self.now
-        self._announce_episode(end)
-        self._publish(end)
-        while not self.simulation.over[0]:
-            begun, end = end, end + step
-            while (left := end - self.now) > 0:
-                self._spin(left / self.settings.pace)
-            if -left > 0.5 * step:
-                self.late_steps += 1
-                end = self.now
-            speeds = self.simulation.robots.speed.numpy()[0].tolist()
-            # A command that arrives in the first half of a step is the one in force for most of it.
-            middle = begun + 0.5 * step
-            actions = [each.action(middle, speed) for each, speed in zip(self._vehicles, speeds, strict=True)]
-            self.simulation.step(np.stack(actions)[None])
-            self._publish(end)
-            yield
-
-    def _lockstep(self) -> Iterator[None]:
-        step, taken = self.scenario.task.step, 0
-        while not self.simulation.over[0]:
-            time = START + taken * step
-            key = round(time * 1e9)
-
-            def publish(time: float = time) -> None:
-                self._publish(time)
-
-            def missing(key: int = key) -> list[int]:
-                there = [k for k, status in enumerate(self._status) if status != int(REMOVED)]
-                return [k for k in there if key not in self._actions[k]]
-
-            if not taken:
-                self._announce_episode(time)
-            publish()
-            if not self._spin_until(lambda: not missing(), _PATIENCE, publish if missing() else None):
-                silent = ", ".join(f"robot_{k}" for k in missing())
-                raise CommandError(f"no action of {silent} for the time {time:g} s within {_PATIENCE:g} s")
-            action = np.zeros(self.simulation.action_shape, dtype=np.float32)
-            for k, given in enumerate(self._actions):
-                action[0, k] = given.get(key, 0.0)
-            self.simulation.step(action)
-            taken += 1
-            yield
-
-    def _announce_episode(self, begin: float) -> None:
-        """Publish the scenario, the seed and the stamp of the first pose [s].
-
-        A recorded log then contains all that `lissajous score` needs.
-        """
-        self._send_episode(ros.String(data=episode_text(self.scenario, self.settings.seed, "ros", begin)))
-
-    def _publish(self, time: float) -> None:
-        """Publish the measurements and detections of each robot at a time [s]."""
-        lockstep, frame = self.settings.lockstep, self.settings.frame
-        if lockstep:
-            self._send_clock(ros.Clock(clock=stamp_of(time)))
-        begun = time - int(self.simulation.clock.step.numpy()[0]) * self.scenario.task.step
+    def _publish(self) -> None:
+        """Publish the time, and the measurements and detections of each robot."""
+        time, frame = self.now, self.settings.frame
+        self._send_clock(ros.Clock(clock=messages.stamp_of(time)))
         for k, status in enumerate(self.simulation.robots.status.numpy()[0].tolist()):
             robot = self._robots[k]
             if status != self._status[k]:
@@ -270,19 +216,11 @@ class WorldNode(ros.Node):
                 continue
             inputs = inputs_of(self.simulation, k)
             odometry = inputs.odometry._replace(stamp=time)
-            turned = math.remainder(odometry.heading - self._heading[k], 2 * math.pi) / self.scenario.task.step
-            self._heading[k] = odometry.heading
             aligned = f"robot_{k}/aligned"
-            robot["odom"](odometry_message(odometry, turned, frame, f"robot_{k}/base_link"))
-            if not lockstep:
-                robot["pose"](pose_message(odometry, frame))
-            robot["robots"](cloud_message(inputs.robots, time, aligned))
-            robot["targets"](cloud_message(inputs.targets, time, aligned))
-            if lockstep:
-                heard = {message.sender: begun + message.sent_at for message in inputs.heard}
-                before, after = (heard.get(int(j), math.nan) for j in self.scenario.neighbours[k])
-                known = Simulated(inputs.phase, inputs.works, (before, after))
-                robot["simulated"](simulated_message(known, time))
+            robot["robots"](messages.cloud_message(inputs.robots, time, aligned))
+            robot["targets"](messages.cloud_message(inputs.targets, time, aligned))
+            robot["odom"](messages.odometry_message(odometry, float(self._yaw_rate[k]), frame, f"robot_{k}/base_link"))
+            robot["pose"](messages.pose_message(odometry, frame))
         present = self.simulation.targets.in_sight.numpy()[0] == 1
         targets = target_shape(self.scenario, self.simulation.targets.position.numpy()[0][present])
-        self._send_markers(ros.MarkerArray(markers=[marker(targets, frame, time)]))
+        self._send_markers(ros.MarkerArray(markers=[messages.marker(targets, frame, time)]))

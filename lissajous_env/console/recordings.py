@@ -47,7 +47,7 @@ def check_file(out: Path | None, *suffixes: str) -> None:
         hint = nearest(out.suffix.lower(), suffixes)
         raise ValueError(f"out must end in {' or '.join(suffixes)}, got {out}{hint}")
     if out.suffix.lower() == ".mp4":
-        from lissajous_env.render.writers import pyav
+        from lissajous_env.render.film import pyav
 
         pyav()
     if out.suffix.lower() == ".mcap":
@@ -96,10 +96,6 @@ def show(
             from lissajous_env.logs.writing import save_mcap
 
             save_mcap(recording, out)
-        elif suffix == ".npz":
-            recording.save(out)
         else:
-            from lissajous_env.render.sheet import save_sheet
-
-            save_sheet(recording, out)
+            recording.save(out)
     output.print(f"wrote {out}")

@@ -103,7 +103,7 @@ class Recording:
         return mask
 
     def snapshot(self, moment: int) -> Snapshot:
-        """Return the state after a number of steps, with the positions so far as the trail."""
+        """Return the state after a number of steps."""
         changing = ("position", "heading", "status", "target_position", "sensed_at")
         kept = {name: getattr(self, name)[moment] for name in changing} | {name: getattr(self, name) for name in _FIXED}
         return Snapshot(
@@ -112,7 +112,6 @@ class Recording:
             seed=int(self.score["seed"]),
             contact=self.contact[self.contact[:, 0] == moment, 1:],
             collisions=int(self.collisions[moment]),
-            trail=(np.arange(moment + 1), self.position[: moment + 1, :, :2]),
             **kept,
         )
 

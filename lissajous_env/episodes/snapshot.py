@@ -45,8 +45,6 @@ class Snapshot:
     """(M, 2) pairs of robots that have collided and not yet parted."""
     collisions: int
     """Collisions in the episode so far."""
-    trail: tuple[np.ndarray, np.ndarray] | None = None
-    """Steps (K,) and positions (K, N, 2) of the robots at them [m]; None if unknown."""
 
     @classmethod
     def of(cls, simulation: "Simulation", world: int = 0, most_cells: tuple[int, int] | None = None) -> "Snapshot":

@@ -33,7 +33,7 @@ _REGISTERED: dict[str, Scenario] = {}
 """Scenarios of users and of other packages, by name."""
 _SPACES: dict[str, ScenarioSpace] = {}
 """Spaces of scenarios by name: those of users, and those of the package that were used."""
-_INCLUDED_SPACES = {"monitoring-v1": str(Path(__file__).with_name("monitoring-v1.toml"))}
+_INCLUDED_SPACES = {path.stem: str(path) for path in sorted(Path(__file__).parent.glob("*-v*.toml"))}
 """Files of the included spaces, by name."""
 _NAMES = (
     rf"(?!.*\{SUFFIX}$)\w[\w.-]{{0,98}}",

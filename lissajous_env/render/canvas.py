@@ -1,6 +1,5 @@
 """Coordinates of the picture, and drawing on a finer surface that is averaged down for smooth edges."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -9,16 +8,15 @@ import pygame
 
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
-from lissajous_env.wording import shown
 
 FINE = 3
 """Pixels of the fine surface for one of the picture, along each side."""
-
 HEADER, FOOTER, MARGIN = 46, 40, 14
 """Space above and below the plot, and around it [px]."""
-
-SMALLEST, LARGEST = 160, 3840 * 2160
-"""Sides of a picture are at least so long [px], and it has at most so many pixels."""
+_LARGEST, _NARROWEST, _SMALLEST = (960, 680), 720, (240, 180)
+"""Largest plot, least width of a picture of size 1, and least width and height of any picture [px]."""
+_FARTHEST = 1e6
+"""Distance beyond which the end of a line may be moved, because only its direction matters [px]."""
 
 
 @dataclass(frozen=True)
@@ -29,36 +27,20 @@ class View:
     """Width and height of the picture [px]."""
     scale: float
     """Pixels per metre."""
-    centre: tuple[float, float]
-    """Centre of the rectangle [px]."""
     half: tuple[float, float]
     """Half of the rectangle's width and height [m]."""
 
     @classmethod
-    def of(cls, scenario: Scenario, size: Sequence[int] | None = None) -> "View":
-        """Fit the scenario's rectangle, and robots on its edge, into a picture of a given or a fitting size.
-
-        Raises:
-            ValueError: a size that is not two whole numbers of at least 160, or of more than 3840 x 2160 pixels.
-        """
+    def of(cls, scenario: Scenario, size: float = 1.0) -> "View":
+        """Fit the rectangle, and robots on its edge, into a picture; `size` is a factor of the picture's usual size."""
         half = scenario.curve.half_width, scenario.curve.half_height
         extent = 2 * (np.array(half) + 1.25 * scenario.robot.radius)
-        if size is None:
-            scale = float(min(960 / extent[0], 680 / extent[1]))
-            wide, high = (round(scale * length) for length in extent)
-            size = max(wide + 2 * MARGIN, 720), high + HEADER + FOOTER + 2 * MARGIN
-            # Video codecs require even numbers.
-            size = size[0] + size[0] % 2, size[1] + size[1] % 2
-        elif not _is_size(size):
-            raise ValueError(
-                f"size must be (width, height), whole numbers of at least {SMALLEST} [px] and together of at most "
-                f"{LARGEST:,} pixels, got {shown(size)}"
-            )
-        width, height = int(size[0]), int(size[1])
-        room = np.array([width - 2 * MARGIN, height - HEADER - FOOTER - 2 * MARGIN])
-        scale = float(np.min(np.maximum(room, 20) / extent))
-        centre = width / 2, HEADER + (height - HEADER - FOOTER) / 2
-        return cls((width, height), scale, centre, half)
+        scale = size * float(np.min(_LARGEST / extent))
+        wide, high = scale * extent
+        sides = max(wide + 2 * MARGIN, size * _NARROWEST), high + HEADER + FOOTER + 2 * MARGIN
+        # Video codecs require even numbers.
+        width, height = (2 * round(max(side, least) / 2) for side, least in zip(sides, _SMALLEST, strict=True))
+        return cls((width, height), scale, half)
 
     @property
     def fine_size(self) -> tuple[int, int]:
@@ -67,7 +49,9 @@ class View:
 
     def place(self, points: np.ndarray) -> np.ndarray:
         """Return pixels (..., 2) of the picture for points (..., 2) of the world [m]."""
-        return np.asarray(self.centre) + np.asarray(points, dtype=float) * (self.scale, -self.scale)
+        width, height = self.size
+        centre = width / 2, HEADER + (height - HEADER - FOOTER) / 2
+        return np.asarray(centre) + np.asarray(points, dtype=float) * (self.scale, -self.scale)
 
     def fine(self, points: np.ndarray) -> np.ndarray:
         """Return pixels (..., 2) of the fine surface for points (..., 2) of the world [m]."""
@@ -78,21 +62,11 @@ class View:
         width, height = self.fine_size
         return pygame.Rect(0, FINE * HEADER, width, height - FINE * (HEADER + FOOTER))
 
-    def rectangle(self, fine: bool) -> pygame.Rect:
-        """Return the monitored rectangle in pixels of the fine surface or of the picture."""
-        factor = FINE if fine else 1
-        low = factor * self.place(np.array([-self.half[0], self.half[1]]))
-        high = factor * self.place(np.array([self.half[0], -self.half[1]]))
-        left, top, right, bottom = (round(float(edge)) for edge in (*low, *high))
+    def rectangle(self) -> pygame.Rect:
+        """Return the monitored rectangle in pixels of the fine surface."""
+        corners = self.fine(np.multiply(self.half, [[-1, 1], [1, -1]]))
+        (left, top), (right, bottom) = np.rint(corners).astype(int).tolist()
         return pygame.Rect(left, top, right - left, bottom - top)
-
-
-def _is_size(size: Sequence[int]) -> bool:
-    if np.shape(size) != (2,) or np.asarray(size).dtype.kind not in "iuf":
-        return False
-    width, height = (float(length) for length in size)
-    whole = width.is_integer() and height.is_integer()
-    return whole and min(width, height) >= SMALLEST and width * height <= LARGEST
 
 
 def within(points: np.ndarray, room: pygame.Rect) -> np.ndarray:
@@ -114,6 +88,13 @@ def pixels(surface: pygame.Surface) -> np.ndarray:
     """Copy a surface to (H, W, 3) uint8."""
     width, height = surface.get_size()
     return np.frombuffer(pygame.image.tobytes(surface, "RGB"), np.uint8).reshape(height, width, 3).copy()
+
+
+def draw_line(surface: pygame.Surface, colour: tuple, start: np.ndarray, end: np.ndarray, width: int) -> None:
+    """Draw a line between two points (2,) however far away; pygame would iterate over all of its length."""
+    ends = np.clip([start, end], -_FARTHEST, _FARTHEST).tolist()
+    if seen := surface.get_rect().clipline(*ends):
+        pygame.draw.line(surface, colour, *seen, width)
 
 
 def stamp(

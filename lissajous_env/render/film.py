@@ -2,31 +2,34 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
+from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pygame
+from PIL import Image
 
 from lissajous_env.episodes.recording import Recording
-from lissajous_env.render.canvas import View
+from lissajous_env.extras import missing
+from lissajous_env.render import palette
 from lissajous_env.render.renderer import Renderer
 from lissajous_env.render.window import Window
-from lissajous_env.render.writers import GifWriter, Mp4Writer
 from lissajous_env.storage.files import replacing
 from lissajous_env.wording import shown
 
 FILMS = ".gif", ".mp4"
 """Suffixes of films."""
-
 LONGEST = 655.35
 """Longest duration of a picture in a GIF [s]; also used for films."""
-
 DENSEST = 50.0
 """Limit on the pictures per second of a GIF or a film [1/s]."""
-
 FASTEST = 30.0
 """Pictures per second in a window [1/s]."""
+_SHARES = (1.0, 0.85, 0.7, 0.55, 0.4, 0.25, 0.15)
+"""Shares of a colour in its mixtures with the ground, of which a GIF consists."""
+_QUALITY = {"crf": "18", "x264-params": "colorprim=bt709:transfer=bt709:colormatrix=bt709"}
+"""Constant quality at which thin lines stay sharp; browsers show the colours by the matrix that is named."""
 
 
 def frames(recording: Recording, renderer: Renderer | None = None, every: int = 1) -> Iterator[np.ndarray]:
@@ -42,8 +45,7 @@ def save_film(
     *,
     fps: float = 10.0,
     speed: float = 1.0,
-    size: Sequence[int] | None = None,
-    on_frame: Callable[[], None] | None = None,
+    on_frame: Callable[[], None] = lambda: None,
 ) -> int:
     """Write a recording as an animated GIF that repeats, or as an MP4 film (H.264), by the suffix of the path.
 
@@ -52,7 +54,6 @@ def save_film(
         path: File to write, .gif or .mp4; written under a temporary name first.
         fps: Largest number of pictures per second, up to 50; moments between them are skipped.
         speed: Seconds of the episode per second of the film.
-        size: Width and height [px], made even for a film; by default that of `Renderer`, or 3/4 of it for a GIF.
         on_frame: Called after each picture.
 
     Returns:
@@ -66,27 +67,16 @@ def save_film(
     if suffix not in FILMS:
         raise ValueError(f"path must end in {' or '.join(FILMS)}, got {path}")
     every, seconds = _paced(recording, fps, speed)
-    wide, high = View.of(recording.scenario, size).size
-    if suffix == ".mp4":
-        wide, high = wide + wide % 2, high + high % 2
-    elif size is None:
-        wide, high = wide * 3 // 4, high * 3 // 4
-    renderer = Renderer(recording.scenario, (wide, high))
-    moments = range(0, len(recording), every)
-    with replacing(path) as temporary, open(temporary, "wb") as file:
-        if suffix == ".mp4":
-            writer = Mp4Writer(temporary, (wide, high), seconds)
-        else:
-            spread = sorted(set(np.linspace(0, len(moments) - 1, 5).round().astype(int).tolist()))
-            samples = [renderer.draw(recording.snapshot(moments[k])) for k in spread]
-            # The unit of a GIF is 0.01 s, and most viewers cannot show pictures shorter than two units.
-            writer = GifWriter(file, samples, max(round(100 * seconds), 2))
+    renderer = Renderer(recording.scenario, 1.0 if suffix == ".mp4" else 0.75)
+
+    def drawn() -> Iterator[np.ndarray]:
         for picture in frames(recording, renderer, every):
-            writer.add(picture)
-            if on_frame is not None:
-                on_frame()
-        writer.close()
-    return len(moments)
+            yield picture
+            on_frame()
+
+    with replacing(path) as temporary:
+        (_write_mp4 if suffix == ".mp4" else _write_gif)(temporary, drawn(), renderer.view.size, seconds)
+    return len(range(0, len(recording), every))
 
 
 def _paced(recording: Recording, fps: float, speed: float) -> tuple[int, float]:
@@ -103,39 +93,67 @@ def _paced(recording: Recording, fps: float, speed: float) -> tuple[int, float]:
     return every, seconds
 
 
-def play(recording: Recording, *, speed: float = 1.0, size: Sequence[int] | None = None) -> None:
-    """Show a recording in a window until it is closed: space pauses, left and right step, escape quits.
+def _write_gif(path: Path, pictures: Iterable[np.ndarray], size: tuple[int, int], seconds: float) -> None:
+    """Write pictures (H, W, 3) uint8; all have the same colours, so that still parts do not flicker."""
+    own = [colour for colour in vars(palette).values() if isinstance(colour, tuple)]
+    mixtures = [palette.mixed(palette.GROUND, colour, share) for colour in own for share in _SHARES]
+    colours = Image.new("P", (1, 1))
+    colours.putpalette(np.array(mixtures, np.uint8).tobytes())
+    indexed = (Image.fromarray(picture).quantize(palette=colours, dither=Image.Dither.NONE) for picture in pictures)
+    # The unit of a GIF is 0.01 s, and most viewers cannot show pictures shorter than two units.
+    duration = 10 * max(round(100 * seconds), 2)
+    next(indexed).save(path, "GIF", save_all=True, append_images=indexed, duration=duration, loop=0)
+
+
+def pyav() -> Any:
+    """Return the module of PyAV.
+
+    Raises:
+        MissingExtraError: it is not installed.
+    """
+    try:
+        import av
+    except ImportError as error:
+        raise missing("an .mp4", "video", error) from error
+    return av
+
+
+def _write_mp4(path: Path, pictures: Iterable[np.ndarray], size: tuple[int, int], seconds: float) -> None:
+    """Write pictures (H, W, 3) uint8, H and W even.
+
+    The film is H.264 with a chroma sample for four pixels (yuv420p) and its index at the front, so that browsers,
+    presentations and phones play it.
+    """
+    av = pyav()
+    with av.open(str(path), "w", format="mp4", options={"movflags": "faststart"}) as container:
+        stream = container.add_stream("libx264", rate=1 / Fraction(seconds).limit_denominator(10_000))
+        stream.width, stream.height = size
+        stream.pix_fmt, stream.options = "yuv420p", _QUALITY
+        for picture in pictures:
+            frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+            frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+
+
+def play(recording: Recording, *, speed: float = 1.0) -> None:
+    """Play a recording in a window, whose last picture stays until it is closed.
 
     Raises:
         OSError: there is no display to open a window on.
     """
     _require_positive(speed=speed)
-    step = recording.scenario.task.step
-    renderer = Renderer(recording.scenario, size)
+    renderer = Renderer(recording.scenario)
     window = Window(renderer.view.size, f"{recording.scenario.name}, {recording.score.get('policy', '')} - lissajous")
-    if not window.can_be_seen:
-        window.close()
-        raise OSError("no window can be opened: there is no display; write an .html, .mp4, .gif or .png instead")
-    at, last, paused, drawn = 0.0, len(recording) - 1, False, -1
-    before = time.perf_counter()
+    at, drawn, before = 0.0, -1, time.perf_counter()
     while not window.closed:
-        moment = int(at)
-        if moment != drawn:
-            renderer.draw(recording.snapshot(moment))
-            drawn = moment
-        for key in window.show(renderer.picture, FASTEST):
-            if key == pygame.K_ESCAPE:
-                window.close()
-            elif key == pygame.K_SPACE:
-                # At the end, playing restarts.
-                at, paused = (0.0, False) if moment == last else (at, not paused)
-            elif key in (pygame.K_LEFT, pygame.K_RIGHT):
-                moment = min(max(moment + (1 if key == pygame.K_RIGHT else -1), 0), last)
-                at, paused = float(moment), True
+        if int(at) != drawn:
+            drawn = int(at)
+            renderer.draw(recording.snapshot(drawn))
+        window.show(renderer.picture, FASTEST)
         now = time.perf_counter()
-        if not paused:
-            # A machine that is too slow plays in slow motion instead of skipping moments.
-            at = min(at + min(now - before, 0.2) * speed / step, float(last))
+        # A machine that is too slow plays in slow motion instead of skipping moments.
+        at = min(at + min(now - before, 0.2) * speed / recording.scenario.task.step, len(recording) - 1.0)
         before = now
 
 

@@ -2,7 +2,6 @@
 
 import math
 from collections import deque
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +11,7 @@ from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
-from lissajous_env.render.canvas import FOOTER, HEADER, MARGIN, View, opaque, pixels
+from lissajous_env.render.canvas import View, opaque, pixels
 from lissajous_env.render.ground import Ground
 from lissajous_env.render.panel import Panel
 from lissajous_env.render.targets import Targets
@@ -23,14 +22,10 @@ from lissajous_env.world.state import WORKING
 if TYPE_CHECKING:
     from lissajous_env.world.simulation import Simulation
 
-LONGEST_TRAIL = 60
-"""Moments of which a trail is drawn, at most."""
-
-MOST_WORLDS = 64
-"""Number of worlds of which one renderer stores trails."""
-
-_SMALLEST = 240, 180
-"""Width and height of a picture, at least [px]."""
+_LONGEST_TRAIL = 60
+"""Limit on the moments of a trail."""
+_MOST_WORLDS = 64
+"""Limit on the worlds of a gallery that are drawn."""
 
 
 class Renderer:
@@ -38,13 +33,10 @@ class Renderer:
 
     Args:
         scenario: Name of a scenario, or one that was made.
-        size: Width and height of the picture [px]; None fits the scenario's rectangle.
-
-    Raises:
-        ValueError: a size that is not two whole numbers of at least 160, or of more than 3840 x 2160 pixels.
+        size: Factor of the usual size of the picture, which fits the scenario's rectangle.
     """
 
-    def __init__(self, scenario: str | Scenario, size: Sequence[int] | None = None):
+    def __init__(self, scenario: str | Scenario, size: float = 1.0):
         self.scenario = named.build(scenario).resolve()
         self.view = View.of(self.scenario, size)
         self.picture = opaque(self.view.size)
@@ -56,12 +48,13 @@ class Renderer:
         self._panel = Panel(self.scenario, self.view, self._ground.idle_full, self._targets.radius)
         self._panel.draw_fixed(self._ground.base)
         self._window: Window | None = None
-        self._past: dict[int, tuple[int, deque[tuple[int, np.ndarray]]]] = {}
+        self._episode: tuple[int, int] | None = None
+        self._past: deque[tuple[int, np.ndarray]] = deque()
 
     def draw(self, simulation: "Simulation | Snapshot", world: int = 0) -> np.ndarray:
         """Return the picture of one world of a simulation, or of a snapshot.
 
-        Trails show what was drawn of the same episode before, unless the snapshot brings its own.
+        Trails show where the robots were when the same episode was drawn before.
 
         Returns:
             (H, W, 3) uint8, the caller's own.
@@ -99,32 +92,19 @@ class Renderer:
 
     def _trail(self, seen: Snapshot) -> tuple[np.ndarray, np.ndarray]:
         """Return the steps (K,) and positions (K, N, 2) of the trails, oldest first, ending at the robots."""
-        longest = self._team.trail_steps()
-        apart = -(-longest // LONGEST_TRAIL)
-        if seen.trail is not None:
-            steps, places = seen.trail
-            keep = np.flatnonzero(steps >= seen.step - longest)[::-apart][::-1]
-            return steps[keep], places[keep]
-        past = self._past_of(seen)
+        past, longest = self._past, self._team.trail_steps
+        if self._episode != (seen.world, seen.seed):
+            self._episode = seen.world, seen.seed
+            past.clear()
         while past and past[-1][0] >= seen.step:
             past.pop()
         while past and past[0][0] < seen.step - longest:
             past.popleft()
-        now = (seen.step, seen.position[:, :2])
+        now = seen.step, seen.position[:, :2]
         trail = [*past, now]
-        if not past or seen.step - past[-1][0] >= apart:
+        if not past or seen.step - past[-1][0] >= longest / _LONGEST_TRAIL:
             past.append(now)
         return np.array([step for step, _ in trail]), np.stack([place for _, place in trail])
-
-    def _past_of(self, seen: Snapshot) -> deque[tuple[int, np.ndarray]]:
-        """Return the drawn steps and positions of an episode; the oldest worlds are dropped beyond a limit."""
-        seed, past = self._past.get(seen.world, (None, deque()))
-        if seed != seen.seed:
-            past.clear()
-            self._past[seen.world] = seen.seed, past
-        if len(self._past) > MOST_WORLDS:
-            del self._past[next(iter(self._past))]
-        return past
 
 
 class Gallery:
@@ -138,16 +118,11 @@ class Gallery:
     """
 
     def __init__(self, scenario: Scenario, num_worlds: int):
-        self.drawn = min(num_worlds, MOST_WORLDS)
+        self.drawn = min(num_worlds, _MOST_WORLDS)
         """Worlds that are drawn."""
-        along = math.ceil(math.sqrt(self.drawn))
-        width, height = View.of(scenario).size
-        around = HEADER + FOOTER + 2 * MARGIN  # constant height
-        sizes = width / along, (height - around) / along + around
-        # Video codecs require even numbers.
-        size = [max(round(length / 2) * 2, least) for length, least in zip(sizes, _SMALLEST, strict=True)]
-        self._renderer = Renderer(scenario, size)
-        self._empty = np.full((size[1], size[0], 3), palette.PAPER, dtype=np.uint8)
+        self._renderer = Renderer(scenario, 1 / math.ceil(math.sqrt(self.drawn)))
+        width, height = self._renderer.view.size
+        self._empty = np.full((height, width, 3), palette.PAPER, dtype=np.uint8)
 
     def draw(self, simulation: "Simulation") -> list[np.ndarray]:
         """Return pictures (H, W, 3) uint8 of all worlds."""

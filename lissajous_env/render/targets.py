@@ -24,9 +24,9 @@ class Targets:
 
     def __init__(self, scenario: Scenario, view: View):
         self.view, self.scenario = view, scenario
-        rectangle = view.rectangle(fine=False)
+        rectangle = view.rectangle()
         usual = scenario.targets.count + scenario.targets.arrival_rate * scenario.detection_time_bound
-        apart = math.sqrt(rectangle.width * rectangle.height / max(usual, 1.0))
+        apart = math.sqrt(rectangle.width * rectangle.height / max(usual, 1.0)) / FINE
         self.radius = float(np.clip(0.2 * apart, 1.35, 4.0))
         """Radius of a dot [px]."""
         self._flash = flash_time(scenario) / scenario.task.step

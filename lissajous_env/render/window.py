@@ -28,28 +28,19 @@ class Window:
         except pygame.error as error:
             raise OSError(f"no window can be opened ({error}); draw to rgb_array or to a file instead") from error
 
-    @property
-    def can_be_seen(self) -> bool:
-        """Return True if there is a display; without one, SDL opens an invisible window."""
-        return pygame.display.get_driver() != "offscreen"
-
-    def show(self, picture: pygame.Surface, fps: float) -> list[int]:
-        """Show a picture for at least 1 / `fps` seconds and return the pressed keys."""
+    def show(self, picture: pygame.Surface, fps: float) -> None:
+        """Show a picture for at least 1 / `fps` seconds."""
         if self.closed:
-            return []
-        shown = pygame.display.get_surface() if pygame.display.get_init() else None
-        if shown is None or shown is not self._screen or shown.get_size() != self._size:
+            return
+        screen = pygame.display.get_surface() if pygame.display.get_init() else None
+        if screen is None or screen is not self._screen or screen.get_size() != self._size:
             self._open()  # other code has quit pygame or replaced its window
         self._screen.blit(picture, (0, 0))
         pygame.display.flip()
         self._clock.tick(fps)
-        keys = []
         for event in pygame.event.get():
-            if event.type == pygame.QUIT:
+            if event.type == pygame.QUIT or (event.type == pygame.KEYDOWN and event.key == pygame.K_ESCAPE):
                 self.close()
-            elif event.type == pygame.KEYDOWN:
-                keys.append(event.key)
-        return keys
 
     def close(self) -> None:
         """Close the window."""

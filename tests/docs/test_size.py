@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 52_800
+LINES = 51_482
 """Lines of the packages."""
-MODULES = 362
+MODULES = 359
 """Files of the packages."""
-TESTS = 32_611
+TESTS = 31_753
 """Lines of the tests."""
 
 

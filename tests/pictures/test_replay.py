@@ -1,20 +1,14 @@
 """Recordings: stored exactly, rejected if damaged, and drawn like the simulation."""
 
-import dataclasses
 import io
 import zipfile
-from xml.etree import ElementTree
 
 import numpy as np
-import pygame
 import pytest
-from PIL import Image
 
-import baselines
 import lissajous_env
 from lissajous_env.episodes import recording as recordings
-from lissajous_env.render import Renderer, Snapshot, film, palette
-from lissajous_env.render.sheet import save_sheet
+from lissajous_env.render import Renderer, Snapshot, film
 from lissajous_env.world.coverage import last_sensed
 from lissajous_env.world.state import REMOVED
 
@@ -163,99 +157,10 @@ def test_a_file_that_is_not_there(tmp_path):
 
 def test_pictures_of_a_recording_are_those_of_the_simulation(recording):
     simulation = lissajous_env.Simulation(recording.scenario, seed=4)
-    live, size = Renderer(recording.scenario, (480, 320)), (480, 320)
-    for picture in film.frames(recording, Renderer(recording.scenario, size)):
+    live = Renderer(recording.scenario, 0.5)
+    for picture in film.frames(recording, Renderer(recording.scenario, 0.5)):
         np.testing.assert_array_equal(live.draw(simulation), picture)
         simulation.step(np.zeros(simulation.action_shape, np.float32))
-
-
-@pytest.mark.parametrize(
-    ("settings", "pictures", "shown"), [({}, 13, 100), ({"speed": 4.0}, 4, 100), ({"fps": 5}, 7, 200)]
-)
-def test_gif_shows_every_moment_that_it_has_time_for(recording, tmp_path, settings, pictures, shown):
-    path, ticks = tmp_path / "a.gif", []
-    assert film.save_film(recording, path, size=(360, 240), on_frame=lambda: ticks.append(1), **settings) == pictures
-    assert len(ticks) == pictures
-    with Image.open(path) as gif:
-        assert (gif.size, gif.n_frames) == ((360, 240), pictures)
-        assert gif.info["loop"] == 0
-        assert gif.info["duration"] == shown
-    assert [file.name for file in tmp_path.iterdir()] == ["a.gif"]
-
-
-def test_gif_shows_what_was_drawn(recording, tmp_path):
-    film.save_film(recording, tmp_path / "a.gif", size=(360, 240))
-    drawn = list(film.frames(recording, Renderer(recording.scenario, (360, 240))))
-    with Image.open(tmp_path / "a.gif") as gif:
-        for k, picture in enumerate(drawn):
-            gif.seek(k)
-            away = np.abs(np.asarray(gif.convert("RGB")).astype(int) - picture).max(axis=-1)
-            assert away.mean() < 3
-            assert np.percentile(away, 99.5) < 32
-
-
-@pytest.mark.parametrize("settings", [{"fps": 0}, {"speed": -1}, {"speed": float("nan")}])
-def test_times_that_make_no_sense_are_refused(recording, tmp_path, settings):
-    with pytest.raises(ValueError, match="must be positive"):
-        film.save_film(recording, tmp_path / "a.gif", **settings)
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("name", "suffix"), [("experiment", "svg"), ("knot", "svg"), ("intruders", "pdf"), ("intruders", "png")]
-)
-def test_a_contact_sheet(name, suffix, tmp_path):
-    # Oracle: the recording. Its times are the titles, a robot is a number, and the same makes the same file.
-    played = recordings.record(
-        baselines.make("kuramoto" if name == "knot" else "kuramoto-mpcc", name), name, 3, **{"task.duration": 2.5}
-    )
-    paths = [tmp_path / f"{k}.{suffix}" for k in range(2)]
-    for path in paths:
-        save_sheet(played, path)
-    assert paths[0].read_bytes() == paths[1].read_bytes()
-    if suffix == "pdf":
-        assert paths[0].read_bytes().startswith(b"%PDF-")
-        return
-    if suffix == "png":
-        picture = np.asarray(Image.open(paths[0]).convert("RGB"))
-        assert (np.abs(picture.astype(int) - palette.ROBOT).max(axis=-1) < 8).sum() > 500
-        return
-    words = [each.text for each in ElementTree.parse(paths[0]).iter("{http://www.w3.org/2000/svg}text")]
-    titles = [word for word in words if word and "collisions" in word]
-    for title, moment in zip(titles, range(0, 26, 5), strict=True):
-        few, all_of_them = ((steps <= moment).sum() for steps in (played.found_at, played.appears_at))
-        assert title.startswith(f"{moment * 0.1:.3g} s, detected {few:,} of {all_of_them:,}, collisions ")
-    assert sorted(word for word in words if word in "01234") == sorted("01234" * 6)
-    assert {"robot", "target"} <= set(words)
-
-
-def test_keys_of_the_player(recording, monkeypatch):
-    """Right, right, left: moment 1. Space: continues to the end. Space there: from the beginning. Escape: closed."""
-    shown, keys = [], [pygame.K_RIGHT, pygame.K_RIGHT, pygame.K_LEFT, None, None, pygame.K_SPACE]
-    draw, show = Renderer.draw, film.Window.show
-    slow = dataclasses.replace(recording)
-
-    def drawing(self, seen, world=0):
-        shown.append(seen.step)
-        return draw(self, seen, world)
-
-    def showing(self, picture, fps):
-        key = keys.pop(0) if keys else None
-        if not keys and shown[-1] == len(recording) - 1:
-            key = pygame.K_SPACE if shown.count(0) == 1 else pygame.K_ESCAPE
-        if key is not None:
-            pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=key))
-        return show(self, picture, 1000)
-
-    monkeypatch.setattr(Renderer, "draw", drawing)
-    monkeypatch.setattr(film.Window, "show", showing)
-    film.play(slow, speed=3.0, size=(240, 160))
-    assert shown[:4] == [0, 1, 2, 1]
-    assert shown[-1] == 12
-    assert shown.count(0) == 2
-    again = shown.index(0, 1)
-    assert shown[3:again] == sorted(shown[3:again])
-    assert not pygame.display.get_init()
 
 
 def test_an_episode_too_large_to_be_kept_is_refused_while_it_is_recorded(monkeypatch):

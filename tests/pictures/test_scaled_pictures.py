@@ -15,29 +15,26 @@ from lissajous_env.render.canvas import FOOTER, HEADER
 from lissajous_env.render.times import decimals_of
 from lissajous_env.world.state import STUCK
 
-SCENARIOS = ("experiment", "evaders", "intruders", "team", "swarm")
-EXACT = [(8.0, 1.0), (0.125, 4.0), (64.0, 16.0)]
-ROUNDED = [(0.1, 1.0), (10.0, 10.0), (3.0, 0.5)]
+SCENARIOS = ("experiment", "team", "swarm")
+EXACT = [(64.0, 16.0)]
+ROUNDED = [(0.1, 1.0), (3.0, 0.5)]
 WATCHED = {"targets.wandering": 0.5, "targets.fleeing": 0.5, "targets.arrival_rate": 1.0}
 
 
 def played(name: str) -> tuple[lissajous_env.Scenario, Snapshot]:
-    """The world of a scenario after its first steps, with a trail behind it and a robot that has failed."""
+    """The world of a scenario after its first steps, in which a robot has failed."""
     simulation = lissajous_env.Simulation(lissajous_env.scenario(name, **({} if name == "swarm" else WATCHED)), seed=3)
     action = np.random.default_rng(0).uniform(-0.5, 1, simulation.action_shape).astype(np.float32)
-    places = []
     for _ in range(25):
         simulation.step(action)
-        places.append(Snapshot.of(simulation).position[:, :2])
     seen = Snapshot.of(simulation)
     status = np.where(np.arange(len(seen.status)) == 0, STUCK, seen.status)
-    return simulation.scenario, dataclasses.replace(seen, status=status, trail=(np.arange(1, 26), np.stack(places)))
+    return simulation.scenario, dataclasses.replace(seen, status=status)
 
 
 def plot(scenario: lissajous_env.Scenario, seen: Snapshot, length: float = 1.0) -> np.ndarray:
     """The plot of a world whose places are multiplied by a length, without the words around it."""
     places = {name: getattr(seen, name) * length for name in ("position", "target_position")}
-    places["trail"] = (seen.trail[0], seen.trail[1] * length) if seen.trail else None
     return Renderer(scenario).draw(dataclasses.replace(seen, **places))[HEADER + 6 : -FOOTER]
 
 

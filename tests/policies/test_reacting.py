@@ -1,11 +1,14 @@
 """Policies that react to targets: what each does in a story, what it may use, and what reacting is worth."""
 
+import itertools
+
 import numpy as np
 import pytest
 
 import baselines
 import lissajous_env
 from baselines.policies.reacting import Chase, Force, Index, Lanes, comb
+from lissajous_env.world.observation import layout
 
 POLICIES = [
     (scenario, policy)
@@ -150,6 +153,27 @@ def test_reacting_is_worth_a_factor(scenario, best, column, factor):
         rows = lissajous_env.evaluate(baselines.make(name, scenario, num_worlds=16), scenario, seeds=range(16))
         means.append(np.mean([row[column] for row in rows]))
     assert means[1] > factor * means[0] if factor > 1 else means[1] < factor * means[0]
+
+
+@pytest.mark.parametrize(
+    ("space", "best", "column"),
+    [
+        ("watch-v1", "a-cmommt", "observed_fraction"),
+        ("intercept-v1", "lead-pursuit", "detection_rate"),
+        ("hotspots-v1", "index-learned", "detection_time_mean"),
+    ],
+)
+def test_reacting_pays_in_the_spaces_too(space, best, column):
+    # Law: the better rule of the base is better over a split; the scenarios of all splits have rows of one length.
+    of = lissajous_env.scenario_space(space)
+    played = list(itertools.islice(of.scenarios("test"), 4))
+    patrol, rule = (
+        sum(lissajous_env.evaluate(baselines.make(name, s), s, seeds=[1])[0][column] for s in played)
+        for name in ("lanes", best)
+    )
+    assert rule < patrol if column == "detection_time_mean" else rule > patrol
+    others = [made for shift in of.shifts for made in itertools.islice(of.scenarios(shift), 4)]
+    assert len({layout(scenario).size for scenario in played + others}) == 1
 
 
 def test_an_index_rule_requires_arrivals_and_a_team_that_shares():

@@ -99,8 +99,8 @@ def test_results_of_other_parameters_are_not_mixed(tmp_path, capsys, monkeypatch
     ("text", "message"),
     [
         ("policy = 'swep'", "policy must be one of"),
-        ("policy = 3", "must contain policy as text, got int"),
-        ("", "must contain policy, the name of a policy, got nothing"),
+        ("policy = 3", "policy must be a name, got int"),
+        ("", "file must contain policy, the name of a policy"),
         ("policy = 'sweep'\nlanes = 4", "must contain policy, parameters, coordinator, got 'lanes'"),
         ("policy = 'sweep'\n[parameters]\nlane = 4", "got 'lane'; did you mean lanes?"),
         ("policy = 'sweep'\n[parameters]\nlanes = 3", "lanes must be even, got 3"),

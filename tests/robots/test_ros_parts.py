@@ -14,7 +14,7 @@ import lissajous_env
 from baselines.onboard import Command, Limits, Odometry, Twist, inputs_of
 from baselines.onboard.commands import Actuation
 from baselines.ros.frames import Origin, SpeedOfPoses, relative
-from baselines.ros.pilot import RealTimePilot
+from baselines.ros.pilot import Pilot
 from baselines.ros.settings import RobotSettings
 from baselines.ros.vehicle import Vehicle, of_twist
 from lissajous_env.logs.car_input import inputs_of as car_inputs
@@ -114,17 +114,19 @@ def test_a_base_rests_without_a_sound_command(command):
 @pytest.mark.parametrize("offset", [0.0, 0.03, 0.06, 0.09])
 def test_a_robot_acts_once_in_each_step_at_any_rate_of_poses(rate, offset):
     # Oracle: the number of control steps in the time; the clock is looked at every 5 ms.
-    pilot = RealTimePilot(baselines.Onboard("open-loop-mpcc", EXPERIMENT, 0), 0.02)
-    pilot.start()
+    clock = [0.0]
+    pilot = Pilot(baselines.Onboard("open-loop-mpcc", EXPERIMENT, 0), 0.02, lambda: clock[0])
+    pilot.start(0.0)
     acts, stamps, taken = [], [], 0
     for k in range(1000):
-        now = 0.005 * k
+        now = clock[0] = 0.005 * k
         if now >= 0.3 + offset + taken / rate:
             taken += 1
-            announced = pilot.take("pose", Odometry(1.7, 0.0, 1.5, 0.4, now), now, now)
-            stamps += [announced.sent_at] if announced is not None else []
-        if (acted := pilot.act(now)) is not None:
-            assert acted[1].stopped == "" or now < 0.6
+            pilot.take(Odometry(1.7, 0.0, 1.5, 0.4, now))
+        if (announced := pilot.announce(now)) is not None:
+            stamps.append(announced.sent_at)
+        if (output := pilot.act(now)) is not None:
+            assert output.stopped == "" or now < 0.6
             acts.append(now)
     assert len(acts) == pytest.approx(5.0 / STEP, abs=3)
     assert np.diff(acts)[5:] == pytest.approx(STEP, abs=0.05)
@@ -135,15 +137,31 @@ def test_a_robot_acts_once_in_each_step_at_any_rate_of_poses(rate, offset):
 
 
 def test_a_robot_waits_for_its_neighbours_but_not_for_long():
-    pilot = RealTimePilot(baselines.Onboard("kuramoto-mpcc", EXPERIMENT, 0), 0.02)
-    pilot.start()
-    announced = pilot.take("pose", Odometry(1.7, 0.0, 1.5, 0.4, 1.0), 1.0, 1.0)
-    assert [pilot.act(now) is not None for now in (1.0, 1.015, 1.021)] == [False, False, True]
-    announced = pilot.take("pose", Odometry(1.7, 0.0, 1.5, 0.4, 1.1), 1.1, 1.1)
-    assert pilot.act(1.101) is None
-    for sender in pilot.onboard.neighbours:
-        pilot.hear(announced._replace(sender=sender, sent_at=1.09))
-    assert pilot.act(1.102) is not None
+    clock = [0.0]
+    pilot = Pilot(baselines.Onboard("kuramoto-mpcc", EXPERIMENT, 0), 0.02, lambda: clock[0])
+
+    def acts_at(now):
+        clock[0] = now
+        return pilot.act(now) is not None
+
+    def take(now):
+        clock[0] = now
+        pilot.take(Odometry(1.7, 0.0, 1.5, 0.4, now))
+        return pilot.announce(now)
+
+    pilot.start(0.99)
+    take(1.0)
+    assert [acts_at(now) for now in (1.0, 1.015, 1.021)] == [False, False, True]
+    announced = take(1.1)
+    assert not acts_at(1.101)
+    for sender in pilot.heard:
+        pilot.heard[sender] = announced._replace(sender=sender, sent_at=1.09)
+    assert acts_at(1.102)
+    assert take(1.11) is None, "too early"
+    assert not acts_at(1.24)
+    assert acts_at(1.26), "on the last pose"
+    assert pilot.announce(1.26) is None, "not twice at one time, as while the clock of a simulation stands still"
+    assert pilot.announce(1.27) is not None
 
 
 def test_a_robot_that_announces_decides_as_one_that_does_not():

@@ -1,7 +1,6 @@
 """A team over ROS 2 that is recorded as any recorder would: the log scores as the world node printed."""
 
 import json
-import os
 import subprocess
 import time
 
@@ -9,18 +8,18 @@ import pytest
 
 pytest.importorskip("rclpy", reason='ROS 2 is not installed: pip install ".[ros]"')
 pytest.importorskip("rosbags")
-from ros_team import in_real_time, in_ros, process
+from ros_team import PATIENCE, in_ros, process
 
 from baselines.ros import library as ros
 from lissajous_env.logs.messages import rosbags, type_store
 from lissajous_env.logs.reading import read
 from lissajous_env.logs.scoring import score
 
-ROBOTS, LASTS = 2, 4.0
+ROBOTS, LASTS = 2, 3.0
 KINDS = {"odom": ros.Odometry, "status": ros.UInt8, "command": ros.JointState}
 TEAM = (
     "launch", "--pace", 0.5, "--duration", LASTS, "--seed", 3, "--json", "--quiet", "--set", "robot.count=2",
-    "formation.p=1", "formation.ring=(0,1)", "faults.schedule=((1,1.5,2.5),)",
+    "formation.p=1", "formation.ring=(0,1)", "faults.schedule=((1,1,2),)",
 )  # fmt: skip
 
 
@@ -46,7 +45,7 @@ class Recorder:
         """Record until a process has ended; return what it printed."""
         executor = ros.make_executor()
         executor.add_node(self.node)
-        ends = time.monotonic() + 120
+        ends = time.monotonic() + PATIENCE
         while team.poll() is None and time.monotonic() < ends:
             executor.spin_once(timeout_sec=0.1)
         executor.shutdown()
@@ -55,7 +54,6 @@ class Recorder:
         return team.communicate(timeout=10)
 
 
-@in_real_time
 def recorded_and_scored(folder):
     folder = folder / str(time.monotonic_ns())
     with in_ros():
@@ -69,13 +67,11 @@ def recorded_and_scored(folder):
     assert team.returncode == 0, error
     printed = json.loads(output)
     scored = score(read(folder))
-    assert printed.pop("late_steps") == 0
     return printed, scored
 
 
-def test_a_recorded_launch_at_half_pace_scores_as_the_world_printed(tmp_path, monkeypatch):
+def test_a_recorded_launch_at_half_pace_scores_as_the_world_printed(tmp_path):
     # Oracle: the simulation in the world's node, which knows nothing of the log.
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
     printed, scored = recorded_and_scored(tmp_path)
     (row,) = scored.rows
     assert scored.recording.duration == pytest.approx(LASTS)

@@ -32,8 +32,7 @@ export function scenarioSection(report, scenario, s, onPick) {
 function light(box) {
   const turn = (policy) => {
     box.classList.toggle("lit", policy !== undefined);
-    for (const part of box.querySelectorAll("[data-policy]"))
-      part.classList.toggle("on", part.dataset.policy === policy);
+    for (const part of box.querySelectorAll("[data-policy]")) part.classList.toggle("on", part.dataset.policy === policy);
   };
   box.addEventListener("pointerover", (event) => turn(event.target.closest("[data-policy]")?.dataset.policy));
   box.addEventListener("pointerleave", () => turn(undefined));
@@ -147,19 +146,6 @@ function survival(report, scenario) {
         { stepped: true },
       );
       group.append(svg("title", {}, policy.name), line);
-      const known = of.curve.filter((share) => share !== null && share > 0.004).length,
-        spread = (of.policy % 6) * 7;
-      for (let k = 24 + spread; k < known; k += 60) {
-        group.append(
-          svg(
-            "g",
-            {
-              transform: `translate(${plot.x(scenario.times[k]).toFixed(1)} ${plot.y(of.curve[k]).toFixed(1)}) scale(0.75)`,
-            },
-            markOf(policy),
-          ),
-        );
-      }
       plot.picture.append(group);
     }
   });
@@ -182,12 +168,6 @@ function against(report, scenario, across, up) {
     y: { scale: scaleOf(ends(up), [], 1), title: "" },
   };
   return figure("Detection against collisions", `${up.title} per episode; bars: 95 % intervals`, axes, (plot) => {
-    const near = 5,
-      places = shown.map((policy) => [
-        plot.x(of(policy, across).value),
-        plot.y(of(policy, up).value),
-      ]);
-    const taken = places.map(([x, y]) => [x - near, y - near, x + near, y + near]);
     for (const policy of shown) {
       const [x, y] = [of(policy, across), of(policy, up)],
         look = report.policies[policy.policy];
@@ -200,30 +180,7 @@ function against(report, scenario, across, up) {
         svg("g", { transform: `translate(${left.toFixed(1)} ${top.toFixed(1)})` }, markOf(look)),
       );
       plot.picture.append(group);
-      label(plot, group, look.name, left, top, taken);
     }
   });
 }
 
-// Place a name beside its point without overlaps, off the horizontal interval if there is room.
-function label(plot, group, words, x, y, taken) {
-  const wide = 5.6 * words.length,
-    left = x + 9 + wide > plot.width;
-  for (const off of [-5, 13, 3, -17]) {
-    if (plot.y(0) < y + off) continue;
-    const box = left
-      ? [x - 9 - wide, y + off - 9, x - 9, y + off + 2]
-      : [x + 9, y + off - 9, x + 9 + wide, y + off + 2];
-    if (taken.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3]))
-      continue;
-    taken.push(box);
-    group.append(
-      svg(
-        "text",
-        { x: left ? x - 9 : x + 9, y: y + off, "text-anchor": left ? "end" : "start", class: "point-name" },
-        words,
-      ),
-    );
-    return;
-  }
-}
