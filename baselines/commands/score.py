@@ -10,7 +10,7 @@ from baselines.benchmark.progress import bar
 from baselines.commands.playing import FORMATS, progress_console
 from lissajous_env.console.recordings import check_file, show
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out
-from lissajous_env.logs.robots import ODOMETRY
+from lissajous_env.logs.poses import TOPICS
 from lissajous_env.logs.scoring import GAP, Scored, own_scenario
 from lissajous_env.logs.scoring import score as score_log
 from lissajous_env.parameters import named
@@ -26,7 +26,7 @@ _Out = Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")]
 def score(
     logs: _Logs,
     scenario: _Scenario = None,
-    topics: tuple[str, ...] = ODOMETRY,
+    topics: tuple[str, ...] = TOPICS,
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
     gap: float = GAP,
     episodes: int = 1,
