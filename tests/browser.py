@@ -27,7 +27,7 @@ def browser_on_this_machine():
     return next(filter(None, paths), None), shutil.which("chromedriver")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def browser():
     program, driver = browser_on_this_machine()
     if program is None or driver is None or webdriver is None:
@@ -48,23 +48,21 @@ def played(scenario, policy="kuramoto-mpcc", **overrides):
     return record(baselines.make(policy, made), made, 1)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def recording():
     return played("evaders", **EVADERS)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("pages")
 
 
-def opened(browser, folder, text, width=1280, dark=False):
-    """Open a page at a width [px] and in a theme; returns a function that runs a script in it."""
+def opened(browser, folder, text, width=1280):
+    """Open a page at a width [px]; returns a function that runs a script in it."""
     browser.get_log("browser"), browser.get_log("performance")
     metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
-    features = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
-    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
     (folder / "page.html").write_text(text, encoding="utf-8")
     browser.get((folder / "page.html").as_uri())
     run = browser.execute_script
@@ -130,19 +128,6 @@ def drag(browser, x, y, right, down):
     for kind, share in [("mousePressed", 0), *[("mouseMoved", k / 4) for k in range(1, 5)], ("mouseReleased", 1)]:
         mouse = {"type": kind, "x": x + share * right, "y": y + share * down, "button": "left", "buttons": 1}
         browser.execute_cdp_cmd("Input.dispatchMouseEvent", mouse | {"clickCount": int(kind != "mouseMoved")})
-
-
-def pinch(browser, x, y, spans):
-    """Put two fingers around a place of the window, and move them to spans [px] one after the other."""
-
-    def touch(kind, span):
-        fingers = [] if span is None else [{"x": x - span / 2, "y": y, "id": 0}, {"x": x + span / 2, "y": y, "id": 1}]
-        browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers})
-
-    touch("touchStart", spans[0])
-    for span in spans[1:]:
-        touch("touchMove", span)
-    touch("touchEnd", None)
 
 
 def numbers(run, path):

@@ -40,5 +40,5 @@ def report(
 
 def _viewer() -> str:
     """Return the replay page without episodes."""
-    data = {"format": FORMAT, "theme": "@theme@", "at": "@at@", "episodes": [_EPISODES]}
+    data = {"format": FORMAT, "at": "@at@", "episodes": [_EPISODES]}
     return bundled("page.html", "main.js", data, {"title": "Replay"})

@@ -76,7 +76,7 @@ def test_scenarios_lists_each_one(width):
         (["evaluate", "failure", ""], "got ''"),
         (["evaluate", "still"], "scenario must be given before the policy"),
         (["evaluate", "failure"], "policy must be given after the scenario, got failure"),
-        (["evaluate", "still", "kuramoto", "failure"], "exactly one policy must be given, got still, kuramoto"),
+        (["evaluate", "still", "failure"], "scenario must be given before the policy"),
         (["evaluate", "failure", "failure", "kuramoto"], "scenarios must contain each entry once"),
         (["evaluate", "failure", "x\udcff"], "got 'x"),
         (["evaluate", "failure", "nowhere:Policy"], "got 'nowhere:Policy': ModuleNotFoundError"),
@@ -215,27 +215,21 @@ def test_an_invalid_command_line_ends_with_exit_code_2_and_names_the_option(argu
     assert f"lissajous {arguments[0]} --help" in error
 
 
-@pytest.mark.parametrize(
-    "order", [["failure", "knot", "still"], ["still", "failure", "knot"], ["failure", "still", "knot"]]
-)
-def test_the_scenario_comes_first_and_any_other_order_is_understood(order, capsys):
-    code, out, _ = called(capsys, "evaluate", *order, "--episodes", 1, "--set", "task.duration=1", "--json")
+def test_the_scenarios_come_first(capsys):
+    code, out, _ = called(
+        capsys, "evaluate", "failure", "knot", "still", "--episodes", 1, "--set", "task.duration=1", "--json"
+    )
     assert code == 0
     found = json.loads(out)
     assert (found["policy"], list(found["statistics"])) == ("still", ["failure", "knot"])
-    if len({"knot"} & set(order[:2])) == 0 or order[0] == "still":
-        one = [each for each in order if each != "knot"]
-        code, out, _ = called(capsys, "run", *one, "--set", "task.duration=1", "--json")
-        assert (code, json.loads(out)["policy"], json.loads(out)["scenario"]) == (0, "still", "failure")
 
 
 @pytest.mark.parametrize(
     ("names", "words"),
     [
         (["failure", "knot"], "policy must be given after the scenario, got failure, knot"),
-        (["still", "kuramoto"], "exactly one policy must be given, got still, kuramoto"),
+        (["still", "kuramoto"], "scenario must be given before the policy"),
         (["faliure", "still"], "got 'faliure'; did you mean failure?"),
-        (["still", "faliure"], "got 'faliure'; did you mean failure?"),
         (["failure", "stil"], "got 'stil'; did you mean still?"),
         (["faliure", "stil"], "got 'faliure'; did you mean failure?"),
     ],

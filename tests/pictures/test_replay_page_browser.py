@@ -1,46 +1,138 @@
-"""Replay pages in headless Chromium: playing, scrubbing, selecting robots, no network access."""
+"""Replay pages in headless Chromium: playing, scrubbing, selecting robots, zoom, addresses, no network access."""
 
 import dataclasses
-import json
 import time
 
 import numpy as np
 import pytest
-from browser import HOSTILE, ROWS, click, complaints, numbers, opened, press, wait, webdriver
+from browser import (
+    HOSTILE,
+    ROWS,
+    click,
+    complaints,
+    drag,
+    middle,
+    numbers,
+    opened,
+    place_of,
+    press,
+    turn_wheel,
+    wait,
+    webdriver,
+)
 
 import baselines
 import lissajous_env
 from lissajous_env.episodes.missed import missed_rogue
 from lissajous_env.episodes.missed.replayed import record_again
-from lissajous_env.replay import page
+from lissajous_env.replay import Replay, page
 
 
-def test_the_page_unpacks_what_was_recorded(browser, folder, recording):
+@pytest.fixture(scope="module")
+def one(browser, folder, recording):
+    """Return a function that runs a script in the page of one episode."""
+    return opened(browser, folder, page(recording))
+
+
+def test_the_page_unpacks_what_was_recorded(browser, one, recording):
     # Oracle: the recording; to the precision that is stated.
-    run = opened(browser, folder, page(recording))
     f, n = recording.heading.shape
     for k, name in enumerate("xy"):
-        places = numbers(run, f"robots.{name}").reshape(n, f).T
+        places = numbers(one, f"robots.{name}").reshape(n, f).T
         np.testing.assert_allclose(places, recording.position[..., k], atol=np.ptp(places) / 65_535)
-    turned = numbers(run, "robots.heading").reshape(n, f).T - recording.heading
+    turned = numbers(one, "robots.heading").reshape(n, f).T - recording.heading
     assert np.abs(np.angle(np.exp(1j * turned))).max() < 2 * np.pi / 65_536
-    np.testing.assert_array_equal(numbers(run, "robots.status").reshape(n, f).T, recording.status)
-    np.testing.assert_array_equal(numbers(run, "collisions"), recording.collisions)
+    np.testing.assert_array_equal(numbers(one, "robots.status").reshape(n, f).T, recording.status)
+    np.testing.assert_array_equal(numbers(one, "collisions"), recording.collisions)
     scored = recording.score["guaranteed_detection_time"]
-    assert numbers(run, "ground.ageWorst").max() == pytest.approx(scored, abs=1e-3)
-    scores = dict(
-        run("return [...document.querySelectorAll('.rows tr')].map((r) => [...r.cells].map((c) => c.innerText))")
-    )
+    assert numbers(one, "ground.ageWorst").max() == pytest.approx(scored, abs=1e-3)
+    scores = dict(one(ROWS))
     assert float(scores["collisions"]) == recording.score["collisions"]
-    assert float(scores["guaranteed detection time"]) == pytest.approx(recording.score["guaranteed_detection_time"])
-    run("replay.player.seek(replay.duration)")
-    tiles = run("return [...document.querySelectorAll('.tile b')].map((tile) => tile.textContent)")
-    assert float(tiles[1].split()[0]) == pytest.approx(recording.score["detection_time_mean"], abs=6e-4)
-    found = recording.found_at < f
-    seen = run(
-        "const { episode } = replay.views[0]; return episode.events.filter((e) => e.kind === 'detection').length"
+    assert float(scores["guaranteed detection time"]) == pytest.approx(scored)
+    seen = one("return replay.views[0].episode.events.filter((e) => e.kind === 'detection').length")
+    assert seen == np.count_nonzero(recording.found_at < f)
+    # The charts state the numbers of the moment, and their bounds.
+    one("replay.player.seek(replay.duration)")
+    reading = lambda name: one(f"return document.querySelector('[data-chart={name}] .reading').innerText")  # noqa: E731
+    assert f"collisions {recording.score['collisions']:.0f}" in reading("collisions")
+    assert f"detected {seen}" in reading("detections")
+    assert "2 r_s (discs part) 1.20" in reading("distances")
+    total = float(one("return replay.charts.find((c) => c.chart.id === 'reward').chart.series[0].values.at(-1)"))
+    assert total == pytest.approx(recording.reward_terms.sum(axis=-1).mean(axis=1).sum(), abs=2e-3)
+    bound = recording.scenario.detection_time_bound
+    assert f"{1.25 * bound:.3g} s or more" in one("return document.querySelector('.legend').textContent")
+    assert complaints(browser) == ([], [])
+
+
+def test_it_plays_pauses_and_goes_where_it_is_told(browser, one, recording):
+    now = lambda: one("return replay.player.time")  # noqa: E731
+    one("replay.player.seek(0); document.getElementById('play').click()")
+    wait(lambda: now() > 0.5)
+    assert one("return document.getElementById('play').getAttribute('aria-label')") == "Pause"
+    one("document.activeElement.blur()")
+    press(browser, " ")
+    stopped = now()
+    time.sleep(0.15)
+    assert now() == stopped
+    one("const s = document.getElementById('scrub'); s.value = 4.2; s.dispatchEvent(new Event('input'))")
+    assert now() == pytest.approx(4.2)
+    assert one("return document.getElementById('now').textContent") == "4.2"
+    press(browser, webdriver.Keys.ARROW_RIGHT)
+    assert now() == pytest.approx(4.3)
+    one("replay.player.seek(0)")
+    press(browser, "]")
+    assert now() == pytest.approx(one("return replay.timeline.all.find((event) => event.time > 0.001).time"))
+    # At its end it begins anew.
+    one("replay.player.seek(replay.duration); document.getElementById('play').click()")
+    wait(lambda: 0 < now() < 2)
+    one("replay.player.toggle(false)")
+    # Story: robot 2 is stuck from 3 s on, first seen after the step; a click near that mark goes there and picks it.
+    x, y = one(
+        "const t = replay.timeline, row = t.rows.findIndex((r) => r.kind === 'fault');"
+        "const box = document.getElementById('timeline').getBoundingClientRect();"
+        "return [box.left + t.x(3.1) + 3, box.top + 4 + 12 * row + 5]"
     )
-    assert seen == np.count_nonzero(found)
+    click(browser, x, y)
+    assert now() == pytest.approx(3.1)
+    assert one("return replay.selected") == 2
+    assert "robot 2 has failed" in one("return document.getElementById('event').textContent")
+    press(browser, webdriver.Keys.ESCAPE)
+    assert one("return replay.selected") == -1
+    assert complaints(browser) == ([], [])
+
+
+def test_a_robot_that_is_clicked_shows_what_it_sees(browser, one, recording):
+    # Oracle: the recorded observation row and action of that robot at that moment, by the names of the layout.
+    one("replay.player.seek(6.0); replay.steer((stage) => stage.zoomBy(0.5))")  # robot 3 is far outside
+    click(browser, *place_of(one, 3))
+    assert one("return replay.selected") == 3
+    rows = one(ROWS)
+    action, observed = [row for row in rows if row[0] == ""], [row for row in rows if row[0].isdecimal()]
+    np.testing.assert_allclose([float(row[2]) for row in action], recording.action[61, 3], atol=1e-3)
+    np.testing.assert_allclose([float(row[2]) for row in observed], recording.observation[60, 3], atol=1e-3)
+    assert [row[1] for row in observed] == [name.replace("_", " ") for name in recording.observation_names]
+    one("replay.steer((stage) => stage.camera.whole()); replay.select(-1)")
+    assert complaints(browser) == ([], [])
+
+
+def test_an_address_names_the_moment_and_the_robot(browser, one, folder, recording):
+    address = (folder / "page.html").as_uri()
+    one("replay.player.seek(4.2); replay.select(3)")
+    wait(lambda: one("return location.href") == f"{address}#t=4.2&robot=3")
+    # While it plays the address stays.
+    one("replay.select(-1); replay.player.toggle(true)")
+    wait(lambda: one("return replay.player.time") > 4.8)
+    assert one("return location.hash") == "#t=4.2&robot=3"
+    one("replay.player.toggle(false)")
+    one("location.hash = '#t=5.1&robot=1'")
+    wait(lambda: one("return replay.player.time") == 5.1)
+    one("location.hash = '#t=1e9&robot=99'")
+    wait(lambda: one("return replay.player.time") == recording.duration)
+    assert one("return replay.selected") == 1
+    browser.get("about:blank")
+    browser.get(f"{address}#t=2&robot=4")
+    wait(lambda: one("return document.body.dataset.ready === 'true'"))
+    assert one("return [replay.player.time, replay.selected]") == [2, 4]
     assert complaints(browser) == ([], [])
 
 
@@ -53,108 +145,77 @@ def test_the_rogue_that_a_policy_misses_is_drawn_where_it_is(browser, folder):
     assert event["time"] == pytest.approx(found.appears)
     assert event["until"] - event["time"] == pytest.approx(found.undetected, abs=1e-3)
     assert "the rogue that this policy misses" in run("return document.querySelector('.legend').textContent")
-    middle = len(found.path.places) // 2
-    x, y = found.path.places[middle].tolist()
-    run(f"replay.player.seek({found.appears + middle * made.task.step})")
+    half = len(found.path.places) // 2
+    x, y = found.path.places[half].tolist()
+    run(f"replay.player.seek({found.appears + half * made.task.step})")
     pixel = run(
         f"const {{ stage }} = replay.views[0], at = [stage.px({x}), stage.py({y})].map((each) => each * stage.ratio);"
         "return [...stage.context.getImageData(Math.round(at[0]), Math.round(at[1]), 1, 1).data]"
     )
-    colour = run("return replay.viewing.colours.unseen")
+    colour = run("return getComputedStyle(document.documentElement).getPropertyValue('--unseen')")
     assert pixel[:3] == [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
     assert complaints(browser) == ([], [])
 
 
-def test_it_plays_pauses_and_goes_where_it_is_told(browser, folder, recording):
-    run = opened(browser, folder, page(recording))
-    now = lambda: run("return replay.player.time")  # noqa: E731
-    run("document.getElementById('play').click()")
-    wait(lambda: now() > 0.5)
-    assert run("return document.getElementById('play').getAttribute('aria-label')") == "Pause"
-    press(browser, " ") if run("document.activeElement.blur(); return true") else None
-    stopped = now()
-    time.sleep(0.15)
-    assert now() == stopped
-    run("const s = document.getElementById('scrub'); s.value = 4.2; s.dispatchEvent(new Event('input'))")
-    assert now() == pytest.approx(4.2)
-    assert run("return document.getElementById('now').textContent") == "4.2"
-    keys = webdriver.Keys
-    press(browser, keys.ARROW_RIGHT)
-    assert now() == pytest.approx(4.3)
-    press(browser, keys.HOME)
-    assert now() == 0
-    press(browser, "]")
-    first = run("return replay.timeline.all.find((event) => event.time > 0.001).time")
-    assert now() == pytest.approx(first)
-    press(browser, keys.END)
-    assert now() == pytest.approx(recording.duration)
-    # At its end it begins anew.
-    run("document.getElementById('play').click()")
-    wait(lambda: 0 < now() < 2)
-    assert complaints(browser) == ([], [])
-
-
-def test_a_mark_on_the_timeline_is_gone_to(browser, folder, recording):
-    # Story: robot 2 is stuck from 3 s on, first seen after the step; a click near that mark goes there and picks it.
-    run = opened(browser, folder, page(recording))
-    x, y = run(
-        "const t = replay.timeline, row = t.rows.findIndex((r) => r.kind === 'fault');"
-        "const box = document.getElementById('timeline').getBoundingClientRect();"
-        "return [box.left + t.x(3.1) + 3, box.top + 4 + 11 * row + 5]"
-    )
-    click(browser, x, y)
-    assert run("return replay.player.time") == pytest.approx(3.1)
-    assert run("return replay.selected") == 2
-    assert "robot 2 has failed" in run("return document.getElementById('event').textContent")
-
-
-def test_a_robot_that_is_clicked_shows_what_it_sees(browser, folder, recording):
-    # Oracle: the recorded observation row and action of that robot at that moment, by the names of the layout.
-    run = opened(browser, folder, page(recording))
-    run("replay.player.seek(6.0); replay.steer((stage) => stage.zoomBy(0.5))")  # robot 3 is far outside
-    x, y = run(
-        "const { stage, canvas } = replay.views[0], box = canvas.getBoundingClientRect();"
-        "return [box.left + stage.nearest[3].x, box.top + stage.nearest[3].y]"
-    )
-    click(browser, x, y)
-    assert run("return replay.selected") == 3
-    rows = run(ROWS)
-    action, observed = [r for r in rows if r[0] == ""], [r for r in rows if r[0].isdecimal()]
-    np.testing.assert_allclose([float(r[2]) for r in action], recording.action[61, 3], atol=1e-3)
-    assert [int(r[0]) for r in observed] == list(range(len(recording.observation_names)))
-    np.testing.assert_allclose([float(r[2]) for r in observed], recording.observation[60, 3], atol=1e-3)
-    for name, row in zip(recording.observation_names, observed, strict=True):
-        assert name.replace("_", " ").endswith(row[1])
-    heads = run("return [...document.querySelectorAll('.rows .group')].map((row) => row.textContent)")
-    assert heads[:3] == ["itself", "neighbour 0", "neighbour 1"]
-    press(browser, webdriver.Keys.ESCAPE)
-    assert run("return replay.selected") == -1
-    assert complaints(browser) == ([], [])
-
-
-@pytest.mark.parametrize("dark", [False, True])
-@pytest.mark.parametrize("width", [390, 1280])
-def test_it_fits_phones_and_screens_in_light_and_dark(browser, folder, recording, width, dark):
-    run = opened(browser, folder, page(recording, recording), width, dark)
-    assert run("return document.documentElement.scrollWidth") <= width
-    paper = "return getComputedStyle(document.body).backgroundColor"
-    brightness = lambda: sum(json.loads("[" + run(paper)[4:-1] + "]"))  # noqa: E731
-    assert (brightness() < 150) == dark
-    run("document.getElementById('theme').click()")
-    assert (brightness() < 150) != dark
-    # Everything that is said is as wide as its card at most, and every button says what it does.
-    assert run("return [...document.querySelectorAll('.card')].every((box) => box.scrollWidth <= box.clientWidth + 1)")
-    assert run("return [...document.querySelectorAll('button')].every((b) => b.textContent.trim() || b.ariaLabel)")
-    # Two episodes, one cursor: the same robots, in pictures of one scale.
-    assert run("replay.player.seek(2); return replay.views.map((view) => view.stage.scale)")[0] > 0
-    places = run("return replay.views.map((view) => view.stage.nearest.map((place) => [place.x, place.y]))")
-    np.testing.assert_allclose(places[0], places[1], atol=0.01)
+def test_two_episodes_share_time_scale_and_camera(browser, folder, recording):
+    # Oracle: what is under the pointer stays there; a drag moves everything by as much as the pointer.
+    run = opened(browser, folder, page(recording, recording))
+    run("replay.player.seek(2)")
+    whole, other = ([place_of(run, k, view) for k in range(5)] for view in (0, 1))
+    apart = other[0] - whole[0]
     heads = run(
         "return replay.charts.map(({ head, over }) => (head.getBoundingClientRect().left + 0.5"
         " - over.getBoundingClientRect().left) / over.clientWidth)"
     )
     np.testing.assert_allclose(heads, 2 / recording.duration, atol=0.005)
+    turn_wheel(browser, whole[3], -600)
+    wait(lambda: run("return replay.camera.zoom") > 2)
+    zoom = run("return replay.camera.zoom")
+    np.testing.assert_allclose(place_of(run, 3), whole[3], atol=zoom)
+    np.testing.assert_allclose(place_of(run, 1), whole[3] + zoom * (whole[1] - whole[3]), atol=zoom)
+    np.testing.assert_allclose(place_of(run, 0, view=1) - place_of(run, 0), apart, atol=0.01)
+    x, y, _ = middle(run)
+    before = place_of(run, 3)
+    drag(browser, x, y, -40, 25)
+    np.testing.assert_allclose(place_of(run, 3) - before, [-40, 25], atol=0.5)
+    assert run("return replay.selected") == -1  # a drag is no click
+    for look in ("whole", "closer", "farther"):
+        run(f"document.querySelector('[data-look={look}]').click()")
+    np.testing.assert_allclose([place_of(run, k) for k in range(5)], whole, atol=0.01)
+    # Of the whole picture the wheel shows no more: the page scrolls.
+    turn_wheel(browser, place_of(run, 3), 300)
+    wait(lambda: run("return scrollY") > 100)
+    assert run("return replay.camera.isWhole")
     assert complaints(browser) == ([], [])
+
+
+@pytest.mark.parametrize(("half_width", "half_height"), [(1.5, 4.0), (20.0, 12.5)], ids=["tall", "hall"])
+def test_the_rectangle_fills_the_picture_on_phones_and_screens(browser, folder, recording, half_width, half_height):
+    made = lissajous_env.scenario("intruders", **{"curve.half_width": half_width, "curve.half_height": half_height})
+    position = recording.position * np.float32(min(half_width, half_height))
+    position[-1, 0, :2] = 1.4 * half_width, 1.4 * half_height  # a robot that was outside for a moment
+    run = opened(browser, folder, page(dataclasses.replace(recording, scenario=made.resolve(), position=position)))
+    for width in (1280, 390):
+        metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+        run("replay.resize()")
+        (_, high), (_, canvas) = run(
+            "const { stage } = replay.views[0], [, , wide, high] = stage.rectangle();"
+            "return [[wide, high], [stage.width, stage.height]]"
+        )
+        assert high > 0.7 * canvas
+        # The picture is on the screen as a whole, above the player; nothing is wider than its card.
+        assert canvas < run("return innerHeight - document.querySelector('.transport').offsetHeight")
+        assert run("return document.documentElement.scrollWidth") <= width
+        fits = "(box) => box.scrollWidth <= box.clientWidth + 1"
+        assert run(f"return [...document.querySelectorAll('.card')].every({fits})")
+        assert run("return [...document.querySelectorAll('button')].every((b) => b.textContent.trim() || b.ariaLabel)")
+        # Beside a high picture stand the charts, where the screen is wide.
+        left, right = run(
+            "const boxes = ['episodes', 'charts'].map((id) => document.getElementById(id).getBoundingClientRect());"
+            "return [boxes[0].right, boxes[1].left]"
+        )
+        assert (left < right) == (width == 1280 and half_width < half_height)
 
 
 def test_nothing_of_a_hostile_recording_is_run(browser, folder, recording):
@@ -178,3 +239,35 @@ def test_nothing_of_a_hostile_recording_is_run(browser, folder, recording):
     said, asked = complaints(browser)
     assert all("Content Security Policy" in words or "ERR_FILE_NOT_FOUND" in words for words in said)
     assert [address for address in asked if address.startswith("http")] == []
+
+
+def test_a_scaled_episode_looks_the_same(browser, folder, recording):
+    # Oracle: the picture of the episode that was not scaled; factors that are powers of two change no rounding.
+    length, duration = 0.125, 4.0
+    places = {name: getattr(recording, name) * np.float32(length) for name in ("position", "target_position")}
+    scaled = dataclasses.replace(
+        recording,
+        scenario=recording.scenario.scaled(length, duration),
+        speed=recording.speed * length / duration,
+        **places,
+    )
+    pictures = []
+    for episode, factor in ((recording, 1), (scaled, duration)):
+        run = opened(browser, folder, page(episode))
+        run(f"replay.select(2); replay.player.seek({4.2 * factor})")
+        press(browser, "]")
+        pictures.append(run("return replay.views[0].canvas.toDataURL()"))
+    assert pictures[0] == pictures[1]
+
+
+def test_a_notebook_shows_it_in_a_frame_of_its_own(browser, folder, recording):
+    # Story: a notebook puts what the object returns into a page of its own; the frame plays, and cannot reach out.
+    (folder / "notebook.html").write_text(f"<body>{Replay(recording)._repr_html_()}</body>", encoding="utf-8")
+    browser.get((folder / "notebook.html").as_uri())
+    browser.switch_to.frame(0)
+    wait(lambda: browser.execute_script("return document.body.dataset.ready === 'true'"))
+    browser.execute_script("document.getElementById('play').click()")
+    wait(lambda: browser.execute_script("return replay.player.time") > 0.2)
+    assert browser.execute_script("return self.origin") == "null"
+    browser.switch_to.default_content()
+    assert browser.execute_script("return document.body.dataset.ready") is None

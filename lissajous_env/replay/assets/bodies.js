@@ -1,6 +1,6 @@
 // Draws the robots: bodies to scale, numbers, failures and collisions.
 
-import { faded, robotPaint } from "./colours.js";
+import { COLOURS, faded, robotPaint } from "./colours.js";
 import { REMOVED, STUCK } from "./episode.js";
 
 const PARTS = { WHEEL: "wheel", GROUND: "card", GLASS: "glass" };
@@ -9,108 +9,77 @@ export class Bodies {
   // Prepare for the current size of the stage.
   constructor(stage) {
     Object.assign(this, { stage, context: stage.context, size: stage.body });
-    this.shapes = stage.episode.about.shape.map(([outline, fill]) => [pathOf(outline, this.size), fill]);
-    this.drop = dropOf(this.size);
+    const { shape } = stage.episode.about;
+    this.shapes = shape.length ? shape.map(([outline, fill]) => [pathOf(outline, this.size), fill]) : [[dropOf(this.size), null]];
   }
 
-  paintTouches(places, at, colours) {
-    const { context } = this;
-    context.strokeStyle = colours.touch;
-    context.lineWidth = 2.2;
+  paintTouches(places, at) {
     for (const [i, j, first, last] of this.stage.episode.raw.contacts) {
       if (at.moment < first || at.moment > last) continue;
-      const x = (places[i].x + places[j].x) / 2,
-        y = (places[i].y + places[j].y) / 2;
-      const apart = Math.hypot(places[i].x - places[j].x, places[i].y - places[j].y) / 2;
-      context.beginPath();
-      context.arc(x, y, Math.min(apart, 2 * this.size) + 1.25 * this.size + 4, 0, 2 * Math.PI);
-      context.stroke();
+      const [one, other] = [places[i], places[j]],
+        apart = Math.hypot(one.x - other.x, one.y - other.y) / 2;
+      const radius = Math.min(apart, 2 * this.size) + 1.25 * this.size + 4;
+      this.ring((one.x + other.x) / 2, (one.y + other.y) / 2, radius, COLOURS.touch, 2.2);
     }
   }
 
-  paint(places, at, view) {
-    const { context } = this,
-      colours = view.colours;
+  paint(places, selected) {
     const order = places
-      .map((_, i) => i)
-      .sort((i, j) => (places[j].status === REMOVED) - (places[i].status === REMOVED));
-    for (const i of order) {
-      const place = places[i],
-        colour = place.status === REMOVED ? colours.removed : robotPaint(colours, i);
-      if (this.isOutside(place)) {
-        // No arrows for a crowd.
-        if (!this.stage.many || i === view.selected) this.paintArrow(place, i, colour, colours);
-        continue;
-      }
-      context.save();
-      context.translate(place.x, place.y);
-      if (i === view.selected) ring(context, this.size + 6, colours.ink, 2);
-      if (place.status === REMOVED) this.paintRemoved(colour);
-      else this.paintOne(place, colour, colours);
-      context.restore();
+      .map((place, i) => ({ i, ...place }))
+      .sort((one, other) => (other.status === REMOVED) - (one.status === REMOVED));
+    for (const place of order) {
+      if (this.isOutside(place)) this.paintArrow(place);
+      else this.paintOne(place, place.i === selected);
     }
-    this.paintNumbers(places, order, view);
-  }
-
-  // Numbers inside the robots if they fit, otherwise beside them; for a crowd only when zoomed in.
-  paintNumbers(places, order, { colours, selected }) {
-    const numbered = order
-      .filter((i) => !this.isOutside(places[i]) && (!this.stage.many || this.size > 9 || i === selected))
-      .map((i) => ({ i, ...places[i] }));
-    const inside = this.size > 12 && !this.shapes.length;
-    const beside = numbered.filter(({ status }) => !inside || status === REMOVED);
-    const at = this.stage.labels.place(beside, this.size, this.stage.width, this.stage.height);
-    beside.forEach(({ i }, k) => this.write(String(i), ...at[k], colours.ink, colours.card));
-    for (const { i, x, y, status } of numbered) {
-      if (inside && status !== REMOVED) this.write(String(i), x, y, colours.card, "", Math.min(0.9 * this.size, 16));
+    for (const place of order) {
+      // Numbers of a crowd only when zoomed in.
+      if (this.isOutside(place) || (this.stage.many && this.size <= 9 && place.i !== selected)) continue;
+      const aside = 0.8 * this.size + 7;
+      this.write(String(place.i), place.x + aside, place.y - aside);
     }
   }
 
-  write(words, x, y, colour, around = "", size = 12) {
+  paintOne({ i, x, y, heading, status }, isSelected) {
     const { context } = this;
-    context.font = `600 ${size}px system-ui, sans-serif`;
+    if (isSelected) this.ring(x, y, this.size + 6, COLOURS.ink, 2);
+    if (status === REMOVED) return this.ring(x, y, this.size, COLOURS.removed, 2);
+    if (status === STUCK) {
+      context.setLineDash([4, 3]);
+      this.ring(x, y, 1.15 * this.size + 3.5, COLOURS.stuck, 2.2);
+      context.setLineDash([]);
+    }
+    const colour = robotPaint(i);
+    this.ring(x, y, this.stage.scale * this.stage.episode.about.radius, faded(colour, 0.75), 1);
+    context.save();
+    context.translate(x, y);
+    context.rotate(-heading);
+    for (const [path, fill] of this.shapes) {
+      context.fillStyle = fill === null ? colour : COLOURS[PARTS[fill]] || COLOURS.ink;
+      context.fill(path);
+    }
+    context.restore();
+  }
+
+  ring(x, y, radius, colour, width) {
+    const { context } = this;
+    context.strokeStyle = colour;
+    context.lineWidth = width;
+    context.beginPath();
+    context.arc(x, y, radius, 0, 2 * Math.PI);
+    context.stroke();
+  }
+
+  write(words, x, y) {
+    const { context } = this;
+    context.font = "600 12px system-ui, sans-serif";
     context.textAlign = "center";
     context.textBaseline = "middle";
     context.lineWidth = 3.5;
     context.lineJoin = "round";
-    context.strokeStyle = around;
-    if (around) context.strokeText(words, x, y);
-    context.fillStyle = colour;
+    context.strokeStyle = COLOURS.card;
+    context.strokeText(words, x, y);
+    context.fillStyle = COLOURS.ink;
     context.fillText(words, x, y);
-  }
-
-  paintOne(place, colour, colours) {
-    const { context } = this;
-    if (place.status === STUCK) {
-      context.setLineDash([4, 3]);
-      ring(context, 1.15 * this.size + 3.5, colours.stuck, 2.2);
-      context.setLineDash([]);
-    }
-    if (this.shapes.length) ring(context, this.stage.scale * this.stage.episode.about.radius, faded(colour, 0.75), 1);
-    context.rotate(-place.heading);
-    for (const [path, fill] of this.shapes) {
-      context.fillStyle = fill === null ? colour : colours[PARTS[fill]] || colours.ink;
-      context.fill(path);
-    }
-    if (!this.shapes.length) {
-      context.fillStyle = colour;
-      context.strokeStyle = colours.card;
-      context.lineWidth = 1.6;
-      context.stroke(this.drop);
-      context.fill(this.drop);
-    }
-  }
-
-  paintRemoved(colour) {
-    const { context } = this,
-      arm = 0.55 * this.size;
-    ring(context, this.size, colour, 2);
-    context.beginPath();
-    context.moveTo(-arm, -arm);
-    context.lineTo(arm, arm);
-    context.moveTo(-arm, arm);
-    context.lineTo(arm, -arm);
-    context.stroke();
   }
 
   // Return true if the centre of a robot is outside the picture.
@@ -119,32 +88,20 @@ export class Bodies {
     return !(x > 0 && x < width && y > 0 && y < height);
   }
 
-  // Draw an arrow at the edge for a robot outside the picture.
-  paintArrow(place, robot, colour, colours) {
-    const { context } = this;
-    const x = Math.min(Math.max(place.x, 14), this.stage.width - 14),
-      y = Math.min(Math.max(place.y, 14), this.stage.height - 14);
-    const way = Math.atan2(place.y - y, place.x - x);
+  // Draw an arrow at the edge for a robot outside the picture; none for a crowd.
+  paintArrow({ i, x, y }) {
+    const { context, stage } = this;
+    if (stage.many) return;
+    const [right, down] = [Math.min(Math.max(x, 14), stage.width - 14), Math.min(Math.max(y, 14), stage.height - 14)];
+    const way = Math.atan2(y - down, x - right);
     context.save();
-    context.translate(x, y);
+    context.translate(right, down);
     context.rotate(way);
-    context.fillStyle = colour;
-    context.beginPath();
-    context.moveTo(11, 0);
-    context.lineTo(-4, 6);
-    context.lineTo(-4, -6);
-    context.fill();
+    context.fillStyle = robotPaint(i);
+    context.fill(pathOf([[11, 0], [-4, 6], [-4, -6]], 1));
     context.restore();
-    this.write(String(robot), x - 14 * Math.cos(way), y - 14 * Math.sin(way), colours.ink, colours.card);
+    this.write(String(i), right - 14 * Math.cos(way), down - 14 * Math.sin(way));
   }
-}
-
-function ring(context, radius, colour, width) {
-  context.strokeStyle = colour;
-  context.lineWidth = width;
-  context.beginPath();
-  context.arc(0, 0, radius, 0, 2 * Math.PI);
-  context.stroke();
 }
 
 function pathOf(outline, size) {

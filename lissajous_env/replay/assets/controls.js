@@ -2,6 +2,8 @@
 
 import { byId } from "./words.js";
 
+const CLOSER = 1.5;
+
 export function bindControls(page) {
   const { player, timeline } = page;
   byId("play").addEventListener("click", () => player.toggle());
@@ -12,68 +14,36 @@ export function bindControls(page) {
     player.speed = Number(event.target.value);
   });
   byId("scrub").addEventListener("input", (event) => player.seek(Number(event.target.value)));
-  byId("help").addEventListener("click", () => showKeys(byId("keys").hidden));
   bindTimeline(page);
-  bindLink(page);
+  const looks = {
+    closer: (stage) => stage.zoomBy(CLOSER),
+    farther: (stage) => stage.zoomBy(1 / CLOSER),
+    whole: (stage) => stage.camera.whole(),
+  };
   for (const button of document.querySelectorAll("[data-look]")) {
-    button.addEventListener("click", () => LOOKS[button.dataset.look](page));
+    button.addEventListener("click", () => page.steer(looks[button.dataset.look]));
   }
-  const keys = keysOf(page);
-  document.addEventListener("keydown", (event) => {
-    const { target } = event;
-    if (event.ctrlKey || event.metaKey || event.altKey || target.tagName === "SELECT") return;
-    // On a button, the space bar clicks it.
-    if (event.key === " " && target.tagName === "BUTTON") return;
-    const act = /^\d$/.test(event.key) ? () => page.selectIfThere(Number(event.key)) : keys[event.key];
-    if (!act) return;
-    event.preventDefault();
-    act(event.shiftKey);
-  });
+  bindKeys(page);
 }
 
-const CLOSER = 1.5;
-const ASIDE = 0.12;
-// Zoom and pan of the picture.
-const LOOKS = {
-  closer: (page) => page.steer((stage) => stage.zoomBy(CLOSER)),
-  farther: (page) => page.steer((stage) => stage.zoomBy(1 / CLOSER)),
-  whole: (page) => page.steer((stage) => stage.camera.whole()),
-};
-
-function keysOf(page) {
+function bindKeys(page) {
   const { player, timeline } = page;
   const by = (sign) => (far) => player.seek(player.time + sign * (far ? 10 : 1) * player.step);
-  const aside = (right, down) => () =>
-    page.steer((stage) => stage.panBy(-right * ASIDE * stage.width, -down * ASIDE * stage.height));
-  return {
+  const keys = {
     " ": () => player.toggle(),
     ArrowLeft: by(-1),
     ArrowRight: by(1),
-    Home: () => player.seek(0),
-    End: () => player.seek(player.duration),
     "[": () => page.step(timeline.before(player.time)),
     "]": () => page.step(timeline.after(player.time)),
-    ">": () => pace(player, 1),
-    "<": () => pace(player, -1),
-    "+": () => LOOKS.closer(page),
-    "=": () => LOOKS.closer(page),
-    "-": () => LOOKS.farther(page),
-    v: () => LOOKS.whole(page),
-    w: aside(0, -1),
-    a: aside(-1, 0),
-    s: aside(0, 1),
-    d: aside(1, 0),
-    l: () => byId("link").click(),
-    g: () => page.nextLayer(),
     Escape: () => page.select(-1),
-    "?": () => showKeys(byId("keys").hidden),
   };
-}
-
-function pace(player, by) {
-  const speeds = byId("speed");
-  speeds.selectedIndex = Math.min(Math.max(speeds.selectedIndex + by, 0), speeds.length - 1);
-  player.speed = Number(speeds.value);
+  document.addEventListener("keydown", (event) => {
+    const { target, key } = event;
+    if (!keys[key] || event.ctrlKey || event.metaKey || event.altKey || target.tagName === "SELECT") return;
+    if (key === " " && target.tagName === "BUTTON") return; // the space bar clicks it
+    event.preventDefault();
+    keys[key](event.shiftKey);
+  });
 }
 
 // Speeds in steps of about two or three, so that an episode lasts from a minute to some seconds.
@@ -84,40 +54,17 @@ function addSpeeds(box, duration) {
   for (const speed of speeds) box.append(new Option(`${speed}×`, String(speed), speed === 1, speed === 1));
 }
 
-// Button that copies a link to the current view; hidden without an address.
-function bindLink(page) {
-  const button = byId("link"),
-    words = button.textContent;
-  button.hidden = !page.link.isThere;
-  button.addEventListener("click", async () => {
-    button.textContent = (await page.link.copy()) ? "Copied" : "Not allowed";
-    setTimeout(() => {
-      button.textContent = words;
-    }, 1500);
-  });
-  addEventListener("hashchange", () => page.link.follow(location.hash));
-}
-
-function showKeys(shown) {
-  byId("keys").hidden = !shown;
-  byId("help").setAttribute("aria-expanded", String(shown));
-}
-
 // The slider lies above the marks, so it handles clicks and names the nearest mark.
 function bindTimeline(page) {
   const { timeline } = page,
     scrub = byId("scrub");
-  const place = (event) => {
+  const nearest = (event) => {
     const box = byId("timeline").getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
+    return timeline.nearest(event.clientX - box.left, event.clientY - box.top);
   };
   scrub.addEventListener("pointermove", (event) => {
-    const found = timeline.nearest(...place(event));
+    const found = nearest(event);
     scrub.title = found ? `${page.player.words(found.time)} s: ${found.words}` : "";
   });
-  scrub.addEventListener("click", (event) => {
-    const found = event.detail > 0 && timeline.nearest(...place(event));
-    if (found && timeline.begins(found, place(event)[0])) page.step(found);
-    else if (found && found.robots.length) page.select(found.robots[0]);
-  });
+  scrub.addEventListener("click", (event) => event.detail > 0 && page.step(nearest(event)));
 }

@@ -23,16 +23,6 @@ export function deviations(episode) {
   return rows;
 }
 
-// Phases in [0, 2 pi), with gaps where they wrap.
-export function wrapped(episode) {
-  const { count, moments } = episode,
-    phase = episode.robots.phase;
-  return Array.from({ length: count }, (_, i) => {
-    const row = Array.from(phase.subarray(i * moments, (i + 1) * moments));
-    return row.map((value, f) => (f > 0 && Math.abs(value - row[f - 1]) > Math.PI ? null : value));
-  });
-}
-
 function distance(episode, i, j, f) {
   const { x, y, z } = episode.robots,
     a = i * episode.moments + f,
@@ -88,20 +78,16 @@ export function detections(episode) {
   return { appeared, detected };
 }
 
-// Terms of the reward of the steps up to each moment from the one before that are not always zero, and their sum: {used: [{name, values}], all}.
-export function stepRewards(episode) {
-  const rows = episode.terms.map((values, k) => ({ name: episode.raw.reward.names[k], values }));
-  const used = rows.filter((row) => row.values.some((value) => value !== 0));
+// Cumulative sums of the terms of the reward that are not always zero, and of all: {used: [{name, values}], all}.
+export function returns(episode) {
+  const used = episode.terms
+    .map((values, k) => ({ name: episode.raw.reward.names[k], values: summed(values) }))
+    .filter((_, k) => episode.terms[k].some((value) => value !== 0));
   const all = Float64Array.from(episode.x, (_, f) => used.reduce((sum, row) => sum + row.values[f], 0));
   return { used, all };
 }
 
-// Cumulative sums of the same.
-export function returns(episode) {
-  const { used, all } = stepRewards(episode);
-  const summed = (values) => {
-    let sum = 0;
-    return Float64Array.from(values, (value) => (sum += value));
-  };
-  return { used: used.map(({ name, values }) => ({ name, values: summed(values) })), all: summed(all) };
+function summed(values) {
+  let sum = 0;
+  return Float64Array.from(values, (value) => (sum += value));
 }

@@ -69,15 +69,6 @@ class Episode {
     return share > 0 && moment + 1 < this.moments ? value + share * (values[first + 1] - value) : value;
   }
 
-  // Interpolate smoothly through the values at all moments (Catmull-Rom).
-  glide(values, row, { moment, share }) {
-    const first = row * this.moments,
-      last = this.moments - 1;
-    if (share <= 0 || moment >= last) return values[first + moment];
-    const [a, b, c, d] = [-1, 0, 1, 2].map((k) => values[first + Math.min(Math.max(moment + k, 0), last)]);
-    return b + 0.5 * share * (c - a + share * (2 * a - 5 * b + 4 * c - d + share * (3 * (b - c) + d - a)));
-  }
-
   angleBetween(values, row, { moment, share }) {
     const first = row * this.moments + moment;
     const value = values[first];

@@ -1,79 +1,56 @@
 // The ground: time since cells were last sensed, or for which a target can have stayed there undetected.
 
-import { quantile } from "./words.js";
+import { COLOURS, parts } from "./colours.js";
 
 const RAMP = 64;
-const EVERY = 7;
-const USUAL = 0.95;
+// For each layer: its name, its multiple of T_max with the full colour, its least and its full opacity.
+const LAYERS = {
+  unseen: { words: "Undetected time", bounds: 1.25, opacity: [0.1, 0.62] },
+  idle: { words: "Idleness", bounds: 2, opacity: [0, 0.5] },
+  none: { words: "Plain" },
+};
 
 export class Ground {
   constructor(episode) {
     this.episode = episode;
     this.canvas = document.createElement("canvas");
     this.shown = "";
-    this.scales = {};
-    for (const [layer, share] of [
-      ["unseen", 1.25],
-      ["idle", 2],
-    ]) {
-      this.scales[layer] = this.scaleOf(layer, share * episode.about.bound);
-    }
+    this.cells = { unseen: episode.ground.unseen, idle: episode.ground.sensed };
   }
 
   // Return the layers of the scenario: [name, words].
   layers() {
-    const found = [];
-    if (this.episode.ground.unseen) found.push(["unseen", "Undetected time"]);
-    if (this.episode.ground.sensed) found.push(["idle", "Idleness"]);
-    return [...found, ["none", "Plain"]];
+    const there = Object.entries(LAYERS).filter(([layer]) => layer === "none" || this.cells[layer]);
+    return there.map(([layer, { words }]) => [layer, words]);
   }
 
-  kept(layer) {
-    return { unseen: this.episode.ground.unseen, idle: this.episode.ground.sensed }[layer] || null;
-  }
-
-  // Age with the full colour, and the longest age [s]: a multiple of T_max, so that pictures are comparable,
-  // unless most ages of the episode exceed it or all are far below.
-  scaleOf(layer, usual) {
-    const kept = this.kept(layer),
-      ages = [];
-    if (!kept) return { full: usual, most: 0 };
-    const pictures = kept.shape[2];
-    let most = 0;
-    for (let k = 0; k < kept.values.length; k++) {
-      const age = ((k % pictures) * kept.stride - kept.values[k]) * this.episode.raw.step;
-      if (kept.values[k] === kept.none || !(age > 0)) continue;
-      if (age > most) most = age;
-      if (k % EVERY === 0) ages.push(age);
-    }
-    return { full: most < usual / 2 ? most || usual : Math.max(usual, quantile(ages, USUAL)), most };
+  // Age with the full colour [s]: a multiple of T_max, so that pictures of a scenario are comparable.
+  full(layer) {
+    return LAYERS[layer].bounds * this.episode.about.bound;
   }
 
   // Return a canvas with a pixel per cell at a moment, highest row first; null if there is nothing to draw.
-  picture(layer, exact, colours) {
-    const kept = this.kept(layer);
+  picture(layer, exact) {
+    const kept = this.cells[layer];
     if (!kept) return null;
-    const [rows, columns, pictures] = kept.shape;
-    const step = exact * this.episode.raw.every;
-    const index = Math.min(Math.floor(step / kept.stride + 1e-6), pictures - 1);
-    const key = `${layer} ${index} ${colours.card}`;
+    const { raw } = this.episode,
+      [rows, columns, pictures] = kept.shape;
+    const index = Math.min(Math.floor((exact * raw.every) / kept.stride + 1e-6), pictures - 1);
+    const key = `${layer} ${index}`;
     if (key === this.shown) return this.canvas;
     this.shown = key;
     this.canvas.width = columns;
     this.canvas.height = rows;
-    const context = this.canvas.getContext("2d");
-    const image = context.createImageData(columns, rows);
-    const pixels = new Uint32Array(image.data.buffer);
-    const ramp = rampOf(layer === "unseen" ? colours.unseen : colours.idle, layer === "unseen" ? 0.62 : 0.5);
-    const now = index * kept.stride,
-      scale = (RAMP - 1) / (this.scales[layer].full / this.episode.raw.step);
+    const context = this.canvas.getContext("2d"),
+      image = context.createImageData(columns, rows),
+      pixels = new Uint32Array(image.data.buffer);
+    const ramp = rampOf(COLOURS[layer], LAYERS[layer].opacity),
+      scale = ((RAMP - 1) * raw.step) / this.full(layer);
     for (let row = 0; row < rows; row++) {
       for (let column = 0; column < columns; column++) {
         const since = kept.values[(row * columns + column) * pictures + index];
-        const shade = Math.min(Math.max(Math.ceil((now - since) * scale), 0), RAMP - 1);
-        // A cell where a target can be is visible at once.
-        const least = layer === "unseen" ? 9 : 0;
-        pixels[(rows - 1 - row) * columns + column] = since === kept.none ? 0 : ramp[Math.max(shade, least)];
+        const shade = Math.min(Math.max(Math.ceil((index * kept.stride - since) * scale), 0), RAMP - 1);
+        pixels[(rows - 1 - row) * columns + column] = since === kept.none ? 0 : ramp[shade];
       }
     }
     context.putImageData(image, 0, 0);
@@ -81,24 +58,17 @@ export class Ground {
   }
 }
 
-// Give pictures side by side a common colour scale.
-export function shareScales(grounds) {
-  for (const layer of ["unseen", "idle"]) {
-    const scales = grounds.map((ground) => ground.scales[layer]);
-    const [full, most] = ["full", "most"].map((name) => Math.max(...scales.map((scale) => scale[name])));
-    for (const ground of grounds) ground.scales[layer] = { full, most };
-  }
-}
-
 export function gradientOf(layer) {
-  const [least, most] = layer === "unseen" ? [12, 62] : [0, 50];
-  const share = (percent) => `color-mix(in srgb, var(--${layer}) ${percent}%, transparent)`;
-  return `linear-gradient(90deg, ${share(least)}, ${share(most)})`;
+  const share = (opacity) => `color-mix(in srgb, var(--${layer}) ${100 * opacity}%, transparent)`;
+  return `linear-gradient(90deg, ${LAYERS[layer].opacity.map(share).join(", ")})`;
 }
 
 // Colours as pixels of an image, by age.
-function rampOf(colour, most) {
-  const part = (k) => parseInt(colour.slice(k, k + 2), 16);
-  const base = (part(5) << 16) | (part(3) << 8) | part(1);
-  return Uint32Array.from({ length: RAMP }, (_, k) => ((Math.round((255 * most * k) / (RAMP - 1)) << 24) | base) >>> 0);
+function rampOf(colour, [least, full]) {
+  const [red, green, blue] = parts(colour),
+    base = (blue << 16) | (green << 8) | red;
+  return Uint32Array.from({ length: RAMP }, (_, k) => {
+    const opacity = least + ((full - least) * k) / (RAMP - 1);
+    return ((Math.round(255 * opacity) << 24) | base) >>> 0;
+  });
 }

@@ -1,6 +1,7 @@
 // The legend of a picture.
 
 import { FLEEING } from "./episode.js";
+import { number } from "./words.js";
 
 // Return [[sign, words]] for an episode.
 export function legendOf(episode, ground, layer) {
@@ -16,12 +17,6 @@ export function legendOf(episode, ground, layer) {
   if (kinds.has("fault")) entries.push(["stuck", "failed"]);
   if (episode.losesMessages) entries.push(["lost", "message lost"]);
   const what = { unseen: "target here undetected for", idle: "not sensed for" }[layer];
-  if (what) entries.push(["ramp", `${what} ${span(ground.scales[layer])}`]);
+  if (what) entries.push(["ramp", `${what} 0 – ${number(ground.full(layer))} s or more`]);
   return entries;
-}
-
-// Return the range of the colours, and the longest age beyond it.
-function span({ full, most }) {
-  const words = (value) => String(Number(value.toPrecision(2)));
-  return `0 – ${words(full)} s${most > 1.02 * full ? ` and more (longest ${words(most)} s)` : ""}`;
 }

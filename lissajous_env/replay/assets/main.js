@@ -6,5 +6,5 @@ import { start } from "./start.js";
 
 start("lissajous replay 1", async (data) => {
   const episodes = await Promise.all(data.episodes.map(unpackedEpisode));
-  globalThis.replay = new Page(episodes, data.theme, data.at);
+  globalThis.replay = new Page(episodes, data.at);
 });

@@ -2,25 +2,20 @@
 
 import { Camera } from "./camera.js";
 import { placeCharts } from "./chart.js";
-import { coloursOf } from "./colours.js";
 import { bindControls } from "./controls.js";
 import { bindGestures } from "./gestures.js";
-import { gradientOf, shareScales } from "./ground.js";
+import { gradientOf } from "./ground.js";
 import { Inspector } from "./inspector.js";
 import { legendOf } from "./legend.js";
 import { Link } from "./link.js";
 import { Player } from "./player.js";
 import { shareExtents, Stage } from "./stage.js";
-import { beginTheme, currentTheme } from "./theme.js";
-import { Tiles } from "./tiles.js";
 import { numeral, Timeline } from "./timeline.js";
 import { button, byId, element } from "./words.js";
 
-
 export class Page {
-  // The default theme is that of the system. `at`, the moment and the robot to begin with, is given in a frame, whose
-  // outer page maintains the address.
-  constructor(episodes, theme, at) {
+  // `at`: moment and robot to begin with, as in an address; by default those of the page's address.
+  constructor(episodes, at = location.hash) {
     this.episodes = episodes;
     this.camera = new Camera();
     this.duration = Math.max(...episodes.map((episode) => episode.duration));
@@ -29,25 +24,17 @@ export class Page {
     this.timeline = new Timeline(byId("timeline"), episodes, this.duration);
     this.title();
     this.views = episodes.map((episode) => this.view(episode));
-    shareScales(this.views.map((view) => view.stage.ground));
-    this.layer = this.views[0].stage.ground.layers()[0][0];
-    this.charts = placeCharts(byId("charts"), byId("chart"), episodes, (each) => this.named(each), (time) =>
-      this.player.seek(time),
-    );
-    this.link = new Link(this, at !== undefined);
+    const seek = (time) => this.player.seek(time);
+    this.charts = placeCharts(byId("charts"), byId("chart"), episodes, (episode) => this.named(episode), seek);
+    this.link = new Link(this);
     bindControls(this);
     new ResizeObserver(() => this.resize()).observe(byId("episodes"));
     addEventListener("resize", () => this.resize());
-    this.legend();
-    beginTheme(() => this.paint(), theme);
+    this.lay(this.views[0].stage.ground.layers()[0][0]);
     this.select(-1);
     this.resize();
-    this.link.follow(at ?? location.hash);
+    this.link.follow(at);
     this.move();
-  }
-
-  get viewing() {
-    return { colours: coloursOf(currentTheme()), layer: this.layer, selected: this.selected };
   }
 
   title() {
@@ -60,8 +47,7 @@ export class Page {
     scrub.max = String(this.duration);
     scrub.step = String(this.episodes[0].step);
     byId("lanes").replaceChildren(...this.timeline.names().map((words) => element("span", "", words)));
-    byId("episodes").classList.toggle("two", this.episodes.length > 1);
-    byId("charts").classList.toggle("two", this.episodes.length > 1);
+    for (const id of ["episodes", "charts"]) byId(id).classList.toggle("two", this.episodes.length > 1);
   }
 
   named(episode) {
@@ -74,53 +60,47 @@ export class Page {
     const canvas = box.querySelector("canvas");
     const stage = new Stage(canvas, episode, this.camera);
     box.querySelector(".policy").textContent = this.named(episode);
-    canvas.setAttribute(
-      "aria-label",
-      `${episode.count} robots in ${episode.about.name}, played by ${episode.raw.policy}`,
-    );
+    const words = `${episode.count} robots in ${episode.about.name}, played by ${episode.raw.policy}`;
+    canvas.setAttribute("aria-label", words);
     bindGestures(canvas, stage, () => this.look());
-    const inspector = new Inspector(box.querySelector(".inspector"), episode, (robot) => this.select(robot));
+    const inspector = new Inspector(box.querySelector(".inspector"), episode);
     canvas.addEventListener("click", (event) => {
       const frame = canvas.getBoundingClientRect();
       const robot = stage.pick(event.clientX - frame.left, event.clientY - frame.top);
       this.select(robot === this.selected ? -1 : robot);
     });
-    byId("episodes").append(box);
-    const tiles = new Tiles(box.querySelector(".stage-head .row"), episode);
-    const view = { box, canvas, stage, inspector, episode, tiles };
-    this.addLayers(box.querySelector(".stage-foot .choices"), stage);
-    return view;
-  }
-
-  addLayers(box, stage) {
-    for (const [layer, words] of stage.ground.layers()) {
-      const choice = button("", words, () => this.lay(layer));
+    for (const [layer, name] of stage.ground.layers()) {
+      const choice = button("", name, () => this.lay(layer));
       choice.dataset.layer = layer;
-      box.append(choice);
+      box.querySelector(".layers").append(choice);
     }
+    byId("episodes").append(box);
+    return { box, canvas, stage, inspector, episode };
   }
 
-  // Go to an event and select its robot.
+  // Go to an event, if there is one, and select its robot.
   step(event) {
     if (!event) return;
     this.player.toggle(false);
     this.player.seek(event.time);
-    if (event.robots.length && event.robots[0] !== this.selected) this.select(event.robots[0]);
+    if (event.robots.length) this.select(event.robots[0]);
   }
 
-  selectIfThere(robot) {
-    if (robot < this.episodes[0].count) this.select(robot);
-  }
-
+  // Show a layer of the ground.
   lay(layer) {
     this.layer = layer;
-    this.legend();
+    for (const view of this.views) {
+      const entries = legendOf(view.episode, view.stage.ground, layer).map(([mark, words]) => {
+        const sign = element("i", `sign ${mark}`);
+        if (mark === "ramp") sign.style.background = gradientOf(layer);
+        return element("span", "pair", sign, words);
+      });
+      view.box.querySelector(".legend").replaceChildren(...entries);
+    }
+    for (const choice of document.querySelectorAll("[data-layer]")) {
+      choice.setAttribute("aria-pressed", String(choice.dataset.layer === layer));
+    }
     this.draw();
-  }
-
-  nextLayer() {
-    const layers = this.views[0].stage.ground.layers().map(([layer]) => layer);
-    this.lay(layers[(layers.indexOf(this.layer) + 1) % layers.length]);
   }
 
   // Zoom and pan the camera, which all pictures share.
@@ -141,27 +121,6 @@ export class Page {
     this.move();
   }
 
-  paint() {
-    if (this.timeline.width) this.timeline.draw(this.viewing.colours);
-    this.draw();
-  }
-
-  legend() {
-    for (const view of this.views) {
-      const box = view.box.querySelector(".legend");
-      box.replaceChildren(
-        ...legendOf(view.episode, view.stage.ground, this.layer).map(([mark, words]) => {
-          const sign = element("i", `sign ${mark}`);
-          if (mark === "ramp") sign.style.background = gradientOf(this.layer);
-          return element("span", "pair", sign, words);
-        }),
-      );
-    }
-    for (const choice of document.querySelectorAll("[data-layer]")) {
-      choice.setAttribute("aria-pressed", String(choice.dataset.layer === this.layer));
-    }
-  }
-
   resize() {
     const ratio = Math.min(globalThis.devicePixelRatio || 1, 2);
     shareExtents(this.views.map((view) => view.stage));
@@ -173,8 +132,7 @@ export class Page {
       view.canvas.style.height = `${height}px`;
       view.stage.resize(width, height, ratio);
     }
-    this.timeline.resize(byId("timeline").clientWidth, ratio);
-    this.timeline.draw(this.viewing.colours);
+    this.timeline.draw(byId("timeline").clientWidth, ratio);
     this.draw();
   }
 
@@ -191,14 +149,13 @@ export class Page {
 
   // Place the charts beside a picture that is higher than wide.
   flow(room) {
-    const [{ stage }] = this.views,
-      share = stage.heightFor(1000) / 1000;
+    const share = this.views[0].stage.heightFor(1000) / 1000;
     document.body.classList.toggle("tall", this.episodes.length === 1 && share > 1);
     byId("episodes").parentElement.style.setProperty("--picture", `${Math.max(Math.round(room / share) + 14, 420)}px`);
   }
 
   draw() {
-    for (const view of this.views) if (view.stage.width) view.stage.draw(this.player.time, this.viewing);
+    for (const { stage } of this.views) if (stage.width) stage.draw(this.player.time, this.layer, this.selected);
   }
 
   // Update everything for the current moment.
@@ -206,10 +163,7 @@ export class Page {
     const { time, playing } = this.player;
     this.draw();
     for (const chart of this.charts) chart.move(time);
-    for (const view of this.views) {
-      view.inspector.move(time);
-      view.tiles.move(time);
-    }
+    for (const { inspector } of this.views) inspector.move(time);
     byId("now").textContent = this.player.words();
     byId("scrub").value = String(time);
     byId("scrub").setAttribute("aria-valuetext", `${this.player.words()} s`);

@@ -1,16 +1,12 @@
 // The charts of an episode and their lines.
 
 import { ROBOT_COLOURS, robotColour } from "./colours.js";
-import { detections, deviations, edges, returns, ringDistances, separations, stepRewards, wrapped } from "./derived.js";
+import { detections, deviations, edges, returns, ringDistances, separations } from "./derived.js";
 
 const MOST_LINES = 40;
-const RELATIVE = "relative",
-  WRAPPED = "wrapped",
-  SUMMED = "summed",
-  PER_STEP = "per step";
 
-// The charts of an episode: [{id, title, unit, kinds, lines(kind)}]. `lines` returns
-// {series: [{label, values, colour, ...}], bounds: [[value, words, colour]], least, most, step, summary}.
+// The charts of an episode: [{id, title, unit, series: [{label, values, colour, ...}], bounds: [[value, words, colour]],
+// least, most, stepped, summary}].
 export function chartsOf(episode) {
   const found = [];
   if (episode.about.ring.length > 1) found.push(phases(episode), distances(episode));
@@ -21,89 +17,56 @@ export function chartsOf(episode) {
 }
 
 function phases(episode) {
-  const relative = () => ({
-    series: ofEach(deviations(episode), (k) => k, (k) => `robot ${k}`),
-    summary: "largest",
-    least: -0.1,
-    most: 0.1,
-  });
-  const absolute = () => ({
-    series: ofEach(wrapped(episode), (k) => k, (k) => `robot ${k}`),
-    summary: "",
-    least: 0,
-    most: 2 * Math.PI,
-  });
-  const lines = (kind) => (kind === WRAPPED ? absolute() : relative());
-  return { id: "phases", title: "Phases", unit: "rad", kinds: [RELATIVE, WRAPPED], lines };
+  const series = ofEach(deviations(episode), (k) => k, (k) => `robot ${k}`);
+  return { id: "phases", title: "Phase errors", unit: "rad", series, summary: "largest", least: -0.1, most: 0.1 };
 }
 
 function distances(episode) {
   const { sensing, radius } = episode.about,
     pairs = edges(episode);
-  const lines = () => ({
-    series: ofEach(ringDistances(episode), (k) => pairs[k][0], (k) => pairs[k].join("–")),
-    bounds: [
-      [2 * sensing, "2 r_s (discs part)", "var(--stuck)"],
-      [2 * radius, "2 r (collision)", "var(--touch)"],
-    ],
-    summary: "largest",
-    least: 0,
-  });
-  return { id: "distances", title: "Ring distances", unit: "m", kinds: [], lines };
+  const series = ofEach(ringDistances(episode), (k) => pairs[k][0], (k) => pairs[k].join("–"));
+  const bounds = [
+    [2 * sensing, "2 r_s (discs part)", "var(--stuck)"],
+    [2 * radius, "2 r (collision)", "var(--touch)"],
+  ];
+  return { id: "distances", title: "Ring distances", unit: "m", series, bounds, summary: "largest", least: 0 };
 }
 
 function seen(episode) {
-  const lines = () => {
-    const { appeared, detected } = detections(episode);
-    return {
-      series: [
-        { label: "entered", values: appeared, colour: "var(--muted)", dashed: true, whole: true },
-        { label: "detected", values: detected, colour: "var(--found)", filled: true, whole: true },
-      ],
-      step: true,
-      least: 0,
-    };
-  };
-  return { id: "detections", title: "Detections", unit: "targets", kinds: [], lines };
+  const { appeared, detected } = detections(episode);
+  const series = [
+    { label: "entered", values: appeared, colour: "var(--muted)", dashed: true, whole: true },
+    { label: "detected", values: detected, colour: "var(--found)", filled: true, whole: true },
+  ];
+  return { id: "detections", title: "Detections", unit: "targets", series, stepped: true, least: 0 };
 }
 
 function ages(episode, title, name, colour) {
   const { [`${name}Worst`]: worst, [`${name}Mean`]: mean } = episode.ground;
-  const lines = () => ({
-    series: [
-      { label: "worst case", values: worst, colour: `var(--${colour})`, filled: true },
-      { label: "mean", values: mean, colour: "var(--muted)", dashed: true },
-    ],
-    bounds: [[episode.about.bound, episode.about.bound_name, "var(--stuck)"]],
-    least: 0,
-  });
-  return { id: "age", title, unit: "s", kinds: [], lines };
+  const series = [
+    { label: "worst case", values: worst, colour: `var(--${colour})`, filled: true },
+    { label: "mean", values: mean, colour: "var(--muted)", dashed: true },
+  ];
+  const bounds = [[episode.about.bound, episode.about.bound_name, "var(--stuck)"]];
+  return { id: "age", title, unit: "s", series, bounds, least: 0 };
 }
 
 function collisions(episode) {
-  const { collisions: values, about } = episode;
-  const lines = () => {
-    const count = { label: "collisions", values, colour: "var(--touch)", counted: true, stepped: true, whole: true };
-    const nearest = separations(episode);
-    if (!nearest) return { series: [count], least: 0 };
-    return {
-      series: [count, { label: "smallest distance [m]", values: nearest, colour: "var(--sensing)" }],
-      bounds: [[2 * about.radius, "2 r (collision)", "var(--touch)"]],
-      least: 0,
-    };
-  };
-  return { id: "collisions", title: "Collisions", unit: "", kinds: [], lines };
+  const { collisions: values, about } = episode,
+    series = [{ label: "collisions", values, colour: "var(--touch)", counted: true, stepped: true, whole: true }];
+  const nearest = separations(episode),
+    bounds = nearest ? [[2 * about.radius, "2 r (collision)", "var(--touch)"]] : [];
+  if (nearest) series.push({ label: "smallest distance [m]", values: nearest, colour: "var(--sensing)" });
+  return { id: "collisions", title: "Collisions", unit: "", series, bounds, least: 0 };
 }
 
 function rewards(episode) {
-  const lines = (kind) => {
-    const { used, all } = kind === SUMMED ? returns(episode) : stepRewards(episode);
-    const terms = used.map(({ name, values }, k) => {
-      return { label: name, values, colour: robotColour(k), dashed: k >= ROBOT_COLOURS };
-    });
-    return { series: [{ label: "all", values: all, colour: "var(--ink)" }, ...terms] };
-  };
-  return { id: "reward", title: "Reward by its terms", unit: "per robot", kinds: [SUMMED, PER_STEP], lines };
+  const { used, all } = returns(episode);
+  const terms = used.map(({ name, values }, k) => {
+    return { label: name, values, colour: robotColour(k), dashed: k >= ROBOT_COLOURS };
+  });
+  const series = [{ label: "all", values: all, colour: "var(--ink)" }, ...terms];
+  return { id: "reward", title: "Return by its terms", unit: "per robot", series };
 }
 
 // Return a line per row in the colour of its robot, or for a crowd the smallest, the mean and the largest.
@@ -114,11 +77,7 @@ function ofEach(rows, robotOf, labelOf) {
       return { label: labelOf(k), values, colour: robotColour(robot), robot };
     });
   }
-  const of = (pick) =>
-    Array.from(rows[0], (_, f) => {
-      const all = rows.map((row) => row[f]).filter((value) => value !== null);
-      return all.length ? pick(all) : null;
-    });
+  const of = (pick) => Array.from(rows[0], (_, f) => pick(rows.map((row) => row[f])));
   const mean = (all) => all.reduce((sum, value) => sum + value, 0) / all.length;
   return [
     { label: "largest", values: of((all) => Math.max(...all)), colour: robotColour(3) },

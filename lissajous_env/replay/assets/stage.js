@@ -1,11 +1,10 @@
 // View from above on a canvas: ground, sensors, curve, ring, trails, targets, robots.
 
 import { Bodies } from "./bodies.js";
-import { faded, robotPaint } from "./colours.js";
+import { COLOURS, faded, robotPaint } from "./colours.js";
 import { edges } from "./derived.js";
 import { REMOVED, STUCK } from "./episode.js";
 import { Ground } from "./ground.js";
-import { Labels } from "./labels.js";
 import { paintRogue, Targets } from "./targets.js";
 import { quantile } from "./words.js";
 
@@ -26,7 +25,6 @@ export class Stage {
     this.floor = document.createElement("canvas");
     this.many = episode.count > 40;
     this.nearest = [];
-    this.labels = new Labels();
     this.extent = extentOf(episode);
   }
 
@@ -50,7 +48,8 @@ export class Stage {
     this.body = Math.max(this.scale * this.episode.about.radius, this.many ? 3.4 : 6.5);
     this.bodies = new Bodies(this);
     this.targets = new Targets(this);
-    this.painted = this.laid = "";
+    this.painted = false;
+    this.laid = "";
     this.canvas.style.touchAction = this.camera.isWhole ? "pan-y" : "none";
   }
 
@@ -78,30 +77,30 @@ export class Stage {
     return this.height / 2 - this.scale * (y - this.camera.y);
   }
 
-  draw(time, view) {
+  draw(time, layer, selected) {
     const { context, episode } = this,
-      colours = view.colours,
-      at = episode.at(time);
+      at = episode.at(time),
+      places = this.places(at);
     context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     context.clearRect(0, 0, this.width, this.height);
-    this.paintGround(view, at);
-    this.paintBase(colours);
+    context.drawImage(this.floorOf(layer, at), 0, 0, this.width, this.height);
+    this.paintDiscs(places);
+    this.paintBase();
     context.drawImage(this.base, 0, 0, this.width, this.height);
-    const places = this.places(at);
-    this.paintRing(places, at, colours);
-    this.paintTrails(at, view);
-    this.targets.paint(at, colours);
-    paintRogue(this, at, colours);
-    this.bodies.paintTouches(places, at, colours);
-    this.bodies.paint(places, at, view);
+    this.paintRing(places, at);
+    this.paintTrails(places, at);
+    this.targets.paint(at);
+    paintRogue(this, at);
+    this.bodies.paintTouches(places, at);
+    this.bodies.paint(places, selected);
     this.nearest = places;
   }
 
   places(at) {
     const { x, y, heading, status } = this.episode.robots;
     return Array.from({ length: this.episode.count }, (_, i) => ({
-      x: this.px(this.episode.glide(x, i, at)),
-      y: this.py(this.episode.glide(y, i, at)),
+      x: this.px(this.episode.between(x, i, at)),
+      y: this.py(this.episode.between(y, i, at)),
       heading: this.episode.angleBetween(heading, i, at),
       status: status[i * this.episode.moments + at.moment],
     }));
@@ -123,20 +122,18 @@ export class Stage {
     return [this.px(-half[0]), this.py(half[1]), 2 * half[0] * this.scale, 2 * half[1] * this.scale];
   }
 
-  paintGround(view, at) {
-    const { context, episode } = this,
-      colours = view.colours;
-    context.drawImage(this.floorOf(view, at), 0, 0, this.width, this.height);
+  paintDiscs(places) {
+    const { context, episode } = this;
     context.save();
     context.beginPath();
     context.rect(...this.rectangle());
     context.clip();
     // No discs for a crowd, where they would cover everything.
     const strength = episode.count <= 6 ? 1 : episode.count <= 40 ? 0.55 : 0.15;
-    context.fillStyle = faded(colours.sensing, 0.07 * strength);
-    context.strokeStyle = faded(colours.sensing, 0.5 * strength);
+    context.fillStyle = faded(COLOURS.sensing, 0.07 * strength);
+    context.strokeStyle = faded(COLOURS.sensing, 0.5 * strength);
     context.lineWidth = 1;
-    for (const place of this.places(at)) {
+    for (const place of places) {
       if (place.status === REMOVED || place.status === STUCK) continue;
       context.beginPath();
       context.arc(place.x, place.y, this.scale * episode.about.sensing, 0, 2 * Math.PI);
@@ -147,9 +144,9 @@ export class Stage {
   }
 
   // The rectangle with its cells, redrawn only when these change.
-  floorOf(view, at) {
-    const picture = this.ground.picture(view.layer, at.now, view.colours);
-    const key = `${this.width} ${this.ratio} ${view.colours.card} ${picture ? this.ground.shown : ""}`;
+  floorOf(layer, at) {
+    const picture = this.ground.picture(layer, at.now);
+    const key = picture ? this.ground.shown : layer;
     if (key === this.laid) return this.floor;
     this.laid = key;
     this.floor.width = this.canvas.width;
@@ -157,42 +154,41 @@ export class Stage {
     const context = this.floor.getContext("2d"),
       box = this.rectangle();
     context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
-    context.fillStyle = view.colours.ground;
+    context.fillStyle = COLOURS.ground;
     context.fillRect(...box);
     if (picture) context.drawImage(picture, ...box);
     return this.floor;
   }
 
   // Constant parts: curve and boundary.
-  paintBase(colours) {
-    const key = `${this.width} ${this.height} ${this.ratio} ${colours.card}`;
-    if (key === this.painted) return;
-    this.painted = key;
+  paintBase() {
+    if (this.painted) return;
+    this.painted = true;
     this.base.width = this.canvas.width;
     this.base.height = this.canvas.height;
     const context = this.base.getContext("2d"),
       curve = this.episode.curve,
       count = curve.length / 3;
     context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
-    context.strokeStyle = faded(colours.curve, this.many ? 0.35 : 0.8);
+    context.strokeStyle = faded(COLOURS.curve, this.many ? 0.35 : 0.8);
     context.lineWidth = this.many ? 0.7 : 1.4;
     context.lineJoin = "round";
     context.beginPath();
     for (let k = 0; k < count; k++) context.lineTo(this.px(curve[k]), this.py(curve[count + k]));
     context.closePath();
     context.stroke();
-    context.strokeStyle = colours.edge;
+    context.strokeStyle = COLOURS.edge;
     context.lineWidth = 1;
     context.strokeRect(...this.rectangle());
   }
 
-  paintRing(places, at, colours) {
+  paintRing(places, at) {
     const { context, episode } = this;
     context.lineWidth = 1.3;
     for (const [i, j] of this.edges) {
       if (places[i].status === REMOVED || places[j].status === REMOVED) continue;
       const lost = episode.isCut(i, j, at.moment);
-      context.strokeStyle = lost ? colours.lost : faded(colours.link, this.many ? 0.25 : 0.45);
+      context.strokeStyle = lost ? COLOURS.lost : faded(COLOURS.link, this.many ? 0.25 : 0.45);
       context.setLineDash(lost ? [3, 5] : []);
       context.beginPath();
       context.moveTo(places[i].x, places[i].y);
@@ -202,7 +198,7 @@ export class Stage {
     context.setLineDash([]);
   }
 
-  paintTrails(at, view) {
+  paintTrails(places, at) {
     const { context, episode } = this,
       { x, y } = episode.robots,
       moments = episode.moments;
@@ -212,7 +208,7 @@ export class Stage {
     context.lineJoin = "round";
     context.lineWidth = Math.min(0.5 * this.body, 4);
     for (let i = 0; i < episode.count; i++) {
-      const colour = robotPaint(view.colours, i),
+      const colour = robotPaint(i),
         row = i * moments;
       for (let piece = 0; piece < pieces; piece++) {
         const from = first + Math.floor(((at.moment - first) * piece) / pieces);
@@ -220,26 +216,13 @@ export class Stage {
         context.strokeStyle = faded(colour, (0.5 * (piece + 1)) / pieces);
         context.beginPath();
         context.moveTo(this.px(x[row + from]), this.py(y[row + from]));
-        for (let f = from; f < to; f++) this.curveOn(x, y, row, f);
-        if (piece === pieces - 1) context.lineTo(this.px(episode.glide(x, i, at)), this.py(episode.glide(y, i, at)));
+        for (let k = row + from + 1; k <= row + to; k++) context.lineTo(this.px(x[k]), this.py(y[k]));
+        if (piece === pieces - 1) context.lineTo(places[i].x, places[i].y);
         context.stroke();
       }
     }
   }
 
-  // The path from a moment to the next one, as in `Episode.glide`.
-  curveOn(x, y, row, f) {
-    const last = this.episode.moments - 1,
-      [a, b, c, d] = [f - 1, f, f + 1, f + 2].map((k) => row + Math.min(Math.max(k, 0), last));
-    this.context.bezierCurveTo(
-      this.px(x[b] + (x[c] - x[a]) / 6),
-      this.py(y[b] + (y[c] - y[a]) / 6),
-      this.px(x[c] - (x[d] - x[b]) / 6),
-      this.py(y[c] - (y[d] - y[b]) / 6),
-      this.px(x[c]),
-      this.py(y[c]),
-    );
-  }
 }
 
 // Half of the extent of the whole picture [m]: the rectangle, and the usual positions of robots unless far away.

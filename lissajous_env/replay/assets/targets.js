@@ -1,6 +1,6 @@
 // Draws the targets, undetected, just detected or never detected, and the rogue that a policy misses.
 
-import { faded } from "./colours.js";
+import { COLOURS, faded } from "./colours.js";
 import { FLEEING } from "./episode.js";
 
 export class Targets {
@@ -8,7 +8,7 @@ export class Targets {
     Object.assign(this, { stage, context: stage.context });
   }
 
-  paint(at, colours) {
+  paint(at) {
     const { context, stage } = this,
       { episode } = stage,
       { x, y } = episode.targets,
@@ -24,7 +24,7 @@ export class Targets {
         place = [stage.px(episode.between(x, t, at)), stage.py(episode.between(y, t, at))];
       if (found >= 0 && found <= step) {
         const age = (step - found) / flash;
-        if (age < 1) this.paintFlash(place, age, size, colours);
+        if (age < 1) this.paintFlash(place, age, size);
         if (!episode.about.leave) groups.stays.push(place);
       } else {
         groups[found < 0 ? "missed" : raw.motion[t] === FLEEING ? "flees" : "plain"].push(place);
@@ -39,21 +39,21 @@ export class Targets {
       }
       context.fill();
     };
-    dots(groups.stays, colours.found, size);
-    if (size > 2) dots([...groups.plain, ...groups.flees], colours.card, size + 1.2);
-    dots(groups.plain, colours.target, size);
-    dots(groups.flees, colours.target, size);
-    dots(groups.flees, colours.card, 0.42 * size);
-    this.paintMissed(groups.missed, size, colours);
+    dots(groups.stays, COLOURS.found, size);
+    if (size > 2) dots([...groups.plain, ...groups.flees], COLOURS.card, size + 1.2);
+    dots(groups.plain, COLOURS.target, size);
+    dots(groups.flees, COLOURS.target, size);
+    dots(groups.flees, COLOURS.card, 0.42 * size);
+    this.paintMissed(groups.missed, size);
   }
 
   // Draw a target that is never detected: a cross in a ring.
-  paintMissed(places, size, colours) {
+  paintMissed(places, size) {
     const { context } = this,
       arm = 0.62 * size;
     for (const [colour, wider] of [
-      [colours.card, 2.4],
-      [colours.target, 0],
+      [COLOURS.card, 2.4],
+      [COLOURS.target, 0],
     ]) {
       context.strokeStyle = colour;
       context.lineWidth = (size > 2 ? 1.7 : 1) + wider;
@@ -70,13 +70,13 @@ export class Targets {
     }
   }
 
-  paintFlash([x, y], age, size, colours) {
+  paintFlash([x, y], age, size) {
     const { context } = this;
-    context.fillStyle = faded(colours.found, (1 - age) ** 1.5);
+    context.fillStyle = faded(COLOURS.found, (1 - age) ** 1.5);
     context.beginPath();
     context.arc(x, y, size, 0, 2 * Math.PI);
     context.fill();
-    context.strokeStyle = faded(colours.found, 1 - age);
+    context.strokeStyle = faded(COLOURS.found, 1 - age);
     context.lineWidth = 2;
     context.beginPath();
     context.arc(x, y, size * (1.6 + 2.6 * age), 0, 2 * Math.PI);
@@ -85,7 +85,7 @@ export class Targets {
 }
 
 // Draw the path of a rogue so far and, once it is there, its place: a diamond in a ring.
-export function paintRogue(stage, at, colours) {
+export function paintRogue(stage, at) {
   const { rogue, every } = stage.episode.raw;
   if (!rogue) return;
   const { context } = stage,
@@ -99,15 +99,15 @@ export function paintRogue(stage, at, colours) {
     const [from, to] = [places[after - 1][axis], (places[after] || places[after - 1])[axis]];
     return from + share * (to - from);
   });
-  context.strokeStyle = faded(colours.unseen, 0.75);
+  context.strokeStyle = faded(COLOURS.unseen, 0.75);
   context.lineWidth = 1.6;
   context.beginPath();
   for (const place of [...places.slice(0, after), [x, y]]) context.lineTo(stage.px(place[0]), stage.py(place[1]));
   context.stroke();
   const [px, py] = [stage.px(x), stage.py(y)];
   context.lineWidth = 2;
-  context.fillStyle = step < rogue.until ? colours.unseen : colours.found;
-  context.strokeStyle = colours.card;
+  context.fillStyle = step < rogue.until ? COLOURS.unseen : COLOURS.found;
+  context.strokeStyle = COLOURS.card;
   context.beginPath();
   for (const [right, down] of [[0, -7], [6, 0], [0, 7], [-6, 0]]) context.lineTo(px + right, py + down);
   context.closePath();

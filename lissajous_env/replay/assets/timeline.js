@@ -1,13 +1,14 @@
 // Events over time: a lane for each kind and each episode; a click goes to an event.
 
-import { faded } from "./colours.js";
+import { COLOURS, faded } from "./colours.js";
 
+// Kind of events, words, and colour.
 const LANES = [
-  ["detection", "detected"],
-  ["missed", "missed"],
-  ["rogue", "rogue"],
-  ["touch", "collisions"],
-  ["fault", "faults"],
+  ["detection", "detected", COLOURS.found],
+  ["missed", "missed", COLOURS.target],
+  ["rogue", "rogue", COLOURS.unseen],
+  ["touch", "collisions", COLOURS.touch],
+  ["fault", "faults", COLOURS.stuck],
 ];
 const LANE = 12;
 const NEAR = 7;
@@ -20,15 +21,13 @@ export class Timeline {
     this.lanes = LANES.filter(([kind]) =>
       episodes.some((episode) => episode.events.some((event) => event.kind === kind)),
     );
-    this.rows = this.lanes.flatMap(([kind, words]) => episodes.map((_, k) => ({ kind, words: k ? "" : words, k })));
+    this.rows = this.lanes.flatMap(([kind, words, colour]) =>
+      episodes.map((_, k) => ({ kind, words: k ? "" : words, colour, k })),
+    );
     // Distinct times of events, for stepping.
     this.all = episodes
       .flatMap((episode, k) => episode.events.map((event) => ({ ...event, episode: k })))
       .sort((one, other) => one.time - other.time);
-  }
-
-  get height() {
-    return Math.max(this.rows.length, 1) * LANE + 8;
   }
 
   // Return the names of the lanes; two episodes have separate lanes.
@@ -36,41 +35,24 @@ export class Timeline {
     return this.rows.map((row) => (this.episodes.length > 1 ? `${row.words} ${numeral(row.k)}` : row.words));
   }
 
-  resize(width, ratio) {
+  draw(width, ratio) {
+    const height = Math.max(this.rows.length, 1) * LANE + 8;
     this.width = width;
-    this.ratio = ratio;
     this.canvas.width = Math.round(width * ratio);
-    this.canvas.height = Math.round(this.height * ratio);
-    this.canvas.style.height = `${this.height}px`;
-  }
-
-  colour(kind, colours) {
-    const { found, target, unseen, touch, stuck } = colours;
-    return { detection: found, missed: target, rogue: unseen, touch, fault: stuck }[kind];
-  }
-
-  draw(colours) {
+    this.canvas.height = Math.round(height * ratio);
+    this.canvas.style.height = `${height}px`;
     const context = this.canvas.getContext("2d");
-    context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
-    context.clearRect(0, 0, this.width, this.height);
-    context.font = "10px system-ui, sans-serif";
-    context.textBaseline = "middle";
-    this.rows.forEach((row, k) => {
-      const y = 4 + k * LANE,
-        colour = this.colour(row.kind, colours);
-      context.fillStyle = colours.grid;
-      context.fillRect(0, y + LANE / 2 - 0.5, this.width, 1);
-      for (const event of this.episodes[row.k].events) {
-        if (event.kind !== row.kind) continue;
-        const x = this.x(event.time),
-          wide = Math.max(this.x(event.until) - x, 2);
-        context.fillStyle = ["missed", "rogue", "fault"].includes(row.kind) ? faded(colour, 0.45) : colour;
-        if (row.kind === "detection") context.fillRect(x - 1, y + 1, 2, LANE - 3);
-        else {
-          context.fillRect(x, y + 2, wide, LANE - 5);
-          context.fillStyle = colour;
-          context.fillRect(x - 1, y + 1, 2.5, LANE - 3);
-        }
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    this.rows.forEach(({ kind, colour, k }, row) => {
+      const y = 4 + row * LANE;
+      context.fillStyle = COLOURS.grid;
+      context.fillRect(0, y + LANE / 2 - 0.5, width, 1);
+      for (const event of this.episodes[k].events.filter((each) => each.kind === kind)) {
+        const x = this.x(event.time);
+        context.fillStyle = faded(colour, 0.45);
+        context.fillRect(x, y + 2, this.x(event.until) - x, LANE - 5);
+        context.fillStyle = colour;
+        context.fillRect(x - 1, y + 1, 2, LANE - 3);
       }
     });
   }
@@ -89,11 +71,6 @@ export class Timeline {
       if (event.kind === row.kind && away < least) [best, least] = [event, away];
     }
     return best;
-  }
-
-  // Return true if an event begins at a place [px].
-  begins(event, x) {
-    return Math.abs(this.x(event.time) - x) < NEAR;
   }
 
   before(time) {

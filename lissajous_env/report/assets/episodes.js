@@ -1,134 +1,92 @@
-// The table of all episodes, which can be sorted and filtered; each has a replay or the command for one.
+// The table of all episodes, which can be sorted and filtered; some have a replay.
 
-import { reveal } from "./folding.js";
-import { copied } from "./link.js";
 import { badge } from "./svg.js";
 import { fill, heading, heads, ordered } from "./tables.js";
 import { button, byId, element, number } from "./words.js";
 
 const FIRST = 50;
 const MORE = 250;
+const FILTERS = { scenario: "of-scenario", policy: "of-policy", kind: "of-kind" };
 
 export class Episodes {
   constructor(report, onReplay) {
     Object.assign(this, { report, onReplay, most: FIRST, down: true, order: "" });
-    const { scenario } = report.episodes;
-    this.count = scenario.length;
-    this.columns = new Map(report.columns.map((column) => [column.name, column]));
-    this.shown = report.columns
-      .filter(({ name, listed }) => listed && report.episodes[name].some((value) => value !== null))
-      .map(({ name }) => name);
-    this.replayOf = new Map(Object.entries(report.replays).map(([name, [s, p, seed]]) => [`${s} ${p} ${seed}`, name]));
-    this.choose(
-      "of-scenario",
-      report.scenarios.map((each) => each.name),
+    this.columns = report.columns.filter(
+      ({ name, listed }) => listed && report.episodes[name].some((value) => value !== null),
     );
-    this.choose(
-      "of-policy",
-      report.policies.map((each) => each.name),
-    );
-    this.choose(
-      "of-kind",
-      report.kinds.map((each) => each.words),
-    );
-    this.orders();
-    byId("more").addEventListener("click", () => {
-      this.most += MORE;
-      this.fill();
-    });
+    this.replays = new Map(Object.entries(report.replays).map(([name, [s, p, seed]]) => [`${s} ${p} ${seed}`, name]));
+    this.choose(FILTERS.scenario, report.scenarios.map((scenario) => scenario.name));
+    this.choose(FILTERS.policy, report.policies.map((policy) => policy.name));
+    this.choose(FILTERS.kind, report.kinds.map((kind) => kind.words));
+    byId("more").addEventListener("click", () => this.fill(this.most + MORE));
     this.fill();
   }
 
   choose(name, words) {
     byId(name).append(new Option("all", ""), ...words.map((each, k) => new Option(each, String(k))));
-    byId(name).addEventListener("change", () => {
-      this.most = FIRST;
-      this.fill();
-    });
-  }
-
-  orders() {
-    const known = this.report.columns.filter(({ name }) => this.report.episodes[name].some((value) => value !== null));
-    byId("order").append(
-      new Option("worst first", ""),
-      ...known.flatMap(({ name, title }) => [
-        new Option(`${title}, most first`, `-${name}`),
-        new Option(`${title}, least first`, `+${name}`),
-      ]),
-    );
-    byId("order").addEventListener("change", (event) =>
-      this.sort(event.target.value.slice(1), event.target.value.startsWith("-")),
-    );
-  }
-
-  sort(order, down) {
-    Object.assign(this, { order, down, most: FIRST });
-    byId("order").value = order ? `${down ? "-" : "+"}${order}` : "";
-    this.fill();
+    byId(name).addEventListener("change", () => this.fill());
   }
 
   // Filter by scenario, policy and kind of failure (indices in the data); omitted ones match all.
-  narrow({ scenario = "", policy = "", kind = "" }) {
-    byId("of-scenario").value = String(scenario);
-    byId("of-policy").value = String(policy);
-    byId("of-kind").value = String(kind);
-    this.sort("", true);
-    reveal(byId("episodes"));
+  narrow(wanted) {
+    for (const [name, id] of Object.entries(FILTERS)) byId(id).value = String(wanted[name] ?? "");
+    this.order = "";
+    this.fill();
+    byId("episodes").scrollIntoView({ block: "start" });
   }
 
-  // Return the indices of the listed episodes, in order.
+  // Return the indices of the listed episodes, in order; by default the worst are first.
   places() {
     const { episodes } = this.report,
-      wanted = (name) => byId(name).value;
-    const [s, p, kind] = ["of-scenario", "of-policy", "of-kind"].map(wanted);
-    const found = [];
-    for (let k = 0; k < this.count; k++) {
-      if (s !== "" && episodes.scenario[k] !== Number(s)) continue;
-      if (p !== "" && episodes.policy[k] !== Number(p)) continue;
-      if (kind !== "" && !(episodes.failed[k] & (1 << Number(kind)))) continue;
-      found.push(k);
-    }
-    const values = this.order && episodes[this.order];
+      [s, p, kind] = Object.values(FILTERS).map((id) => byId(id).value);
+    const wanted = (k) =>
+      (s === "" || episodes.scenario[k] === Number(s)) &&
+      (p === "" || episodes.policy[k] === Number(p)) &&
+      (kind === "" || episodes.failed[k] & (1 << Number(kind)));
+    const found = [...episodes.seed.keys()].filter(wanted),
+      values = this.order && episodes[this.order];
     return values ? found.sort((a, b) => ordered(values[a], values[b], this.down) || a - b) : found;
   }
 
-  fill() {
-    const places = this.places();
-    const columns = this.order && !this.shown.includes(this.order) ? [this.order, ...this.shown] : this.shown;
-    const rows = places.slice(0, this.most).map((k) => this.row(k, columns));
-    fill(byId("list"), this.head(columns), rows);
-    const listed =
-      this.report.total > this.count ? ` listed, the worst of ${this.report.total.toLocaleString("en")}` : "";
+  fill(most = FIRST) {
+    this.most = most;
+    const places = this.places(),
+      { total } = this.report,
+      count = this.report.episodes.seed.length;
+    fill(byId("list"), this.head(), places.slice(0, most).map((k) => this.row(k)));
+    const listed = total > count ? ` listed, the worst of ${total.toLocaleString("en")}` : "";
     byId("found").textContent = `${places.length.toLocaleString("en")} episodes${listed}`;
-    byId("more").hidden = places.length <= this.most;
-    byId("more").textContent =
-      `Show ${Math.min(MORE, places.length - this.most)} more of ${(places.length - this.most).toLocaleString("en")}`;
+    byId("more").hidden = places.length <= most;
+    byId("more").textContent = `Show more of ${(places.length - most).toLocaleString("en")}`;
   }
 
-  head(columns) {
-    const sorters = columns.map((name) => {
-      const made = heading(this.columns.get(name).title, "number");
+  head() {
+    const sorters = this.columns.map(({ name, title }) => {
+      const made = heading(title, "number");
       made.firstChild.dataset.column = name;
       if (name === this.order) made.setAttribute("aria-sort", this.down ? "descending" : "ascending");
-      made.firstChild.addEventListener("click", () => this.sort(name, name !== this.order || !this.down));
+      made.firstChild.addEventListener("click", () => {
+        this.down = name !== this.order || !this.down;
+        this.order = name;
+        this.fill();
+      });
       return made;
     });
     return [...heads("scenario", "policy", "seed", "failed"), ...sorters, ...heads("")];
   }
 
-  row(k, columns) {
+  row(k) {
     const { report } = this,
       { episodes } = report;
     const scenario = report.scenarios[episodes.scenario[k]],
       policy = report.policies[episodes.policy[k]];
     const kinds = report.kinds.filter((_, bit) => episodes.failed[k] & (1 << bit)).map((kind) => chip(kind, kind.words));
-    const values = columns.map((column) => {
-      const { name, whole, open } = this.columns.get(column),
-        value = episodes[name][k];
-      const words = value === null ? "–" : whole ? String(value) : number(value);
+    const values = this.columns.map(({ name, whole, open }) => {
+      const value = episodes[name][k],
+        words = value === null ? "–" : whole ? String(value) : number(value);
       return element("td", "number", open && episodes[open][k] === 1 ? `> ${words}` : words);
     });
-    const row = element(
+    return element(
       "tr",
       "",
       element("td", "name", scenario.name),
@@ -136,31 +94,22 @@ export class Episodes {
       element("td", "number", String(episodes.seed[k])),
       element("td", "chips", ...kinds),
       ...values,
-      this.actions(k, scenario, policy),
+      element("td", "actions", ...this.actions(k)),
     );
-    row.dataset.place = k;
-    return row;
   }
 
-  actions(k, scenario, policy) {
-    const made = element("td", "actions"),
-      { report } = this,
-      { episodes } = report;
-    const replay = this.replayOf.get(`${episodes.scenario[k]} ${episodes.policy[k]} ${episodes.seed[k]}`);
-    const command = commandOf(report, scenario, policy, episodes.seed[k]);
-    if (replay) {
-      made.append(button("play", "Replay", () => this.onReplay(replay)));
-      made.firstChild.dataset.replay = replay;
-      const appears = report.replays[replay][4];
-      if (appears !== null) {
-        made.append(button("play rogue", "Rogue", () => this.onReplay(replay, `t=${appears.toFixed(1)}`)));
-        made.lastChild.title = "Replay from where the rogue appears that this policy misses";
-      }
-    } else if (command) {
-      made.append(button("", "Command", () => tell(made, command)));
-      made.firstChild.title = "Show the command for a replay";
-    }
-    return made;
+  // Return the id of the replay of an episode, if there is one.
+  replayOf(k) {
+    const { scenario, policy, seed } = this.report.episodes;
+    return this.replays.get(`${scenario[k]} ${policy[k]} ${seed[k]}`);
+  }
+
+  actions(k) {
+    const replay = this.replayOf(k);
+    if (!replay) return [];
+    const play = button("play", "Replay", () => this.onReplay(replay));
+    play.dataset.replay = replay;
+    return [play];
   }
 }
 
@@ -169,38 +118,4 @@ export function chip(kind, words) {
   const made = element("span", `kind ${kind.name}`, words);
   made.title = kind.about;
   return made;
-}
-
-// Return the command that replays an episode beside the reference, if a command can name it.
-function commandOf(report, scenario, policy, seed) {
-  if (!scenario.command || !policy.named) return null;
-  const [name, ...changes] = scenario.command.split(" --set "),
-    reference = report.policies[scenario.reference];
-  const against = reference && reference.named && reference !== policy ? ` --against ${quoted(reference.name)}` : "";
-  const file = `${scenario.name}-${policy.name}-${seed}.html`.replaceAll(/[^\w.-]+/g, "-");
-  const set = changes.length ? ` --set ${changes.join(" --set ")}` : "";
-  return `lissajous replay ${name} ${quoted(policy.name)} --seed ${seed}${against} --out ${file}${set}`;
-}
-
-function quoted(word) {
-  return /^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\"'\"'")}'`;
-}
-
-// Show a command in a separate row and copy it.
-function tell(cell, command) {
-  const row = cell.parentElement,
-    next = row.nextElementSibling;
-  if (next && next.classList.contains("told")) {
-    next.remove();
-    return;
-  }
-  const code = element("code", "", command),
-    said = element("small", "muted"),
-    wide = element("td", "", code, said);
-  wide.colSpan = row.cells.length;
-  row.after(element("tr", "told", wide));
-  copied(command).then((done) => {
-    getSelection().selectAllChildren(code);
-    said.append(done ? "copied" : "selected; press Ctrl+C");
-  });
 }

@@ -1,31 +1,25 @@
-// The report of a benchmark: the ranking first, then what failed, each scenario, and all episodes.
+// The report of a benchmark: all scenarios together, then what failed, each scenario, and all episodes.
 
 import { Episodes } from "./episodes.js";
 import { showFailures } from "./failures.js";
-import { beginFolding, reveal } from "./folding.js";
-import { showRankings } from "./ranking.js";
+import { showOverall } from "./overall.js";
 import { scenarioSection } from "./scenario.js";
 import { start } from "./start.js";
 import { facts } from "./tables.js";
-import { beginTheme } from "./theme.js";
 import { Viewer } from "./viewer.js";
 import { byId, element } from "./words.js";
 
-
 function begin(report) {
-  beginTheme();
   const viewer = new Viewer(...replaysOf(report));
-  const episodes = new Episodes(report, (id, place) => viewer.open(id, place));
-  showRankings(report);
+  const episodes = new Episodes(report, (id) => viewer.open(id));
+  showOverall(report);
   showFailures(report, (wanted) => episodes.narrow(wanted));
-  byId("scenarios").append(
-    ...report.scenarios.map((scenario, s) =>
-      scenarioSection(report, scenario, s, (place) => pick(report, viewer, episodes, place)),
-    ),
+  const sections = report.scenarios.map((scenario, s) =>
+    scenarioSection(report, scenario, s, (place) => pick(report, viewer, episodes, place)),
   );
+  byId("scenarios").append(...sections);
   contents(report);
   byId("made").append(element("dl", "row muted facts-row", ...facts(Object.entries(report.made))));
-  beginFolding();
   globalThis.report = { report, viewer, episodes };
 }
 
@@ -49,16 +43,15 @@ function replaysOf(report) {
 
 // Open the replay of a clicked episode, or else its row in the table.
 function pick(report, viewer, episodes, place) {
-  const of = report.episodes,
-    key = `${of.scenario[place]} ${of.policy[place]} ${of.seed[place]}`;
-  const replay = episodes.replayOf.get(key);
+  const { scenario, policy } = report.episodes,
+    replay = episodes.replayOf(place);
   if (replay) viewer.open(replay);
-  else episodes.narrow({ scenario: of.scenario[place], policy: of.policy[place] });
+  else episodes.narrow({ scenario: scenario[place], policy: policy[place] });
 }
 
 function contents(report) {
   const links = [
-    ...(report.rankings.length ? [["ranking", "Ranking"]] : []),
+    ...(report.overall.length ? [["overall", "All scenarios"]] : []),
     ["failures", "Failures"],
     ...report.scenarios.map((scenario, s) => [`scenario-${s}`, scenario.name]),
     ["episodes", "All episodes"],
@@ -66,9 +59,8 @@ function contents(report) {
   for (const [id, words] of links) {
     const link = element("a", "", words);
     link.href = `#${id}`;
-    link.addEventListener("click", () => reveal(byId(id)));
     byId("contents").append(link);
   }
 }
 
-start("lissajous report 2", begin);
+start("lissajous report 3", begin);

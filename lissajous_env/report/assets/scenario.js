@@ -1,6 +1,5 @@
-// A scenario: its policies with their distributions, best first, and the undetected share over time.
+// A scenario: its policies with their distributions, best first, and detection against collisions.
 
-import { comparison } from "./against.js";
 import { chip } from "./episodes.js";
 import { figure, pictures } from "./figures.js";
 import { scaleOf } from "./scales.js";
@@ -19,7 +18,6 @@ export function scenarioSection(report, scenario, s, onPick) {
   fillPolicies(report, scenario, s, box.querySelector("table"));
   box.querySelector(".scroll").after(...scenario.notes.map((words) => element("p", "muted note", words)));
   box.querySelector(".plots").replaceWith(pictures(...plotsOf(report, scenario)));
-  if (scenario.against) box.append(comparison(report, scenario));
   box.addEventListener("click", (event) => {
     const dot = event.target.closest("[data-episode]");
     if (dot) onPick(Number(dot.dataset.episode));
@@ -32,8 +30,7 @@ export function scenarioSection(report, scenario, s, onPick) {
 function light(box) {
   const turn = (policy) => {
     box.classList.toggle("lit", policy !== undefined);
-    for (const part of box.querySelectorAll("[data-policy]"))
-      part.classList.toggle("on", part.dataset.policy === policy);
+    for (const part of box.querySelectorAll("[data-policy]")) part.classList.toggle("on", part.dataset.policy === policy);
   };
   box.addEventListener("pointerover", (event) => turn(event.target.closest("[data-policy]")?.dataset.policy));
   box.addEventListener("pointerleave", () => turn(undefined));
@@ -103,7 +100,7 @@ function measured(report, s, policy, { measure, scale, best }) {
   const of = policy.cells[measure.column],
     look = report.policies[policy.policy];
   const words = reading(of.words, of.between, of.words === best ? "best" : "");
-  if (of.known < policy.episodes) words.append(element("small", "muted", `(${of.known}/${policy.episodes})`));
+  if (of.known && of.known < policy.episodes) words.append(element("small", "muted", `(${of.known}/${policy.episodes})`));
   const value = of.value !== null && of.words.startsWith(">") ? Number.MAX_VALUE : of.value;
   const made = cell(measure.strip ? "wide" : "", value, words);
   if (measure.strip) {
@@ -114,58 +111,11 @@ function measured(report, s, policy, { measure, scale, best }) {
 }
 
 function plotsOf(report, scenario) {
-  const found = [];
-  if (scenario.times.length) found.push(survival(report, scenario));
   const both = report.tradeoff.map((column) => scenario.measures.find((measure) => measure.column === column));
-  if (both.every((measure) => measure)) found.push(against(report, scenario, ...both));
-  return found;
+  return both.every((measure) => measure) ? [tradeoff(report, scenario, ...both)] : [];
 }
 
-function survival(report, scenario) {
-  // Choose the range where most curves fall.
-  const end = scenario.times.at(-1);
-  const halves = scenario.policies.map(
-    (of) => scenario.times[of.curve ? of.curve.findIndex((share) => share !== null && share < 0.5) : -1] ?? end,
-  );
-  const axes = {
-    x: {
-      scale: scaleOf([...halves, end]),
-      title: "time since the target appeared [s]",
-      lines: [[scenario.bound, scenario.bound_name]],
-    },
-    y: { scale: scaleOf([1]), title: "" },
-  };
-  return figure("Undetected targets", "share of the targets, Kaplan-Meier estimate", axes, (plot) => {
-    for (const of of scenario.policies) {
-      if (!of.curve) continue;
-      const policy = report.policies[of.policy],
-        group = svg("g", { "data-policy": of.policy, class: "series" });
-      const line = plot.path(
-        scenario.times,
-        of.curve,
-        { class: `curve${policy.hollow ? " hollow" : ""}`, ...coloured(policy) },
-        { stepped: true },
-      );
-      group.append(svg("title", {}, policy.name), line);
-      const known = of.curve.filter((share) => share !== null && share > 0.004).length,
-        spread = (of.policy % 6) * 7;
-      for (let k = 24 + spread; k < known; k += 60) {
-        group.append(
-          svg(
-            "g",
-            {
-              transform: `translate(${plot.x(scenario.times[k]).toFixed(1)} ${plot.y(of.curve[k]).toFixed(1)}) scale(0.75)`,
-            },
-            markOf(policy),
-          ),
-        );
-      }
-      plot.picture.append(group);
-    }
-  });
-}
-
-function against(report, scenario, across, up) {
+function tradeoff(report, scenario, across, up) {
   const of = (policy, measure) => policy.cells[measure.column],
     shown = scenario.policies.filter((policy) => of(policy, across).value !== null);
   const ends = (measure) => shown.flatMap((policy) => [of(policy, measure).value, ...of(policy, measure).interval]);
@@ -182,12 +132,6 @@ function against(report, scenario, across, up) {
     y: { scale: scaleOf(ends(up), [], 1), title: "" },
   };
   return figure("Detection against collisions", `${up.title} per episode; bars: 95 % intervals`, axes, (plot) => {
-    const near = 5,
-      places = shown.map((policy) => [
-        plot.x(of(policy, across).value),
-        plot.y(of(policy, up).value),
-      ]);
-    const taken = places.map(([x, y]) => [x - near, y - near, x + near, y + near]);
     for (const policy of shown) {
       const [x, y] = [of(policy, across), of(policy, up)],
         look = report.policies[policy.policy];
@@ -200,30 +144,7 @@ function against(report, scenario, across, up) {
         svg("g", { transform: `translate(${left.toFixed(1)} ${top.toFixed(1)})` }, markOf(look)),
       );
       plot.picture.append(group);
-      label(plot, group, look.name, left, top, taken);
     }
   });
 }
 
-// Place a name beside its point without overlaps, off the horizontal interval if there is room.
-function label(plot, group, words, x, y, taken) {
-  const wide = 5.6 * words.length,
-    left = x + 9 + wide > plot.width;
-  for (const off of [-5, 13, 3, -17]) {
-    if (plot.y(0) < y + off) continue;
-    const box = left
-      ? [x - 9 - wide, y + off - 9, x - 9, y + off + 2]
-      : [x + 9, y + off - 9, x + 9 + wide, y + off + 2];
-    if (taken.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3]))
-      continue;
-    taken.push(box);
-    group.append(
-      svg(
-        "text",
-        { x: left ? x - 9 : x + 9, y: y + off, "text-anchor": left ? "end" : "start", class: "point-name" },
-        words,
-      ),
-    );
-    return;
-  }
-}

@@ -5,14 +5,12 @@ import { scaleOf } from "./scales.js";
 import { start } from "./start.js";
 import { badge, coloured, svg } from "./svg.js";
 import { cell, facts, fill, heading, heads, sortable } from "./tables.js";
-import { beginTheme } from "./theme.js";
 import { Viewer } from "./viewer.js";
 import { byId, element, number } from "./words.js";
 
 const LEARNED = { colour: 0, mark: "o", hollow: false, name: "policy" };
 
 function begin(training) {
-  beginTheme();
   const viewer = new Viewer(training.replays, (id, others) => others[0]);
   const [latest] = Object.keys(training.replays);
   byId("play").hidden = latest === undefined;
