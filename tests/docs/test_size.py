@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 52_359
+LINES = 52_329
 """Lines of the packages."""
-MODULES = 360
+MODULES = 361
 """Files of the packages."""
-TESTS = 32_213
+TESTS = 32_212
 """Lines of the tests."""
 
 
