@@ -9,7 +9,7 @@ LINES = 50_263
 """Lines of the packages."""
 MODULES = 357
 """Files of the packages."""
-TESTS = 31_049
+TESTS = 31_009
 """Lines of the tests."""
 
 
