@@ -7,13 +7,11 @@ from functools import partial
 from baselines import policies
 from baselines.policies.base import Policy
 from baselines.policies.combinations import COMBINATIONS, ON_REQUEST, register_coordinator, with_tracker
-from baselines.policies.coordinators.in_numpy import NumpyCoordinator
+from baselines.policies.coordinators.base import NumpyCoordinator
 from baselines.policies.patrol import Laps, RandomWaypoint, Still, Sweep
 from baselines.policies.reacting import Chase, Follow, Force, Index, Lanes
-from baselines.policies.registry import make, names, register, register_filter, register_opener
+from baselines.policies.registry import make, names, register
 from baselines.policies.rows import Rows
-from baselines.policies.safety.filter import Safe
-from baselines.policies.safety.proved import Proved
 
 __all__ = [
     "NumpyCoordinator",
@@ -26,7 +24,6 @@ __all__ = [
     "plan",
     "register",
     "register_coordinator",
-    "register_opener",
     "with_tracker",
 ]
 
@@ -46,8 +43,6 @@ for _name, _factory, _scenarios, _about in (
     register(_name, "velocity", _factory, made_for=_scenarios, about=_about)
 register("random", None, RandomWaypoint, about="Random waypoints; random phase rates for points.")
 register("still", None, Still, about="No motion.")
-register_filter(Safe)
-register_filter(Proved)
 
 # A policy in a file of its own there registers itself.
 for _module in sorted(each.name for each in pkgutil.walk_packages(policies.__path__, f"{policies.__name__}.")):

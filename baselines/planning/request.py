@@ -23,9 +23,8 @@ from lissajous_env.settings.robot import Robot
 from lissajous_env.settings.targets import Targets
 from lissajous_env.settings.task import Task
 from lissajous_env.theory import closed_forms
-from lissajous_env.theory import design as theory
-from lissajous_env.theory.design import Candidate
-from lissajous_env.theory.geometry import largest_speed
+from lissajous_env.theory.design import Design, best_design
+from lissajous_env.theory.geometry import curve_length, largest_speed, turning_radius
 from lissajous_env.wording import shown
 
 _SWEEPS = 12
@@ -191,20 +190,23 @@ class Request:
         width, height, radius = self.width or 0.0, self.height or 0.0, self.sensor_radius or 0.0
         robot = _robot(Robot(kind="curve"), self)
         chosen = _best_design(width / 2, height / 2, robot, radius, robot.top_speed, num_robots, inset)
+        # Mean distance along the curve for a radian of the robots' phase [m/rad].
+        unit = chosen.alpha * curve_length(chosen.curve.driven) / (2 * math.pi)
         moving = self.rogue_speed or 0.0
         base = Scenario(
             name="plan",
-            formation=Formation(start_noise=_START * robot.radius / _unit(chosen)),
+            formation=Formation(start_noise=_START * robot.radius / unit),
             targets=Targets(
                 count=0, arrival_rate=1.0, entry=self.entry or "inside", wandering=1.0 if moving else 0.0,
                 speed=moving, speed_limit=moving,
             ),
             task=Task(duration=10.0),
         )  # fmt: skip
-        fields = _apart(chosen, num_robots)
-        if robot.kind == "differential":
-            fields = {name: value for name, value in fields.items() if not name.startswith("robot.")} | {"robot": robot}
-        return named.build(base, **fields)
+        if robot.kind == "curve":
+            # A point is as fast at action 1 as the robots are where the curve is fastest.
+            fastest = robot.top_speed / (chosen.alpha * largest_speed(chosen.curve.driven))
+            robot = dataclasses.replace(robot, speed_max=None, phase_rate_max=fastest)
+        return named.build(base, **chosen.overrides, robot=robot, **{"sensing.radius": radius})
 
     def _changed(self, scenario: Scenario, num_robots: int) -> Scenario:
         """Return the given scenario with what the request changes."""
@@ -230,9 +232,7 @@ class Request:
             inset = 0.0 if self.open else scenario.inset
             speed = robot.top_speed if robot.kind != "curve" else self.speed or top_speed(scenario)
             sensor = self.sensor_radius or scenario.sensing_radius
-            chosen = _best_design(*halves, robot, sensor, speed, num_robots, inset)
-            given = _apart(chosen, num_robots).items()
-            changed |= {name: value for name, value in given if name.split(".")[0] in ("curve", "formation")}
+            changed |= _best_design(*halves, robot, sensor, speed, num_robots, inset).overrides
             changed |= {f"faults.{name}": () for name in ("schedule", "removed")}
             changed |= {"robot.count": None, "sensing.radius": sensor}
             changed["task.grid"] = _cells(halves, _GRID)
@@ -267,51 +267,25 @@ def _robot(robot: Robot, request: Request) -> Robot:
 
 
 def _best_design(
-    half_width: float,
-    half_height: float,
-    robot: Robot,
-    sensor_radius: float,
-    speed: float,
-    num_robots: int,
-    inset: float,
-) -> Candidate:
-    """Return the design of the paper's formation that meets the bounds best."""
-    return theory.design(
-        half_width,
-        half_height,
-        robot.radius,
-        sensor_radius,
-        speed,
-        num_robots,
-        wheelbase=_wheelbase(robot),
-        steering_max=robot.steering_max,
-        lateral_acceleration_max=robot.lateral_acceleration_max,
-        inset=inset,
-    )[0]
-
-
-def _wheelbase(robot: Robot) -> float | None:
-    """Return the wheelbase of a car, or of one that turns like a robot of another model [m]; None for points."""
-    if robot.kind == "car":
-        return robot.wheelbase
-    as_car = model_of(robot.kind).as_car
-    return None if as_car is None else as_car.turning_radius(robot) * math.tan(robot.steering_max)
-
-
-def _apart(candidate: Candidate, num_robots: int) -> dict[str, Any]:
-    """Return the fields of a design, with a place of its own for each robot at the start.
+    half_width: float, half_height: float, robot: Robot, sensor: float, speed: float, num_robots: int, inset: float
+) -> Design:
+    """Return the design of the paper's formation that meets the bounds best, with a place for each robot at the start.
 
     Four and six robots share places in every stable equilibrium (2) (Lemma 1). They begin equally spaced instead.
     """
-    given = dict(candidate.overrides)
-    if closed_forms.cluster_size(num_robots, given["formation.p"], given["formation.alpha"]) > 1:
-        given |= {"formation.p": 1, "formation.alpha": 1}
-    return given
+    turning, grip = _turning_radius(robot), robot.lateral_acceleration_max
+    best = best_design(half_width, half_height, num_robots, robot.radius, sensor, speed, turning, grip, inset)
+    if closed_forms.cluster_size(num_robots, best.p, best.alpha) > 1:
+        return dataclasses.replace(best, p=1, alpha=1)
+    return best
 
 
-def _unit(candidate: Candidate) -> float:
-    """Return the mean distance along the curve for a radian of the robots' phase [m/rad]."""
-    return candidate.alpha * candidate.mean_speed / candidate.phase_rate
+def _turning_radius(robot: Robot) -> float:
+    """Return the radius of the tightest circle of a car, or of one that a robot moves like [m]; 0 for points."""
+    if robot.kind == "car":
+        return turning_radius(robot.wheelbase, robot.steering_max)
+    as_car = model_of(robot.kind).as_car
+    return 0.0 if as_car is None else as_car.turning_radius(robot)
 
 
 def _times(made: Scenario) -> dict[str, Any]:

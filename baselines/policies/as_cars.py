@@ -141,6 +141,7 @@ def scenario_of_cars(scenario: Scenario) -> Scenario:
         dead_zone=0.0,
         model_offset=None,
         lateral_acceleration_max=robot.lateral_acceleration_max,
+        yaw_acceleration_max=robot.top_yaw_acceleration if robot.kind == "differential" else None,
         drive_factors=(),
     )
     return dataclasses.replace(scenario, robot=car).resolve()

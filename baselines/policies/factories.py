@@ -9,8 +9,7 @@ from typing import Any, cast
 from baselines.policies import registry
 from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
 from lissajous_env.identity import parts_of
-from lissajous_env.parameters import named as named_scenarios
-from lissajous_env.parameters.named import denotes_scenario
+from lissajous_env.parameters.named import bring_scenario, denotes_scenario, meant_here, unknown_scenario
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import import_attribute
 from lissajous_env.wording import few_of, shown
@@ -20,37 +19,26 @@ Factory = Callable[[Scenario, int, Any], ActingPolicy]
 
 
 def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], str]:
-    """Return the scenarios, and the one policy, of some names in any order; a name of both is a scenario.
-
-    `module:attribute` can be either: where nothing else is the policy, the last of these is.
+    """Return the scenarios of a command, and the policy after them.
 
     Raises:
-        ValueError: there is no policy among them, more than one, no scenario, or a name that is neither.
+        ValueError: the policy is not the last of the names, there is no scenario before it, or an unknown scenario.
     """
-    for name in names:
-        if not (denotes_scenario(name) or is_ones_own(name)):
-            named_scenarios.bring_scenario(name)
-            registry.bring(name)
-    either = [name for name in names if is_imported(name)]
-    policies = [name for name in names if is_policy_alone(name)] or either[-1:]
-    asked = [name for name in names if name not in policies and (name in either or denotes_scenario(name))]
-    unknown = [name for name in names if name not in policies and name not in asked]
-    if unknown and len(policies) + len(unknown) > 1:
-        # One of them may be the policy; of the others none is.
-        meant = [*registry.names(), *named_scenarios.meant_here(unknown[0]), *registry.meant_here(unknown[0])]
-        raise ValueError(
-            f"{named_scenarios.unknown_scenario(unknown[0], meant)}\n"
-            "(nor is it a policy: a name that `lissajous policies` lists, a checkpoint's folder, or module:factory)"
-        )
-    if len(policies) > 1:
-        raise ValueError(f"exactly one policy must be given, got {few_of(policies)}")
-    if not policies and not unknown:
+    *scenarios, policy = names
+    for name in scenarios:
+        bring_scenario(name)
+        if registry.is_folder(name) or (name in registry.names() and not denotes_scenario(name)):
+            words = "scenario must be given before the policy (that of a policy's folder is FOLDER/scenario.toml)"
+            raise ValueError(f"{words}, got {few_of(names)}")
+        if not denotes_scenario(name) and not is_imported(name):
+            raise unknown_scenario(name, meant_here(name))
+    if denotes_scenario(policy) and policy not in registry.names() and not registry.is_folder(policy):
         raise ValueError(f"policy must be given after the scenario, got {few_of(names)}")
-    if not asked:
+    if not scenarios:
         raise ValueError(
-            f"scenario must be given before the policy, one that `lissajous scenarios` lists; got {shown(names[0])}"
+            f"scenario must be given before the policy, one that `lissajous scenarios` lists; got {shown(policy)}"
         )
-    return tuple(asked), (policies or unknown)[0]
+    return tuple(scenarios), policy
 
 
 def as_factory(policy: Any, name: str) -> Factory:
@@ -63,7 +51,7 @@ def as_factory(policy: Any, name: str) -> Factory:
     """
     if not isinstance(policy, type) and _acts(policy):
         made_already = cast(ActingPolicy, policy)
-        with contextlib.suppress(Exception):  # which is told when it is played
+        with contextlib.suppress(Exception):  # an error that its play will raise again
             made_already.reset()  # its memory of earlier episodes does not make it another policy
         return _of(policy, lambda *_: made_already)
     if not callable(policy):
@@ -99,16 +87,16 @@ def named(name: str) -> Factory:
     return functools.partial(_registered, name, registry.entry_of(name))
 
 
+def _registered(name: str, sent: Any, scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
+    registry.remember(name, sent)
+    return registry.make(name, scenario, num_worlds, device)
+
+
 def parts(factory: Factory) -> dict[str, str]:
     """Name the parts that identify a policy's factory: `lissajous_env.identity.parts_of`."""
     if isinstance(factory, functools.partial) and factory.func is _registered:
         return registry.parts(factory.args[0])
     return parts_of(getattr(factory, "__wrapped__", factory))
-
-
-def is_policy_alone(name: str) -> bool:
-    """Return whether a name is a registered policy or a policy's folder, and no scenario."""
-    return (name in registry.names() or registry.is_folder(name)) and not denotes_scenario(name)
 
 
 def is_imported(name: str) -> bool:
@@ -136,8 +124,3 @@ def _takes_one(function: Callable[..., Any]) -> bool:
         return True
 
     return takes(1) and not takes(3)
-
-
-def _registered(name: str, sent: Any, scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
-    registry.remember(name, sent)
-    return registry.make(name, scenario, num_worlds, device)

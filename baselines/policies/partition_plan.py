@@ -14,17 +14,11 @@ from functools import lru_cache
 import numpy as np
 
 from baselines.policies.base import UnsuitableScenarioError
-from baselines.policies.driving import SPREAD_MAX, slowest_top_speed
 from baselines.policies.ideal_motion import coverage, worst_undetected_time
-from baselines.policies.loop_shapes import TURN, PartitionParameters, Room, Shape, shapes_of, smallest_distance
-from baselines.policies.transit import Car
+from baselines.policies.loop_shapes import RESERVE, PartitionParameters, Room, Shape, shapes_of, smallest_distance
+from baselines.policies.transit import required_distance, slowest_speed, turning_radius_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.theory.geometry import turning_radius
 
-_RESERVE = 0.75
-"""Share of the top speed and of the grip that the loops use."""
-_ROOM = 1.02
-"""Corners are wider than the tightest turn of the widest-turning car by this factor."""
 _ALIKE = (0, 0, 0.0, 0.0)
 """Pattern in which all loops have the same direction and phase."""
 _TIMES, _REACH = 256, 0.25
@@ -33,6 +27,10 @@ _PLANS = 4
 """Plans of different shapes from which one with a transit is selected where an inset limits the ways."""
 _SHAPES, _PATTERNS = 12, 2
 """Shapes whose motion is followed, and how many of these are tried with all directions and phases."""
+_MOST_SHAPES = 60
+"""Shapes whose motion is followed within an inset if none of the first has a bound."""
+_SENSED = 0.98
+"""Share of the sensing radius within an inset, where errors of the following must not open a gap along a wall."""
 
 
 @dataclass(frozen=True)
@@ -98,41 +96,6 @@ def _check_circle(scenario: Scenario, turning: float) -> None:
         raise UnsuitableScenarioError(f"{rule} {why}, got {scenario.sensing_radius:.3g} m")
 
 
-def turning_radius_of(scenario: Scenario) -> float:
-    """Return the radius that all cars of a scenario can turn on, the one of the longest wheelbase included [m]."""
-    spread = 1 + SPREAD_MAX * scenario.noise.wheelbase_spread
-    return _ROOM * spread * turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
-
-
-def required_distance(scenario: Scenario, parameters: PartitionParameters) -> float:
-    """Return the least distance of two robots in a plan [m]."""
-    radius = scenario.robot.radius
-    return 2 * radius + (radius if parameters.clearance is None else parameters.clearance)
-
-
-def slowest_speed(scenario: Scenario) -> float:
-    """Return the speed below which a car cannot drive for long [m/s]."""
-    robot = scenario.robot
-    if robot.throttle_min <= robot.dead_zone:
-        return 0.0
-    return max((robot.drive * robot.throttle_min - robot.offset) / robot.drag, 0.0)
-
-
-def car_of(scenario: Scenario, parameters: PartitionParameters) -> Car:
-    """Return the constants of the cars of a scenario for a transit: those of the weakest car."""
-    robot, turning, step = scenario.robot, turning_radius_of(scenario), scenario.task.step
-    speed = parameters.speed or _RESERVE * robot.top_speed
-    speed = min(speed, TURN * turning / step, math.sqrt(_RESERVE * robot.lateral_acceleration_max * turning))
-    slowest = max(1.02 * slowest_speed(scenario), 0.15 * robot.top_speed)
-    return Car(turning, max(speed, slowest), slowest, slowest_top_speed(scenario), robot.drag, driven_within(scenario))
-
-
-def driven_within(scenario: Scenario) -> tuple[float, float]:
-    """Return half of the width and height of the rectangle in which cars may drive [m]; infinite without an inset."""
-    driven = scenario.driven
-    return (driven.half_width, driven.half_height) if scenario.inset else (math.inf, math.inf)
-
-
 def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
     """Return the constants that the plan of a scenario depends on."""
     robot, unit, step = scenario.robot, scenario.curve.half_height, scenario.task.step
@@ -140,12 +103,12 @@ def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
         robots=scenario.num_robots,
         half_width=scenario.curve.half_width / unit,
         driven=(scenario.driven.half_width / unit, scenario.driven.half_height / unit),
-        sensing=scenario.sensing_radius / unit,
+        sensing=(_SENSED if scenario.inset else 1.0) * scenario.sensing_radius / unit,
         apart=required_distance(scenario, parameters) / unit,
         turning=turning_radius_of(scenario) / unit,
-        speed=(parameters.speed or _RESERVE * robot.top_speed) * step / unit,
+        speed=(parameters.speed or RESERVE * robot.top_speed) * step / unit,
         slowest=slowest_speed(scenario) * step / unit,
-        grip=_RESERVE * robot.lateral_acceleration_max * step**2 / unit,
+        grip=RESERVE * robot.lateral_acceleration_max * step**2 / unit,
         target_speed=scenario.rogue_speed * step / unit,
     )
 
@@ -164,7 +127,10 @@ def _best(room: Room, parameters: PartitionParameters) -> list[tuple[np.ndarray,
     if not shapes:
         return []
     search = _Search(room, half)
-    for *_, shape in sorted(shapes, key=lambda each: each[:3])[:_SHAPES]:
+    ordered = [shape for *_, shape in sorted(shapes, key=lambda each: each[:3])]
+    for k, shape in enumerate(ordered[: _MOST_SHAPES if room.inside else _SHAPES]):
+        if k >= _SHAPES and search.best[0][0] < math.inf:
+            break
         search.compare(shape, _ALIKE)
     leading = sorted(search.compared, key=lambda each: each[0])[:_PATTERNS]
     for _, shape, _ in () if parameters.in_phase else leading:

@@ -1,6 +1,7 @@
 """The registry of policies: entries by name, filters by the suffix of a name, and loaders of policies in folders.
 
-A name is that of an entry or of a folder, with or without the suffix of a filter: `unwrapped` parts it.
+A registry is a dictionary. A name is that of an entry or of a folder, with or without the suffix of a filter, which
+makes another policy of a policy.
 """
 
 import os
@@ -12,9 +13,10 @@ from typing import Any, NamedTuple
 
 from baselines.policies.as_cars import AsCars
 from baselines.policies.base import Filter, Policy
+from baselines.policies.safety.filter import Safe
 from baselines.policies.safety.filtered import Filtered
+from baselines.policies.safety.proved import Proved
 from lissajous_env import here
-from lissajous_env import scenario as make_scenario
 from lissajous_env.by_value import ByValue, replaces
 from lissajous_env.identity import parts_of
 from lissajous_env.parameters.named import build as build_scenario
@@ -41,17 +43,21 @@ class Entry:
 
 
 class Loader(NamedTuple):
-    """Functions for the policies in folders of one kind; `register_opener` describes them."""
+    """Functions for the policies in folders of one kind."""
 
     make: Callable[..., Policy]
+    """`make(folder, scenario, num_worlds, device)` returns the policy."""
     home: Callable[[str], Scenario]
+    """`home(folder)` returns the scenario of the policy."""
     parts: Callable[[str], dict[str, str]]
+    """`parts(folder)` returns what identifies the policy, as `parts` does."""
 
 
 _REGISTRY: dict[str, Entry] = {}
-_FILTERS: dict[str, type[Filter]] = {}
-_LOADERS: dict[str, Loader] = {}
-"""Loaders of policies in folders, by the file that such a folder contains."""
+_FILTERS: dict[str, type[Filter]] = {each.suffix: each for each in (Safe, Proved)}
+"""Filters, by the suffix that adds them to the name of a policy."""
+LOADERS: dict[str, Loader] = {}
+"""Loaders of policies in folders, by the file that such a folder contains; the last one takes any other folder."""
 _BROUGHT = EntryPoints("lissajous_env.policies", "policies", lambda register_theirs: register_theirs())
 _VELOCITY = "velocity"
 """Kind of policies whose actions are velocities, as in `Scenario.actuation`."""
@@ -76,7 +82,7 @@ def register(
     """Register a policy. Without `factory`, return a decorator, as in `@register("mine", kind="car")`.
 
     Args:
-        name: Name of the policy.
+        name: Name of the policy, without the suffix of a filter.
         kind: Kind of robots that the policy drives, or `velocity`, as in `Policy.kind`; by default the factory's
             `kind`, or that of the class of a partial one; a policy without a kind drives all.
         factory: Function or class, called as `factory(scenario, num_worlds, device)`, that returns the policy.
@@ -97,6 +103,8 @@ def register(
         return partial(register, name, kind, **options)
     if not isinstance(name, str) or not name:
         raise ValueError(f"name of a policy must be a word, got {name!r}")
+    if ending := next(filter(name.endswith, _FILTERS), ""):
+        raise ValueError(f"name of a policy must not end in {ending}, which adds a filter, got {name}")
     origin = _origin(factory)
     kind = getattr(origin[0], "kind", None) if kind is None else kind
     if kind not in (None, *robot_kinds(), _VELOCITY):
@@ -105,9 +113,6 @@ def register(
         )
     if not callable(factory):
         raise ValueError(f"factory of {name} must be callable, got {shown(factory)}")
-    plain, suffix = _parted(name, _REGISTRY)
-    if suffix or any(name + ending in _REGISTRY for ending in _FILTERS):
-        raise ValueError(f"name of a policy must be new, got {name}; {suffix or 'a suffix'} marks a wrapped {plain}")
     before = _origin(_REGISTRY[name].factory) if name in _REGISTRY else origin
     same = len(before) == len(origin) and all(a == b or replaces(a, b) for a, b in zip(origin, before, strict=True))
     if not same:
@@ -122,115 +127,11 @@ def _origin(factory: Any) -> tuple:
     return (factory.func, *factory.args, *factory.keywords.items()) if isinstance(factory, partial) else (factory,)
 
 
-def register_filter(filter: type[Filter]) -> None:
-    """Register a filter, which its suffix adds to policies of its kind by name.
-
-    Raises:
-        ValueError: another filter has the suffix.
-    """
-    if _FILTERS.setdefault(filter.suffix, filter) is not filter:
-        raise ValueError(f"suffix of a filter must be new, got {shown(filter.suffix)}")
-
-
-def register_opener(
-    opener: Callable[..., Policy],
-    home: Callable[..., Scenario],
-    parts: Callable[[str], dict[str, str]],
-    file: str = "checkpoint.json",
-) -> None:
-    """Make folders that contain a certain file names of policies, which `make` accepts.
-
-    Args:
-        opener: Function `opener(folder, scenario, num_worlds, device)` that returns the policy in a folder.
-        home: Function `home(folder)` that returns the scenario of the policy.
-        parts: Function `parts(folder)` that returns the parts of the policy, as `parts` does.
-        file: Name of the file. A folder without any such file is passed to the opener that was registered last.
-    """
-    _LOADERS[file] = Loader(opener, home, parts)
-
-
-def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
-    """Return the names of the policies, or of those that can drive the robots of a scenario; with filters come last."""
-    entries = _entries()
-    found = list(entries)
-    for suffix, each in _FILTERS.items():
-        found += [name + suffix for name, entry in entries.items() if entry.kind in (None, each.kind)]
-    if scenario is None:
-        return tuple(found)
-    kind = (scenario if isinstance(scenario, Scenario) else make_scenario(scenario)).actuation
-    return tuple(name for name in found if _drives(name, kind))
-
-
-def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
-    """Make a policy from its name, or from the folder of a checkpoint or a plan; a suffix adds a filter.
-
-    Raises:
-        ValueError: the name is unknown (the message suggests the closest match), the policy does not fit the scenario,
-            the number of worlds is below 1, or the device is not available.
-    """
-    num_worlds = whole_number("num_worlds", num_worlds)
-    if not isinstance(name, (str, os.PathLike)):
-        raise ValueError(f"policy must be a name or a folder, got {shown(name)}")
-    made = build_scenario(scenario)
-    if is_folder(name):
-        folder, suffix = unwrapped(name)
-        return _filtered(_loader_of(folder).make(folder, made, num_worlds, device), suffix, str(name))
-    check(name, made)
-    return build(name, factory_of(name), made, num_worlds, device)
-
-
-def check(name: str, made: Scenario) -> None:
-    """Raise a ValueError if the name is unknown, or if the policy is for another kind of robot."""
-    bring(name)
-    if entry_of(name) is None:
-        known = names()
-        hint = _player_of(name) or nearest(name, [*known, *meant_here(name)])
-        words = f"policy must be one of the {len(known)} that `lissajous policies` lists, got {shown(name)}{hint}"
-        raise ValueError("; ".join([words, *_BROUGHT.broken]))
-    if not _drives(name, made.actuation):
-        rule = f"policy for {made.name} must drive robots of kind {made.actuation}"
-        raise ValueError(f"{rule}, got {name}, which drives kind {_kind_of(name)}{nearest(name, names(made))}")
-
-
-def build(name: str, factory: Callable[..., Policy], scenario: Scenario, num_worlds: int, device: Any) -> Policy:
-    """Return a policy that a factory makes, under a name of the registry, and with the filter that the name has.
-
-    A policy of cars drives the robots of another model as if they were cars.
-    """
-    plain, suffix = unwrapped(name)
-    if _kind_of(name) not in (None, scenario.actuation):
-        policy: Policy = AsCars(partial(build, name, factory), scenario, num_worlds, device)
-        policy.name = name
-        return policy
-    policy = factory(scenario, num_worlds, device)
-    policy.name = plain
-    return _filtered(policy, suffix, name)
-
-
-def _filtered(policy: Policy, suffix: str, name: str) -> Policy:
-    """Return a policy with the filter of a suffix, under a name; without a suffix, the policy itself."""
-    if not suffix:
-        return policy
-    kind = _FILTERS[suffix].kind
-    if policy.kind not in (None, kind):
-        raise ValueError(f"policy must drive robots of kind {kind} to be wrapped by {suffix}, got {name}")
-    policy = Filtered(policy, _FILTERS[suffix])
-    policy.name = name
-    return policy
-
-
 def unwrapped(name: str) -> tuple[str, str]:
     """Return the name of a policy, or its folder, without the suffix of a filter, and the suffix ("" for none)."""
-    return _parted(name, _entries())
-
-
-def _parted(name: str, entries: dict[str, Entry]) -> tuple[str, str]:
     name = str(name)
-    ways = [(name, ""), *((name.removesuffix(suffix), suffix) for suffix in _FILTERS if name.endswith(suffix))]
-    for plain, suffix in ways:
-        if plain in entries and (not suffix or entries[plain].kind in (None, _FILTERS[suffix].kind)):
-            return plain, suffix
-    return next((way for way in ways if _is_directory(way[0])), ways[0])
+    suffix = next(filter(name.endswith, _FILTERS), "")
+    return (name, "") if _is_directory(name) else (name.removesuffix(suffix), suffix)
 
 
 def _is_directory(name: str) -> bool:
@@ -255,6 +156,20 @@ def factory_of(name: str) -> Callable[..., Policy]:
     return _entries()[unwrapped(name)[0]].factory
 
 
+def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
+    """Return the names of the policies, or of those that can drive the robots of a scenario; with filters come last."""
+    found = [name + suffix for suffix in ("", *_FILTERS) for name in _entries() if _suits(name, suffix)]
+    if scenario is None:
+        return tuple(found)
+    kind = build_scenario(scenario).actuation
+    return tuple(name for name in found if _drives(name, kind))
+
+
+def _suits(plain: str, suffix: str) -> bool:
+    """Return whether a registered policy may have a filter."""
+    return not suffix or _entries()[plain].kind in (None, _FILTERS[suffix].kind)
+
+
 def _kind_of(name: str) -> str | None:
     """Return the kind of robots that a registered policy drives by itself."""
     plain, suffix = unwrapped(name)
@@ -263,24 +178,79 @@ def _kind_of(name: str) -> str | None:
 
 def _drives(name: str, kind: str) -> bool:
     """Return whether a policy drives robots of a kind, by itself or as if they were cars."""
-    own = _kind_of(name)
+    own, (plain, suffix) = _kind_of(name), unwrapped(name)
     if own in (None, kind):
         return True
-    plain, suffix = unwrapped(name)
     as_cars = own == "car" and kind != _VELOCITY and model_of(kind).as_car is not None
     return as_cars and not _entries()[plain].learned and (not suffix or _FILTERS[suffix].as_car)
 
 
+def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
+    """Make a policy from its name, or from the folder of a checkpoint or a plan; a suffix adds a filter.
+
+    Raises:
+        ValueError: the name is unknown (the message suggests the closest match), the policy does not fit the scenario,
+            the number of worlds is below 1, or the device is not available.
+    """
+    num_worlds = whole_number("num_worlds", num_worlds)
+    if not isinstance(name, (str, os.PathLike)):
+        raise ValueError(f"policy must be a name or a folder, got {shown(name)}")
+    made = build_scenario(scenario)
+    if is_folder(name):
+        folder, suffix = unwrapped(name)
+        return _filtered(_loader_of(folder).make(folder, made, num_worlds, device), suffix, str(name))
+    check(name, made)
+    return build(name, factory_of(name), made, num_worlds, device)
+
+
+def check(name: str, made: Scenario) -> None:
+    """Raise a ValueError if the name is unknown, or if the policy is for another kind of robot."""
+    bring(name)
+    entry, suffix = entry_of(name), unwrapped(name)[1]
+    if entry is None:
+        known = names()
+        hint = _player_of(name) or nearest(name, [*known, *meant_here(name)])
+        words = f"policy must be one of the {len(known)} that `lissajous policies` lists, got {shown(name)}{hint}"
+        raise ValueError("; ".join([words, *_BROUGHT.broken]))
+    if not _suits(unwrapped(name)[0], suffix):
+        rule = f"policy must drive robots of kind {_FILTERS[suffix].kind} to be wrapped by {suffix}"
+        raise ValueError(f"{rule}, got {name}, which drives kind {entry.kind}{nearest(name, names(made))}")
+    if not _drives(name, made.actuation):
+        rule = f"policy for {made.name} must drive robots of kind {made.actuation}"
+        raise ValueError(f"{rule}, got {name}, which drives kind {_kind_of(name)}{nearest(name, names(made))}")
+
+
+def build(name: str, factory: Callable[..., Policy], scenario: Scenario, num_worlds: int, device: Any) -> Policy:
+    """Return a policy that a factory makes, under a name of the registry, and with the filter that the name has.
+
+    A policy of cars drives the robots of another model as if they were cars.
+    """
+    plain, suffix = unwrapped(name)
+    if _kind_of(name) not in (None, scenario.actuation):
+        policy: Policy = AsCars(partial(build, name, factory), scenario, num_worlds, device)
+        policy.name = name
+        return policy
+    policy = factory(scenario, num_worlds, device)
+    policy.name = plain
+    return _filtered(policy, suffix, name)
+
+
+def _filtered(policy: Policy, suffix: str, name: str) -> Policy:
+    """Return a policy with the filter of a suffix, under a name; without a suffix, the policy itself."""
+    if suffix:
+        policy = Filtered(policy, _FILTERS[suffix])
+        policy.name = name
+    return policy
+
+
 def is_folder(name: str) -> bool:
     """Return whether a name is that of a folder that a policy may be in, with or without the suffix of a filter."""
-    return bool(_LOADERS) and entry_of(name) is None and _is_directory(unwrapped(name)[0])
+    return bool(LOADERS) and entry_of(name) is None and _is_directory(unwrapped(name)[0])
 
 
 def _loader_of(folder: str) -> Loader:
-    for file, loader in _LOADERS.items():
-        if Path(folder, file).is_file():
-            return loader
-    return [*_LOADERS.values()][-1]
+    fitting = (loader for file, loader in LOADERS.items() if Path(folder, file).is_file())
+    return next(fitting, [*LOADERS.values()][-1])
 
 
 def home(folder: str) -> Scenario:
@@ -306,13 +276,10 @@ def describe(name: str) -> dict[str, Any]:
     plain, suffix = unwrapped(name)
     entry = _entries()[plain]
     about = f"{plain} {_FILTERS[suffix].about}." if suffix else entry.about
+    made_for = list(entry.made_for)
     return {
-        "name": name,
-        "kind": _kind_of(name),
-        "made_for": list(entry.made_for),
-        "learned": entry.learned,
-        "description": about,
-    }
+        "name": name, "kind": _kind_of(name), "made_for": made_for, "learned": entry.learned, "description": about
+    }  # fmt: skip
 
 
 def made_for(name: str, scenario: str) -> bool:
@@ -326,12 +293,6 @@ def ships(name: str) -> bool:
     entry = entry_of(name)
     made = _origin(entry.factory)[0] if entry is not None else None
     return getattr(made, "__module__", "").partition(".")[0] in ("baselines", "training")
-
-
-def is_specialist(name: str) -> bool:
-    """Return whether a policy was made for particular scenarios."""
-    entry = entry_of(name)
-    return entry is not None and bool(entry.made_for)
 
 
 def is_classical(name: str) -> bool:
@@ -363,7 +324,7 @@ def registered_here() -> list[tuple[str, str]]:
 
 def meant_here(name: str) -> list[str]:
     """Return candidates for an unknown name: folders of policies beside it, and policies of the modules here."""
-    folders = [folder for file in _LOADERS for folder in here.folders_beside(name, file)]
+    folders = [folder for file in LOADERS for folder in here.folders_beside(name, file)]
     return [*folders, *(policy for policy, _ in registered_here())]
 
 

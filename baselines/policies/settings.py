@@ -15,10 +15,8 @@ accepted wherever a policy is named, as that of a checkpoint is. Nothing in it i
 """
 
 import dataclasses
-import hashlib
 import inspect
 import os
-import tomllib
 import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -29,11 +27,11 @@ from typing import Any
 from baselines.policies import registry
 from baselines.policies.base import Policy
 from baselines.policies.trackers.base import Coordinated
+from lissajous_env.identity import digest_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.parameters.scenario_file import toml_value
+from lissajous_env.parameters.scenario_file import check_keys, read_toml, toml_value
 from lissajous_env.settings.checks import Checked
-from lissajous_env.storage.files import read_bytes
 from lissajous_env.wording import few_of, nearest, shown
 
 ARGUMENT = "parameters"
@@ -92,24 +90,16 @@ class PolicySettings:
         """Read the settings in a folder.
 
         Raises:
-            ValueError: the file is missing, no plain TOML, or has an unknown entry; the message names it.
+            ValueError: the file is missing, no TOML, or has an unknown entry; the message names it.
         """
         path = Path(folder) / POLICY_FILE
+        given = read_toml(str(path), _LARGEST)
         try:
-            given = tomllib.loads(read_bytes(path, _LARGEST).decode())
-        except RecursionError:
-            raise ValueError(f"{path} must have fewer nested levels") from None
+            check_keys(given, {"policy": (str, "a name")} | dict.fromkeys(_TABLES, (dict, "a table")))
+            if "policy" not in given:
+                raise ValueError("file must contain policy, the name of a policy")
         except ValueError as error:
-            raise ValueError(f"{path} must be a TOML file that can be read: {error}") from error
-        known = {"policy": (str, "text")} | dict.fromkeys(_TABLES, (dict, "a table"))
-        for key, value in given.items():
-            if key not in known:
-                raise ValueError(f"{path} must contain {', '.join(known)}, got {key!r}{nearest(key, known)}")
-            kind, rule = known[key]
-            if not isinstance(value, kind):
-                raise ValueError(f"{path} must contain {key} as {rule}, got {type(value).__name__}")
-        if "policy" not in given:
-            raise ValueError(f"{path} must contain policy, the name of a policy, got {', '.join(given) or 'nothing'}")
+            raise ValueError(f"{path}: {error}") from error
         return cls(**given)
 
     def as_toml(self) -> str:
@@ -156,16 +146,15 @@ def _checked_class(policy: str, table: str, factory: Any, given: Mapping[str, An
     known = [each.name for each in dataclasses.fields(kind)]  # type: ignore[arg-type]
     for name in given:
         if name not in known:
-            raise ValueError(f"{table} of {policy} must be of {few_of(known, name)}, got {shown(name)}"
-                             f"{nearest(name, known)}")  # fmt: skip
+            rule = f"{table} of {policy} must be of {few_of(known, name)}"
+            raise ValueError(f"{rule}, got {shown(name)}{nearest(name, known)}")
     return kind
 
 
 def parameters_class(factory: Any) -> type[Checked] | None:
     """Return the dataclass of a factory's argument `parameters`; None if it has no such argument."""
     made = factory.func if isinstance(factory, partial) else factory
-    hints = typing.get_type_hints(made.__init__ if inspect.isclass(made) else made)
-    hint = hints.get(ARGUMENT)
+    hint = typing.get_type_hints(made.__init__ if inspect.isclass(made) else made).get(ARGUMENT)
     kinds = [each for each in (hint, *typing.get_args(hint)) if inspect.isclass(each) and issubclass(each, Checked)]
     return kinds[0] if kinds else None
 
@@ -186,19 +175,14 @@ def _make(folder: str, scenario: Scenario, num_worlds: int = 1, device: Any = "c
 
 
 def _home(folder: str) -> Scenario:
-    """Return the scenario that the policy of a folder was made for.
-
-    Raises:
-        ValueError: it is missing or invalid; the message names the file.
-    """
+    """Return the scenario that the policy of a folder was made for."""
     return named.build(str(Path(folder) / SCENARIO_FILE))
 
 
 def _parts(folder: str) -> dict[str, str]:
     """Return a digest of the policy's file and the parts of the named policy, which identify a policy in results."""
     settings = PolicySettings.read(folder)
-    digest = hashlib.sha256(settings.as_toml().encode()).hexdigest()[:16]
-    return {f"policy of {POLICY_FILE}": digest} | registry.parts(settings.policy)
+    return {f"policy of {POLICY_FILE}": digest_of(settings.as_toml().encode())} | registry.parts(settings.policy)
 
 
-registry.register_opener(_make, _home, _parts, POLICY_FILE)
+registry.LOADERS[POLICY_FILE] = registry.Loader(_make, _home, _parts)

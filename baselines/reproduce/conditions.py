@@ -70,7 +70,7 @@ def _measured() -> _Ratios:
         n = curve.a + curve.b
         p = closed_forms.default_p(n)
         alpha = closed_forms.default_alpha(curve, n, p)
-        bodies.append(geometry.measured_robot_radius(curve, n) / closed_forms.robot_radius_bound(curve, n))
+        bodies.append(geometry.smallest_distance(curve, n) / 2 / closed_forms.robot_radius_bound(curve, n))
         sensors.append(geometry.measured_coverage_radius(curve, precision=2e-3) / closed_forms.coverage_radius(curve))
         reach = geometry.largest_neighbour_distance(curve, n, p, alpha)
         links.append(reach / 2 / closed_forms.detection_radius(curve, n))
@@ -127,7 +127,7 @@ def _simulated(player: Player) -> tuple[Claim, Claim, Claim]:
     swept = player.play("kuramoto", scenario("failure", **BARE | covering), worlds=SEEDS, only_ends=True)
     bare = scenario("failure", **BARE | {"task.duration": lap})
     undisturbed = player.play("kuramoto", bare, worlds=SEEDS, only_ends=True)
-    bound, measured = closed_forms.robot_radius_bound(curve, n), geometry.measured_robot_radius(curve, n)
+    bound, measured = closed_forms.robot_radius_bound(curve, n), geometry.smallest_distance(curve, n) / 2
     simulated, spacing = undisturbed.score(SEPARATION).min() / 2, undisturbed.score(SPACING).max()
     body = Claim(
         "(6): r_max of curve (16)",

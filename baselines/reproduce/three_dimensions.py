@@ -50,9 +50,9 @@ def fig5(player: Player) -> Part:
     formation, branches = {}, {}
     for c in _SHOWN:
         curves = [dataclasses.replace(plane, half_depth=float(C), c=c) for C in depths]
-        formation[c] = np.array([geometry.measured_robot_radius(each, n) for each in curves])
+        formation[c] = np.array([geometry.smallest_distance(each, n) / 2 for each in curves])
         branches[c] = np.array([branch_radius(each) for each in curves])
-    flat, bound = geometry.measured_robot_radius(plane, n), closed_forms.robot_radius_bound(plane, n)
+    flat, bound = geometry.smallest_distance(plane, n) / 2, closed_forms.robot_radius_bound(plane, n)
 
     with Sheet(
         "fig5", "Fig. 5   Largest body that never collides, against c and C of the curve in space", 7.2, 3.6

@@ -29,7 +29,8 @@ from lissajous_env.logs.car_input import inputs_of
 from lissajous_env.logs.drive_input import twists_of
 from lissajous_env.logs.markers import Shape, ground_shapes, robot_shapes, target_shape
 from lissajous_env.logs.messages import rosbags, type_store
-from lissajous_env.logs.reading import COMMAND, EPISODE, ODOMETRY, PHASE, STATUS
+from lissajous_env.logs.poses import TOPICS
+from lissajous_env.logs.reading import COMMAND, EPISODE, PHASE, STATUS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import replacing
 from lissajous_env.world.state import REMOVED, WORKING
@@ -193,7 +194,7 @@ def _write_robot(
     unknown, measured = np.zeros(36), np.zeros(36)
     measured[0] = -1.0 if without_speed else 0.0
     topics.write(
-        ODOMETRY[0].format(robot),
+        TOPICS[0].format(robot),
         "nav_msgs/msg/Odometry",
         time,
         header=topics.header(time),

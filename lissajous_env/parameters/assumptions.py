@@ -6,11 +6,10 @@ assumptions are also necessary for a robot to follow the curve at all, and one f
 
 import warnings
 from collections.abc import Iterable
-from functools import cache, lru_cache
+from functools import cache
 
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import included_scenarios
-from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms, geometry, starts
 
 _OBSERVED = 4
@@ -80,7 +79,7 @@ def _of_robots(scenario: Scenario) -> list[str]:
             found.append(f"{words}, the points reach {robot.phase_rate_max:.4g} rad/s (robot.phase_rate_max)")
     if robot.kind != "car":
         return found
-    speed, _ = geometry.along_lap(curve)
+    speed, bends = geometry.along_lap(curve)
     fastest, slowest = rate * float(speed.max()), rate * float(speed.min())
     if fastest > robot.top_speed * (1 + geometry.SLACK):
         share = float(speed[speed * rate > robot.top_speed].sum() / speed.sum())
@@ -99,7 +98,7 @@ def _of_robots(scenario: Scenario) -> list[str]:
         words = f"the cars drive at {least:.3g} m/s at least (robot.throttle_min)"
         found.append(f"{words}, the curve requires {slowest:.3g} to {fastest:.3g} m/s")
     turning = geometry.turning_radius(robot.wheelbase, robot.steering_max)
-    bend, share = _sharpest(curve), geometry.tight_share(curve, turning)
+    bend, share = float(bends.min()), geometry.tight_share(curve, turning)
     if bend < turning * (1 - geometry.SLACK):
         words = f"the curve bends at a radius of {bend:.2g} m, the cars turn at {turning:.3g} m (robot.wheelbase)"
         found.append(f"{words}; {share:.1%} of the arc is tighter")
@@ -123,8 +122,3 @@ def _of_start(scenario: Scenario) -> list[str]:
         return []
     words = f"in about {share:.0%} of the episodes, with {pairs:.2g} such pairs of cars per episode"
     return [f"cars start so close and fast that no policy can avoid a collision {words} (formation.start_headway)"]
-
-
-@lru_cache(maxsize=256)
-def _sharpest(curve: Curve) -> float:
-    return geometry.smallest_curvature_radius(curve)

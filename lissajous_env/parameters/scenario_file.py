@@ -39,15 +39,15 @@ _LARGEST = 1 << 16
 """Size of a file [bytes]."""
 
 
-def read_toml(path: str) -> dict[str, Any]:
-    """Read a TOML file, following links.
+def read_toml(path: str, largest: int = _LARGEST) -> dict[str, Any]:
+    """Read a TOML file of at most `largest` bytes, following links.
 
     Raises:
-        ValueError: it is missing, no plain file, above 64 KiB, or no TOML; the message names it.
+        ValueError: it is missing, no plain file, above this size, or no TOML; the message names it.
     """
     try:
         # Some editors write a byte order mark.
-        return tomllib.loads(read_bytes(os.path.realpath(path), _LARGEST).decode("utf-8-sig"))
+        return tomllib.loads(read_bytes(os.path.realpath(path), largest).decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
         hint = "" if os.path.exists(path) else nearest(path, beside(path, SUFFIX))
         raise ValueError(f"{path} must be a TOML file that can be read: {error}{hint}") from error

@@ -55,14 +55,6 @@ def detection_time_bound(phase_rate: float, num_robots: int, clusters: int = 1) 
     return 2 * math.pi / phase_rate * clusters / num_robots
 
 
-def robot_radius_limit(half_width: float, half_height: float, num_robots: int) -> float:
-    """Return the largest r_max of (6) over all curves with a + b = N, sin(pi / N) sqrt(A^2 + B^2) / N [m].
-
-    This is (6) where A^2 a^2 + B^2 b^2 is least, at a / b = B^2 / A^2.
-    """
-    return math.sin(math.pi / num_robots) * math.hypot(half_width, half_height) / num_robots
-
-
 def fewest_robots(half_width: float, half_height: float, sensor_radius: float) -> tuple[int, int, int]:
     """Return the fewest robots that (7) and (8) permit for a sensor, and the smallest odd a and smallest b of (7)."""
 

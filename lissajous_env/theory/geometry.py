@@ -26,16 +26,17 @@ def curve_length(curve: Curve) -> float:
 
 
 @lru_cache(maxsize=64)
-def largest_speed(curve: Curve, places: int | None = None) -> float:
+def largest_speed(curve: Curve) -> float:
     """Return the largest ||r'(gamma)|| of the plane curve [m/rad]; omega times this is the top speed of the formation.
 
-    Args:
-        curve: the curve.
-        places: number of samples on a lap including both ends; None searches to nine digits.
+    It is accurate to nine digits.
     """
-    if places is not None:
-        return float(closed_forms.curve_speed(curve, np.linspace(0, 2 * np.pi, places)).max())
     return -_minimum(lambda gamma: -closed_forms.curve_speed(curve, gamma), lap_phases(curve, 1))
+
+
+@lru_cache(maxsize=64)
+def _sampled_speed(curve: Curve) -> float:
+    return float(closed_forms.curve_speed(curve, np.linspace(0, 2 * np.pi, 4096)).max())
 
 
 def top_speed(curve: Curve, phase_rate: float) -> float:
@@ -43,7 +44,7 @@ def top_speed(curve: Curve, phase_rate: float) -> float:
 
     4096 samples ensure identical bits in all policies; the relative error is below 1e-5 in the paper's scenarios.
     """
-    return phase_rate * largest_speed(curve, places=4096)
+    return phase_rate * _sampled_speed(curve)
 
 
 def curvature_radius(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
@@ -74,11 +75,6 @@ def needed_acceleration(curve: Curve, turning_radius: float = 0.0) -> float:
     return float(np.max(speed**2 / np.maximum(radius, turning_radius)))
 
 
-def smallest_curvature_radius(curve: Curve) -> float:
-    """Return the radius of the sharpest turn of the plane curve [m]."""
-    return _minimum(lambda gamma: curvature_radius(curve, gamma), lap_phases(curve, 4))
-
-
 def turning_radius(wheelbase: float, steering_max: float) -> float:
     """Return the radius of the tightest circle of a car's rear axle, l / tan(delta_max) [m]."""
     return wheelbase / math.tan(steering_max)
@@ -107,34 +103,15 @@ def chord_length(curve: Curve, middle: np.ndarray, half: np.ndarray | float) -> 
     return 2 * np.sqrt(x**2 + y**2 + z**2)
 
 
-def smallest_distance(curve: Curve, num_robots: int, clusters: int = 1) -> float:
-    """Return the smallest distance of two robots over a lap in equilibrium, 2 pi kappa / N apart on the curve [m].
+def smallest_distance(curve: Curve, num_robots: int) -> float:
+    """Return the smallest distance of two robots over a lap in equilibrium, 2 pi / N apart on the curve [m].
 
-    It is 0 for robots that share a place (kappa > 1). Fig. 5 shows half of it in three dimensions.
+    Half of it is the largest body without collisions, of which (6) is a lower bound. Fig. 5 shows it in three
+    dimensions.
     """
-    if clusters > 1:
-        return 0.0
     middle = lap_phases(curve, 1)
     halves = np.pi * np.arange(1, num_robots // 2 + 1) / num_robots
     return min((_minimum(lambda u, v=v: chord_length(curve, u, v), middle) for v in halves), default=math.inf)
-
-
-def measured_robot_radius(curve: Curve, num_robots: int, clusters: int = 1) -> float:
-    """Return half of the smallest distance in formation [m]: the largest body without collisions; (6) is a lower bound.
-
-    For a plane curve and N = a + b only one short stretch has to be searched. All distances are then
-    2 sin(pi k / N) sqrt((A sin(a u))^2 + (B cos(b u))^2), and no zero of sin(a u) is nearer to a zero of cos(b u) than
-    pi / 2ab, which some are, as a is odd and shares no factor with b. The smallest lies between two of these.
-    """
-    if clusters > 1 or curve.half_depth > 0 or num_robots != curve.a + curve.b:
-        return smallest_distance(curve, num_robots, clusters) / 2
-
-    gap = np.pi / (2 * curve.a * curve.b)
-
-    def length(t: np.ndarray) -> np.ndarray:
-        return np.hypot(curve.half_width * np.sin(curve.a * t), curve.half_height * np.sin(curve.b * (gap - t)))
-
-    return math.sin(math.pi / num_robots) * _minimum(length, np.linspace(0, gap, 17), periodic=False)
 
 
 def largest_neighbour_distance(curve: Curve, num_robots: int, p: int, alpha: int = 1) -> float:
@@ -172,37 +149,19 @@ def measured_coverage_radius(curve: Curve, precision: float = 1e-4) -> float:
     return found
 
 
-def crossing_clearance(curve: Curve) -> float:
-    """Return the smallest |z1 - z2| of (10) over all crossings of its plane projection [m]; infinite for none.
-
-    It is positive exactly if the curve does not cross itself in three dimensions.
-    Differs from the paper: it requires that a, b, c be co-prime. They must be pairwise co-prime, and b or c must be
-    even: at gamma = pi / 2 -+ pi m / a two odd ones make z1 = z2, whatever C is.
-    """
-    crossings = closed_forms.self_crossings(curve)
-    heights = curve.half_depth * np.sin(curve.c * crossings)
-    return float(np.min(np.abs(heights[:, 0] - heights[:, 1]), initial=math.inf))
-
-
 def lap_phases(curve: Curve, density: int = 16) -> np.ndarray:
     """Return evenly spaced phases over a lap [rad], `density` times as many as needed to resolve all local minima."""
     oscillations = len(curve.harmonics) or max(curve.a, curve.b, curve.c if curve.half_depth > 0 else 1)
     return np.linspace(0, 2 * np.pi, density * _SAMPLES_PER_OSCILLATION * oscillations, endpoint=False)
 
 
-def _minimum(function: Callable[[np.ndarray], np.ndarray], samples: np.ndarray, periodic: bool = True) -> float:
-    """Return the smallest value of a smooth function by refining every local minimum of the samples."""
+def _minimum(function: Callable[[np.ndarray], np.ndarray], samples: np.ndarray) -> float:
+    """Return the smallest value of a smooth periodic function by refining every local minimum of the samples."""
     values = function(samples)
-    before, after = np.roll(values, 1), np.roll(values, -1)
-    if not periodic:
-        before[0] = after[-1] = np.inf
-    centres = samples[(values <= before) & (values <= after)]
-    spacing = samples[1] - samples[0]
-    offsets = np.linspace(-1, 1, 17)
+    centres = samples[(values <= np.roll(values, 1)) & (values <= np.roll(values, -1))]
+    spacing, offsets = samples[1] - samples[0], np.linspace(-1, 1, 17)
     for _ in range(6):
         candidates = centres[:, None] + spacing * offsets
-        if not periodic:
-            candidates = np.clip(candidates, samples[0], samples[-1])
         centres = candidates[np.arange(len(centres)), np.argmin(function(candidates), axis=1)]
         spacing /= 8
     return float(np.min(function(centres)))

@@ -4,7 +4,6 @@ The starts are drawn as `lissajous_env.world.robots.placing` draws them, with ra
 """
 
 import itertools
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -31,9 +30,6 @@ def unavoidable(
 ) -> tuple[float, float]:
     """Return the share of episodes that start with a pair of cars that no policy can separate, and such pairs in one.
 
-    A pair counts if its bodies overlap at the start, or if they collide although each car steers as far as it can to
-    either side or goes straight on, with its motor off or at full throttle.
-
     Args:
         curve: The curve on which the cars start.
         formation: The formation, with all derived fields filled in.
@@ -41,33 +37,62 @@ def unavoidable(
         phases: Phases of the equilibrium (2) of the N cars [rad].
         top_speeds: Top speeds of the N cars [m/s].
     """
-    n = len(phases)
     is_random = formation.start != "equilibrium" or formation.start_noise > 0
-    count = min(max(_PAIRS // n**2, 1), STARTS) if is_random else 1
-    states = _drawn(curve, formation, robot, phases, np.array(top_speeds), count)
-    one, other = np.triu_indices(n, 1)
-    worlds, pairs = _are_near(states, one, other, robot)
-    first, second = states[worlds, one[pairs]], states[worlds, other[pairs]]
-    collide = _collide_anyway(first, second, robot, np.array(top_speeds)[np.stack([one, other])[:, pairs]])
-    worlds = worlds[collide]
+    count = min(max(_PAIRS // len(phases) ** 2, 1), STARTS) if is_random else 1
+    speeds = np.array(top_speeds)
+    worlds = inseparable(_drawn(curve, formation, robot, np.array(phases), speeds, count), robot, speeds)
     return len(np.unique(worlds)) / count, len(worlds) / count
 
 
+def inseparable(states: np.ndarray, robot: Robot, top_speeds: np.ndarray) -> np.ndarray:
+    """Return the start, from 0 to W - 1, of each pair of cars that no policy can separate.
+
+    Such bodies overlap at the start, or collide although each car steers as far as it can to either side or goes
+    straight on, with its motor off or at full throttle.
+
+    Args:
+        states: (W, N, 4) x, y [m], heading [rad] and speed [m/s] of the cars at W starts.
+        robot: The cars.
+        top_speeds: (N,) top speeds of the cars [m/s].
+    """
+    touch, turning = 2 * robot.radius, geometry.turning_radius(robot.wheelbase, robot.steering_max)
+    aside = turning * np.arccos(1 - min(touch / turning, 2.0))
+    one, other = np.triu_indices(states.shape[1], 1)
+    # Others are so far apart that one of the cars turns out of the way first.
+    distance = np.linalg.norm(states[:, one, :2] - states[:, other, :2], axis=-1)
+    worlds, pairs = np.nonzero(distance < touch + 2 * aside)
+    ends = [(states[worlds, side[pairs]], top_speeds[side[pairs]]) for side in (one, other)]
+    longest = np.pi * turning / np.maximum(np.maximum(ends[0][0][:, 3], ends[1][0][:, 3]), 1e-300)
+    times = np.minimum(longest, 4 / robot.drag)[:, None] * np.linspace(0, 1, _TIMES)
+    left = np.arange(len(worlds))
+    ways = [(side / turning, full) for side in (0, -1, 1) for full in (True, False)]
+    for pair_of_ways in itertools.product(ways, ways):
+        paths = [
+            _path(state[left], top[left], times[left], *way, robot.drag)
+            for (state, top), way in zip(ends, pair_of_ways, strict=True)
+        ]
+        left = left[np.linalg.norm(paths[0] - paths[1], axis=-1).min(axis=1) < _TOUCH * touch]
+    return worlds[left]
+
+
 def _drawn(
-    curve: Curve, formation: Formation, robot: Robot, phases: Sequence[float], top_speeds: np.ndarray, count: int
+    curve: Curve, formation: Formation, robot: Robot, phases: np.ndarray, top_speeds: np.ndarray, count: int
 ) -> np.ndarray:
     """Return x, y [m], heading [rad] and speed [m/s] of the cars at the start of some episodes, (count, N, 4)."""
     random, n = np.random.default_rng(0), len(phases)
     turn = 2 * np.pi * random.random((count, 1)) if formation.start == "rotated" else np.zeros((count, 1))
-    places = np.array(phases) + turn
+    places = phases + turn
     for i, angle in formation.displaced:
         places[:, i] += angle
 
     def draw(i: int, which: np.ndarray) -> np.ndarray:
+        """Return states (K, 4) of car i in the starts of a mask, at most at the formation's and at its own speed."""
         phase = 2 * np.pi * random.random(which.sum()) if formation.start == "random" else places[which, i]
-        return _states(
-            curve, formation, phase + formation.start_noise * random.standard_normal(which.sum()), top_speeds[i]
-        )
+        phase = phase + formation.start_noise * random.standard_normal(which.sum())
+        gamma = (formation.alpha or 1) * phase
+        velocity = closed_forms.curve_derivatives(curve, gamma)[0] * formation.phase_rate
+        heading, speed = np.arctan2(velocity[:, 1], velocity[:, 0]), np.hypot(*velocity.T)
+        return np.column_stack([closed_forms.curve_point(curve, gamma), heading, np.minimum(speed, top_speeds[i])])
 
     states = np.stack([draw(i, np.ones(count, bool)) for i in range(n)], axis=1)
     for i in range(1, n) if formation.start_headway > 0 else ():
@@ -80,51 +105,15 @@ def _drawn(
     return states
 
 
-def _states(curve: Curve, formation: Formation, phase: np.ndarray, top_speed: float) -> np.ndarray:
-    """Return the states (K, 4) of a car at phases (K,), at most at the formation's speed and at its top speed."""
-    gamma = (formation.alpha or 1) * phase
-    velocity = closed_forms.curve_derivatives(curve, gamma)[0] * formation.phase_rate
-    heading, speed = np.arctan2(velocity[:, 1], velocity[:, 0]), np.hypot(*velocity.T)
-    return np.column_stack([closed_forms.curve_point(curve, gamma), heading, np.minimum(speed, top_speed)])
-
-
-def _velocity(states: np.ndarray) -> np.ndarray:
-    return states[..., 3:] * np.stack([np.cos(states[..., 2]), np.sin(states[..., 2])], axis=-1)
-
-
 def _least_straight(one: np.ndarray, other: np.ndarray, time: float) -> np.ndarray:
     """Return the smallest distance of cars that go straight on for a time [s]."""
-    apart, parting = one[..., :2] - other[..., :2], _velocity(one) - _velocity(other)
-    square = np.maximum((parting**2).sum(-1), 1e-300)
-    when = np.clip(-(apart * parting).sum(-1) / square, 0, time)
+
+    def velocity(states: np.ndarray) -> np.ndarray:
+        return states[..., 3:] * np.stack([np.cos(states[..., 2]), np.sin(states[..., 2])], axis=-1)
+
+    apart, parting = one[..., :2] - other[..., :2], velocity(one) - velocity(other)
+    when = np.clip(-(apart * parting).sum(-1) / np.maximum((parting**2).sum(-1), 1e-300), 0, time)
     return np.linalg.norm(apart + when[..., None] * parting, axis=-1)
-
-
-def _are_near(states: np.ndarray, one: np.ndarray, other: np.ndarray, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Return start and number of the pairs that could collide before one of the cars has turned out of the way."""
-    turning = geometry.turning_radius(robot.wheelbase, robot.steering_max)
-    aside = turning * np.arccos(1 - min(2 * robot.radius / turning, 2.0))
-    apart = states[:, one, :2] - states[:, other, :2]
-    worlds, pairs = np.nonzero((apart**2).sum(-1) < (2 * robot.radius + 2 * aside) ** 2)
-    return worlds, pairs
-
-
-def _collide_anyway(one: np.ndarray, other: np.ndarray, robot: Robot, top_speeds: np.ndarray) -> np.ndarray:
-    """Return whether pairs (K,) of cars collide with each combination of steering and throttle that is tried."""
-    turning = geometry.turning_radius(robot.wheelbase, robot.steering_max)
-    longest = np.pi * turning / np.maximum(np.maximum(one[:, 3], other[:, 3]), 1e-300)
-    times = np.minimum(longest, 4 / robot.drag)[:, None] * np.linspace(0, 1, _TIMES)
-    collide = np.ones(len(one), bool)
-    ways = [(side / turning, full) for side in (0, -1, 1) for full in (True, False)]
-    for first, second in itertools.product(ways, ways):
-        left = np.flatnonzero(collide)
-        paths = [
-            _path(states[left], top[left], times[left], *way, robot.drag)
-            for states, top, way in zip((one, other), top_speeds, (first, second), strict=True)
-        ]
-        distance = np.linalg.norm(paths[0] - paths[1], axis=-1).min(axis=1)
-        collide[left] = distance < _TOUCH * 2 * robot.radius
-    return collide
 
 
 def _path(states: np.ndarray, top: np.ndarray, times: np.ndarray, bend: float, full: bool, drag: float) -> np.ndarray:

@@ -9,8 +9,9 @@ import baselines
 import lissajous_env
 from baselines.planning.request import Request
 from baselines.policies.base import UnsuitableScenarioError
-from baselines.policies.line_abreast import ideal_worst_case
-from baselines.policies.partition_plan import PartitionParameters, partition_plan
+from baselines.policies.line_path import ideal_worst_case
+from baselines.policies.loop_shapes import PartitionParameters
+from baselines.policies.partition_plan import partition_plan
 
 HALL = Request(width=40, height=25, robots=5, robot_radius=0.5, sensor_radius=6, speed=1.5, turning_radius=2,
                rogue_speed=1.0).task(5)  # fmt: skip
@@ -42,6 +43,19 @@ def test_a_partition_stays_inside_and_detects_as_fast_as_without_walls(scenario,
     tables = policy.tables.places(2 * policy.tables.lead_in + policy.tables.loop)
     reach = np.array([scenario.driven.half_width, scenario.driven.half_height])
     assert (np.abs(tables) <= reach * 1.005).all()
+
+
+def test_differential_drives_keep_to_their_loops_and_detect_sooner_than_cars():
+    """Oracle: the planned places; a drive whose yaw rate lags behind its command weaves along straight ways."""
+    drives = Request(width=40, height=25, robots=5, robot_radius=0.5, sensor_radius=6, speed=1.5, robot="differential",
+                     acceleration=0.8, rogue_speed=1.0).task(5)  # fmt: skip
+    policy = baselines.make("partition", drives)
+    places, (row,) = play(policy, drives, 1)
+    planned = policy.policy.tables.places(drives.task.steps - 1)[0].swapaxes(0, 1)
+    late = np.linalg.norm(places[:, 0] - planned, axis=-1)[drives.task.steps // 2 :]
+    assert late.max() < 0.3
+    assert (row["collisions"], row["guarantee_open"]) == (0, 0)
+    assert row["guaranteed_detection_time"] < 40
 
 
 def test_lines_turn_inside_and_one_closes_up():

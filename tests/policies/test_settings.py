@@ -68,7 +68,7 @@ def test_what_is_not_given_is_scaled_to_the_scenario():
 def test_a_parameter_of_a_registered_partial_keeps_the_others():
     # Story: running-reference fixes two parameters of its coordinator; one is changed, the other stays.
     policy = PolicySettings("running-reference-mpcc", {}, {"catch_up": 1.2}).make(SHORT)
-    assert (policy.coordinator._parameters.runs_on, policy.coordinator._parameters.catch_up) == (True, 1.2)
+    assert (policy.coordinator.parameters.runs_on, policy.coordinator.parameters.catch_up) == (True, 1.2)
 
 
 def test_commands_play_a_folder(tmp_path, capsys, monkeypatch):
@@ -99,8 +99,8 @@ def test_results_of_other_parameters_are_not_mixed(tmp_path, capsys, monkeypatch
     ("text", "message"),
     [
         ("policy = 'swep'", "policy must be one of"),
-        ("policy = 3", "must contain policy as text, got int"),
-        ("", "must contain policy, the name of a policy, got nothing"),
+        ("policy = 3", "policy must be a name, got int"),
+        ("", "file must contain policy, the name of a policy"),
         ("policy = 'sweep'\nlanes = 4", "must contain policy, parameters, coordinator, got 'lanes'"),
         ("policy = 'sweep'\n[parameters]\nlane = 4", "got 'lane'; did you mean lanes?"),
         ("policy = 'sweep'\n[parameters]\nlanes = 3", "lanes must be even, got 3"),

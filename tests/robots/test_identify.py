@@ -8,9 +8,10 @@ from lissajous_env.logs.car_input import actions_of, inputs_of
 from lissajous_env.logs.identification import identify
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import motion_of
-from lissajous_env.logs.rollouts import CONSTANTS, Rollouts
+from lissajous_env.logs.rollouts import MODELS, Rollouts
 from lissajous_env.settings.robot import Robot
 
+CONSTANTS = tuple(MODELS["car"].constants)
 NOISE = {"noise.position": 0.01, "noise.heading": 0.02, "noise.speed": 0.02, "faults.schedule": ()}
 
 
@@ -141,7 +142,7 @@ def test_rollouts_are_the_motion_of_the_simulation():
     own = [simulation.robots.wheelbase.numpy()[0, 0], made.robot.drag, simulation.robots.drive.numpy()[0, 0]]
     constants = np.array([[*own, made.robot.offset, made.robot.dead_zone, 0.0]])
     rollouts = Rollouts(made.robot, np.array([0, 31]), time, time[:-1], command)
-    predicted = rollouts.predict(constants, places[None, :1])[0]
+    predicted = rollouts.predict(constants, np.pad(places[None, :1], ((0, 0), (0, 0), (0, 1))))[0]
     np.testing.assert_allclose(predicted[:, [0, 1, 3]], places[:, [0, 1, 3]], atol=2e-5)
     np.testing.assert_allclose(np.cos(predicted[:, 2] - places[:, 2]), 1, atol=1e-9)
 
@@ -155,8 +156,8 @@ def test_actions_and_commands_are_inverse():
     ("change", "words"),
     [
         (lambda t, c: (Track(t.time[:10], t.position[:10], t.heading[:10], t.speed[:10]), c), "at least 20 poses"),
-        (lambda t, c: (standing(t), c), "whose steering and speed change"),
-        (lambda t, c: (t, Series(c.time, 0 * c.value)), "whose steering and speed change"),
+        (lambda t, c: (standing(t), c), "whose speed and steering change"),
+        (lambda t, c: (t, Series(c.time, 0 * c.value)), "whose speed and steering change"),
         (lambda t, c: (t, Series(c.time, c.value, ("steer", "gas"))), r"steering \[rad\] and throttle, got steer, gas"),
         (lambda t, c: (t, Series(c.time, c.value[:, :1])), "got 1 numbers without names"),
         (lambda t, c: (t, Series(c.time, c.value * (57.3, 1))), "is it in degrees"),

@@ -129,8 +129,8 @@ assert "halving" in str(simulation.stages)
                 "lissajous_env/world/tally.py": [
                     ("    speed_max: wp", "    speed_min: wp.array(dtype=wp.float32)\n    speed_max: wp"),
                     (
-                        "    tally.speed_max[w] = 0.0\n",
-                        "    tally.speed_max[w] = 0.0\n    tally.speed_min[w] = 1.0e30\n",
+                        '    "tally.min_separation": 1.0e30,\n',
+                        '    "tally.min_separation": 1.0e30,\n    "tally.speed_min": 1.0e30,\n',
                     ),
                     (
                         "    if now > 0:\n        tally.distance",

@@ -39,13 +39,7 @@ def unavoidable_in(simulation):
     scenario, robots = simulation.scenario, simulation.robots
     place = robots.position.numpy()[..., :2]
     states = np.dstack([place, robots.heading.numpy(), robots.speed.numpy()]).astype(float)
-    one, other = np.triu_indices(scenario.num_robots, 1)
-    worlds, pairs = starts._are_near(states, one, other, scenario.robot)
-    ends = states[worlds, one[pairs]], states[worlds, other[pairs]]
-    collide = starts._collide_anyway(*ends, scenario.robot, scenario.top_speeds[np.stack([one, other])[:, pairs]])
-    unavoidable = np.zeros(len(states), bool)
-    unavoidable[worlds[collide]] = True
-    return unavoidable
+    return np.isin(np.arange(len(states)), starts.inseparable(states, scenario.robot, scenario.top_speeds))
 
 
 def collides(policy, scenario):

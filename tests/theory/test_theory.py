@@ -44,18 +44,16 @@ def curves(draw, largest=9):
 def test_robot_radius_table(curve, bound, measured):
     n = curve.a + curve.b
     assert closed_forms.robot_radius_bound(curve, n) == pytest.approx(bound, abs=5e-5)
-    assert geometry.measured_robot_radius(curve, n) == pytest.approx(measured, abs=5e-5)
     assert geometry.smallest_distance(curve, n) / 2 == pytest.approx(measured, abs=5e-5)
 
 
 @settings(max_examples=40, deadline=None)
 @given(curves())
-def test_bound_6_holds_and_both_ways_of_measuring_agree(curve):
+def test_bound_6_holds(curve):
     n = curve.a + curve.b
-    bound, measured = closed_forms.robot_radius_bound(curve, n), geometry.measured_robot_radius(curve, n)
+    bound, measured = closed_forms.robot_radius_bound(curve, n), geometry.smallest_distance(curve, n) / 2
     assert bound < measured * (1 + 1e-12)
     assert measured <= math.pi / 2 * bound * (1 + 1e-12)
-    assert geometry.smallest_distance(curve, n) / 2 == pytest.approx(measured, rel=1e-7)
 
 
 @pytest.mark.parametrize(("curve", "num_robots"), [(CURVE_16, 5), (CURVE_16, 7), (Curve(5, 4, 3, 2, 2, 4), 5)])
@@ -65,19 +63,6 @@ def test_smallest_distance_against_brute_force(curve, num_robots):
     brute = distances[:, ~np.eye(num_robots, dtype=bool)].min()
     # Sampling finds a minimum with an error of second order, from above.
     assert brute * (1 - 1e-4) < geometry.smallest_distance(curve, num_robots) <= brute + 1e-12
-
-
-def test_clustered_robots_coincide():
-    assert geometry.measured_robot_radius(Curve(1, 1, 3, 1), 4, clusters=2) == 0
-    assert geometry.smallest_distance(Curve(1, 1, 3, 1), 1) == math.inf
-
-
-@settings(max_examples=60, deadline=None)
-@given(curves(largest=15))
-def test_no_curve_beats_the_limit_of_6(curve):
-    n = curve.a + curve.b
-    limit = closed_forms.robot_radius_limit(curve.half_width, curve.half_height, n)
-    assert closed_forms.robot_radius_bound(curve, n) <= limit * (1 + 1e-12)
 
 
 # (7) and (8): sensors.
@@ -169,7 +154,7 @@ def test_curve_16_length_curvature_and_speed():
     assert geometry.curve_length(CURVE_16) == pytest.approx(23.17, abs=5e-3)
     points = closed_forms.curve_point(CURVE_16, np.linspace(0, 2 * np.pi, 100_001))
     assert geometry.curve_length(CURVE_16) == pytest.approx(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-    assert geometry.smallest_curvature_radius(CURVE_16) == pytest.approx(0.038, abs=5e-4)
+    assert geometry.along_lap(CURVE_16)[1].min() == pytest.approx(0.038, abs=5e-4)
     limit = geometry.turning_radius(0.175, math.pi / 9)
     assert limit == pytest.approx(0.481, abs=5e-4)
     assert geometry.tight_share(CURVE_16, limit) == pytest.approx(0.076, abs=5e-4)
@@ -208,40 +193,9 @@ def test_self_crossings(curve):
 # (10): three dimensions.
 
 
-@pytest.mark.parametrize(("a", "b", "c"), [(3, 2, 5), (7, 3, 4), (7, 8, 5)])
-def test_knots_do_not_cross_themselves(a, b, c):
-    # Oracle: published co-prime triples; and the two branches of each crossing, from their positions.
-    curve = Curve(5, 5, a, b, half_depth=2, c=c)
-    branches = closed_forms.curve_point_3d(curve, closed_forms.self_crossings(curve))
-    assert np.linalg.norm(branches[:, 0] - branches[:, 1], axis=-1).min() > 0.3
-    assert geometry.crossing_clearance(curve) > 0.3
-
-
-@pytest.mark.parametrize(("a", "b", "c"), [(3, 5, 7), (5, 3, 1), (3, 2, 9), (3, 4, 2)])
-def test_two_odd_or_a_common_factor_crosses_itself(a, b, c):
-    # Oracle: co-prime in pairs is not enough, 3, 5, 7 meet at pi / 2 -+ pi / 3, where sin(7 gamma) is the same.
-    assert geometry.crossing_clearance(Curve(5, 5, a, b, half_depth=2, c=c)) == pytest.approx(0, abs=1e-12)
-    if (a, b, c) == (3, 5, 7):
-        first, second = closed_forms.curve_point_3d(
-            Curve(5, 5, a, b, half_depth=2, c=c), np.array([np.pi / 2 - np.pi / 3, np.pi / 2 + np.pi / 3])
-        )
-        assert first == pytest.approx(second)
-
-
-@settings(max_examples=60, deadline=None)
-@given(curves(), st.integers(1, 11), st.floats(0.5, 5))
-def test_knot_condition(curve, c, half_depth):
-    knot = Curve(5, 5, curve.a, curve.b, half_depth, c)
-    if len(closed_forms.self_crossings(knot)) == 0:
-        return
-    shares = math.gcd(c, curve.a) > 1 or math.gcd(c, curve.b) > 1
-    both_odd = curve.a > 1 and curve.b % 2 == 1 and c % 2 == 1
-    assert (geometry.crossing_clearance(knot) > 1e-9) == (not shares and not both_odd)
-
-
 def test_depth_only_adds_room():
     # Fig. 5: at C = 0 the largest radius is the planar one, and it never falls below.
-    radii = [geometry.measured_robot_radius(Curve(5, 5, 7, 3, depth, 4), 10) for depth in (0, 1e-9, 1, 2, 4)]
+    radii = [geometry.smallest_distance(Curve(5, 5, 7, 3, depth, 4), 10) / 2 for depth in (0, 1e-9, 1, 2, 4)]
     assert radii[0] == pytest.approx(0.3170, abs=5e-5)
     assert radii[1] == pytest.approx(radii[0])
     assert radii == sorted(radii)

@@ -35,7 +35,7 @@ def test_length_speed_and_curvature_of_a_circle():
     np.testing.assert_allclose(np.linalg.norm(closed_forms.curve_point(CIRCLE, LAP), axis=-1), 0.7)
     np.testing.assert_allclose(closed_forms.curve_speed(CIRCLE, LAP), 0.7)
     assert geometry.curve_length(CIRCLE) == pytest.approx(2 * np.pi * 0.7)
-    assert geometry.smallest_curvature_radius(CIRCLE) == pytest.approx(0.7)
+    assert geometry.along_lap(CIRCLE)[1].min() == pytest.approx(0.7)
     assert geometry.top_speed(CIRCLE, 0.3) == pytest.approx(0.21)
 
 

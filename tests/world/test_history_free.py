@@ -73,7 +73,7 @@ def arrays_in(values):
 
 def state_of(simulation):
     """Every array that kernels write: all that they are given, but what is made of the scenario alone."""
-    constants = constants_of(simulation.scenario, simulation.device)
+    constants = {"initial", *constants_of(simulation.scenario, simulation.device)}
     for each in (simulation._reset, simulation._step):
         yield from arrays_in({name: value for name, value in each._values.items() if name not in constants})
         for stage in each.stages:

@@ -9,6 +9,7 @@ import warp as wp
 
 import baselines
 from baselines.policies.base import Policy
+from baselines.policies.registry import LOADERS, Loader
 from lissajous_env import Scenario
 from lissajous_env.wording import few_of
 from training.learned import checkpoint
@@ -107,7 +108,7 @@ def register_shipped() -> None:
 
     Weights are read when a policy is made.
     """
-    baselines.register_opener(load, home, checkpoint.parts)
+    LOADERS[checkpoint.FILE] = Loader(load, home, checkpoint.parts)
     for name in names():
         text = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
         policy, scenario = text["policy"], text["settings"].get("scenario", text["policy"]["scenario"])

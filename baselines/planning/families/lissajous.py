@@ -18,9 +18,9 @@ from baselines.policies.settings import PolicySettings
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Curve
+from lissajous_env.settings.robot import Robot
 from lissajous_env.theory import closed_forms, geometry
-from lissajous_env.theory import design as theory
-from lissajous_env.theory.design import best_formation
+from lissajous_env.theory.design import HEADROOM, best_design, best_formation, largest_phase_rate
 
 NAME = "Lissajous"
 _KURAMOTO = "kuramoto", "arc"
@@ -58,14 +58,19 @@ def formations(task: Scenario) -> Family:
 
 
 def _violation(task: Scenario) -> str:
-    """Return which condition of the paper every formation violates, and what would help."""
+    """Return the conditions that the best curve with a + b = N violates."""
     robot = (like_cars(task) or task).robot
-    designs = theory.design(
-        task.curve.half_width, task.curve.half_height, robot.radius, task.sensing_radius, top_speed(task),
-        task.num_robots, None, robot.wheelbase if robot.kind == "car" else None, robot.steering_max,
-        robot.lateral_acceleration_max, inset=task.inset,
+    best = best_design(
+        task.curve.half_width, task.curve.half_height, task.num_robots, robot.radius, task.sensing_radius,
+        top_speed(task), _turning_radius(robot), robot.lateral_acceleration_max, task.inset,
     )  # fmt: skip
-    return f"{theory.what_fails(designs)}. {theory.what_would_help(designs)}"
+    violated = best.violations(robot.radius, task.sensing_radius) or ["robots collide or leave a gap on every curve"]
+    return f"the paper's best curve is a = {best.curve.a}, b = {best.curve.b}: {'; '.join(violated)}"
+
+
+def _turning_radius(robot: Robot) -> float:
+    """Return the radius of the tightest circle of cars [m]; 0 for points."""
+    return geometry.turning_radius(robot.wheelbase, robot.steering_max) if robot.kind == "car" else 0.0
 
 
 def _plan(task: Scenario, settings: Settings) -> Plan:
@@ -77,7 +82,7 @@ def _plan(task: Scenario, settings: Settings) -> Plan:
         fields["formation.coupling"] = settings["coupling"] * rate / (0.3 * fields["formation.alpha"])
     coordinator, pace = {}, f"omega = {rate:.3g} rad/s"
     if policy.startswith("arc"):
-        cruise = min(settings["rate"] * (1 - theory.HEADROOM), 1.0) * top_speed(task)
+        cruise = min(settings["rate"] * (1 - HEADROOM), 1.0) * top_speed(task)
         coordinator = {"speed": float(f"{cruise:.6g}")}
         pace = f"{coordinator['speed']:.3g} m/s"
     about = f"a:b = {curve.a}:{curve.b}, p = {fields['formation.p']}, {pace}"
@@ -114,23 +119,17 @@ def _may_work(task: Scenario, curve: Curve) -> bool:
         return False
     if geometry.smallest_distance(curve, n) < apart:
         return False
-    if robot.kind == "car":
-        turning = geometry.turning_radius(robot.wheelbase, robot.steering_max)
-        if geometry.tight_share(curve, turning) > _TIGHT:
-            return False
+    if geometry.tight_share(curve, _turning_radius(robot)) > _TIGHT:
+        return False
     gap = geometry.measured_coverage_radius(curve, 1e-2) + math.sqrt(2) * task.inset
     return gap * _ROOM < task.sensing_radius
 
 
 def _largest_rate(task: Scenario, curve: Curve) -> float:
     """Return the largest phase rate at which the robots can drive a curve, less the headroom [rad/s]."""
-    robot, share = (like_cars(task) or task).robot, 1 - theory.HEADROOM
-    rate = share * top_speed(task) / geometry.largest_speed(curve)
-    if robot.kind == "car" and robot.lateral_acceleration_max < math.inf:
-        turning = geometry.turning_radius(robot.wheelbase, robot.steering_max)
-        grip = robot.lateral_acceleration_max / geometry.needed_acceleration(curve, turning)
-        rate = min(rate, share * math.sqrt(grip))
-    return rate
+    robot = (like_cars(task) or task).robot
+    grip = robot.lateral_acceleration_max if robot.kind == "car" else math.inf
+    return largest_phase_rate(curve, top_speed(task), _turning_radius(robot), grip)
 
 
 def formation_overrides(task: Scenario, curve: Curve, rate: float, ring: int = 0) -> dict[str, Any]:
