@@ -49,10 +49,6 @@ class Scored:
     """Time of the log at which the episode begins [s]."""
     notes: tuple[str, ...]
     """Remarks for readers of the scores."""
-    detected_after: np.ndarray
-    """Times until the virtual targets were detected, of all rows [s]."""
-    undetected_for: np.ndarray
-    """Times for which the others were present [s]."""
 
 
 def own_scenario(log: Log) -> Scenario | None:
@@ -135,11 +131,7 @@ def score(
     recording = recorder.recording(name)
     blanks = _unknown(motions, times, actions is None)
     recording = dataclasses.replace(recording, score=recording.score | unknown, unknown=blanks)
-    waited = [simulation.detection_times(world) for world in range(len(seeds))]
-    detected, undetected = (
-        np.concatenate([times[known == outcome] for times, known in waited]) for outcome in (True, False)
-    )
-    return Scored(scenario, rows, recording, float(times[0]), tuple(notes), detected, undetected)
+    return Scored(scenario, rows, recording, float(times[0]), tuple(notes))
 
 
 def _unknown(motions: Sequence[Motion], times: np.ndarray, commands: bool) -> tuple[Unknown, ...]:

@@ -57,7 +57,7 @@ def folder(tmp_path, monkeypatch):
     ["evaluate", "failure", "my-still", *SHORT],
     ["evaluate", "my-still", "depot.toml", *SHORT],
     ["run", "failure", "my-still", "--set", "task.duration=0.5", "--out", "a.npz"],
-    ["benchmark", "--scenarios", "failure", "--policies", "my-still", *SHORT, "--replays", "none", "--out", "results"],
+    ["benchmark", "--scenarios", "failure", "--policies", "my-still", *SHORT, "--replays", "0", "--out", "results"],
     ["evaluate", "failure", "my-way", *SHORT],
     ["evaluate", "rough", "my-way-mpcc", *SHORT],
     ["evaluate", "rough", "my-way-gvf-safe", *SHORT],
