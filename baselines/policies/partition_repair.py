@@ -16,18 +16,15 @@ import warp as wp
 
 from baselines.policies.cells import tour
 from baselines.policies.line_shares import Lines, line_shares, lines_of
+from baselines.policies.loop_shapes import PartitionParameters
 from baselines.policies.neighbour_watch import PLACES, WATCH, Watch, watch_neighbours
 from baselines.policies.news import exchange_news, share_line
 from baselines.policies.partition import (
-    ARRIVING,
-    arrival_of_all,
     check_loops_apart,
     loops_lie_apart,
     plain_of,
-    planned_transit,
-    take_filtered,
 )
-from baselines.policies.partition_plan import PartitionParameters, Plan, partition_plan, required_distance, room_of
+from baselines.policies.partition_plan import Plan, partition_plan, room_of
 from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.registry import register
 from baselines.policies.repair_plan import OFFSETS, SHAPES, Takeover, slowed, takeover
@@ -41,8 +38,8 @@ from baselines.policies.taking_over import (
     take_clear,
     take_over,
 )
-from baselines.policies.timed_paths import TimedPaths, TrackingParameters
-from baselines.policies.transit import start_is_known
+from baselines.policies.timed_paths import ARRIVING, TimedPaths, take_filtered
+from baselines.policies.transit import arrival_steps, planned_transit, required_distance, start_is_known
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
@@ -97,7 +94,6 @@ class PartitionRepair(TimedPaths):
         device: Warp device.
         parameters: Parameters of the plan that are not optimised.
         repair: Parameters of the reaction to failures.
-        tracking: Gains and limits of the following of the loops.
 
     Raises:
         ValueError: no loops that the cars can drive have room in the rectangle, side by side.
@@ -113,16 +109,13 @@ class PartitionRepair(TimedPaths):
         device: Any = "cpu",
         parameters: PartitionParameters | None = None,
         repair: RepairParameters | None = None,
-        tracking: TrackingParameters | None = None,
     ):
         self.parameters = replace(parameters or PartitionParameters(), in_phase=True)
         self.repair = repair or RepairParameters()
         self.partition, self.takeover, self._lines, tables, until = timed_repair(
             plain_of(scenario), self.parameters, self.repair
         )
-        plan = np.zeros(num_worlds, dtype=int)
-        tracking = tracking or TrackingParameters(waits=True)
-        super().__init__(scenario, num_worlds, device, tables=tables, plan=plan, parameters=tracking)
+        super().__init__(scenario, num_worlds, device, tables=tables, filtered_until=until, waits=True)
         self._required = _avoided_distance(self.scenario, self.repair)
         self._watch = _watch_of(self.scenario, self.partition, self.repair)
         half = np.array([self.scenario.driven.half_width, self.scenario.driven.half_height])
@@ -148,12 +141,12 @@ class PartitionRepair(TimedPaths):
         if self._lines:
             self._line = wp.array(self._lines.robots, dtype=wp.int32, device=self.device)
             self._centre = wp.array(self._lines.centre, dtype=wp.vec2, device=self.device)
-        self._filtered_until = until
         apart = loops_lie_apart(self.partition, required_distance(self.scenario, self.parameters))
         if apart and not self._lines:
             _warn_of_silence(self.scenario)
         batch, arriving = (self.scenario, num_worlds, self.device), ARRIVING.of(self.scenario)
-        self._filter = Safe(*batch, arriving) if until > 0 or apart else None
+        if apart and self._filter is None:
+            self._filter = Safe(*batch, arriving)
         self._drift, self._avoidance = self.repair.drift * self.partition.speed * self.scenario.task.step, None
         self._back, self._rest = math.inf, 0.0
         self._resting = wp.zeros(self.shape, dtype=wp.float32, device=self.device)
@@ -256,9 +249,9 @@ def timed_repair(
     cell, lead_in = _in_ring_order(scenario, order), None
     if start_is_known(scenario):
         turned = [_in_ring_order(scenario, np.roll(way, k)) for way in (order, order[::-1]) for k in range(len(order))]
-        planned = planned_transit(scenario, plan, parameters, np.array(turned))
+        planned = planned_transit(scenario, plan.loop, parameters, np.array(turned))
         if planned is not None:
-            lead_in, cell = planned
+            lead_in, _, cell = planned
         else:
             check_loops_apart(scenario, plan, parameters, "partition-repair")
     unit = scenario.curve.half_height
@@ -272,7 +265,8 @@ def timed_repair(
     else:
         taken = takeover(plan, cell, scenario.neighbours, room, unit, offset)
     if lead_in is None:
-        return plan, taken, lines, path_tables(scenario, taken.loop), arrival_of_all(scenario, plan)
+        until = float(arrival_steps(scenario, plan.loop, plan.speed))
+        return plan, taken, lines, path_tables(scenario, taken.loop), until
     loop = np.roll(taken.loop, -lead_in.shape[1], axis=2)
     lead_in = np.repeat(lead_in[None], len(loop), axis=0)
     return plan, taken, lines, path_tables(scenario, loop, lead_in), 0.0

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.episodes.recording import Recorder, Recording, Unknown
-from lissajous_env.logs.car_input import LARGEST_STEERING, actions_of
-from lissajous_env.logs.drive_input import actions_of_twists
+from lissajous_env.logs.inputs import INPUTS, LARGEST_STEERING, actions_of
 from lissajous_env.logs.log import Log
 from lissajous_env.logs.motion import SOME, Motion, motion_of
 from lissajous_env.logs.notes import remarks
@@ -50,10 +49,6 @@ class Scored:
     """Time of the log at which the episode begins [s]."""
     notes: tuple[str, ...]
     """Remarks for readers of the scores."""
-    detected_after: np.ndarray
-    """Times until the virtual targets were detected, of all rows [s]."""
-    undetected_for: np.ndarray
-    """Times for which the others were present [s]."""
 
 
 def own_scenario(log: Log) -> Scenario | None:
@@ -136,11 +131,7 @@ def score(
     recording = recorder.recording(name)
     blanks = _unknown(motions, times, actions is None)
     recording = dataclasses.replace(recording, score=recording.score | unknown, unknown=blanks)
-    waited = [simulation.detection_times(world) for world in range(len(seeds))]
-    detected, undetected = (
-        np.concatenate([times[known == outcome] for times, known in waited]) for outcome in (True, False)
-    )
-    return Scored(scenario, rows, recording, float(times[0]), tuple(notes), detected, undetected)
+    return Scored(scenario, rows, recording, float(times[0]), tuple(notes))
 
 
 def _unknown(motions: Sequence[Motion], times: np.ndarray, commands: bool) -> tuple[Unknown, ...]:
@@ -319,7 +310,6 @@ def _actions(log: Log, scenario: Scenario, times: np.ndarray) -> tuple[np.ndarra
         beyond = np.abs(actions[..., 0]).max()
         if beyond > LARGEST_STEERING:
             return None, [f"the commands are ignored, because steering angles of {beyond:.3g} are not in radians"]
+    if scenario.robot.kind in INPUTS:
         actions[..., :2] = actions_of(scenario.robot, np.ascontiguousarray(actions[..., :2]))
-    if scenario.robot.kind == "differential":
-        actions[..., :2] = actions_of_twists(scenario.robot, actions[..., :2])
     return np.clip(actions, -1, 1), []

@@ -12,10 +12,11 @@ from baselines.policies import partition_plan as partition_module
 from baselines.policies.cells import are_adjacent, closed_loop, divisions, evenly_spaced, length_of, tour
 from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses
 from baselines.policies.ideal_motion import worst_undetected_time
-from baselines.policies.loop_shapes import smallest_distance
+from baselines.policies.loop_shapes import PartitionParameters, smallest_distance
 from baselines.policies.partition import cells_of_ring, plain_of
-from baselines.policies.partition_plan import PartitionParameters, partition_plan, turning_radius_of
+from baselines.policies.partition_plan import partition_plan
 from baselines.policies.partition_repair import PartitionRepair, RepairParameters
+from baselines.policies.transit import turning_radius_of
 from lissajous_env.episodes.guarantee import worst_undetected_times
 
 
@@ -222,7 +223,7 @@ def test_long_periods_are_compared_at_fewer_times_with_the_same_result(monkeypat
         width=60.0, height=40.0, robots=(2, 2), robot_radius=0.4, sensor_radius=8.0, speed=0.5, turning_radius=1.0,
         rogue_speed=0.002,
     )  # fmt: skip
-    task, parameters = plain_of(request.task(2)), PartitionParameters(lanes=4, rows=1)
+    task, parameters = plain_of(request.task(2)), PartitionParameters(lanes=4, rows=1, extent_x=0.6, extent_y=0.6)
     found = partition_plan(task, parameters)
     assert found.loop.shape[1] > 2 * partition_module._TIMES
     half = task.curve.half_width, task.curve.half_height

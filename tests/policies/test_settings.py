@@ -68,7 +68,7 @@ def test_what_is_not_given_is_scaled_to_the_scenario():
 def test_a_parameter_of_a_registered_partial_keeps_the_others():
     # Story: running-reference fixes two parameters of its coordinator; one is changed, the other stays.
     policy = PolicySettings("running-reference-mpcc", {}, {"catch_up": 1.2}).make(SHORT)
-    assert (policy.coordinator._parameters.runs_on, policy.coordinator._parameters.catch_up) == (True, 1.2)
+    assert (policy.coordinator.parameters.runs_on, policy.coordinator.parameters.catch_up) == (True, 1.2)
 
 
 def test_commands_play_a_folder(tmp_path, capsys, monkeypatch):

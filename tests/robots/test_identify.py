@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from lissajous_env.logs.car_input import actions_of, inputs_of
 from lissajous_env.logs.identification import identify
+from lissajous_env.logs.inputs import actions_of, inputs_of
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import motion_of
 from lissajous_env.logs.rollouts import MODELS, Rollouts

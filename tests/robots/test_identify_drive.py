@@ -5,8 +5,8 @@ import pytest
 from log_messages import EPOCH, KINDS, circles, header, moments, write
 
 import lissajous_env
-from lissajous_env.logs.drive_input import actions_of_twists, twists_of
 from lissajous_env.logs.identification import identify
+from lissajous_env.logs.inputs import actions_of, inputs_of
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.reading import read
 from lissajous_env.logs.rollouts import MODELS
@@ -35,7 +35,7 @@ def drive(robot, late=0, seed=1, share=1.0, **fields):
     motor = simulation.robots.drive.numpy()[0, robot] / made.robot.drive
     wheels = simulation.robots.wheelbase.numpy()[0, robot] / made.robot.wheelbase
     true = [1.0, 1 / wheels, 0.8 * motor, 5.0, late * made.task.step]
-    commands = Series(time[:-1], twists_of(made.robot, wanted[: made.task.steps, robot]))
+    commands = Series(time[:-1], inputs_of(made.robot, wanted[: made.task.steps, robot]))
     return track, commands, dict(zip(DRIVE_CONSTANTS, map(float, true), strict=True))
 
 
@@ -76,9 +76,9 @@ def test_other_commands_are_refused_and_swapped_ones_are_a_misfit():
 def test_twists_are_actions_again():
     robot = lissajous_env.scenario("experiment", **{"robot.kind": "differential", **LIMITS}).resolve().robot
     actions = np.random.default_rng(0).uniform(-1, 1, (100, 2))
-    np.testing.assert_allclose(actions_of_twists(robot, twists_of(robot, actions)), actions)
-    np.testing.assert_allclose(twists_of(robot, np.array([[1, 1], [-1, -1]])), [[1.2, 3.0], [-0.6, -3.0]])
-    assert actions_of_twists(robot, np.array([9.0, -9.0])).tolist() == [1, -1]
+    np.testing.assert_allclose(actions_of(robot, inputs_of(robot, actions)), actions, atol=1e-6)
+    np.testing.assert_allclose(inputs_of(robot, np.array([[1, 1], [-1, -1]])), [[1.2, 3.0], [-0.6, -3.0]])
+    assert actions_of(robot, np.array([9.0, -9.0])).tolist() == [1, -1]
 
 
 @pytest.mark.parametrize("stamps", [False, True])
