@@ -8,7 +8,7 @@ from typing import Any
 
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env.parameters.assumptions import AssumptionWarning
-from lissajous_env.parameters.named import is_space, scenario_space
+from lissajous_env.parameters.named_spaces import scenario_space, space_and_split
 
 LEARNED, VALIDATED = "train", "validation"
 """Splits of a space from which a training draws its scenarios, and those of its validations. No training uses the split
@@ -23,13 +23,12 @@ def space_of(name: str) -> ScenarioSpace | None:
     Raises:
         ValueError: a split of a space is given.
     """
-    if is_space(name):
-        return scenario_space(name)
-    space, colon, rest = name.partition(":")
-    if colon and is_space(space) and not rest.rpartition("-")[2].isdecimal():
+    if space_and_split(name) is None:
+        return None
+    if ":" in name:
         rule = f"must be the name of a space without a split, because a training uses the split {LEARNED}"
         raise ValueError(f"scenario {rule} and is validated on {VALIDATED}, got {name}")
-    return None
+    return scenario_space(name)
 
 
 def validated(space: ScenarioSpace) -> list[Scenario]:

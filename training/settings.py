@@ -135,6 +135,10 @@ class TrainingSettings(Checked):
         """Return the scenario, or the first one of the validations."""
         return self.make_validation_scenarios()[0]
 
+    def make_home(self) -> Scenario:
+        """Return the scenario that a checkpoint contains: that of the user, or the first one of the validations."""
+        return self.make_scenario() if self.space is not None else make_scenario(self.scenario, **self.overrides)
+
     def make_validation_scenarios(self) -> list[Scenario]:
         """Return the scenarios of the validations, without grids that the reward does not need."""
         if self.space is None:

@@ -11,18 +11,16 @@ reward for targets in sight is mostly that of the robot itself, for those that n
 minibatch updates the policy further once it has moved too far from that of the rollout.
 """
 
-import contextlib
 import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
 from rich.console import Console
 from torch import Tensor, nn
-from torch.utils.tensorboard.writer import SummaryWriter
 
 import baselines
 from lissajous_env.console.terminal import make_console
@@ -37,7 +35,7 @@ from training.learned.team_policy import LearnedTeam
 from training.settings import TrainingSettings
 from training.torch_state import load_state, save_state
 from training.validation import mean_of, rank_of, validate, words_of
-from training.worlds import TRUTH, Step, Worlds
+from training.worlds import TRUTH, Rollout, Step, Worlds
 
 FIRST_SEED = 1_000_000
 """Seed of the first world of a training."""
@@ -159,64 +157,43 @@ def _descend(optimizer: torch.optim.Optimizer, parameters: Any, loss: Tensor) ->
     optimizer.step()
 
 
-class Rollout(NamedTuple):
-    """T steps of B robots, as tensors."""
-
-    rows: list[Tensor]
-    """What the actor reads: (T, B, ...)."""
-    truth: list[Tensor]
-    """What the critic reads: (T, B, ...)."""
-    actions: Tensor
-    """(T, B, A)."""
-    likelihood: Tensor
-    """(T, B) logarithm of the density of the actions, but for a constant."""
-    acted: Tensor
-    """(T, B) 1 where a robot was in its world."""
-    begins: Tensor
-    """(T, B) 1 in the first step of an episode."""
-    memory: Tensor
-    """(B, memory) before the first step."""
-    advantages: Tensor
-    """(T, B)."""
-    returns: Tensor
-    """(T, B) sums of discounted rewards, as the critic is to learn them."""
-
-
 class Training:
     """State of a training: networks, optimizer, worlds, and what is adjusted on the way."""
 
-    def __init__(self, settings: TrainingSettings, say: Callable[[str], None]):
+    def __init__(self, settings: TrainingSettings):
         torch.manual_seed(settings.seed)
-        self.settings, self.say = settings, say
+        self.settings = settings
         self.worlds = Worlds(settings, settings.worlds, FIRST_SEED * (1 + settings.seed))
         size = self.worlds.batch.scenario.action_size
         self.actor = Team(settings, len(TOKEN), size, settings.heads, settings.memory)
         self.critic = Team(settings, len(TRUTH), 1, 0, 0)
         self.networks = nn.ModuleList([self.actor, self.critic])
         self.optimizer = torch.optim.Adam(self.networks.parameters(), settings.learning_rate, eps=1e-5)
-        self.numbers = {"steps": 0.0, "rollouts": 0.0, "penalty": settings.penalty, "spread": 1.0, "collided": 0.0}
+        self.numbers = {
+            "steps": 0.0,
+            "rollouts": 0.0,
+            "penalty": settings.penalty,
+            "spread": 1.0,
+            "collided": 0.0,
+            "taken": 0.0,
+        }
         """Robot steps and rollouts so far; factor of the costs of collisions; variance of the returns; collisions of a
-        team in an episode, as a running mean."""
+        team in an episode, as a running mean; and the number of steps that the two are means of."""
         self.limit = settings.collisions or 0.0
-        self._returns, self._taken = np.zeros(self.worlds.count), 0
+        self._returns = np.zeros(self.worlds.count)
         self._memory = torch.zeros(self.worlds.count, settings.memory)
         self._begins = np.ones(self.worlds.count, np.float32)
         self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
 
-    @property
-    def done(self) -> float:
-        """Fraction of the steps that is done."""
-        return self.numbers["steps"] / self.settings.steps
-
-    @property
-    def deviation(self) -> float:
-        """Standard deviation of the noise of exploration, whose logarithm changes linearly."""
-        start, end = self.settings.noise, self.settings.noise_end
-        return float(start * (end / start) ** min(self.done, 1.0))
+    def schedule(self) -> tuple[float, float]:
+        """Return the standard deviation of the actions, whose logarithm changes linearly, and the learning rate."""
+        settings, done = self.settings, min(self.numbers["steps"] / self.settings.steps, 1.0)
+        deviation = settings.noise * (settings.noise_end / settings.noise) ** done
+        return deviation, settings.learning_rate * max(1 - done, 0.05)
 
     def collect(self) -> Rollout:
         """Play T steps in all worlds, with noise, and compute what they were worth."""
-        settings, worlds, deviation = self.settings, self.worlds, self.deviation
+        settings, worlds, deviation = self.settings, self.worlds, self.schedule()[0]
         memory, parts, steps, values = self._memory, [], [], []
         for _ in range(settings.rollout):
             begins = torch.from_numpy(self._begins)
@@ -241,7 +218,9 @@ class Training:
         stacked = [[torch.stack(part) for part in zip(*of, strict=True)] for of in (rows, reads)]
         flat = [torch.stack(part) for part in (actions, likelihoods, acted, begins)]
         returns = advantages + torch.from_numpy(np.stack(values[:-1]))
-        return Rollout(stacked[0], stacked[1], flat[0], flat[1], flat[2], flat[3], memory, advantages, returns)
+        return Rollout(
+            stacked[0], stacked[1], flat[0], flat[1], flat[2], flat[3], memory, advantages, returns, deviation
+        )
 
     def _reward(self, step: Step, sightings: np.ndarray) -> np.ndarray:
         """Return the rewards (B,) of a step, and update the running numbers."""
@@ -254,9 +233,9 @@ class Training:
         rate = 0.5 * per_robot * self.worlds.steps * self.worlds.side.places
         numbers["collided"] += (rate - numbers["collided"]) / 200
         self._returns = self._returns * settings.gamma + reward
-        numbers["spread"] += (self._returns.var() - numbers["spread"]) / (1 + min(self._taken, 300))
+        numbers["spread"] += (self._returns.var() - numbers["spread"]) / (1 + min(numbers["taken"], 300))
         self._returns *= 1 - np.repeat(step.over, self.worlds.side.places)
-        self._taken += 1
+        numbers["taken"] += 1
         return reward
 
     def _value(self, own: Tensor, reads: Sequence[Tensor]) -> np.ndarray:
@@ -280,16 +259,15 @@ class Training:
 
     def update(self, of: Rollout) -> dict[str, float]:
         """Update the critic, and the actor until it has moved too far; return diagnostics."""
-        settings, numbers = self.settings, self.numbers
-        for group in self.optimizer.param_groups:
-            group["lr"] = settings.learning_rate * max(1 - self.done, 0.05)
+        settings, numbers, deviation = self.settings, self.numbers, of.deviation
+        self.optimizer.param_groups[0]["lr"] = self.schedule()[1]
         follows, divergence, count = numbers["rollouts"] >= _WARM_UP, 0.0, of.acted.shape[1]
         for _ in range(settings.epochs):
             for chosen in torch.randperm(count).split(max(settings.minibatch // settings.rollout, 1)):
                 rows, truth = ([part[:, chosen] for part in parts] for parts in (of.rows, of.truth))
                 acted, advantage = of.acted[:, chosen], of.advantages[:, chosen]
                 mean, _ = self.actor(rows, of.memory[chosen], of.begins[:, chosen])
-                likelihood = -0.5 * ((of.actions[:, chosen] - mean) / self.deviation).square().sum(-1)
+                likelihood = -0.5 * ((of.actions[:, chosen] - mean) / deviation).square().sum(-1)
                 change = likelihood - of.likelihood[:, chosen]
                 ratio = change.exp()
                 divergence = (((ratio - 1 - change) * acted).sum() / acted.sum().clamp(min=1)).item()
@@ -312,19 +290,37 @@ class Training:
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy what a resumed training needs, by name."""
         numbers = {name: np.array([value]) for name, value in self.numbers.items()}
-        return save_state(self.networks, self.optimizer) | checkpoint.prefixed("numbers", numbers)
+        arrays = save_state(self.networks, self.optimizer) | checkpoint.prefixed("numbers", numbers)
+        if self.settings.space is None:
+            arrays |= checkpoint.prefixed("worlds", self.worlds.save_state())
+            arrays |= {"begins": self._begins, "returns": self._returns, "memory": self._memory.numpy()}
+        return arrays
 
     def load_state(self, arrays: dict[str, np.ndarray]) -> None:
-        """Resume from what `save_state` returned, in new episodes."""
+        """Resume from what `save_state` returned: in the same episodes or, of a space, in new ones."""
         load_state(self.networks, self.optimizer, arrays)
-        self.numbers = {name: float(value[0]) for name, value in checkpoint.within("numbers", arrays).items()}
-        self.worlds.batch.seed(FIRST_SEED * (1 + self.settings.seed) + 200_000 + int(self.numbers["rollouts"]))
-        self.worlds.batch.reset()
+        self.numbers |= {name: float(value[0]) for name, value in checkpoint.within("numbers", arrays).items()}
+        if self.settings.space is None:
+            self.worlds.load_state(checkpoint.within("worlds", arrays))
+            self._begins, self._returns = arrays["begins"], arrays["returns"]
+            self._memory = torch.from_numpy(arrays["memory"])
+        else:
+            self.worlds.batch.seed(FIRST_SEED * (1 + self.settings.seed) + 200_000 + int(self.numbers["rollouts"]))
+            self.worlds.batch.reset()
         self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
 
 
-def train(settings: TrainingSettings, console: Console | None = None) -> dict[str, Any]:
+def train(
+    settings: TrainingSettings,
+    console: Console | None = None,
+    log: Callable[[dict[str, float]], Any] = lambda point: None,
+) -> dict[str, Any]:
     """Train until the last step, from the last checkpoint if `settings.out` has one; return the history.
+
+    Args:
+        settings: Settings of the training.
+        console: Console of the progress lines.
+        log: Called with the numbers of each validation, such as `wandb.log`.
 
     Raises:
         ValueError: the folder contains other files or results of other settings, or is in use by another process.
@@ -337,49 +333,47 @@ def train(settings: TrainingSettings, console: Console | None = None) -> dict[st
         console.print(text, highlight=False, markup=False, soft_wrap=True)
 
     with checkpoint.hold(settings.out) as folder, scenarios.without_warnings(settings.space):
-        return _train(settings, folder, say)
+        return _train(settings, folder, say, log)
 
 
-def _train(settings: TrainingSettings, folder: Folder, say: Callable[[str], None]) -> dict[str, Any]:
+def _train(
+    settings: TrainingSettings, folder: Folder, say: Callable[[str], None], log: Callable[[dict[str, float]], Any]
+) -> dict[str, Any]:
     """Train in a locked folder."""
-    state, began = Training(settings, say), time.monotonic()
-    card = dataclasses.replace(Card.of(settings.make_scenario(), settings=settings.to_dict()), inputs=())
+    state, began, diagnostics = Training(settings), time.monotonic(), {}
+    card = dataclasses.replace(Card.of(settings.make_home(), settings=settings.to_dict()), inputs=())
     history = _begin(settings, state, say)
     curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
     began -= curve[-1]["seconds"] if curve else 0.0
     if settings.collisions is not None or rivals:
         state.limit = mean_of(rivals)["collisions"] if settings.collisions is None else settings.collisions
-    writer, diagnostics = SummaryWriter(str(folder.make_folder("tensorboard"))), {}
-    with contextlib.closing(writer):
-        while True:
-            done, every = numbers["steps"] >= settings.steps, settings.evaluate_every
-            if (
-                not curve
-                or numbers["steps"] // every > curve[-1]["steps"] // every
-                or (curve[-1]["steps"] < numbers["steps"]
-                and done)
-            ):
-                network = state.actor.arrays()
-                results = mean_of(validate(settings, partial(LearnedTeam, network, card), rivals or None))
-                point = {"steps": numbers["steps"], "seconds": round(time.monotonic() - began, 1)} | results
-                curve.append(point)
-                say(f"{point['steps'] / 1e6:.2f} million steps, {point['seconds']:.0f} s: {words_of(point)}")
-                if history["best"] is None or rank_of(point, state.limit) > rank_of(history["best"], state.limit):
-                    history["best"] = point
-                    checkpoint.save(folder, network, card, notes={"training": history}, place=checkpoint.BEST)
-                checkpoint.save(folder, network, card, state=state.save_state(), notes={"training": history})
-                for name, value in (*point.items(), *diagnostics.items()):
-                    writer.add_scalar(name, value, int(point["steps"]))
-            if done:
-                return history
-            diagnostics = state.update(state.collect())
+    while True:
+        done, every = numbers["steps"] >= settings.steps, settings.evaluate_every
+        last = curve[-1]["steps"] if curve else -every
+        if numbers["steps"] // every > last // every or (done and last < numbers["steps"]):
+            network = state.actor.arrays()
+            results = mean_of(validate(settings, partial(LearnedTeam, network, card), rivals or None))
+            point = {"steps": numbers["steps"], "seconds": round(time.monotonic() - began, 1)} | results | diagnostics
+            curve.append(point)
+            say(f"{point['steps'] / 1e6:.2f} million steps, {point['seconds']:.0f} s: {words_of(point)}")
+            if history["best"] is None or rank_of(point, state.limit) > rank_of(history["best"], state.limit):
+                history["best"] = point
+                checkpoint.save(folder, network, card, notes={"training": history}, place=checkpoint.BEST)
+            checkpoint.save(folder, network, card, state=state.save_state(), notes={"training": history})
+            log(point)
+        if done:
+            return history
+        diagnostics = state.update(state.collect())
 
 
 def _begin(settings: TrainingSettings, state: Training, say: Callable[[str], None]) -> dict[str, Any]:
     """Resume a training, or validate the rival and imitate it; return the history."""
     if (settings.out / checkpoint.FILE).exists():
         _, stored, text = checkpoint.read(settings.out)
-        if differences := settings.differences(stored.settings):
+        differences = settings.differences(stored.settings)
+        if Card.of(settings.make_home()).home != stored.home:
+            differences.append("the scenario has changed")
+        if differences:
             rule = "must be an empty folder or contain a training with the same settings"
             raise ValueError(f"out {rule}, got {settings.out}: {'; '.join(differences)}")
         with checkpoint.resuming(settings.out, text):

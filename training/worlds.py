@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from torch import Tensor
 
 from baselines.policies.reacting import Reacting, kept_apart
 from baselines.policies.rows import Rows
@@ -41,6 +42,34 @@ class Step(NamedTuple):
     """(B,) 1 for robots that were removed."""
     over: np.ndarray
     """(W,) True for worlds whose episode is over."""
+
+
+class Rollout(NamedTuple):
+    """T steps of B robots, as tensors.
+
+    Attributes:
+        rows: (T, B, ...) what the actor reads.
+        truth: (T, B, ...) what the critic reads besides the robot's own numbers.
+        actions: (T, B, A).
+        likelihood: (T, B) logarithm of the density of the actions, but for a constant.
+        acted: (T, B) 1 where a robot was in its world.
+        begins: (T, B) 1 in the first step of an episode.
+        memory: (B, memory) before the first step.
+        advantages: (T, B).
+        returns: (T, B) sums of discounted rewards, as the critic is to learn them.
+        deviation: Standard deviation of the actions.
+    """
+
+    rows: list[Tensor]
+    truth: list[Tensor]
+    actions: Tensor
+    likelihood: Tensor
+    acted: Tensor
+    begins: Tensor
+    memory: Tensor
+    advantages: Tensor
+    returns: Tensor
+    deviation: float
 
 
 class Worlds:
@@ -109,6 +138,15 @@ class Worlds:
         """Begin episodes in the masked worlds."""
         self.batch.reset(worlds)
         self._left[worlds] = self.steps
+
+    def save_state(self) -> dict[str, np.ndarray]:
+        """Copy everything that changes during steps, without a space of scenarios, by name."""
+        return self.batch.save_state() | {"left": self._left.copy()}
+
+    def load_state(self, saved: dict[str, np.ndarray]) -> None:
+        """Resume from what `save_state` returned."""
+        self._left = saved["left"].copy()
+        self.batch.load_state(saved)
 
     def _flat(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Join arrays (W, n, ...) of the groups to (B, ...), with zeros for places without a robot."""

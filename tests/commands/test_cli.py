@@ -243,7 +243,7 @@ def test_json_is_all_that_is_on_stdout_and_quiet_says_nothing(arguments, capsys,
 
 
 def test_a_missing_extra_says_what_works_from_a_checkout_too(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "training.sb3.trainer", None)
+    monkeypatch.setitem(sys.modules, "training.trainer", None)
     code, _, error = called(capsys, "train")
     assert (code, len(error.splitlines())) == (2, 1)
     assert 'pip install ".[train]" in a checkout, pip install "lissajous-env[train]" elsewhere' in error

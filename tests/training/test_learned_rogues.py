@@ -21,7 +21,7 @@ from training.rogue_trainer import train_rogues
 
 SMALL = {"sensing.radius": 0.35, "task.duration": 8.0, "targets.entry": "unseen"}
 FAST = {"scenario": "experiment", "against": "sweep", "rounds": 3, "starts": 24, "worlds": 4,
-        "evaluation_episodes": 8, "overrides": SMALL, "threads": 1}  # fmt: skip
+        "episodes": 8, "overrides": SMALL, "threads": 1}  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -28,7 +28,6 @@ from lissajous_env.storage.files import read_bytes, read_json
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import shown
 from training.learned.card import Card, require
-from training.learned.history import check_notes
 from training.learned.network import Network
 from training.learned.team_network import TeamNetwork
 
@@ -53,7 +52,7 @@ def hold(folder: str | Path) -> Folder:
     Raises:
         ValueError: it is in use, or contains files of a user under these names.
     """
-    return Folder(folder, (FILE, BEST, "report.html", "tensorboard/"))
+    return Folder(folder, (FILE, BEST))
 
 
 def save(
@@ -138,7 +137,6 @@ def read_text(folder: str | Path) -> dict[str, Any]:
         activation = text["policy"].get("activation")
         require("activation", activation == ACTIVATION, f"must be {ACTIVATION}", activation)
         _check_files(text["files"])
-        check_notes(text)
     return text
 
 

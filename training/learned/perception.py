@@ -59,26 +59,21 @@ def perceive(observation: np.ndarray, scenario: Scenario) -> Perception:
     sensing, sight, top = scenario.sensing, scenario.sight, speed_unit(scenario)
     half = np.array([scenario.curve.half_width, scenario.curve.half_height], np.float32) / np.float32(sight)
     here = observation[..., :2] * half
-    first, parts = track_start(scenario), {}
-    counts = {"track": (sensing.tracks_seen, TRACK_ENTRIES), "teammate": (sensing.teammates_seen, TEAMMATE_ENTRIES)}
-    for kind, (count, entries) in counts.items():
-        parts[kind] = observation[..., first : first + count * len(entries)].reshape(*here.shape[:2], count, -1)
-        first += count * len(entries)
-    first = len(OWN_ENTRIES) + 2 * len(NEIGHBOUR_ENTRIES)
-    for kind, count, entries in (
-        ("robot", sensing.robots_seen, ROBOT_ENTRIES),
-        ("target", sensing.targets_seen, TARGET_ENTRIES),
+    parts = {}
+    for start, kinds in (
+        (len(OWN_ENTRIES) + 2 * len(NEIGHBOUR_ENTRIES), {"robot": ROBOT_ENTRIES, "target": TARGET_ENTRIES}),
+        (track_start(scenario), {"track": TRACK_ENTRIES, "teammate": TEAMMATE_ENTRIES}),
     ):
-        parts[kind] = observation[..., first : first + count * len(entries)].reshape(*here.shape[:2], count, -1)
-        first += count * len(entries)
-    kinds = [
-        "track" if sensing.tracks_seen else "target",
-        "teammate" if sensing.teammates_seen else "robot",
-    ]
-    count = sum(parts[kind].shape[2] for kind in kinds)
+        first = start
+        for kind, entries in kinds.items():
+            count, size = getattr(sensing, f"{kind}s_seen"), len(entries)
+            parts[kind] = observation[..., first : first + count * size].reshape(*here.shape[:2], count, size)
+            first += count * size
+    chosen = ["track" if sensing.tracks_seen else "target", "teammate" if sensing.teammates_seen else "robot"]
+    count = sum(parts[kind].shape[2] for kind in chosen)
     tokens = np.zeros((*here.shape[:2], count, len(TOKEN)), np.float32)
     first = 0
-    for kind in kinds:
+    for kind in chosen:
         part, token = parts[kind], tokens[:, :, first : first + parts[kind].shape[2]]
         first += part.shape[2]
         token[..., TOKEN.index(kind)] = 1.0
