@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 50_235
+LINES = 50_238
 """Lines of the packages."""
-MODULES = 358
+MODULES = 357
 """Files of the packages."""
-TESTS = 31_008
+TESTS = 30_983
 """Lines of the tests."""
 
 
