@@ -203,7 +203,7 @@ def test_a_training_shows_its_curve_its_rivals_and_the_latest_episode(browser, f
     assert [row[0] for row in rows] == ["policy", "policybest", "policy", "laps", "sweep"]
     for width in (1200, 390):
         browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", SCREEN | {"width": width})
-        assert overprinted(run) == []
+        wait(lambda: overprinted(run) == [])
     browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     listed = "(dl) => [...dl.querySelectorAll('dt')].map((name) => name.textContent)"
     shown = run(f"return [...document.querySelectorAll('#changed dl')].flatMap({listed})")
