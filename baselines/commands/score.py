@@ -101,15 +101,12 @@ def score(
 def _report_of(scored: Scored) -> str:
     """Return the report: the table of a log's score rows, and the episode of the first, which it can play."""
     from baselines.benchmark.report_page import Played, Report
-    from baselines.benchmark.statistics import share_detected
     from baselines.benchmark.table import Table
     from lissajous_env.identity import provenance
     from lissajous_env.replay.contents import BRIEF, contents
 
     scenario, first = scored.scenario, scored.rows[0]
-    name, policy = scenario.name, first["policy"]
-    curves = {name: {policy: share_detected(scored.detected_after, scored.undetected_for)}}
-    table = Table.of(scored.rows, {name: scenario}, curves=curves)
-    report = Report(table, provenance("cpu"), nameless=frozenset((policy,)))
-    played = {(name, policy, first["seed"]): Played(contents(scored.recording, BRIEF), True)}
+    report = Report(Table.of(scored.rows, {scenario.name: scenario}), provenance("cpu"))
+    key = (scenario.name, first["policy"], first["seed"])
+    played = {key: Played(contents(scored.recording, BRIEF), True)}
     return report.html(report.ranked(), played)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.logs.clocks import SAME, Clock
-from lissajous_env.logs.drive_input import DRIVE_INPUTS
+from lissajous_env.logs.inputs import INPUTS
 from lissajous_env.logs.log import Log, Series, Track
 from lissajous_env.logs.messages import Bags
 from lissajous_env.logs.poses import TOPICS, Poses, Robot, Sources
@@ -257,7 +257,7 @@ def _command_of(message: Any) -> Values | str:
     """Return the values of a command, those with names in the order of their names."""
     twist = getattr(message, "twist", message)
     if hasattr(twist, "linear"):
-        return DRIVE_INPUTS, [float(twist.linear.x), float(twist.angular.z)]
+        return INPUTS["differential"], [float(twist.linear.x), float(twist.angular.z)]
     if not hasattr(message, "name"):
         return (), [float(value) for value in message.data]
     names = list(message.name)

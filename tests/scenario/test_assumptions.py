@@ -15,7 +15,7 @@ import lissajous_env
 from baselines.planning.request import Request
 from baselines.policies.settings import PolicySettings
 from lissajous_env.console.cli import main
-from lissajous_env.parameters import named
+from lissajous_env.parameters import assumptions, named
 from lissajous_env.parameters.assumptions import AssumptionWarning, violations
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import as_toml
@@ -27,7 +27,7 @@ from lissajous_env.theory import closed_forms, geometry
 
 @pytest.fixture(autouse=True)
 def _nothing_reported(monkeypatch):
-    monkeypatch.setattr(named, "_reported", set())
+    monkeypatch.setattr(assumptions, "_reported", set())
     monkeypatch.setattr(named, "_unused", set())
 
 
@@ -123,8 +123,7 @@ def test_one_of_ones_own_warns_once(tmp_path):
     assert said(lambda: lissajous_env.evaluate(lambda seen: np.ones((*seen.shape[:2], 1)), made, [0])) == []
 
 
-def test_a_scenario_that_is_registered_warns_when_it_is_registered(monkeypatch):
-    monkeypatch.setattr(named, "_REGISTERED", {})
+def test_a_scenario_that_is_registered_warns_when_it_is_registered():
     made = with_(robot={"count": 13})
     (words,) = said(lambda: lissajous_env.register_scenario(dataclasses.replace(made, name="thirteen-of-fifteen")))
     assert "13 robots" in words

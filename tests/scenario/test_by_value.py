@@ -134,7 +134,7 @@ for duration in DURATIONS:
     made = lissajous_env.scenario('failure', **{'task.duration': duration})
     made = dataclasses.replace(made, name=NAME, description='d')
     lissajous_env.register_scenario(made)
-    space = lissajous_env.ScenarioSpace('space-of-a-cell', made, {'targets': {'count': {'choices': [1, 2]}}})
+    space = lissajous_env.ScenarioSpace('space-of-a-cell', made, {'targets': {'count': 'choice(1, 2)'}})
     lissajous_env.register_scenario_space(space)
     assert lissajous_env.scenario(NAME).task.duration == duration
     assert lissajous_env.scenario_space('space-of-a-cell').base.task.duration == duration
