@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 50_238
+LINES = 50_370
 """Lines of the packages."""
-MODULES = 357
+MODULES = 356
 """Files of the packages."""
-TESTS = 30_983
+TESTS = 30_995
 """Lines of the tests."""
 
 
