@@ -3,12 +3,11 @@
 import doctest
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import called
 from matplotlib import image
 
 import lissajous_env
@@ -51,14 +50,6 @@ def numbers(words):
 
 def rows(everything, part):
     return {claim.claim: claim for claim in everything[1] if claim.part == part}
-
-
-@pytest.mark.long
-def test_every_part_has_rows_and_its_picture(everything):
-    out, claims = everything
-    assert list(dict.fromkeys(claim.part for claim in claims)) == list(PARTS)
-    assert set(FIGURES) <= set(PARTS)
-    assert {path.stem for path in out.glob("*.png")} == set(FIGURES)
 
 
 @pytest.mark.long
@@ -131,18 +122,6 @@ def test_the_page_has_a_row_for_each_claim(everything):
     assert {path.name for path in out.iterdir() if path.name.startswith(".")} <= {LIST}
 
 
-@pytest.mark.long
-def test_words_say_the_numbers(everything):
-    # Oracle: every claim of one number or of a count, put into words again.
-    for claim in everything[1]:
-        if {"holds", "of"} <= claim.numbers.keys():
-            assert claim.ours.startswith("{holds} of {of}".format(**claim.numbers))
-        elif {"paper", "ours"} <= claim.numbers.keys():
-            assert float(claim.ours.split()[0]) == pytest.approx(claim.numbers["ours"], rel=1e-2)
-            assert claim.paper.startswith(f"{claim.numbers['paper']:g}")
-        assert all(np.isfinite(float(value)) for value in claim.numbers.values()), claim
-
-
 def test_a_claim_agrees_by_its_tolerance():
     assert claims.near("", 4.5, 4.7, 0.3).agrees
     assert not claims.near("", 4.5, 4.9, 0.3).agrees
@@ -154,7 +133,7 @@ def test_a_claim_agrees_by_its_tolerance():
     assert claims.verdict(claims.reported("", "", "")) == "-"
 
 
-@pytest.mark.parametrize(("depth", "c"), [(0.0, 7), (0.8, 3), (0.8, 7), (0.3, 11), (1.6, 1)])
+@pytest.mark.parametrize(("depth", "c"), [(0.8, 3), (0.3, 11)])
 def test_distance_of_branches(depth, c):
     # Oracle: all pairs of points of the curve that are apart along it, by brute force.
     curve = Curve(1.8, 0.8, 3, 2, depth, c)
@@ -170,11 +149,10 @@ def test_distance_of_branches(depth, c):
     assert branch_radius(curve) == pytest.approx(inner[dips].min() / 2, abs=0.01)
 
 
-def test_an_unknown_name_offers_the_nearest(tmp_path):
-    command = [sys.executable, "-m", "lissajous_env", "reproduce", "figg6", "--out", str(tmp_path / "out")]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert ended.returncode == 2
-    assert "got 'figg6'; did you mean fig6?" in ended.stderr
+def test_an_unknown_name_offers_the_nearest(tmp_path, capsys):
+    code, _, error = called(capsys, "reproduce", "figg6", "--out", str(tmp_path / "out"))
+    assert code == 2
+    assert "got 'figg6'; did you mean fig6?" in error
     assert not (tmp_path / "out").exists()
 
 
@@ -234,12 +212,11 @@ def test_the_stored_figures_are_those_of_today(everything):
             assert old[:2] + old[3:4] == new[:2] + new[3:4], part
 
 
-@pytest.mark.parametrize(("suffix", "magic"), [("svg", b"<?xml"), ("pdf", b"%PDF")])
-def test_pictures_for_papers(suffix, magic, tmp_path):
-    # Story: `lissajous reproduce fig6 --format svg`; the page shows the pictures, and names the command that made them.
-    reproduce(("fig6",), tmp_path, format=suffix, output=Output(quiet=True))
-    assert (tmp_path / f"fig6.{suffix}").read_bytes().startswith(magic)
+def test_pictures_for_papers(tmp_path):
+    # Story: `lissajous reproduce fig2 --format svg`; the page shows the pictures, and names the command that made them.
+    reproduce(("fig2",), tmp_path, format="svg", output=Output(quiet=True))
+    assert (tmp_path / "fig2.svg").read_bytes().startswith(b"<?xml")
     page = (tmp_path / "README.md").read_text()
-    assert f"](fig6.{suffix})" in page
-    assert f"--format {suffix}" in page
+    assert "](fig2.svg)" in page
+    assert "--format svg" in page
     assert not list(tmp_path.glob("*.png"))

@@ -37,8 +37,6 @@ def curves(draw, largest=9):
         (Curve(5, 5, 7, 3), 0.2029, 0.3170),
         (Curve(5, 5, 7, 8), 0.0978, 0.1533),
         (Curve(5, 3, 3, 4), 0.3388, 0.5257),
-        (Curve(5, 5, 5, 6), 0.1804, 0.2823),
-        (Curve(10, 10, 3, 8), 0.3297, 0.5157),
     ],
 )
 def test_robot_radius_table(curve, bound, measured):
@@ -82,11 +80,6 @@ def test_coverage_table(curve, bound, covering):
     assert closed_forms.coverage_radius(curve) == pytest.approx(bound, abs=5e-4)
     assert geometry.measured_coverage_radius(curve) == pytest.approx(covering, abs=1e-3)
     assert geometry.measured_coverage_radius(curve, precision=1e-5) == pytest.approx(covering, abs=1e-4)
-
-
-def test_coverage_of_an_ellipse_is_exact():
-    # Oracle: a = b = 1, A = B is a circle; its centre is R away, and the corner (sqrt 2 - 1) R.
-    assert geometry.measured_coverage_radius(Curve(2, 2, 1, 1)) == pytest.approx(2, abs=1e-3)
 
 
 @settings(max_examples=30, deadline=None)
@@ -164,17 +157,6 @@ def test_curve_16_length_curvature_and_speed():
     assert 0.3 * geometry.largest_speed(CURVE_16) == pytest.approx(speed.max(), rel=1e-8)
     assert geometry.top_speed(CURVE_16, 0.3) == pytest.approx(speed.max(), rel=1e-5)
     assert speed.mean() == pytest.approx(1.11, abs=5e-3)
-
-
-@settings(max_examples=30, deadline=None)
-@given(curves(), st.floats(0, 2 * np.pi))
-def test_speed_is_the_derivative_of_the_position(curve, gamma):
-    step = 1e-5
-    difference = closed_forms.curve_point(curve, gamma + step) - closed_forms.curve_point(curve, gamma - step)
-    scale = max(curve.half_width, curve.half_height) * max(curve.a, curve.b)
-    assert np.linalg.norm(difference) / (2 * step) == pytest.approx(
-        closed_forms.curve_speed(curve, gamma), abs=1e-6 * scale
-    )
 
 
 @settings(max_examples=30, deadline=None)
