@@ -276,4 +276,3 @@ class Policy(Copyable):
 
         stream = wp.stream_from_torch(torch.cuda.current_stream(wp.device_to_torch(self.device)))
         return wp.ScopedStream(stream, sync_enter=True, sync_exit=True)
-
