@@ -1,5 +1,6 @@
 """The contouring controller against IPOPT, its own cost in float64, closed forms, and physical stories."""
 
+import dataclasses
 import importlib
 import math
 from functools import cache
@@ -198,7 +199,7 @@ def test_phase_rates_and_guesses_that_are_no_numbers(near):
 )
 def test_other_horizons_and_curves(stages, step, curve):
     """Oracle: the float64 cost of the control; a horizon of one stage included."""
-    p = P.replace(stages=stages, step=step)
+    p = dataclasses.replace(P, stages=stages, step=step)
     problems = load_benchmark().random_problems(16, curve, p, np.random.default_rng(1))
     solution = Mpcc(curve, p, 16).solve(problems.state, problems.phase_rate)
     cost, _ = cost_and_path(problems.state, problems.phase_rate, solution.control, p, curve)

@@ -197,16 +197,3 @@ def test_formation_lies_on_the_ellipse(curve, shift):
     assert closed_forms.ellipse_residual(curve, positions * 1.1, shift) == pytest.approx(off, abs=1e-9)
     # Any robot of the formation names the same ellipse.
     assert closed_forms.ellipse_residual(curve, positions, shift + 2 * np.pi / n) == pytest.approx(0, abs=1e-9)
-
-
-@settings(max_examples=60, deadline=None)
-@given(curves(), st.floats(0, 2 * np.pi))
-def test_outline_is_the_ellipse_through_the_formation(curve, shift):
-    n = curve.a + curve.b
-    outline = closed_forms.ellipse_outline(curve, shift, points=n + 1)
-    assert closed_forms.ellipse_residual(curve, outline, shift) == pytest.approx(0, abs=1e-9)
-    assert outline[0] == pytest.approx(outline[-1])
-    # With N points the outline is the formation itself: the robot at gamma + 2 pi k / N has phi = -2 pi a k / N.
-    order = -curve.a * np.arange(n) % n
-    scale = max(curve.half_width, curve.half_height)
-    assert formation(curve, n, shift)[:, :2] == pytest.approx(outline[order], abs=1e-9 * scale)
