@@ -83,7 +83,7 @@ def _times_of(source: Path, card: Card) -> dict[str, Any]:
 
 
 def _rounded(summary: Any) -> dict[str, float | None]:
-    numbers = {"iqm": summary.iqm, "low": summary.low, "high": summary.high, "mean": summary.mean}
+    numbers = {"iqm": summary.value, "low": summary.low, "high": summary.high}
     return {name: round(value, 4) if value == value else None for name, value in numbers.items()}
 
 

@@ -6,7 +6,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
-from baselines.benchmark.statistics import share_detected
 from baselines.reproduce.claims import SILENT, Part, all_of, at_most, near, reported
 from baselines.reproduce.drawing import (
     BLUE,
@@ -157,5 +156,8 @@ def fig3(player: Player) -> Part:
 
 def _draw_share(axes: Axes, times: np.ndarray, found: np.ndarray, **line: Any) -> None:
     """Draw the share of the targets detected over time, by Kaplan and Meier."""
-    at, share = share_detected(times[found], times[~found])
+    from scipy import stats  # its import takes longer than that of this project
+
+    curve = stats.ecdf(stats.CensoredData.right_censored(times, ~found)).cdf
+    at, share = curve.quantiles, curve.probabilities
     axes.step([0, *at[::20], at[-1], 9], [0, *share[::20], share[-1], share[-1]], where="post", **line)

@@ -80,7 +80,8 @@ def lasting() -> Any:
 
 def steady_clock() -> Any:
     """Return the machine's clock, for timers that go on while the clock of a simulation waits."""
-    from rclpy.clock import Clock, ClockType
+    from rclpy.clock import Clock
+    from rclpy.clock_type import ClockType
 
     return Clock(clock_type=ClockType.STEADY_TIME)
 

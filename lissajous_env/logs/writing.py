@@ -25,11 +25,11 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.episodes.recording import Recording
-from lissajous_env.logs.car_input import inputs_of
-from lissajous_env.logs.drive_input import twists_of
+from lissajous_env.logs.inputs import INPUTS, inputs_of
 from lissajous_env.logs.markers import Shape, ground_shapes, robot_shapes, target_shape
 from lissajous_env.logs.messages import rosbags, type_store
-from lissajous_env.logs.reading import COMMAND, EPISODE, ODOMETRY, PHASE, STATUS
+from lissajous_env.logs.poses import TOPICS
+from lissajous_env.logs.reading import COMMAND, EPISODE, PHASE, STATUS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import replacing
 from lissajous_env.world.state import REMOVED, WORKING
@@ -174,10 +174,8 @@ def _commands(recording: Recording) -> np.ndarray:
     if recording.scenario.task.action != "control":
         raise ValueError(f"task.action must be control for a log, got {recording.scenario.task.action}")
     commands = recording.action.copy()
-    if recording.scenario.robot.kind == "car":
+    if recording.scenario.robot.kind in INPUTS:
         commands[..., :2] = inputs_of(recording.scenario.resolve().robot, np.ascontiguousarray(commands[..., :2]))
-    if recording.scenario.robot.kind == "differential":
-        commands[..., :2] = twists_of(recording.scenario.robot, commands[..., :2])
     return commands
 
 
@@ -193,7 +191,7 @@ def _write_robot(
     unknown, measured = np.zeros(36), np.zeros(36)
     measured[0] = -1.0 if without_speed else 0.0
     topics.write(
-        ODOMETRY[0].format(robot),
+        TOPICS[0].format(robot),
         "nav_msgs/msg/Odometry",
         time,
         header=topics.header(time),

@@ -7,6 +7,7 @@ import pytest
 
 import baselines
 import lissajous_env
+from baselines.policies.dividing import Cover, VoronoiPursuit
 from baselines.policies.reacting import Chase, Force, Index, Lanes, comb
 from lissajous_env.world.observation import layout
 
@@ -71,6 +72,33 @@ def test_a_force_draws_a_robot_to_its_target_and_away_from_others():
     patrol = Lanes(simulation.scenario, reach=simulation.scenario.sight).act(simulation.observation.numpy())[0, 4]
     np.testing.assert_allclose(shared, patrol, atol=1e-6)
     assert not np.allclose(shared, alone, atol=0.1)
+
+
+def test_a_team_divides_the_targets_that_it_covers():
+    # Story: robot 4 is nearest to two targets that one disc covers, robot 3 to one, robot 0 to the others.
+    resting = lissajous_env.scenario("watch", **{"targets.wandering": 0.0, "targets.fleeing": 0.0})
+    simulation = lissajous_env.Simulation(resting, seed=1)
+    put(simulation, CORNERS, [(3.0, 1.8), (3.0, -1.8), (15.5, 10.0), *[(-17.0, -9.0)] * 7])
+    action = Cover(resting).act(simulation.observation.numpy())[0]
+    assert action[4, 0] > 0.5
+    assert abs(action[4, 1]) < 0.4
+    assert action[3, 0] < -0.8
+    to_one = Cover(resting, margin=0.1).act(simulation.observation.numpy())[0, 4]
+    assert abs(to_one[1]) > 0.4, "a smaller disc covers only one of the two"
+
+
+def test_a_pursuer_drives_to_the_border_of_the_cells():
+    # Oracle: of a robot and a target of equal speed the border is half-way; from near, the robot drives straight.
+    simulation = lissajous_env.Simulation("intercept", seed=1)
+    put(simulation, [*CORNERS[:4], (-4.0, 0.0)], [(4.0, 0.0), (-19, 0), (19, 0), (19, 12)])
+    rows = simulation.observation.numpy()
+    slow = VoronoiPursuit(simulation.scenario, fade=100.0)
+    slow.pace = 1.0
+    ahead = slow.act(rows)[0, 4]
+    assert ahead[0] > 0.9
+    assert abs(ahead[1]) < 0.3
+    straight = VoronoiPursuit(simulation.scenario, near=100.0).act(rows)
+    np.testing.assert_allclose(straight, Chase(simulation.scenario, lead=0.0).act(rows), atol=1e-5)
 
 
 def test_a_chase_with_a_lead_meets_a_target_that_crosses():

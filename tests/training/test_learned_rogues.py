@@ -158,7 +158,7 @@ def test_results_of_another_rogue_in_the_same_folder_are_refused(trained, tmp_pa
     mine = tmp_path / "mine"
     checkpoint.save(mine, network, card)
     arguments = ["benchmark", "--scenarios", "experiment", "--policies", "still", "--rogues", mine, "--out",
-                 tmp_path / "out", "--replays", "none", "--set", "task.duration=4", "--episodes"]  # fmt: skip
+                 tmp_path / "out", "--replays", "0", "--set", "task.duration=4", "--episodes"]  # fmt: skip
     code, _, error = called(capsys, *arguments, 1)
     assert code == 0, error
     checkpoint.save(mine, make_network(network.inputs), card)

@@ -12,7 +12,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
-from lissajous_env.parameters.named import warn_of_violations
+from lissajous_env.parameters.assumptions import warn_of_violations
 from lissajous_env.parameters.scenario import Scenario
 
 wp.set_module_options(OPTIONS)
