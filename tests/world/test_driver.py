@@ -97,15 +97,3 @@ def test_what_steers_itself_is_refused():
         baselines.make("random-safe", scenario)
     with pytest.raises(ValueError, match=r"task.action must be control for robots of kind curve, got velocity"):
         lissajous_env.scenario("failure", **{"task.action": "velocity"})
-
-
-@pytest.mark.parametrize("scale", [(2.0, 4.0), (1 / 8, 1.0)])
-def test_the_driver_keeps_its_bits_at_another_scale(scale):
-    scenario = made().scenario
-    one, other = (lissajous_env.Simulation(each, 2, seed=1) for each in (scenario, scenario.scaled(*scale)))
-    draw = np.random.default_rng(0)
-    for _ in range(50):
-        action = draw.uniform(-1, 1, one.action_shape).astype(np.float32)
-        one.step(action)
-        other.step(action)
-        assert one.observation.numpy().tobytes() == other.observation.numpy().tobytes()

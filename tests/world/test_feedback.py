@@ -198,16 +198,3 @@ def test_a_target_flees_from_all_robots_and_walls():
         tested += sure.sum()
         before = after.astype(float)
     assert tested > 500
-
-
-@pytest.mark.parametrize("scale", [(2.0, 4.0), (1 / 8, 1.0)])
-def test_worlds_with_feedback_keep_their_bits_at_another_scale(scale):
-    overrides = {
-        "sensing.sight": 8.0, "targets.respawn": True, "targets.entry": "hotspots", "targets.hotspot_spread": 2.5,
-        "targets.speed_min": 0.25, "targets.flight": "all",
-    }  # fmt: skip
-    scenario = lissajous_env.scenario("intruders", **FIELD | overrides)
-    one, other = (lissajous_env.Simulation(each, 2, seed=1) for each in (scenario, scenario.scaled(*scale)))
-    for _ in zip(drive(one), drive(other), strict=True):
-        assert one.observation.numpy().tobytes() == other.observation.numpy().tobytes()
-    assert one.score()[0]["detection_rate"] == pytest.approx(other.score()[0]["detection_rate"] * scale[1], rel=1e-6)

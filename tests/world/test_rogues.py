@@ -150,18 +150,6 @@ def test_the_row_of_a_rogue_that_is_not_there_is_zero():
         assert ((rows >= layout.low) & (rows <= layout.high)).all()
 
 
-def test_similar_scenarios_have_similar_rogues():
-    # Similarity law: lengths times 2 and times times 3 change no observation, and rewards by the factor 3.
-    base = lissajous_env.scenario("experiment", **AGENTS)
-    one, other = Simulation(base), Simulation(base.scaled(length=2.0, time=3.0))
-    for step in range(30):
-        robots, rogues = actions(one, step)
-        one.step(robots, rogues)
-        other.step(robots, rogues)
-        assert np.allclose(one.rogue_observation.numpy(), other.rogue_observation.numpy(), atol=2e-3)
-        assert np.allclose(3 * one.rogue_reward.numpy(), other.rogue_reward.numpy(), atol=2e-3)
-
-
 def test_an_action_that_is_not_finite_counts_as_zero_and_is_flagged():
     # Story: a NaN for a present rogue flags its world; one for an empty slot does not.
     simulation = Simulation("experiment", 2, **AGENTS)

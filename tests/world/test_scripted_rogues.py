@@ -141,17 +141,6 @@ def test_a_rule_of_ones_own_is_a_function_of_the_rows():
         played("misshapen", 1)
 
 
-@pytest.mark.parametrize("name", ["wander", "flee", "shadow"])
-def test_similar_scenarios_have_similar_scripts(name):
-    # Similarity law: lengths times 2 and times times 3 change no entry of a row.
-    base = lissajous_env.scenario("experiment", rogues=name, **SMALL)
-    one, other = Simulation(base, 2), Simulation(base.scaled(length=2.0, time=3.0), 2)
-    for _ in range(15):
-        for simulation in (one, other):
-            simulation.step(np.full(simulation.action_shape, 0.2))
-        assert np.allclose(one.rogue_observation.numpy(), other.rogue_observation.numpy(), atol=2e-3)
-
-
 def test_commands_name_a_script(capsys, tmp_path):
     # Story: the scores are those of the same scenario in Python; agents and unknown names are refused.
     def run(*arguments):

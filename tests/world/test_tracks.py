@@ -141,14 +141,6 @@ def test_what_is_known_does_not_depend_on_the_numbers_of_the_robots():
             np.testing.assert_allclose(renumbered, rows, atol=2e-5)
 
 
-@pytest.mark.parametrize("scale", [(2.0, 4.0), (1 / 8, 1.0)])
-def test_tracks_keep_their_bits_at_another_scale(scale):
-    scenario = lissajous_env.scenario("intruders", **FIELD | STAY | MESSY | {"sensing.shared": "team"})
-    one, other = (lissajous_env.Simulation(each, 2, seed=1) for each in (scenario, scenario.scaled(*scale)))
-    for _ in zip(drive(one), drive(other), strict=True):
-        assert one.observation.numpy().tobytes() == other.observation.numpy().tobytes()
-
-
 def test_no_tracks_cost_nothing():
     # Story: without tracks there is no stage, no memory and no entry of theirs.
     plain = lissajous_env.Simulation("intruders")
