@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from lissajous_env.episodes.recording import Recorder
 
 FIELD = {
     "curve.half_width": 20.0, "curve.half_height": 12.5, "robot.count": 5, "robot.radius": 0.4, "robot.wheelbase": 0.8,
@@ -116,22 +115,6 @@ def test_a_detected_target_appears_anew_and_every_life_counts():
         assert row["detection_time_mean"] == pytest.approx(expected, rel=1e-5)
         assert row["detection_time_max"] == pytest.approx(max([*times[w], *left]), rel=1e-5)
         assert row["targets"] == detected + undetected.sum()
-
-
-def test_each_life_is_a_target_of_a_recording():
-    # Story: a target that was detected stays there, and another one appears elsewhere in the next step.
-    simulation = field(1, **{"targets.respawn": True})
-    recorder = Recorder(simulation)
-    recorder.take()
-    for _ in drive(simulation, 119):
-        recorder.take()
-    recording = recorder.recording()
-    assert len(recording.motion) == recording.score["targets"]
-    assert (recording.found_at < 2**30).sum() == round(recording.score["detected_fraction"] * len(recording.motion))
-    for moment in (0, 40, 119):
-        assert recording.snapshot(moment).present.sum() + (recording.found_at == moment).sum() == 12
-    waited = (np.minimum(recording.found_at - recording.found_early, 119) - recording.appears_at) * 0.5
-    assert waited.mean() == pytest.approx(recording.score["detection_time_mean"], rel=1e-5)
 
 
 # Hotspots.

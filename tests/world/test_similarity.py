@@ -13,7 +13,6 @@ import baselines
 import lissajous_env
 from baselines.mpcc import MpccParameters
 from baselines.similarity import motion_scale
-from lissajous_env.parameters.scenario import Curve, Formation, Robot, Scenario, Sensing, Targets, Task
 
 pytestmark = pytest.mark.filterwarnings("ignore::lissajous_env.parameters.assumptions.AssumptionWarning")
 
@@ -98,45 +97,6 @@ def test_the_unit_of_the_throttle_does_not_matter():
     percent = {f"robot.{name}": value for name, value in percent.items()}
     again, _ = observations(lissajous_env.scenario(scenario, **percent), "kuramoto-mpcc")
     np.testing.assert_array_equal(again, seen)
-
-
-def hall(kind, policy, duration=60.0):
-    """Score of 13 robots of 1.5 m/s in a hall of 40 m x 25 m."""
-    scenario = Scenario(
-        curve=Curve(half_width=20.0, half_height=12.5, a=3, b=10),
-        formation=Formation(phase_rate=0.0098),
-        robot=Robot(kind=kind, radius=0.4, throttle_max=0.1385, model_offset=3.804),
-        sensing=Sensing(radius=6.0),
-        targets=Targets(count=0, arrival_rate=0.1, entry="unseen", speed=0.2),
-        task=Task(duration=duration, contamination=(80, 50)),
-    )
-    return lissajous_env.evaluate(baselines.make(policy, scenario), scenario, seeds=[1])[0]
-
-
-def test_cars_in_a_hall_drive_as_far_as_points_and_guarantee_as_much():
-    points, cars = hall("curve", "kuramoto"), hall("car", "kuramoto-mpcc")
-    for column in ("distance_mean", "guaranteed_detection_time"):
-        assert cars[column] == pytest.approx(points[column], rel=0.1)
-    assert cars["collisions"] == 0
-
-
-def test_a_car_that_cannot_follow_the_curve_cuts_corners_and_drives_on():
-    # Its tightest circle, of 1.6 m, is wider than half of the rectangle is high.
-    overrides = {"robot.wheelbase": 0.6, "faults.schedule": ()}
-    scenario = lissajous_env.scenario("experiment", **overrides)
-    row = lissajous_env.evaluate(baselines.make("kuramoto-mpcc", scenario), scenario, seeds=[0])[0]
-    assert row["distance_mean"] > 0.8 * 60 * 1.106  # at the formation's mean speed
-
-
-@pytest.mark.parametrize("step", [0.05, 0.25])
-def test_the_horizon_does_not_shrink_with_the_control_step(step):
-    scenario = lissajous_env.scenario("experiment", **{"task.step": step, "faults.schedule": ()})
-    p = MpccParameters.of(scenario)
-    assert p.step == pytest.approx(max(step, 0.1))
-    assert p.shift * p.step == pytest.approx(step)
-    row = lissajous_env.evaluate(baselines.make("kuramoto-mpcc", scenario), scenario, seeds=[0])[0]
-    assert row["lateral_error_mean"] < 0.2
-    assert row["spacing_factor"] < 1.3
 
 
 def test_the_papers_scenarios_are_the_unit():
