@@ -119,8 +119,8 @@ def test_without_rogues_there_is_nothing_to_guarantee():
     assert np.isnan(simulation.score()[0]["guaranteed_detection_time"])
 
 
-@pytest.mark.parametrize(("policy", "radius", "speed"), [("kuramoto-mpcc", 0.75, 0.8), ("random", 0.7, 0.6)])
-def test_the_field_is_that_of_brute_force(policy, radius, speed):
+def test_the_field_is_that_of_brute_force():
+    policy, radius, speed = "kuramoto-mpcc", 0.75, 0.8
     setting = {"sensing.radius": radius, "targets.speed_limit": speed, "task.duration": 8.0}
     simulation, ages, sensors = played(policy, 3, slices=2, **setting, **{"task.contamination": (180, 80)})
     brute = Field(sensors, HALF, radius, speed, 0.1).run()

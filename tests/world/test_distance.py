@@ -40,8 +40,8 @@ BOUNDS = {
 
 @pytest.mark.parametrize("curve", BOUNDS, ids=str)
 def test_the_distance_is_that_of_brute_force(curve):
-    # Oracle: the nearest of 100,000 points of a lap.
-    points, half = curve_tree(curve, 100_001), [curve.half_width, curve.half_height]
+    # Oracle: the nearest of 300,000 points of a lap.
+    points, half = curve_tree(curve, 300_001), [curve.half_width, curve.half_height]
     for reach, worse in ((1.0, 1), (1.5, 10)):
         places = np.random.default_rng(0).uniform(-reach, reach, (3000, 2)) * half
         error = np.abs(by_kernel(curve, places) - points.query(places)[0])

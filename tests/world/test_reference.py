@@ -57,10 +57,9 @@ CASES = {
     }),
     "cars that reverse": ("experiment", {"robot.speed_min": -0.8, "robot.lateral_acceleration_max": 3.0, **ROAMING}),
     "cars that reverse between walls": ("experiment", {"task.boundary": "wall", "robot.speed_min": -1.5, **ROAMING}),
-    "differential drives": ("experiment", {**DRIVES, "robot.lateral_acceleration_max": 2.0, **ROAMING}),
     "differential drives between walls": ("experiment", {
         **DRIVES, "task.boundary": "wall", "robot.speed_min": -0.4, "robot.yaw_rate_max": 6.0,
-        "robot.drive_factors": ((1, 0.7),), **ROAMING,
+        "robot.drive_factors": ((1, 0.7),), "robot.lateral_acceleration_max": 2.0, **ROAMING,
     }),
     "cars that leave or crash are removed": ("experiment", {
         "task.boundary": "remove", "task.on_collision": "remove", "formation.start": "random", **ROAMING,
