@@ -15,6 +15,7 @@ import figures
 import numpy as np
 
 import lissajous_env
+from baselines.policies.dividing import Cover, VoronoiPursuit
 from baselines.policies.reacting import Chase, Follow, Force, Index, Lanes
 
 WORLDS, TUNED_ON, PLAYED_ON = 256, 4242, 10_000
@@ -25,11 +26,13 @@ POLICIES = {
         PATROL: (Lanes, {"lanes": 8}),
         "follow the nearest": (Follow, {}),
         "A-CMOMMT, tuned": (Force, {"shared": 0.0, "reach": 2.0, "apart": 3.0, "push": 1.0}),
+        "greedy cover, tuned": (Cover, {}),
     },
     "intercept": {
         PATROL: (Lanes, {"lanes": 16}),
         "pure pursuit": (Chase, {"lead": 0.0}),
         "lead pursuit, tuned": (Chase, {"lead": 0.8}),
+        "Voronoi pursuit, tuned": (VoronoiPursuit, {}),
     },
     "hotspots": {
         PATROL: (Lanes, {"lanes": 12}),
@@ -43,8 +46,13 @@ GRIDS = {
     "watch": [
         (Lanes, LANES),
         (Force, {"shared": (0.0, 0.1), "reach": (1.5, 2.0, 3.0), "apart": (2.0, 2.5, 3.0), "push": (0.5, 1.0, 2.0)}),
+        (Cover, {"delay": (0.5, 0.75, 1.0), "fade": (1.5, 2.25, 3.0), "margin": (0.5, 0.55, 0.6, 0.65, 0.7)}),
     ],
-    "intercept": [(Lanes, LANES), (Chase, {"lead": (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)})],
+    "intercept": [
+        (Lanes, LANES),
+        (Chase, {"lead": (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)}),
+        (VoronoiPursuit, {"near": (0.2, 0.3, 0.4), "width": (0.07, 0.1, 0.15), "fade": (0.25, 0.4, 0.6)}),
+    ],
     "hotspots": [(Lanes, LANES), (Index, {"learns": (False, True), "delay": (0.5, 1.0, 1.5, 3.0)})],
 }
 

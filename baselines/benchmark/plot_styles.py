@@ -7,7 +7,6 @@ their marks as well. More things than that share a colour or a mark, never both.
 """
 
 import io
-import zlib
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -76,17 +75,10 @@ def style_at(place: int) -> PlotStyle:
 def styles_of(played: Iterable[str]) -> dict[str, PlotStyle]:
     """Return how each policy is drawn; one with a filter is drawn as the same without.
 
-    The standard policies always have the same style. Any other policy has a style by its name, and a later one only if
-    another policy in the picture has that style or, while some colours are free, that colour.
+    The standard policies always have the same style; the others have the next ones, in the order of their names.
     """
-    policies = list(played)
-    plain = dict.fromkeys(unwrapped(policy)[0] for policy in policies)
-    fixed = {name: style_at(place) for names in (_FIXED, _FIXED_POINTS) for place, name in enumerate(names)}
-    style_of = {policy: fixed[policy] for policy in plain if policy in fixed}
-    for policy in sorted(policy for policy in plain if policy not in style_of):
-        first = zlib.crc32(policy.encode())
-        places = [style_at((first + k) % _STYLES) for k in range(_STYLES)]
-        colours = {style.colour for style in style_of.values()}
-        free = [style for style in places if style not in style_of.values()] or places
-        style_of[policy] = next((style for style in free if style.colour not in colours), free[0])
-    return {policy: style_of[unwrapped(policy)[0]] for policy in policies}
+    plain = {policy: unwrapped(policy)[0] for policy in played}
+    place_of = {name: place for names in (_FIXED, _FIXED_POINTS) for place, name in enumerate(names)}
+    others = sorted(set(plain.values()) - place_of.keys())
+    place_of |= {name: (len(_FIXED) + k) % _STYLES for k, name in enumerate(others)}
+    return {policy: style_at(place_of[name]) for policy, name in plain.items()}

@@ -9,7 +9,7 @@ import tyro
 
 from baselines.benchmark.table import Table
 from baselines.policies.factories import Factory
-from lissajous_env.parameters import named
+from lissajous_env.parameters import named_spaces
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import few_of
 
@@ -64,15 +64,14 @@ class Benchmark:
     against: str | None = None
     """Policy with which all others are compared, seed by seed; by default the paper's method if it is played, else the
     first policy."""
-    replays: tuple[str, ...] = ("few",)
-    """Episodes that report.html can play: `none`; `each`: the worst, median and best of each policy on each scenario;
-    `few`: eight of the worst of these; a number: that many of the worst of each; `all`; or SCENARIO:POLICY:SEED. The
-    reference policy is shown beside each."""
+    replays: int = 8
+    """Number of episodes that report.html can play: the worst of each policy on each scenario first. The reference
+    policy is shown beside each."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
     """Fields changed in every scenario, as {"task.duration": 30.0}."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "scenarios", named.expanded(self.scenarios))
+        object.__setattr__(self, "scenarios", named_spaces.expanded(self.scenarios))
 
     def check(self) -> None:
         """Raise ValueError for a value that a rule forbids."""
@@ -88,6 +87,8 @@ class Benchmark:
                 raise ValueError(f"{name} must contain each entry once, got {few_of(getattr(self, name))}")
         if not self.scenarios:
             raise ValueError("scenarios must contain at least one name, got none")
+        if self.replays < 0:
+            raise ValueError(f"replays must be at least 0, got {self.replays}")
         if self.engine not in ("local", "ray"):
             raise ValueError(f"engine must be local or ray, got {self.engine!r}")
         if self.address is not None and self.engine != "ray":
@@ -126,23 +127,11 @@ class Failure:
         return "refused" if self.is_refusal else "failed"
 
 
-@dataclass(frozen=True)
-class Batch:
-    """Results of episodes that were played together."""
-
-    rows: list[dict[str, Any]]
-    """Their score rows."""
-    detections: list[dict[str, Any]]
-    """Detection times of their targets: `baselines.benchmark.results_folder.detections_of`."""
-
-
-Key = tuple[str, str, int]
-"""Scenario, policy and seed of an episode."""
+Rows = list[dict[str, Any]]
+"""Score rows of episodes that were played together."""
 Work = list[tuple[Cell, list[int]]]
 """Cells, each with the numbers of the episodes to play."""
-
-
-Finish = Callable[[Cell, Batch | Failure], None]
+Finish = Callable[[Cell, Rows | Failure], None]
 """Stores a batch of a cell, or notes that its policy failed; what is stored is on the disk when it returns."""
 
 
@@ -152,7 +141,7 @@ class Outcome:
 
     settings: Benchmark
     cells: list[Cell]
-    rows: list[dict[str, Any]]
+    rows: Rows
     """Score rows of the requested episodes, by scenario, policy and episode."""
     table: Table
     """Table of all episodes in the folder."""

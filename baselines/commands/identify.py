@@ -9,8 +9,8 @@ import tyro
 
 from lissajous_env.console.recordings import check_file
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutFile, OutputOptions, print_left_out, print_table
+from lissajous_env.logs.poses import TOPICS
 from lissajous_env.logs.reading import COMMAND
-from lissajous_env.logs.robots import ODOMETRY
 from lissajous_env.parameters.scenario_file import as_toml
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ _Scenario = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
 def identify(
     logs: _Logs,
     scenario: _Scenario = None,
-    topics: tuple[str, ...] = ODOMETRY,
+    topics: tuple[str, ...] = TOPICS,
     commands: str = COMMAND,
     out: OutFile = None,
     output: OutputOptions = DEFAULT_OUTPUT,

@@ -10,7 +10,7 @@ from baselines.benchmark.progress import bar
 from baselines.commands.playing import FORMATS, progress_console
 from lissajous_env.console.recordings import check_file, show
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out
-from lissajous_env.logs.robots import ODOMETRY
+from lissajous_env.logs.poses import TOPICS
 from lissajous_env.logs.scoring import GAP, Scored, own_scenario
 from lissajous_env.logs.scoring import score as score_log
 from lissajous_env.parameters import named
@@ -26,7 +26,7 @@ _Out = Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")]
 def score(
     logs: _Logs,
     scenario: _Scenario = None,
-    topics: tuple[str, ...] = ODOMETRY,
+    topics: tuple[str, ...] = TOPICS,
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
     gap: float = GAP,
     episodes: int = 1,
@@ -101,15 +101,12 @@ def score(
 def _report_of(scored: Scored) -> str:
     """Return the report: the table of a log's score rows, and the episode of the first, which it can play."""
     from baselines.benchmark.report_page import Played, Report
-    from baselines.benchmark.statistics import share_detected
     from baselines.benchmark.table import Table
     from lissajous_env.identity import provenance
     from lissajous_env.replay.contents import BRIEF, contents
 
     scenario, first = scored.scenario, scored.rows[0]
-    name, policy = scenario.name, first["policy"]
-    curves = {name: {policy: share_detected(scored.detected_after, scored.undetected_for)}}
-    table = Table.of(scored.rows, {name: scenario}, curves=curves)
-    report = Report(table, provenance("cpu"), nameless=frozenset((policy,)))
-    played = {(name, policy, first["seed"]): Played(contents(scored.recording, BRIEF), True)}
+    report = Report(Table.of(scored.rows, {scenario.name: scenario}), provenance("cpu"))
+    key = (scenario.name, first["policy"], first["seed"])
+    played = {key: Played(contents(scored.recording, BRIEF), True)}
     return report.html(report.ranked(), played)

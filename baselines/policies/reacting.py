@@ -181,6 +181,14 @@ class Searching(Reacting):
         super().__init__(scenario, num_worlds, device)
         self.patrol = Lanes(scenario, num_worlds, device, reach=self.scenario.sight)
 
+    def expected_offset(self, rows: Rows) -> np.ndarray:
+        """Return where known targets are now (W, N, K, 2), relative to the robot, if they kept their velocity [m]."""
+        # A target keeps its velocity for about twice the time in which a robot drives as far as it sees.
+        longest = 1.875 * self.sight / self.top
+        here = rows.position[:, :, None]
+        guess = rows.track_offset + rows.track_velocity * np.minimum(rows.track_age, longest)[..., None]
+        return np.clip(here + guess, -self.half, self.half) - here
+
 
 class Follow(Searching):
     """Follow the nearest target in sight; patrol in lanes if there is none."""
@@ -222,11 +230,7 @@ class Force(Searching):
 
     def wish(self, rows: Rows) -> np.ndarray:
         """Add the forces; patrol without any target in reach."""
-        # A target keeps its velocity for about twice the time in which a robot drives as far as it sees.
-        longest = 1.875 * self.sight / self.top
-        here = rows.position[:, :, None]
-        guess = rows.track_offset + rows.track_velocity * np.minimum(rows.track_age, longest)[..., None]
-        guess = np.clip(here + guess, -self.half, self.half) - here
+        guess = self.expected_offset(rows)
         far = np.linalg.norm(guess, axis=-1)
         weight = np.where(rows.track_of_other, self.shared, 1.0) * np.clip(far / (0.375 * self.sight), 0.0, 1.0)
         weight = np.where(rows.tracks & (far < self.reach * self.sight), weight, 0.0)

@@ -19,6 +19,7 @@ from lissajous_env.envs.sides import Side, sides_of
 from lissajous_env.envs.true_state import padded_rows, state_size
 from lissajous_env.parameters import named
 from lissajous_env.parameters.draws import Draws
+from lissajous_env.parameters.named_spaces import space_and_split
 from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.space import ScenarioSpace
@@ -131,7 +132,7 @@ class Batch:
         self._device, self._together = device, Together(num_groups, threads)
         self._threads = threads if num_groups == 1 else self._together.threads
         self._max_cycles = max_cycles
-        space = named.space_and_split(scenario)
+        space = space_and_split(scenario)
         if space is None:
             self.space, self.split = None, None
             if num_groups != 1:

@@ -11,11 +11,11 @@ longest counts.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from lissajous_env.logs.log import Log
+from lissajous_env.logs.poses import Poses
 
 SAME = 1e-4
 """Difference up to which two stamps of a robot's poses are the same [s]."""
@@ -31,23 +31,6 @@ _DETOUR = 1.5
 """Factor by which the way in the order of the stamps must exceed that in the order of the recording."""
 
 
-class Recorded(NamedTuple):
-    """Poses of a robot as they were recorded, K rows."""
-
-    bag: np.ndarray
-    """(K,) number of the file."""
-    logged: np.ndarray
-    """(K,) times of the recorder [s]."""
-    stamp: np.ndarray
-    """(K,) stamps [s]."""
-    pose: np.ndarray
-    """(K, 5) x, y, z [m], heading [rad], speed [m/s]."""
-
-    def rows(self, chosen: np.ndarray) -> "Recorded":
-        """Return some of the rows."""
-        return Recorded(*(values[chosen] for values in self))
-
-
 class Clock:
     """The clock of a log.
 
@@ -60,7 +43,7 @@ class Clock:
         notes: Remarks on what was left out or seems wrong.
     """
 
-    def __init__(self, poses: Sequence[Recorded], log: Log):
+    def __init__(self, poses: Sequence[Poses], log: Log):
         self.notes: list[str] = []
         called = self._called = log.called
         ordered = [robot.rows(np.lexsort((robot.stamp, robot.logged, robot.bag))) for robot in poses]
@@ -111,7 +94,7 @@ class Clock:
             if stray.any():
                 rule = "that are more than a day from the others"
                 got = f"{poses.stamp[stray][0]:.3f} s"
-                words.append((robot, f"has {int(stray.sum())} poses with stamps {rule} ({got}) and are left out"))
+                words.append((robot, f"{int(stray.sum())} poses with stamps {rule} ({got}) are left out"))
                 self.poses[robot] = poses.rows(~stray)
         self.notes += log.grouped(words)
 
@@ -137,7 +120,7 @@ class Clock:
         for k, poses in own.items():
             rest = self.poses[k].rows(self.poses[k].bag != bag)
             chosen = poses.rows(part[k] == best)
-            self.poses[k] = Recorded(*(np.concatenate(pair) for pair in zip(rest, chosen, strict=True)))
+            self.poses[k] = Poses(*(np.concatenate(pair) for pair in zip(rest, chosen, strict=True)))
         those = [k for k, times in begins.items() if len(times)]
         jumps = np.concatenate([own[k].stamp[rows] - own[k].stamp[rows - 1] for k, rows in broken.items()])
         ways = [way for way, sign in (("back", -1), ("ahead", 1)) if (sign * jumps > 0).any()]
@@ -177,7 +160,7 @@ class Clock:
         return pairs | {-1: _pairs_of(poses)}
 
 
-def _pairs_of(poses: Sequence[Recorded]) -> tuple[np.ndarray, np.ndarray]:
+def _pairs_of(poses: Sequence[Poses]) -> tuple[np.ndarray, np.ndarray]:
     """Return increasing times of the recorder, and the latest stamp of a pose that was recorded until then."""
     logged = np.concatenate([robot.logged for robot in poses])
     stamp = np.concatenate([robot.stamp for robot in poses])
@@ -186,7 +169,7 @@ def _pairs_of(poses: Sequence[Recorded]) -> tuple[np.ndarray, np.ndarray]:
     return logged[order][last], np.maximum.accumulate(stamp[order])[last]
 
 
-def breaks(poses: Recorded) -> list[int]:
+def breaks(poses: Poses) -> list[int]:
     """Return the rows of a robot's poses, in the order of their recording, at which its clock was set."""
     leaps = np.diff(poses.stamp) > _LEAP + 10 * np.diff(poses.logged)
     begins, first = (np.flatnonzero(leaps) + 1).tolist(), 0

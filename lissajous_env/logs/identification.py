@@ -8,14 +8,13 @@ values between the throttles of the log.
 
 import math
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 from scipy.optimize import least_squares
 
-from lissajous_env.logs.car_input import LARGEST_STEERING
+from lissajous_env.logs.inputs import INPUTS, LARGEST_STEERING
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import SOME, local_deviations, motion_of
 from lissajous_env.logs.rollouts import MODELS, Rollouts
@@ -34,6 +33,8 @@ _ZONES_FITTED = 4
 """Values of the dead zone to each side that are compared together with the best constants of each."""
 _DELAYS = np.arange(0.0, 0.5, 0.1)
 """Delays with which fits begin [s]."""
+_LIMITS = (1.0, 0.1)
+"""Limits with which they begin, in the given ones."""
 _CHANGE = 1e-3
 """Relative change for derivatives; for the delay in seconds."""
 _ROUNDING = 1e-5
@@ -44,6 +45,12 @@ _NOISES, _SPREAD = 4.0, 0.05
 """Factors on the noise of the log and on the spread of the motion in a segment, up to which residuals are no misfit."""
 _CALM = 0.1
 """Quantile of the deviations from smooth motion that counts as noise: a robot that turns fast deviates, too."""
+_LEAST_UNITS = (1e-3, 1e-2, 1e-2, 1e-1, 1.0)
+"""Least units in which the smooth constants are fitted."""
+_FIRST_STEPS = 6
+"""Steps to the best starts with which a fit begins."""
+_SHARES = np.array([1.0, 0.3, 0.1, 0.0])
+"""Shares of a step to the best start that are compared."""
 _FIRST_SCALE = np.array([0.01, 0.01, 0.02, 0.02, 0.1])
 """First units of the residuals, and of the entries of a start."""
 
@@ -80,10 +87,10 @@ def identify(track: Track, commands: Series, guess: Robot | None = None, status:
             steering angles are not in radians.
     """
     guess = guess or Robot()
-    model = MODELS[guess.kind]
-    given = commands.columns(model.inputs)
+    inputs, units = INPUTS[guess.kind], MODELS[guess.kind].units
+    given = commands.columns(inputs)
     if given is None:
-        names = [f"{name} [{unit}]" if unit else name for name, unit in zip(model.inputs, model.units, strict=True)]
+        names = [f"{name} [{unit}]" if unit else name for name, unit in zip(inputs, units, strict=True)]
         got = few_of(commands.names) or f"{commands.value.shape[1]} numbers without names"
         raise ValueError(f"commands must be {' and '.join(names)}, got {got}")
     if guess.kind == "car" and (largest := float(np.abs(given[:, 0]).max())) >= LARGEST_STEERING:
@@ -105,7 +112,7 @@ class _Fit:
         motion = motion_of(track, _GAP)
         measured = np.stack([*track.position.T[:2], motion.track.heading, motion.track.speed], axis=1)[inside]
         if np.ptp(measured[:, 3]) < 1e-3 or np.ptp(commands.value[:, model.turning]) < 1e-3:
-            raise ValueError(f"log must be of a robot whose speed and {model.inputs[model.turning]} change")
+            raise ValueError(f"log must be of a robot whose speed and {INPUTS[guess.kind][model.turning]} change")
         segment = ((time - time[0]) / _SEGMENT).astype(int)
         failed = np.zeros(count, bool) if status is None else status.before(time) != int(WORKING)
         used = np.setdiff1d(segment, segment[failed])
@@ -139,7 +146,7 @@ class _Fit:
 
     def run(self) -> Identified:
         """Fit in turns the smooth constants, the dead zone, and the scale of the residuals."""
-        constants = self._best_of(self._guess, len(self._names) - 1, _DELAYS)
+        constants = self._best_of(self._begins())
         zone = self._names.index("dead_zone") if "dead_zone" in self._names else None
         if zone is not None:
             constants = self._likely_zone(constants, zone)
@@ -193,69 +200,93 @@ class _Fit:
         speed = square[3] if known[3] else self._scale[3] ** 2
         return np.append(np.sqrt(np.maximum([place, place, square[2], speed], 1e-12)), self._scale[4])
 
-    def _best_of(self, constants: np.ndarray, which: int, values: np.ndarray) -> np.ndarray:
-        """Return the constants of the best of some fits that begin with, or have, these values of one of them."""
+    def _begins(self) -> np.ndarray:
+        """Return sets of constants (P, C) with which fits begin: with several delays, and lower limits."""
+        begins = []
+        for delay, share in product(_DELAYS, _LIMITS if self._model.limits else (1.0,)):
+            shares = [share if name in self._model.limits else 1.0 for name in self._names]
+            begins.append(self._guess * shares)
+            begins[-1][-1] = delay
+        return np.array(begins)
+
+    def _best_of(self, sets: np.ndarray) -> np.ndarray:
+        """Return the constants of the best of some fits that begin with sets of constants (P, C)."""
         begun, fits = self._starts, []
-        for value in values:
+        for constants in sets:
             # A bad value leads the starts astray, from where the next value would not find back.
             self._starts = begun
-            tried = constants.copy()
-            tried[which] = value
-            fitted, _, cost = self._fit(tried, evaluations=5)
+            fitted, _, cost = self._fit(constants, evaluations=4)
             fits.append((cost, fitted, self._starts))
         _, best, self._starts = min(fits, key=lambda fit: fit[0])
         return best
 
     def _fit(self, constants: np.ndarray, evaluations: int = 30) -> tuple[np.ndarray, np.ndarray, float]:
         """Fit the smooth constants and the starts; return the constants, their standard errors, and the cost."""
-        smooth, free = self._smooth, self._model.free
-        unit = np.maximum(
-            np.abs(constants[smooth]), [0.1 if name != "delay" else 1.0 for name in self._names if name != "dead_zone"]
-        )
+        smooth = self._smooth
+        unit = np.maximum(np.abs(constants[smooth]), _LEAST_UNITS)
+
+        def whole(x: np.ndarray) -> np.ndarray:
+            given = constants.copy()
+            given[smooth] = x * unit
+            return given
+
         low = np.array(self._model.least)[smooth] / unit
-
-        def parts(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            whole, starts = constants.copy(), self._starts.copy()
-            whole[smooth] = x[: len(smooth)] * unit
-            starts[:, :free] = x[len(smooth) :].reshape(-1, free) * self._scale[:free]
-            return whole, starts
-
-        def residuals(x: np.ndarray) -> np.ndarray:
-            whole, starts = parts(x)
-            return self._residuals(whole[None], starts[None]).ravel()
-
         begin: Any = np.maximum(constants[smooth] / unit, low)
-        begin = np.concatenate([begin, (self._starts[:, :free] / self._scale[:free]).ravel()])
-        lows = np.concatenate([low, np.full(len(begin) - len(low), -np.inf)])
-        slopes: Any = lambda x: self._slopes(*parts(x), unit)  # noqa: E731
+        slopes: Any = lambda x: self._slopes(whole(x), unit)  # noqa: E731
+        self._from_best_starts(constants, _FIRST_STEPS)
         solution = least_squares(
-            residuals, begin, slopes, (lows, np.inf), max_nfev=evaluations, x_scale="jac", tr_solver="lsmr"
+            lambda x: self._from_best_starts(whole(x)).ravel(), begin, slopes, (low, np.inf), max_nfev=evaluations
         )
-        whole, self._starts = parts(solution.x)
-        square = (solution.jac.T @ solution.jac).toarray()
-        degrees = max(int(self._known.sum()) - len(begin), 1)
-        variance = np.diag(np.linalg.pinv(square, hermitian=True))[: len(smooth)] * (2 * solution.cost / degrees)
+        degrees = max(int(self._known.sum()) - len(smooth) - len(self._starts) * self._model.free, 1)
+        square = solution.jac.T @ solution.jac
+        variance = np.diag(np.linalg.pinv(square)) * (2 * solution.cost / degrees)
         errors = np.full(len(constants), np.nan)
-        still = np.diag(square)[: len(smooth)] < 1e-16
-        errors[smooth] = np.where(still, np.nan, np.sqrt(np.maximum(variance, 0.0)) * unit)
-        return whole, errors, 2 * solution.cost
+        errors[smooth] = np.where(np.diag(square) < 1e-16, np.nan, np.sqrt(variance) * unit)
+        fitted = whole(solution.x)
+        return fitted, errors, float((self._from_best_starts(fitted) ** 2).sum())
 
-    def _slopes(self, constants: np.ndarray, starts: np.ndarray, unit: np.ndarray) -> Any:
-        """Return the slopes (4 K, C + S E) of the residuals along C smooth constants and the E entries of S starts."""
-        count, free, samples = len(self._smooth), self._model.free, len(self._measured)
+    def _from_best_starts(self, constants: np.ndarray, steps: int = 2) -> np.ndarray:
+        """Return the residuals (K, 4) from the best start of each segment, which some Gauss-Newton steps find.
+
+        A step that would make a segment's residuals larger is shortened, or left out.
+        """
+        first, segments = self._begin[:-1], np.arange(len(self._starts))
+        for _ in range(steps):
+            away, slopes = self._start_slopes(constants)
+            step = np.zeros_like(self._starts)
+            step[:, : self._model.free] = self._explained(slopes, away[..., None])[..., 0]
+            tried = self._starts - _SHARES[:, None, None] * step * self._scale
+            rest = self._residuals(np.repeat(constants[None], len(_SHARES), axis=0), tried)
+            costs = np.add.reduceat((rest**2).sum(axis=2), first, axis=1)
+            self._starts = tried[np.argmin(costs, axis=0), segments]
+        return self._residuals(constants[None], self._starts[None])[0]
+
+    def _start_slopes(self, constants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the residuals (K, 4), and their slopes (K, 4, E) along each of E entries of their segment's start."""
+        entries = np.arange(self._model.free)
+        begun = np.repeat(self._starts[None], len(entries) + 1, axis=0)
+        begun[1 + entries, :, entries] += self._scale[entries, None]
+        away = self._residuals(np.repeat(constants[None], len(begun), axis=0), begun)
+        return away[0], np.moveaxis(away[1:] - away[0], 0, -1)
+
+    def _explained(self, slopes: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Return the changes of the starts (S, E, C), in units, that explain values (K, 4, C) best."""
+        first = self._begin[:-1]
+        square = np.add.reduceat(np.einsum("kia,kib->kab", slopes, slopes), first)
+        mixed = np.add.reduceat(np.einsum("kia,kic->kac", slopes, values), first)
+        return np.linalg.solve(square + 1e-9 * np.eye(slopes.shape[-1]), mixed)
+
+    def _slopes(self, constants: np.ndarray, unit: np.ndarray) -> np.ndarray:
+        """Return the slopes of the residuals along the smooth constants, less what the starts explain of them."""
+        count = len(self._smooth)
         changes = np.zeros((count, len(constants)))
         changes[np.arange(count), self._smooth] = _CHANGE * unit
-        sets = np.concatenate([constants + changes, constants - changes, np.repeat(constants[None], free + 1, axis=0)])
-        begun = np.repeat(starts[None], len(sets), axis=0)
-        entries = np.arange(free)
-        begun[2 * count + entries, :, entries] += self._scale[:free, None]
-        away = self._residuals(sets, begun).reshape(len(sets), -1)
-        along = (away[:count] - away[count : 2 * count]).T / (2 * _CHANGE)
-        own = away[2 * count : -1] - away[-1]
-        columns = np.repeat(self._segment, 4) * free + entries[:, None]
-        rows = np.tile(np.arange(4 * samples), free)
-        of_starts = sparse.csr_matrix((own.ravel(), (rows, columns.ravel())), (4 * samples, starts.shape[0] * free))
-        return sparse.hstack([along, of_starts]).tocsr()
+        sets = np.concatenate([constants + changes, constants - changes])
+        away = self._residuals(sets, np.repeat(self._starts[None], len(sets), axis=0))
+        along = np.moveaxis(away[:count] - away[count:], 0, -1) / (2 * _CHANGE)
+        _, slopes = self._start_slopes(constants)
+        explained = self._explained(slopes, along)[self._segment]
+        return (along - np.einsum("kia,kac->kic", slopes, explained)).reshape(-1, count)
 
     def _likely_zone(self, constants: np.ndarray, zone: int) -> np.ndarray:
         """Return constants with a dead zone near the best, which depends on the other constants and they on it."""
@@ -264,7 +295,9 @@ class _Fit:
             around = int(np.argmin(np.abs(zones - constants[zone])))
             places = np.linspace(around - width, around + width, 2 * _ZONES_FITTED + 1)
             tried = zones[np.unique(np.clip(places, 0, len(zones) - 1).astype(int))]
-            constants = self._best_of(constants, zone, tried)
+            sets = np.repeat(constants[None], len(tried), axis=0)
+            sets[:, zone] = tried
+            constants = self._best_of(sets)
             width //= _ZONES_FITTED
         return constants
 

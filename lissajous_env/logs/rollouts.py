@@ -29,10 +29,8 @@ class Model(NamedTuple):
     """Constants with their units; the last one is the delay of the commands."""
     least: tuple[float, ...]
     """Their least values."""
-    inputs: tuple[str, str]
-    """Names of the commands."""
     units: tuple[str, str]
-    """Their units."""
+    """Units of the commands."""
     turning: int
     """The command that turns the robot."""
     free: int
@@ -44,12 +42,12 @@ class Model(NamedTuple):
 MODELS = {
     "car": Model(
         {"wheelbase": "m", "drag": "1/s", "drive": "m/s^2", "offset": "m/s^2", "dead_zone": "", "delay": "s"},
-        (1e-4, 1e-5, 1e-5, 0.0, -np.inf, 0.0), ("steering", "throttle"), ("rad", ""), 0, 4, (),
+        (1e-4, 1e-5, 1e-5, 0.0, -np.inf, 0.0), ("rad", ""), 0, 4, (),
     ),
     "differential": Model(
         {"speed_factor": "", "yaw_factor": "", "acceleration_max": "m/s^2", "yaw_acceleration_max": "rad/s^2",
          "delay": "s"},
-        (0.05, 0.05, 1e-6, 1e-6, 0.0), ("speed", "yaw rate"), ("m/s", "rad/s"), 1, 5,
+        (0.05, 0.05, 1e-6, 1e-6, 0.0), ("m/s", "rad/s"), 1, 5,
         ("acceleration_max", "yaw_acceleration_max"),
     ),
 }  # fmt: skip
@@ -121,7 +119,7 @@ class Rollouts:
         begin: (S + 1,) first sample of each of S segments, and the number of samples K.
         time: (K,) times of the samples [s].
         command_time: (C,) times of the commands [s].
-        command: (C, 2) commands from these times on, those of `Model.inputs`.
+        command: (C, 2) commands from these times on, those of `INPUTS`.
     """
 
     def __init__(

@@ -10,6 +10,13 @@ import pettingzoo
 
 from lissajous_env.wording import shown
 
+SCENARIOS: dict[str, Any] = {}
+"""Scenarios of users and of other packages, by name."""
+SPACES: dict[str, Any] = {}
+"""Spaces of scenarios by name: those of users, and those of the package that were used."""
+NAMES = r"(?!.*\.toml$)\w[\w.-]{0,98}", "a word of letters, digits, _, - and . that does not end in .toml"
+"""Names of scenarios and spaces, as a pattern and in words."""
+
 
 def register(
     registry: dict[str, Any],

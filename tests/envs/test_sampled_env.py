@@ -16,8 +16,8 @@ from lissajous_env.envs.true_state import true_state
 
 SHORT = {"task.duration": 1.0, "task.contamination": None}
 DRAW = {
-    "curve": {"choices": [{"a": 1, "b": 2}, {"a": 3, "b": 2}], "half_height": {"low": 0.8, "high": 1.0}},
-    "targets": {"count": {"low": 1, "high": 9}},
+    "curve": {"choices": [{"a": 1, "b": 2}, {"a": 3, "b": 2}], "half_height": "uniform(0.8, 1.0)"},
+    "targets": {"count": "whole(1, 9)"},
     "task": {"duration": 1.0, "contamination": None},
 }
 SMALL = ScenarioSpace("small", scenario("evaders"), DRAW, shifts={"tall": {"curve": {"half_height": 3.0}}})
@@ -171,7 +171,7 @@ def test_what_is_no_space_or_split_is_refused(arguments, words):
 
 
 def test_what_differs_in_size_or_has_rogues_that_are_agents_is_refused_by_name():
-    uneven = ScenarioSpace("uneven", scenario("evaders"), DRAW | {"sensing": {"robots_seen": {"low": 1, "high": 3}}})
+    uneven = ScenarioSpace("uneven", scenario("evaders"), DRAW | {"sensing": {"robots_seen": "whole(1, 3)"}})
     words = r"scenarios of a space must have rows and actions of one size, got others in uneven-\d+ and uneven"
     with pytest.raises(ValueError, match=words):
         lissajous_env.parallel_env(uneven)

@@ -9,8 +9,9 @@ import baselines
 import lissajous_env
 from baselines.planning.request import Request
 from baselines.policies.base import UnsuitableScenarioError
-from baselines.policies.line_abreast import ideal_worst_case
-from baselines.policies.partition_plan import PartitionParameters, partition_plan
+from baselines.policies.line_path import ideal_worst_case
+from baselines.policies.loop_shapes import PartitionParameters
+from baselines.policies.partition_plan import partition_plan
 
 HALL = Request(width=40, height=25, robots=5, robot_radius=0.5, sensor_radius=6, speed=1.5, turning_radius=2,
                rogue_speed=1.0).task(5)  # fmt: skip

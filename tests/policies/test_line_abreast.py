@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from baselines.policies.line_abreast import LineAbreast, ideal_worst_case, line_tables
+from baselines.policies.line_abreast import LineAbreast, line_tables
 from baselines.policies.line_path import (
     LineParameters,
-    can_span,
-    inner_plans,
+    ideal_worst_case,
     largest_spacing,
     line_path,
-    line_plan,
+    plans_of,
     speed_limit,
     turn_of,
 )
@@ -80,8 +79,8 @@ def test_a_turn_comes_back_into_its_lane(curvature):
 def test_lines_share_the_span():
     """Oracle: every place across is sensed by each line, and cars of two lines pass clear of each other."""
     scenario = lissajous_env.scenario("intruders", **{"robot.count": 12}).resolve()
-    assert [can_span(scenario, count) for count in (1, 2, 3)] == [True, True, False]
-    plan = line_plan(scenario, LineParameters(), 2)
+    assert [bool(plans_of(scenario, LineParameters(), count)[0]) for count in (1, 2, 3)] == [True, True, False]
+    (plan,), _ = plans_of(scenario, LineParameters(), 2)
     across = np.linspace(-2.4, 2.4, 1001)
     for line in range(2):
         lanes = plan.lanes[plan.line_of == line]
@@ -140,7 +139,7 @@ def test_uneven_cars_keep_the_line():
 def test_more_lines_guarantee_more():
     """Oracle: half of the period less the time of a turn, at which two lines meet again."""
     scenario = lissajous_env.scenario("intruders", **{"robot.count": 12}).resolve()
-    one, two = (line_plan(scenario, LineParameters(), count) for count in (1, 2))
+    one, two = (plans_of(scenario, LineParameters(), count)[0][0] for count in (1, 2))
     assert ideal_worst_case(scenario, two) == pytest.approx(0.5 * two.period * two.step, rel=0.1)
     assert ideal_worst_case(scenario, two) < 0.7 * ideal_worst_case(scenario, one)
 
@@ -151,7 +150,7 @@ def test_lines_stand_upright_in_an_upright_rectangle():
     lying, upright = (line_tables(lissajous_env.scenario("intruders", **each).resolve(), LineParameters(speed=1.5))
                       for each in ({}, turned))  # fmt: skip
     np.testing.assert_array_equal(lying[0].lanes, upright[0].lanes)
-    begin = [tables.pose[0, :, 4 * tables.lead_in :: 4, :2] for _, tables, _ in (lying, upright)]
+    begin = [tables.pose[0, :, 4 * tables.lead_in :: 4, :2] for _, tables, *_ in (lying, upright)]
     np.testing.assert_allclose(begin[1], np.stack([-begin[0][..., 1], begin[0][..., 0]], axis=-1), atol=1e-6)
 
 
@@ -169,7 +168,7 @@ def test_lines_that_turn_inside_keep_their_spacing_and_stay_off_the_walls():
         scenario = lissajous_env.scenario("intruders", **{"task.boundary": "wall"}, **halves, **cars).resolve()
         reach = np.array([scenario.driven.half_width, scenario.driven.half_height])
         for lines in (1, 2):
-            for plan in inner_plans(scenario, LineParameters(), lines)[0]:
+            for plan in plans_of(scenario, LineParameters(), lines)[0]:
                 played += 1
                 path = line_path(plan)
                 assert len(path) == plan.period

@@ -12,10 +12,11 @@ from baselines.policies import partition_plan as partition_module
 from baselines.policies.cells import are_adjacent, closed_loop, divisions, evenly_spaced, length_of, tour
 from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses
 from baselines.policies.ideal_motion import worst_undetected_time
-from baselines.policies.loop_shapes import smallest_distance
-from baselines.policies.partition import cells_of_ring, plain_of
-from baselines.policies.partition_plan import PartitionParameters, partition_plan, turning_radius_of
+from baselines.policies.loop_shapes import PartitionParameters, smallest_distance
+from baselines.policies.partition import in_ring_order, plain_of
+from baselines.policies.partition_plan import partition_plan
 from baselines.policies.partition_repair import PartitionRepair, RepairParameters
+from baselines.policies.transit import turning_radius_of
 from lissajous_env.episodes.guarantee import worst_undetected_times
 
 
@@ -108,7 +109,7 @@ def test_a_plan_obeys_the_limits_of_the_cars(name):
 def test_ring_neighbours_have_neighbouring_cells():
     scenario = plain_of(lissajous_env.scenario("team"))
     plan = partition_plan(scenario)
-    cell = cells_of_ring(scenario, plan)
+    cell = in_ring_order(scenario, tour(plan.cells))
     assert sorted(cell) == list(range(15))
     side_by_side = are_adjacent(plan.cells)
     kept = [side_by_side[cell[i], cell[j]] for i, pair in enumerate(scenario.neighbours) for j in pair]
@@ -222,7 +223,7 @@ def test_long_periods_are_compared_at_fewer_times_with_the_same_result(monkeypat
         width=60.0, height=40.0, robots=(2, 2), robot_radius=0.4, sensor_radius=8.0, speed=0.5, turning_radius=1.0,
         rogue_speed=0.002,
     )  # fmt: skip
-    task, parameters = plain_of(request.task(2)), PartitionParameters(lanes=4, rows=1)
+    task, parameters = plain_of(request.task(2)), PartitionParameters(lanes=4, rows=1, extent_x=0.6, extent_y=0.6)
     found = partition_plan(task, parameters)
     assert found.loop.shape[1] > 2 * partition_module._TIMES
     half = task.curve.half_width, task.curve.half_height

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import warp as wp
 from reference_motion import car_runge_kutta, closest_approach
 from reference_program import agrees_with_independent_solvers
 
@@ -10,6 +11,8 @@ import lissajous_env
 from baselines.policies.base import Policy
 from baselines.policies.safety.filter import Safe, SafetyParameters, speed_limit
 from baselines.policies.safety.filtered import Filtered
+from baselines.policies.safety.quadratic_program import solve_quadratic_program
+from lissajous_env.device.devices import compile_quietly
 from lissajous_env.theory.geometry import top_speed
 from lissajous_env.world.observation import layout
 
@@ -111,8 +114,7 @@ def test_two_cars_that_meet_head_on_pass_on_the_right():
     assert (action[0, :, 0] < -0.2).all()
 
 
-@pytest.mark.parametrize("aside", [-0.2, -0.1, 0.0, 0.1, 0.2])
-@pytest.mark.parametrize("speed", [0.5, 1.1, 2.0])
+@pytest.mark.parametrize(("aside", "speed"), [(-0.2, 0.5), (0.0, 1.1), (0.1, 2.0)])
 def test_a_car_drives_around_one_that_stands(aside, speed):
     """A physical story: the car ahead is stuck, and the other cannot brake."""
     cars = np.array([[[-1.5, 0, 0, speed], [0, aside, 1.0, 0]]])
@@ -128,10 +130,10 @@ def test_a_car_drives_around_one_that_stands(aside, speed):
 
 
 def test_random_meetings_of_two_cars():
-    """A physical story, 200 times: cars aimed to be at one place at one time, from any side, at 0.4 to 2 m/s."""
+    """A physical story, 100 times: cars aimed to be at one place at one time, from any side, at 0.4 to 2 m/s."""
     rng = np.random.default_rng(4)
-    heading, speed = rng.uniform(-np.pi, np.pi, (200, 2)), rng.uniform(0.4, 2.0, (200, 1)) * np.ones((200, 2))
-    heading[:, 1] = heading[:, 0] + rng.uniform(0.5, 2 * np.pi - 0.5, 200)
+    heading, speed = rng.uniform(-np.pi, np.pi, (100, 2)), rng.uniform(0.4, 2.0, (100, 1)) * np.ones((100, 2))
+    heading[:, 1] = heading[:, 0] + rng.uniform(0.5, 2 * np.pi - 0.5, 100)
     away = 1.5 * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
     cars = np.concatenate([-away + rng.normal(0, 0.03, away.shape), heading[..., None], speed[..., None]], axis=-1)
     wanted = np.stack([np.array([cruising(v) for v in each]) for each in speed])
@@ -149,7 +151,6 @@ def test_far_from_all_the_action_passes_bit_for_bit():
     cars = np.array([alone, parting, following])
     policy = Filtered(Wanting(TWO_CARS, 3).want(wanted), Safe)
     np.testing.assert_array_equal(policy.act(observed(cars)), wanted)
-    assert (policy.filter.count.numpy() == 0).all()
 
 
 def test_the_throttle_leads_to_the_speed_limit_and_no_further():
@@ -166,47 +167,44 @@ def test_the_throttle_leads_to_the_speed_limit_and_no_further():
     assert cars[0, 1, 3] < limit + 0.02
 
 
-def played(policy, simulation, steps, on_step=None):
-    policy.reset()
-    observation = simulation.observation
-    for _ in range(steps):
-        observation, *_ = simulation.step(policy.act(observation))
-        if on_step is not None:
-            on_step()
-    return observation.numpy()
+@wp.kernel
+def solve_programs(
+    rows: wp.array2d(dtype=wp.vec3),
+    count: wp.array(dtype=int),
+    top: wp.array(dtype=float),
+    wanted: wp.array(dtype=wp.vec2),
+    weight: float,
+    out: wp.array(dtype=wp.vec3),
+):
+    k = wp.tid()
+    out[k] = solve_quadratic_program(count[k], rows[k], weight, top[k], wanted[k])
 
 
-def test_programs_met_in_episodes_are_solved():
-    """Oracles: as above, on the programs that the filter itself sets up; limits and what passes unchanged besides."""
-    policy = Filtered(baselines.make("random", "rough", num_worlds=16), Safe)
-    simulation = lissajous_env.Simulation("rough", num_worlds=16, seed=3)
-    solved = []
-
-    def check():
-        action, wanted = policy.action.numpy(), policy.policy.action.numpy()
-        count, rows, top = policy.filter.count.numpy(), policy.filter.rows.numpy(), policy.filter.top.numpy()
-        assert (np.abs(action) <= 1).all()
-        assert (action[..., 1] <= top).all()
-        free = (count == 0) & (wanted[..., 1] <= top)
-        np.testing.assert_array_equal(action[free], wanted[free])
-        for w, i in np.argwhere(count > 0):
-            if len(solved) < 1000:
-                entry = rows[w, i, : count[w, i]], float(top[w, i]), wanted[w, i], action[w, i]
-                solved.append(agrees_with_independent_solvers(*entry))
-
-    played(policy, simulation, 200, check)
-    assert len(solved) == 1000
+def test_programs_are_solved():
+    """Oracle: CasADi's active-set solver and HiGHS in float64, for feasible programs and for those that contradict."""
+    rng = np.random.default_rng(2)
+    rows = (rng.normal(0, 0.5, (150, 8, 3)) - [0, 0, 0.2]).astype(np.float32)
+    count, top = rng.integers(1, 9, 150).astype(np.int32), rng.uniform(-0.5, 1.0, 150).astype(np.float32)
+    wanted, out = rng.uniform(-1.2, 1.2, (150, 2)).astype(np.float32), wp.zeros(150, dtype=wp.vec3, device="cpu")
+    given = [wp.array(rows, dtype=wp.vec3, device="cpu"), *(wp.array(each, device="cpu") for each in (count, top))]
+    inputs = [*given, wp.array(wanted, dtype=wp.vec2, device="cpu"), WEIGHT]
+    with compile_quietly():
+        wp.launch(solve_programs, 150, inputs, [out], device="cpu")
+    actions = out.numpy()[:, :2]
+    assert (np.abs(actions) <= 1).all()
+    assert (actions[:, 1] <= top).all()
+    entries = zip(rows, count, top, wanted, actions, strict=True)
+    solved = [agrees_with_independent_solvers(each[:n], float(t), want, u) for each, n, t, want, u in entries]
     feasible, judged = np.mean(solved, axis=0)
     assert 0.3 < feasible < 1
     assert judged > 0.95
 
 
-@pytest.mark.parametrize("name", ["kuramoto-mpcc", "open-loop-mpcc", "sweep", "random"])
-@pytest.mark.parametrize("scenario", ["experiment", "rough"])
+@pytest.mark.parametrize(("name", "scenario"), [("kuramoto-mpcc", "experiment"), ("random", "rough")])
 def test_collisions_are_cut_to_a_fifth(name, scenario):
     """Oracle: the same policy without the filter, on the same seeds."""
     rows, plain = (
-        lissajous_env.evaluate(baselines.make(each, scenario, num_worlds=16), scenario, range(16))
+        lissajous_env.evaluate(baselines.make(each, scenario, num_worlds=8), scenario, range(8))
         for each in (f"{name}-safe", name)
     )
     collisions, before = (np.mean([row["collisions"] for row in each]) for each in (rows, plain))

@@ -26,7 +26,8 @@ from log_messages import (
     write,
 )  # fmt: skip
 
-from lissajous_env.logs.reading import ODOMETRY, read
+from lissajous_env.logs.poses import TOPICS
+from lissajous_env.logs.reading import read
 from lissajous_env.logs.scoring import score
 
 LASTS = 4.0
@@ -44,7 +45,7 @@ def shrunk(**how):
     return circles(**({"times": TIMES} | how))
 
 
-def scored(tmp_path, *bags, topics=ODOMETRY, scenario="evaders", **how):
+def scored(tmp_path, *bags, topics=TOPICS, scenario="evaders", **how):
     paths = [write(tmp_path / f"bag_{k}", bag) for k, bag in enumerate(bags)]
     return score(read(paths, topics, **how), scenario)
 
@@ -218,7 +219,7 @@ def test_the_begin_of_an_episode_counts_rather_than_the_time_of_its_message(tmp_
 def test_a_jump_is_named(tmp_path):
     jumping = of_robots(lambda k, t: odometry(EPOCH + t, circle(k, t)[0] + (k == 1 and t > 2), *circle(k, t)[1:]))
     result = scored(tmp_path, jumping)
-    assert any("robot 1 jumps" in note and "1700000002.0" in note for note in result.notes)
+    assert any("robot 1: jumps" in note and "1700000002.0" in note for note in result.notes)
     assert result.rows[0]["speed_max"] == pytest.approx(SPEED)
 
 

@@ -166,11 +166,12 @@ def test_the_commands_score_and_identify(logged, tmp_path, capsys):
     assert same(recording.score, {name: math.nan if value is None else value for name, value in row.items()}) == []
     assert min(each.stat().st_size for each in (page, report)) > 10_000
     assert "detection_time_mean" in table.read_text().partition("\n")[0]
-    code, out, err = called(capsys, "identify", path, "--out", tmp_path / "cars.toml")
+    one, other = "/robot_0/odom", "/robot_3/odom"
+    code, out, err = called(capsys, "identify", path, "--topics", one, other, "--out", tmp_path / "cars.toml")
     assert (code, err) == (0, "")
     found = lissajous_env.scenario(str(tmp_path / "cars.toml"))
     assert found.robot.drive == pytest.approx(recording.scenario.robot.drive, rel=0.03)
-    assert all(f"residuals of robot {k} over" in out for k in range(5))
+    assert all(f"residuals of robot {k} over" in out for k in (0, 3))
     assert "warning" not in out
 
 

@@ -17,7 +17,7 @@ from baselines.ros.frames import Origin, SpeedOfPoses, relative
 from baselines.ros.pilot import Pilot
 from baselines.ros.settings import RobotSettings
 from baselines.ros.vehicle import Vehicle, of_twist
-from lissajous_env.logs.car_input import inputs_of as car_inputs
+from lissajous_env.logs.inputs import inputs_of as car_inputs
 
 EXPERIMENT = lissajous_env.scenario("experiment").resolve()
 STEP = EXPERIMENT.task.step
