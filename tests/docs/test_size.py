@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 49_897
+LINES = 49_927
 """Lines of the packages."""
 MODULES = 357
 """Files of the packages."""
-TESTS = 29_682
+TESTS = 30_686
 """Lines of the tests."""
 
 
