@@ -7,9 +7,9 @@ ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
 LINES = 49_927
 """Lines of the packages."""
-MODULES = 357
+MODULES = 358
 """Files of the packages."""
-TESTS = 30_686
+TESTS = 29_671
 """Lines of the tests."""
 
 
