@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 49_906
+LINES = 49_928
 """Lines of the packages."""
-MODULES = 357
+MODULES = 358
 """Files of the packages."""
-TESTS = 30_640
+TESTS = 29_671
 """Lines of the tests."""
 
 
