@@ -276,7 +276,7 @@ def draw(plans: Sequence[Planned], seed: int) -> bytes:
             axes.set_title(f"{k + 1}: {each.plan.settings.policy}\n{words}", fontsize=8)
         return sheet.picture(
             "Paths of the robots in the last third of an episode; discs: bodies and sensing ranges at its end."
-        ).content
+        ).content()
 
 
 def _draw_plan(axes, each: Planned, seed: int) -> None:

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from command_line import called
 from reference_contamination import Field
 from reference_missed_rogue import fault_of, first_detection
 
@@ -141,9 +142,32 @@ def test_the_page_shows_the_rogue():
 def test_the_command(tmp_path, capfd):
     out = tmp_path / "rogue.html"
     overrides = (("task.duration=8",),)
-    exploit("evaders", "still", witness=True, episodes=2, out=out, output=Output(json=True), overrides=overrides)
+    exploit("evaders", "still", episodes=2, out=out, output=Output(json=True), overrides=overrides)
     printed = json.loads(capfd.readouterr().out)
     assert [row["seed"] for row in printed["episodes"]] == [0, 1]
     assert printed["episodes"][0]["witness"] == pytest.approx(7.9)
     assert printed["episodes"][0]["conservative"] >= 7.9
     assert out.read_text(encoding="utf-8").startswith("<!doctype html>")
+
+
+def test_bad_input_of_the_command_is_refused_by_name(capsys):
+    for arguments, words in (
+        (("evaders", "swep"), "policy must be"),
+        (("sweep", "still"), "scenario must be given before the policy"),
+        (("failure", "kuramoto", "--set", "task.contamination=None"), "task.contamination"),
+    ):
+        code, _, error = called(capsys, "exploit", *arguments)
+        assert code == 2, arguments
+        assert words in error
+
+
+@pytest.mark.parametrize("policy", ["sweep", "kuramoto-mpcc"])
+@pytest.mark.parametrize("rogues", ["wander", "follow-gap", "hide"])
+def test_no_script_outlasts_the_bound(policy, rogues):
+    # Law: in each episode, the longest undetected time is at most the proved bound; half of the rogues appear later.
+    small = {"sensing.radius": 0.35, "task.duration": 6.0, "targets.entry": "unseen", "task.contamination": (36, 16)}
+    many = {"targets.count": 20, "targets.arrival_rate": 20 / 6.0, "task.conservative": True, "task.grid": None}
+    scenario = lissajous_env.scenario("experiment", rogues=rogues, **small, **many, **{"targets.speed_limit": 0.3})
+    rows = lissajous_env.evaluate(baselines.make(policy, scenario, 4), scenario, range(4))
+    assert max(row["detection_time_max"] for row in rows) > 0.3
+    assert all(row["detection_time_max"] <= row["guaranteed_detection_time"] + 1e-6 for row in rows)
