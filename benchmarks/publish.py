@@ -11,7 +11,6 @@ from typing import Annotated, Any
 import tyro
 
 from baselines.benchmark.statistics import summarize
-from baselines.exploitability import survive
 from lissajous_env import evaluate
 from lissajous_env.parameters import named
 from lissajous_env.world.columns import COLLISIONS
@@ -23,6 +22,7 @@ from training.learned.rogue import KIND
 from training.learned.team_network import TeamNetwork
 from training.learned.team_policy import LearnedTeam
 from training.rogue_settings import RogueTraining
+from training.rogue_trainer import undetected_times
 from training.scenarios import score_of
 
 HELD_OUT = range(10_000, 10_256)
@@ -80,7 +80,7 @@ def _times_of(source: Path, card: Card) -> dict[str, Any]:
     times = {}
     for rogue in (*SCRIPTS, "learned"):
         moved_by = str(source) if rogue == "learned" else rogue
-        summary = survive(stored["against"], settings.make_scenario(moved_by), HELD_OUT).summary()
+        summary = undetected_times(stored["against"], settings.make_scenario(moved_by), HELD_OUT)
         times[rogue] = {key: round(value, 4) for key, value in summary.items()}
         print(stored["against"], rogue, times[rogue])
     return {stored["against"]: times}

@@ -109,7 +109,7 @@ class Worlds:
         for teacher, simulation in zip(teachers, self.batch.simulations, strict=True):
             rows = simulation.observation.numpy()
             if isinstance(teacher, Reacting):
-                wish = teacher.wish(Rows(rows.astype(float), simulation.scenario))
+                wish = teacher.wish(teacher.rows(rows))
                 wish = wish / np.maximum(np.linalg.norm(wish, axis=-1, keepdims=True), 1.0)
             else:
                 wish = teacher.act(rows)

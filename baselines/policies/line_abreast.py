@@ -7,10 +7,10 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.driving import slowest_top_speed
+from baselines.policies.failures import WATCH
 from baselines.policies.line_closing import close_up, closes_up, closing_of
 from baselines.policies.line_path import LineParameters, LinePlan, best_plan, loops_of
 from baselines.policies.line_transit import Effort, Pace, angle_steps, transit_from_any_angle, transit_inside
-from baselines.policies.neighbour_watch import WATCH
 from baselines.policies.own_row import own_phase
 from baselines.policies.partition import plain_of
 from baselines.policies.path_tables import PathTables, path_tables

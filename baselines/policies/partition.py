@@ -79,24 +79,24 @@ def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tupl
         ways = planned_transit(scenario, plan.loop, parameters) if start_is_known(scenario) else None
         if ways is not None:
             return plan, path_tables(scenario, ways.loop, ways.lead_in), 0.0
-    check_loops_apart(scenario, plans[0], parameters, "partition")
-    loop = plans[0].loop[cells_of_ring(scenario, plans[0])]
+    check_loops_apart(scenario, plans[0].loop, parameters, "partition")
+    loop = plans[0].loop[in_ring_order(scenario, tour(plans[0].cells))]
     return plans[0], path_tables(scenario, loop), float(arrival_steps(scenario, loop, plans[0].speed))
 
 
-def loops_lie_apart(plan: Plan, distance: float) -> bool:
-    """Return whether no places of two loops, at whatever times, are nearer than a distance [m]."""
-    pairs = itertools.combinations(plan.loop, 2)
+def loops_lie_apart(loops: np.ndarray, distance: float) -> bool:
+    """Return whether no places of two loops (N, K, 2), at whatever times, are nearer than a distance [m]."""
+    pairs = itertools.combinations(loops, 2)
     return all(np.linalg.norm(one[:, None] - other, axis=-1).min() >= distance for one, other in pairs)
 
 
-def check_loops_apart(scenario: Scenario, plan: Plan, parameters: PartitionParameters, policy: str) -> None:
+def check_loops_apart(scenario: Scenario, loops: np.ndarray, parameters: PartitionParameters, policy: str) -> None:
     """Raise UnsuitableScenarioError if cars with a known start and no transit would drive onto loops that overlap.
 
     Within an inset there is no room to pass each other, so the collision filter does not separate them.
     """
     apart = required_distance(scenario, parameters)
-    if scenario.inset and start_is_known(scenario) and not loops_lie_apart(plan, apart):
+    if scenario.inset and start_is_known(scenario) and not loops_lie_apart(loops, apart):
         rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
         rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
         raise UnsuitableScenarioError(f"{rule}, got loops that overlap, and no ways without collisions")
@@ -119,8 +119,8 @@ def variants_of(scenario: Scenario, plan: Plan) -> Iterator[Plan]:
         yield dataclasses.replace(plan, cells=cells, loop=turned * mirror)
 
 
-def cells_of_ring(scenario: Scenario, plan: Plan) -> np.ndarray:
-    """Return the cell (N,) of each robot: neighbours on the ring have neighbouring cells where that is possible."""
+def in_ring_order(scenario: Scenario, order: np.ndarray) -> np.ndarray:
+    """Return the cell (N,) of each robot where the ring goes along an order of the cells."""
     cells = np.empty(scenario.num_robots, dtype=int)
-    cells[list(scenario.ring)] = tour(plan.cells)
+    cells[list(scenario.ring)] = order
     return cells

@@ -85,7 +85,7 @@ class Tracking:
 def tracking_of(scenario: Scenario, tables: PathTables, waits: bool) -> Any:
     """Return the constants of the following of timed paths in a scenario."""
     step, tracking = scenario.task.step, Tracking()
-    least = max(_SETTLING_STEPS * step, (scenario.robot.yaw_acceleration_max or math.inf) ** -0.5)
+    least = max(_SETTLING_STEPS * step, scenario.robot.top_yaw_acceleration**-0.5)
     settling = max(_SETTLING * motion_scale(scenario).time, least)
     tracking.step, tracking.pole = step, math.exp(-step / settling)
     tracking.room, tracking.waits = manoeuvring_length(scenario.robot), int(waits)

@@ -181,11 +181,6 @@ class Recorder:
         _check_size(self._bytes)
         self._last = now
 
-    @property
-    def most_moments(self) -> int:
-        """Largest number of moments like those so far that a recording may contain."""
-        return MOST_BYTES * len(self._contact) // max(self._bytes, 1)
-
     def _others(self) -> dict[str, np.ndarray]:
         """Return the arrays that are not part of a snapshot."""
         sim, w = self.simulation, self.world

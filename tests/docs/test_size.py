@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 50_378
+LINES = 49_892
 """Lines of the packages."""
 MODULES = 358
 """Files of the packages."""
-TESTS = 31_036
+TESTS = 29_679
 """Lines of the tests."""
 
 

@@ -13,7 +13,7 @@ from baselines.policies.cells import are_adjacent, closed_loop, divisions, evenl
 from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses
 from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.loop_shapes import PartitionParameters, smallest_distance
-from baselines.policies.partition import cells_of_ring, plain_of
+from baselines.policies.partition import in_ring_order, plain_of
 from baselines.policies.partition_plan import partition_plan
 from baselines.policies.partition_repair import PartitionRepair, RepairParameters
 from baselines.policies.transit import turning_radius_of
@@ -109,7 +109,7 @@ def test_a_plan_obeys_the_limits_of_the_cars(name):
 def test_ring_neighbours_have_neighbouring_cells():
     scenario = plain_of(lissajous_env.scenario("team"))
     plan = partition_plan(scenario)
-    cell = cells_of_ring(scenario, plan)
+    cell = in_ring_order(scenario, tour(plan.cells))
     assert sorted(cell) == list(range(15))
     side_by_side = are_adjacent(plan.cells)
     kept = [side_by_side[cell[i], cell[j]] for i, pair in enumerate(scenario.neighbours) for j in pair]

@@ -8,10 +8,10 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.policies.cells import divisions
-from baselines.policies.line_shares import lines_of
 from baselines.policies.partition import loops_lie_apart
 from baselines.policies.partition_plan import Plan
 from baselines.policies.partition_repair import PartitionRepair
+from baselines.policies.repair_plan import lines_of
 from lissajous_env.episodes.guarantee import worst_undetected_times
 
 NEWS = {"messages.size": 15, "task.contamination": (40, 40)}
@@ -90,7 +90,7 @@ def test_loops_that_cross_do_not_lie_apart():
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     for distance, apart in ((3.0, True), (1.0, False)):
         loops = np.stack([circle, circle + np.array([distance, 0.0])])
-        assert loops_lie_apart(Plan(np.zeros((2, 6)), loops, 1.0, 1.0), 0.5) == apart
+        assert loops_lie_apart(loops, 0.5) == apart
 
 
 @pytest.mark.parametrize(

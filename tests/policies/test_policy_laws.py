@@ -262,9 +262,9 @@ def test_absurd_observations_give_finite_actions(name, scenario):
 
 
 @pytest.mark.parametrize(("rows", "words"), [
-    (lambda shape: np.full(shape, "a"), "observation must be an array of numbers, got ndarray of <U1"),
-    (lambda shape: [[1, 2], [3]], "observation must be an array of numbers, got list"),
-    (lambda shape: wp.zeros(shape, dtype=wp.int32, device="cpu"), "observation must be .* float32 on cpu, got int32"),
+    (lambda shape: np.full(shape, "a"), "observation must contain real numbers, got <U1"),
+    (lambda shape: [[1, 2], [3]], "observation must contain real numbers, got rows of different lengths"),
+    (lambda shape: wp.zeros(shape, dtype=wp.int32, device="cpu"), "observation must be float32 of shape .*, got int32"),
     (lambda shape: np.zeros(shape[1:]), "observation must have shape"),
 ])  # fmt: skip
 def test_observations_of_another_type_are_refused(rows, words):

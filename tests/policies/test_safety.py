@@ -204,7 +204,7 @@ def test_programs_are_solved():
 def test_collisions_are_cut_to_a_fifth(name, scenario):
     """Oracle: the same policy without the filter, on the same seeds."""
     rows, plain = (
-        lissajous_env.evaluate(baselines.make(each, scenario, num_worlds=16), scenario, range(16))
+        lissajous_env.evaluate(baselines.make(each, scenario, num_worlds=8), scenario, range(8))
         for each in (f"{name}-safe", name)
     )
     collisions, before = (np.mean([row["collisions"] for row in each]) for each in (rows, plain))

