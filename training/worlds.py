@@ -101,7 +101,13 @@ class Worlds:
 
     def truth(self) -> list[np.ndarray]:
         """Return tokens (B, K, F) and presence (B, K) for the critic, and own sightings (B,): see `truth`."""
-        return [self._flat(part) for part in zip(*map(truth, self.batch.simulations), strict=True)]
+        parts = []
+        for tokens, present, own in map(truth, self.batch.simulations):
+            # Scenarios of a space have different numbers of targets and robots.
+            more = 0 if self.batch.space is None else MOST_TARGETS + self.side.places - present.shape[2]
+            wider = (0, 0), (0, 0), (0, more)
+            parts.append((np.pad(tokens, (*wider, (0, 0))), np.pad(present, wider), own))
+        return [self._flat(part) for part in zip(*parts, strict=True)]
 
     def labels(self, teachers: Sequence[Any]) -> np.ndarray:
         """Return the actions (B, A) of a teacher for each group, before robots that are near are kept apart."""
