@@ -204,13 +204,14 @@ class Training:
                 likelihood = -0.5 * ((action - mean[0]) / deviation).square().sum(-1)
             step, reads = worlds.step(action.numpy()), [torch.from_numpy(part) for part in self._truth[:2]]
             values.append(self._value(rows[0], reads))
-            own = worlds.truth()[2]
+            self._truth = worlds.truth()
             parts.append((rows, reads, action, likelihood, torch.from_numpy(step.acted), begins))
-            steps.append((self._reward(step, own), step))
+            steps.append((self._reward(step, self._truth[2]), step))
             self._begins = np.repeat(step.over, worlds.side.places).astype(np.float32)
             if step.over.any():
                 worlds.begin(step.over)
-            self._rows, self._truth = worlds.rows(), worlds.truth()
+                self._truth = worlds.truth()
+            self._rows = worlds.rows()
             self.numbers["steps"] += float(step.acted.sum())
         values.append(self._value(torch.from_numpy(self._rows[0]), [torch.from_numpy(p) for p in self._truth[:2]]))
         advantages = self._advantages(steps, np.stack(values))
