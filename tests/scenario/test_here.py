@@ -55,7 +55,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("line", [
     ["evaluate", "failure", "my-still", *SHORT],
-    ["evaluate", "my-still", "depot.toml", *SHORT],
+    ["evaluate", "depot.toml", "my-still", *SHORT],
     ["run", "failure", "my-still", "--set", "task.duration=0.5", "--out", "a.npz"],
     ["benchmark", "--scenarios", "failure", "--policies", "my-still", *SHORT, "--replays", "0", "--out", "results"],
     ["evaluate", "failure", "my-way", *SHORT],

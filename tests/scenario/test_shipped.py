@@ -10,7 +10,7 @@ from lissajous_env.world.columns import COLUMNS
 from lissajous_env.world.simulation import Simulation
 
 
-def played(name, scenario, column, episodes=8):
+def played(name, scenario, column, episodes=4):
     rows = lissajous_env.evaluate(baselines.make(name, scenario, episodes), scenario, range(episodes))
     return summarize([row[column] for row in rows], COLUMNS[column].summary)
 
