@@ -12,7 +12,6 @@ from typing import Any
 from lissajous_env.extras import missing
 
 _NAMES = {
-    "builtin_interfaces.msg": "Time",
     "diagnostic_msgs.msg": "DiagnosticArray DiagnosticStatus KeyValue",
     "geometry_msgs.msg": "Point PoseStamped Twist TwistStamped",
     "nav_msgs.msg": "Odometry",

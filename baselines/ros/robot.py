@@ -14,9 +14,10 @@ from baselines.onboard import Odometry, Onboard, Output
 from baselines.ros import library as ros
 from baselines.ros import messages
 from baselines.ros.frames import Origin, SpeedOfPoses, relative
-from baselines.ros.messages import named_numbers, ring_message, seconds, yaw
+from baselines.ros.messages import named_numbers, ring_message, yaw
 from baselines.ros.pilot import Pilot
 from baselines.ros.settings import RobotSettings
+from lissajous_env.logs.filling import seconds
 
 NAME = "policy"
 _WAITS = "waits for the service start"

@@ -15,6 +15,7 @@ from baselines.ros.settings import WorldSettings
 from baselines.ros.vehicle import Vehicle
 from lissajous_env.console.terminal import CommandError
 from lissajous_env.episodes.recording import Recorder, Recording
+from lissajous_env.logs.filling import seconds
 from lissajous_env.logs.markers import target_shape
 from lissajous_env.logs.reading import EPISODE
 from lissajous_env.logs.writing import START, episode_text
@@ -136,7 +137,7 @@ class WorldNode(ros.Node):
 
         for topic, cls in messages.COMMAND_TOPICS[self.settings.command].items():
             listen(topic, getattr(ros, cls), commanded(topic))
-        listen("action", ros.JointState, lambda message: self._decided(robot, messages.seconds(message.header.stamp)))
+        listen("action", ros.JointState, lambda message: self._decided(robot, seconds(message.header.stamp)))
         listen("message", ros.JointState, lambda _message: self._is_there.__setitem__(robot, True))
         calls = {name: self.create_client(ros.Trigger, names + name) for name in ("start", "stop")}
         return calls | {
@@ -206,7 +207,9 @@ class WorldNode(ros.Node):
     def _publish(self) -> None:
         """Publish the time, and the measurements and detections of each robot."""
         time, frame = self.now, self.settings.frame
-        self._send_clock(ros.Clock(clock=messages.stamp_of(time)))
+        clock = ros.Clock()
+        clock.clock.sec, clock.clock.nanosec = divmod(round(time * 1e9), 10**9)
+        self._send_clock(clock)
         for k, status in enumerate(self.simulation.robots.status.numpy()[0].tolist()):
             robot = self._robots[k]
             if status != self._status[k]:

@@ -252,30 +252,6 @@ def self_crossings(curve: Curve) -> np.ndarray:
     return np.stack([middle - half, middle + half], axis=-1)
 
 
-def ellipse_outline(curve: Curve, curve_phase: float, points: int = 128) -> np.ndarray:
-    """Return the outline of ellipse (5), (A cos(phi - a gamma), B sin(phi + b gamma)) [m] of (4), phi in [0, 2 pi].
-
-    The robot that is at gamma + 2 pi k / N on the curve (3), N = a + b, is at phi = -2 pi a k / N. The phi of (4) is
-    therefore not the phase theta of (2), although the paper writes both as theta.
-
-    Args:
-        curve: the curve.
-        curve_phase: gamma of any robot of the formation [rad], as gamma_0 + omega t at time t.
-        points: number of points; the last one equals the first.
-
-    Returns:
-        (points, 2) [m].
-    """
-    phi = np.linspace(0, 2 * np.pi, points)
-    return np.stack(
-        [
-            curve.half_width * np.cos(phi - curve.a * curve_phase),
-            curve.half_height * np.sin(phi + curve.b * curve_phase),
-        ],
-        axis=-1,
-    )
-
-
 def ellipse_residual(curve: Curve, positions: np.ndarray, curve_phase: float | np.ndarray) -> np.ndarray:
     """y^2/B^2 + x^2/A^2 - 2 x y sin((a + b) gamma)/(A B) - cos^2((a + b) gamma), equation (5): 0 on the ellipse.
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 50_323
+LINES = 49_837
 """Lines of the packages."""
-MODULES = 354
+MODULES = 356
 """Files of the packages."""
-TESTS = 30_860
+TESTS = 29_225
 """Lines of the tests."""
 
 

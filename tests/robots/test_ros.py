@@ -19,6 +19,7 @@ from baselines.ros.running import RosProcess
 from baselines.ros.settings import RobotSettings
 from lissajous_env.console.terminal import CommandError
 from lissajous_env.episodes.recording import record
+from lissajous_env.logs.filling import seconds
 
 
 @pytest.fixture(autouse=True)
@@ -83,7 +84,7 @@ def test_headings_stamps_and_rows_survive_messages():
         pose = Odometry(0.1, -0.2, heading, 0.4, 12.3)
         message = messages.odometry_message(pose, 0.0, "map", "car/base_link")
         assert np.float32(messages.yaw(message.pose.pose.orientation)) == np.float32(heading)
-        assert messages.seconds(message.header.stamp) == 12.3
+        assert seconds(message.header.stamp) == 12.3
     for width in (2, 4):
         rows = draw.normal(size=(7, width)).astype(np.float32)
         cloud = messages.cloud_message(rows, 1.0, "car/aligned")
