@@ -79,15 +79,6 @@ def test_a_car_drives_a_circle_of_radius_wheelbase_over_tan_steering(steering):
     assert np.ptp(x) > abs(radius)
 
 
-def test_the_steady_speed_is_that_of_drive_offset_and_drag():
-    # Oracle: closed form (drive tau - offset) / drag.
-    for throttle in (0.11, 0.25):
-        simulation = one_robot()
-        robot = simulation.scenario.robot
-        speed = driven(simulation, [[0.3, throttle_action(robot, throttle)]] * 180)[-1, 3]
-        assert speed == pytest.approx((robot.drive * throttle - robot.offset) / robot.drag, rel=1e-4, abs=1e-5)
-
-
 def test_a_car_coasts_in_the_dead_zone():
     # Oracle: closed form v0 exp(-c t) up to the edge of the dead zone; just above it the motor drives. In reverse, it
     # also coasts between the dead zone and the throttle at which the motor overcomes its offset.
@@ -101,15 +92,6 @@ def test_a_car_coasts_in_the_dead_zone():
     for direction in (-1.0, 1.0):
         speeds = driven(one_robot(speed=direction, **weak), [[0.0, 0.1 * direction]] * 50)[:, 3]
         np.testing.assert_allclose(direction * speeds, coasted, rtol=1e-4)
-
-
-def test_grip_limits_the_yaw_rate():
-    # Oracle: closed form, yaw rate a / v, so that the centripetal acceleration v omega is the limit.
-    simulation = one_robot(**{"robot.lateral_acceleration_max": 0.5})
-    action = [-1.0, throttle_action(simulation.scenario.robot, 0.15)]
-    _, _, heading, speed, _ = driven(simulation, [action] * 200)[149:].T
-    turned = np.unwrap(heading)
-    assert (turned[-1] - turned[0]) / 5.0 == pytest.approx(-0.5 / speed[0], rel=1e-4)
 
 
 def test_full_reverse_reaches_its_speed_and_a_car_brakes_before_it_reverses():

@@ -58,20 +58,6 @@ def test_a_circle_has_the_radius_of_speed_over_yaw_rate():
     np.testing.assert_allclose(states[:, 1], -0.3 * (1 - np.cos(turned)), atol=1e-5)
 
 
-def test_no_limit_is_exceeded():
-    draw, grip = np.random.default_rng(2), 0.9
-    simulation = one_drive(**{"robot.lateral_acceleration_max": grip, "task.substeps": 1})
-    states = driven(simulation, np.repeat(draw.uniform(-1, 1, (80, 2)), 4, axis=0))
-    speed, yaw_rate = states[:, 3], states[:, 4]
-    assert speed.max() > 0.9 * V
-    assert speed.min() < 0.7 * BACK
-    assert np.abs(np.diff(speed)).max() < 1.001 * A * 0.1
-    assert np.abs(yaw_rate).max() <= W
-    assert np.abs(speed * yaw_rate).max() == pytest.approx(grip, rel=1e-3)
-    free = np.abs(speed * W) < 0.8 * grip  # grip is in force only where the speed is high
-    assert np.abs(np.diff(yaw_rate))[free[1:] & free[:-1]].max() < 1.001 * ALPHA * 0.1
-
-
 @pytest.mark.parametrize("boundary", ["open", "wall"])
 def test_backwards_is_the_mirror_image_of_forwards(boundary):
     # Law: a drive that looks back and drives backwards goes the same way; turns have no direction of motion.
@@ -82,25 +68,6 @@ def test_backwards_is_the_mirror_image_of_forwards(boundary):
     assert (np.abs(ahead[:, 0]) == np.float32(1.675)).any() == (boundary == "wall")
     np.testing.assert_allclose(back[:, :2], ahead[:, :2], atol=1e-4)
     np.testing.assert_allclose(back[:, 3:], ahead[:, 3:] * [-1, 1], atol=1e-4)
-
-
-def test_a_drive_that_meets_a_wall_turns_on_the_spot_and_leaves():
-    simulation = one_drive(pose=(1.4, 0.0, 0.0), **{"task.boundary": "wall"})
-    states = driven(simulation, [[1.0, 0.0]] * 30)
-    assert states[-1, 0] == np.float32(1.675)
-    states = driven(simulation, [[0.0, 1.0]] * 10 + [[1.0, 0.0]] * 12)
-    assert states[-1, 0] < 1.5
-    row = simulation.score()[0]
-    assert row["wall_contacts"] == 1
-    assert row["partly_outside_time"] == 0
-
-
-def test_a_robot_that_failed_stops_dead_and_begins_again_at_rest():
-    simulation = one_drive(speed=1.0, yaw_rate=2.0, **{"faults.schedule": ((0, 0.0, 0.3),)})
-    states = driven(simulation, [[1.0, 1.0]] * 5)
-    assert (states[:3] == states[0]).all()
-    assert (states[0, [0, 1, 3, 4]] == 0).all()
-    assert states[3, 3] == pytest.approx(0.1 * A)
 
 
 def test_drives_differ_by_their_motors_and_by_the_distance_of_their_wheels():

@@ -135,10 +135,3 @@ def test_action_minus_one_turns_the_motors_of_the_included_space_off_also_with_n
         robot = scenario.resolve().robot
         deviation = 0.5 * scenario.noise.actuator * (robot.throttle_max - robot.throttle_min)
         assert robot.throttle_min == pytest.approx(robot.dead_zone - 4 * deviation)
-
-
-def test_a_start_without_room_ends():
-    # Two robots whose places are given leave no other draw: the last one remains, and a reset ends.
-    together = {"formation.displaced": ((1, 2 * math.pi / 5), (1, 2 * math.pi / 5)), "formation.start_headway": 0.2}
-    scenario = lissajous_env.scenario("experiment", **{"formation.start_noise": 0.0, **together})
-    assert _least_distances(lissajous_env.Simulation(scenario), 0.0).min() < 2 * scenario.robot.radius
