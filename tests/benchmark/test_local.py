@@ -8,6 +8,7 @@ from benchmarks_in_the_small import QUIET, SHORT, small
 import baselines
 import lissajous_env
 from baselines.benchmark import results_folder, running
+from baselines.benchmark.local import on_cores
 from baselines.benchmark.running import measure, run
 
 THREE = {"policies": ("kuramoto", "random", "still"), "episodes": 3}
@@ -62,6 +63,20 @@ def test_an_error_of_the_disk_on_another_thread_reaches_the_caller(tmp_path, mon
     monkeypatch.setattr(results_folder.Results, "add", full)
     with pytest.raises(OSError, match="No space left"):
         run(small(tmp_path, **THREE), console=QUIET)
+
+
+def test_an_error_stops_the_other_jobs_and_is_raised():
+    waited = []
+
+    def fail(stopped):
+        raise OSError("full")
+
+    def wait(stopped):
+        waited.append(stopped.wait(600))
+
+    with pytest.raises(OSError, match="full"):
+        on_cores([(fail, True), (wait, False)])
+    assert waited == [True]
 
 
 def test_a_policy_that_refuses_a_scenario_is_left_out_unless_it_was_asked_for(tmp_path, monkeypatch):
