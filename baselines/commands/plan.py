@@ -146,8 +146,6 @@ def _print(console: Any, outcome: Outcome, plans: list) -> None:
         title = f"Plans for {_asked(outcome)}: {len(plans)} that no other dominates"
         print_line(console, title, "italic")
         left_out += report.print_plans(console, outcome, plans)
-        console.print()
-        left_out += report.print_formations(console, plans)
     else:
         print_line(console, f"No plan without collisions was found for {_asked(outcome)}.")
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")

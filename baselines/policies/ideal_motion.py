@@ -11,8 +11,6 @@ import math
 
 import numpy as np
 
-from baselines.policies.patience import check_patience
-
 _MOST_CELLS = 3000
 _CELLS_IN_RADIUS = 7
 _ROUNDS = 4
@@ -34,7 +32,6 @@ def worst_undetected_time(
     Returns:
         Infinity if the time exceeds `limit`, or if a target of the start is still undetected after four periods.
     """
-    check_patience()
     field = _Field(half, radius, speed * step)
     seen = [field.sensed(loop[:, k]) for k in range(loop.shape[1])]
     for now in range(1, _ROUNDS * len(seen) + 1):
@@ -53,7 +50,6 @@ def worst_from_start(
     lead_in: np.ndarray, loop: np.ndarray, half: tuple[float, float], radius: float, speed: float, step: float
 ) -> float:
     """Return the same time for robots that first drive (N, L, 2) lead-ins [m], from the start on [s]."""
-    check_patience()
     field = _Field(half, radius, speed * step)
     for place in lead_in.swapaxes(0, 1):
         field.advance(field.sensed(place))
@@ -74,7 +70,6 @@ def coverage(loop: np.ndarray, half: tuple[float, float], radius: float, coarse:
         radius: Sensing radius [m].
         coarse: True to test only a quarter of the places, at every second control step.
     """
-    check_patience()
     field = _Field(half, radius, 0.0, field_cells=_MOST_CELLS // (4 if coarse else 1))
     every = 2 if coarse else 1
     seen = np.array([field.sensed(loop[:, k]) for k in range(0, loop.shape[1], every)])

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses, dubins_reach
-from baselines.policies.patience import check_patience
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.robots.facing import start_headings
@@ -104,7 +103,6 @@ def transit(
     entry, entry_speed = pose[:, at], loop_speed[:, at, None]
     arrival = []
     for place, before in zip(start, speed, strict=True):  # one by one: all together need gigabytes for large teams
-        check_patience()
         _, possible = _drivable(place, before, entry, entry_speed, times, car, step)
         arrival.append(np.where(possible.any(axis=2), times, np.inf).min(axis=1))
     arrival = np.array(arrival)
@@ -206,7 +204,6 @@ def _selected(ways: list[_Ways], apart: float) -> dict[int, tuple[np.ndarray, in
     halves = 2 * int(ways[0].times[-1]) + 2 * len(ways[0].loop)
     found: dict[int, tuple[np.ndarray, int]] = {}
     for way in ways:
-        check_patience()
         for k in range(len(way.which)):
             places, arrives = way.places(k, halves)
             clear = True

@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 51_996
+LINES = 51_775
 """Lines of the packages."""
-MODULES = 360
+MODULES = 359
 """Files of the packages."""
-TESTS = 32_027
+TESTS = 32_026
 """Lines of the tests."""
 
 
