@@ -7,7 +7,7 @@ from functools import partial
 from baselines import policies
 from baselines.policies.base import Policy
 from baselines.policies.combinations import COMBINATIONS, ON_REQUEST, register_coordinator, with_tracker
-from baselines.policies.coordinators.in_numpy import NumpyCoordinator
+from baselines.policies.coordinators.base import NumpyCoordinator
 from baselines.policies.patrol import Laps, RandomWaypoint, Still, Sweep
 from baselines.policies.reacting import Chase, Follow, Force, Index, Lanes
 from baselines.policies.registry import make, names, register

@@ -5,46 +5,123 @@ driver. `--tune` plays a grid of settings of each on the 256 worlds of seeds 4,2
 settings below are those. Without it, the policies play them on the 256 worlds of seeds 10,000 and up, which tuning
 never opens. The value of feedback is the ratio of a score to that of the patrol, so that more than 1 is better.
 
-`--store` puts the table into docs/figures.json, from which `python benchmarks/figures.py` writes docs/feedback.md.
+`--store` puts the table into docs/figures.json, from which `python benchmarks/figures.py` writes docs/feedback.md, and
+the values into the file from which `lissajous scenarios` prints them.
 """
 
 import itertools
+import json
+import re
 import warnings
+from pathlib import Path
 
 import figures
 import numpy as np
 
 import lissajous_env
+from baselines.policies.dividing import Cover, VoronoiPursuit
 from baselines.policies.reacting import Chase, Follow, Force, Index, Lanes
+from lissajous_env.world.state import FOUND, PRESENT
 
 WORLDS, TUNED_ON, PLAYED_ON = 256, 4242, 10_000
 SCORES = {"watch": "observed_fraction", "intercept": "detection_rate", "hotspots": "detection_time_mean"}
 PATROL = "patrol in lanes"
+KEPT = Path(lissajous_env.__file__).parent / "parameters" / "feedback.json"
+"""The values of feedback that `lissajous scenarios` prints."""
+CLAIRVOYANT = "sees all targets"
+
+
+class SeesAll:
+    """Mixed into a policy: every robot knows where every target of a simulation is and how it moves; no bound.
+
+    `watch` is called after each step and reset, with the simulation.
+    """
+
+    def watch(self, simulation):
+        """Remember where the targets are; a velocity is that of the latest step."""
+        targets = simulation.targets
+        stage, place = targets.stage.numpy(), targets.position.numpy().astype(float)
+        self.present = (stage == PRESENT) | ((stage == FOUND) & (not self.scenario.targets.leave))
+        moved = place - getattr(self, "place", place)
+        near = np.linalg.norm(moved, axis=-1, keepdims=True) <= 2 * self.top * self.step
+        self.velocity, self.place = np.where(near, moved, 0.0) / self.step, place
+
+    def rows(self, observation):
+        """Return the rows with a track of every target that is there."""
+        rows = super().rows(observation)
+        offset = self.place[:, None] - rows.position[:, :, None]
+        shape = offset.shape[:3]
+        rows.tracks = np.broadcast_to(self.present[:, None], shape)
+        rows.track_offset, rows.track_velocity = offset, np.broadcast_to(self.velocity[:, None], offset.shape)
+        rows.track_age, rows.track_leaves = np.zeros(shape), np.zeros(shape, bool)
+        return rows
+
+
+class CoverAll(SeesAll, Cover):
+    """Greedy cover of all targets."""
+
+    def __init__(self, scenario, num_worlds):
+        super().__init__(scenario, num_worlds)
+        count = self.scenario.targets.count
+        self._pairs = np.array([(i, j) for i in range(count) for j in range(i)])
+
+
+class ChaseAll(SeesAll, Chase):
+    """Lead pursuit of the nearest of all targets."""
+
+
+class IndexAll(SeesAll, Index):
+    """Index rule with the numbers of undetected targets in the cells."""
+
+    def rows(self, observation):
+        """Return the rows with the tracks of the robots: what counts are the numbers."""
+        return Index.rows(self, observation)
+
+    def expected(self):
+        """Return the numbers of undetected targets in the cells (W, N, cells)."""
+        column, line = np.moveaxis(((self.place + self.half) / (2 * self.half) * self.counts).astype(int), -1, 0)
+        cells = np.clip(column, 0, self.counts[0] - 1) * self.counts[1] + np.clip(line, 0, self.counts[1] - 1)
+        numbers = np.zeros((self.num_worlds, len(self.cells)))
+        world, target = np.nonzero(self.present)
+        np.add.at(numbers, (world, cells[world, target]), 1.0)
+        return np.broadcast_to(numbers[:, None], self._idle.shape)
+
+
 POLICIES = {
     "watch": {
         PATROL: (Lanes, {"lanes": 8}),
         "follow the nearest": (Follow, {}),
         "A-CMOMMT, tuned": (Force, {"shared": 0.0, "reach": 2.0, "apart": 3.0, "push": 1.0}),
+        "greedy cover, tuned": (Cover, {}),
+        CLAIRVOYANT: (CoverAll, {}),
     },
     "intercept": {
         PATROL: (Lanes, {"lanes": 16}),
         "pure pursuit": (Chase, {"lead": 0.0}),
         "lead pursuit, tuned": (Chase, {"lead": 0.8}),
+        "Voronoi pursuit, tuned": (VoronoiPursuit, {}),
+        CLAIRVOYANT: (ChaseAll, {}),
     },
     "hotspots": {
         PATROL: (Lanes, {"lanes": 12}),
         "index rule, uniform rates": (Index, {"learns": False, "delay": 1.0}),
         "index rule, learned rates": (Index, {"learns": True, "delay": 1.0}),
+        CLAIRVOYANT: (IndexAll, {}),
     },
 }
-"""Policies of each scenario, with their settings: the patrol first, the best one last."""
+"""Policies of each scenario, with their settings: the patrol first, the reference that sees all targets last."""
 LANES = {"lanes": (2, 4, 6, 8, 10, 12, 14, 16)}
 GRIDS = {
     "watch": [
         (Lanes, LANES),
         (Force, {"shared": (0.0, 0.1), "reach": (1.5, 2.0, 3.0), "apart": (2.0, 2.5, 3.0), "push": (0.5, 1.0, 2.0)}),
+        (Cover, {"delay": (0.5, 0.75, 1.0), "fade": (1.5, 2.25, 3.0), "margin": (0.5, 0.55, 0.6, 0.65, 0.7)}),
     ],
-    "intercept": [(Lanes, LANES), (Chase, {"lead": (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)})],
+    "intercept": [
+        (Lanes, LANES),
+        (Chase, {"lead": (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)}),
+        (VoronoiPursuit, {"near": (0.2, 0.3, 0.4), "width": (0.07, 0.1, 0.15), "fade": (0.25, 0.4, 0.6)}),
+    ],
     "hotspots": [(Lanes, LANES), (Index, {"learns": (False, True), "delay": (0.5, 1.0, 1.5, 3.0)})],
 }
 
@@ -53,7 +130,12 @@ def play(name, policy, settings, first):
     """Return the scores and the collisions (W,) of the worlds from a seed on."""
     scenario = lissajous_env.scenario(name)
     made = policy(scenario, WORLDS, **settings)
-    rows = lissajous_env.evaluate(made, scenario, seeds=range(first, first + WORLDS))
+    simulation = lissajous_env.Simulation(scenario, WORLDS, seed=first)
+    while not simulation.over.all():
+        if isinstance(made, SeesAll):
+            made.watch(simulation)
+        simulation.step(made.act(simulation.observation))
+    rows = simulation.score()
     return np.array([[row[SCORES[name]], row["collisions"]] for row in rows]).T
 
 
@@ -87,6 +169,19 @@ def compared():
     return {"columns": ["scenario", "policy", "score", "collisions", "value of feedback"], "rows": rows}
 
 
+def best_values(rows):
+    """Return for each scenario the largest value of feedback of a rule, and those of the reference."""
+    best = {}
+    for name, words, _, _, value in rows:
+        numbers = [float(number) for number in re.findall(r"[0-9.]+", value)]
+        entry = best.setdefault(name, {"value": 1.0})
+        if words == CLAIRVOYANT:
+            entry["sees_all"] = numbers[0]
+        elif len(numbers) == 3 and numbers[0] > entry["value"]:
+            entry |= {"value": numbers[0], "low": numbers[1], "high": numbers[2], "policy": words}
+    return best
+
+
 def tune():
     """Print the settings of each grid, best first."""
     for name, grids in GRIDS.items():
@@ -109,7 +204,10 @@ def main():
     if given.tune:
         tune()
     else:
-        figures.publish("feedback", "value of feedback", compared(), given.store)
+        table = compared()
+        figures.publish("feedback", "value of feedback", table, given.store)
+        if given.store:
+            KEPT.write_text(json.dumps(best_values(table["rows"]), indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

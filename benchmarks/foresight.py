@@ -15,13 +15,13 @@ import figures
 import numpy as np
 from publish import HELD_OUT, SCRIPTS
 
-from baselines.exploitability import Survival, survive
 from baselines.policies.factories import named
 from lissajous_env import Scenario, Simulation
 from lissajous_env.episodes.missed.foresight import Foresight, Visits
 from lissajous_env.parameters.rogues import folder_of, rogue_of, shipped_rogues
 from training.learned import checkpoint
 from training.rogue_settings import RogueTraining
+from training.rogue_trainer import undetected_times
 
 TITLES = ("scenario, policy", "best script [s]", "learned [s]", "with foresight [s]", "learned share of it")
 TITLES = (*TITLES, "never detected [s]")
@@ -30,7 +30,7 @@ _MARGIN, _BLUR = 0.01, 0.3
 _TOGETHER = 4
 
 
-def with_foresight(policy: str, scenario: Scenario, seeds: Sequence[int]) -> tuple[Survival, np.ndarray]:
+def with_foresight(policy: str, scenario: Scenario, seeds: Sequence[int]) -> tuple[dict[str, float], np.ndarray]:
     """Return the undetected times of rogues with foresight, and the mean time from a start to the end [s]."""
     times, left = [], []
     for first in range(0, len(seeds), _TOGETHER):
@@ -41,7 +41,8 @@ def with_foresight(policy: str, scenario: Scenario, seeds: Sequence[int]) -> tup
             times.append(simulation.detection_times(world)[0])
             there = appears[world][appears[world] < scenario.task.steps]
             left.append((scenario.task.steps - there).mean() * scenario.task.step)
-    return Survival(tuple(times), ()), np.array(left)
+    known = {"mean": np.mean([each.mean() for each in times]), "longest": np.mean([each.max() for each in times])}
+    return known, np.array(left)
 
 
 def _play(policy: str, simulation: Simulation, seeds: Sequence[int]) -> np.ndarray:
@@ -72,10 +73,10 @@ def _play(policy: str, simulation: Simulation, seeds: Sequence[int]) -> np.ndarr
 def row_of(name: str, policy: str, learned: str, seeds: Sequence[int]) -> list[str]:
     """Return a row of the table."""
     settings = RogueTraining(name)
-    found = {each: survive(policy, settings.make_scenario(each), seeds).summary() for each in (*SCRIPTS, learned)}
-    known, left = with_foresight(policy, settings.make_scenario(), seeds)
+    found = {each: undetected_times(policy, settings.make_scenario(each), seeds) for each in (*SCRIPTS, learned)}
+    foreseen, left = with_foresight(policy, settings.make_scenario(), seeds)
     best = {key: max(found[each][key] for each in SCRIPTS) for key in ("mean", "longest")}
-    of, foreseen = found[learned], known.summary()
+    of = found[learned]
     times = [f"{each['mean']:.2f} ({each['longest']:.1f})" for each in (best, of, foreseen)]
     return [f"`{name}`, `{policy}`", *times, f"{of['mean'] / foreseen['mean']:.0%}", f"{left.mean():.1f}"]
 

@@ -16,7 +16,7 @@ import numpy as np
 import baselines
 import lissajous_env
 from baselines.benchmark.shown import number
-from baselines.policies.partition_plan import PartitionParameters
+from baselines.policies.loop_shapes import PartitionParameters
 from baselines.policies.partition_repair import PartitionRepair
 from baselines.policies.safety.filtered import Filtered
 from baselines.policies.safety.proved import Proved

@@ -52,7 +52,7 @@ def measured(name: str, policy: str, seeds: Sequence[int]) -> list[Result]:
         path = longest_path(played)
         cost = time.process_time() - began
         if path is not None:
-            (rogue,) = replay([(played, path)], prove=False)
+            (rogue,) = replay([(played, path)])
             results.append(Result(name, rogue.undetected - played.score[WORST_CASE.name], cell, cost))
     return results
 

@@ -21,7 +21,7 @@ import numpy as np
 import baselines
 import lissajous_env
 from baselines.benchmark.shown import between, number
-from baselines.benchmark.statistics import paired
+from baselines.benchmark.statistics import SHARE_OF_SEEDS, summarize, wins
 from lissajous_env.console.terminal import plain
 from lissajous_env.storage.files import read_json, write_atomically
 from training.learned import checkpoint
@@ -52,12 +52,13 @@ def trained(out: Path, scenario: Path, seed: int, steps: int, more: Sequence[str
 
 
 def judged(ours: list[dict[str, Any]], theirs: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the means of both, and the differences seed by seed with their intervals."""
+    """Return the means of both, and the share of seeds on which ours is better, with its interval."""
     found = {}
     for name in COLUMNS:
         pair = [np.array([row[name] for row in rows], dtype=float) for rows in (ours, theirs)]  # None is NaN
         means = {"policy": float(np.nanmean(pair[0])), "rival": float(np.nanmean(pair[1]))}
-        found[name] = means | asdict(paired(pair[0], pair[1], 1 if name == "detected_fraction" else -1))
+        won = wins(pair[0], pair[1], 1 if name == "detected_fraction" else -1)
+        found[name] = means | {"better": asdict(summarize(won, SHARE_OF_SEEDS))}
     return found
 
 
@@ -66,10 +67,11 @@ def as_table(results: Sequence[dict[str, Any]]) -> figures.Table:
     rows = []
     for each in results:
         time_of, collisions = each["columns"]["detection_time_mean"], each["columns"]["collisions"]
-        share = between(time_of["better_low"], time_of["better_high"], times=100)
+        better = time_of["better"]
+        share = between(better["low"], better["high"], times=100)
         rows.append([
             each["scenario"], str(each["seed"]), f"`{each['rival']}`",
-            number(time_of["policy"]), number(time_of["rival"]), f"{100 * time_of['better']:.0f} % ({share})",
+            number(time_of["policy"]), number(time_of["rival"]), f"{100 * better['value']:.0f} % ({share})",
             number(collisions["policy"]), number(collisions["rival"]), f"{each['minutes']:.0f}",
         ])  # fmt: skip
     titles = ["scenario", "seed", "rival", "detection [s]", "rival's [s]", "faster", "collisions", "rival's", "min"]

@@ -11,7 +11,6 @@ from typing import Annotated, Any
 import tyro
 
 from baselines.benchmark.statistics import summarize
-from baselines.exploitability import survive
 from lissajous_env import evaluate
 from lissajous_env.parameters import named
 from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, RECOVERY, RETURN
@@ -21,6 +20,7 @@ from training.learned.network import Network
 from training.learned.policy import Learned
 from training.learned.rogue import KIND
 from training.rogue_settings import RogueTraining
+from training.rogue_trainer import undetected_times
 
 HELD_OUT = range(10_000, 10_064)
 SCRIPTS = "wander", "flee", "shadow", "follow-gap"
@@ -76,14 +76,14 @@ def _times_of(source: Path, card: Card) -> dict[str, Any]:
     times = {}
     for rogue in (*SCRIPTS, "learned"):
         moved_by = str(source) if rogue == "learned" else rogue
-        summary = survive(stored["against"], settings.make_scenario(moved_by), HELD_OUT).summary()
+        summary = undetected_times(stored["against"], settings.make_scenario(moved_by), HELD_OUT)
         times[rogue] = {key: round(value, 4) for key, value in summary.items()}
         print(stored["against"], rogue, times[rogue])
     return {stored["against"]: times}
 
 
 def _rounded(summary: Any) -> dict[str, float | None]:
-    numbers = {"iqm": summary.iqm, "low": summary.low, "high": summary.high, "mean": summary.mean}
+    numbers = {"iqm": summary.value, "low": summary.low, "high": summary.high}
     return {name: round(value, 4) if value == value else None for name, value in numbers.items()}
 
 

@@ -21,7 +21,7 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=Benchmark.episodes)
     parser.add_argument("--out", type=Path, default=Benchmark.out)
     options = parser.parse_args()
-    settings = Benchmark(episodes=options.episodes, out=options.out, replays=("none",))
+    settings = Benchmark(episodes=options.episodes, out=options.out, replays=0)
     outcome = measure(settings, console=Console(quiet=True), progress=make_console(stderr=True))
     table = table_of(Table.of(outcome.rows, outcome.scenarios))
     if options.store:

@@ -28,9 +28,18 @@ import baselines
 import lissajous_env
 import training
 from baselines.benchmark.shown import between, number
-from baselines.benchmark.statistics import CUT, RESAMPLES, interquartile_mean, middle_of, paired, summarize
+from baselines.benchmark.statistics import (
+    CUT,
+    RESAMPLES,
+    SHARE_OF_SEEDS,
+    interquartile_mean,
+    middle_of,
+    summarize,
+    wins,
+)
 from lissajous_env.console.terminal import plain
 from lissajous_env.storage.files import read_json, write_atomically
+from lissajous_env.world.columns import INTERQUARTILE_MEAN, MEAN
 from training.learned import checkpoint
 from training.learned.history import History
 
@@ -119,18 +128,18 @@ def judged(rows_by_training: Sequence[list[dict[str, Any]]], reference: list[dic
         table = np.array([[row[column] for row in rows] for rows in rows_by_training], dtype=float)
         theirs = np.array([row[column] for row in reference], dtype=float)
         more_is_better, rare = column == "sensed_fraction", column == "collisions"
-        won = (table > theirs if more_is_better else table < theirs) + (table == theirs) / 2
-        cut = 0.0 if rare else 0.25
+        won = wins(table, np.broadcast_to(theirs, table.shape), 1 if more_is_better else -1)
+        cut, summary = (0.0, MEAN) if rare else (CUT, INTERQUARTILE_MEAN)
         middle = float(table.mean()) if rare else interquartile_mean(table.ravel())
         found[column] = {
-            "statistic": "mean" if rare else "interquartile mean",
+            "statistic": summary,
             "value": middle,
             "interval": two_level_interval(table, cut=cut) if len(table) > 1 else None,
             "better": float(won.mean()),
             "better_interval": two_level_interval(won, cut=0.0) if len(table) > 1 else None,
-            "trainings": [asdict(summarize(row)) for row in table],
-            "trainings_against": [asdict(paired(row, theirs, 1 if more_is_better else -1)) for row in table],
-            "reference": asdict(summarize(theirs)),
+            "trainings": [asdict(summarize(row, summary)) for row in table],
+            "trainings_against": [asdict(summarize(row, SHARE_OF_SEEDS)) for row in won],
+            "reference": asdict(summarize(theirs, summary)),
         }
     return found
 
@@ -144,22 +153,19 @@ def as_table(after: dict[str, dict[str, Any]]) -> figures.Table:
             cells = []
             for each in columns:
                 against = each["trainings_against"][k]
-                cells += [_alone(each["trainings"][k], each["statistic"]),
-                          _share(against["better"], (against["better_low"], against["better_high"]))]  # fmt: skip
+                cells += [_alone(each["trainings"][k]), _share(against["value"], (against["low"], against["high"]))]
             rows.append([f"{where}, seed {seed}", *cells])
         cells = []
         for each in columns:
             cells += [_spread(each["value"], each["interval"]), _share(each["better"], each["better_interval"])]
         rows.append([f"{where}, all", *cells])
-    theirs = [cell for each in columns for cell in (_alone(each["reference"], each["statistic"]), "")]
+    theirs = [cell for each in columns for cell in (_alone(each["reference"]), "")]
     rows.append([f"`{REFERENCE}`", *theirs])
     return {"columns": ["training", *(title for titles in COLUMNS.values() for title in titles)], "rows": rows}
 
 
-def _alone(numbers: dict[str, Any], statistic: str) -> str:
-    names = ("mean", "mean_low", "mean_high") if statistic == "mean" else ("iqm", "low", "high")
-    value, *ends = (numbers[name] for name in names)
-    return _spread(value, ends)
+def _alone(numbers: dict[str, Any]) -> str:
+    return _spread(numbers["value"], (numbers["low"], numbers["high"]))
 
 
 def _spread(value: float, ends: Sequence[float] | None) -> str:

@@ -4,9 +4,14 @@ from collections.abc import Iterable
 
 from baselines.planning import portfolio
 from baselines.policies import registry
+from baselines.policies.combinations import COMBINATIONS
 
 FILTERED = ("sweep", "kuramoto-mpcc", "partition-repair", "learned-intruders")
 """Policies that are tested under each collision filter too, one of each kind of memory."""
+
+
+TRACKED = ("kuramoto-mpcc", "tracked-reference-mpcc", "consensus-gvf")
+"""Combinations of a coordinator and a tracker of cars that are tested for all of them."""
 
 
 def playing_all(names: Iterable[str]) -> tuple[str, ...]:
@@ -15,6 +20,13 @@ def playing_all(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def differing(names: Iterable[str]) -> tuple[str, ...]:
-    """Return those of `playing_all` without a filter, and each filter on the policies `FILTERED` alone."""
+    """Return those of `playing_all` that share no part with two others.
+
+    These are each coordinator on points, each tracker under the coordinators `TRACKED` alone, and each filter on the
+    policies `FILTERED` alone.
+    """
     policies = {name: registry.unwrapped(name) for name in playing_all(names)}
-    return tuple(name for name, (policy, suffix) in policies.items() if not suffix or policy in FILTERED)
+    alike = {name for name in COMBINATIONS if name.endswith(("-mpcc", "-gvf")) and name not in TRACKED}
+    return tuple(
+        name for name, (policy, suffix) in policies.items() if name not in alike and (not suffix or policy in FILTERED)
+    )

@@ -13,7 +13,8 @@ from browser import browser, folder, recording  # noqa: F401 - fixtures
 import baselines
 import lissajous_env
 from baselines.policies import registry
-from lissajous_env.parameters import named, robot_models, rogues
+from lissajous_env.parameters import robot_models, rogues
+from lissajous_env.parameters.registry import SCENARIOS, SPACES
 
 os.environ["SDL_VIDEODRIVER"] = "dummy"
 os.environ["MPLBACKEND"] = "Agg"
@@ -37,12 +38,15 @@ def _own_registries(monkeypatch):
         (registry, "_REGISTRY"),
         (registry, "_FILTERS"),
         (robot_models, "_MODELS"),
-        (named, "_REGISTERED"),
         (rogues, "_ROGUES"),
-        (named, "_SPACES"),
     ):
         monkeypatch.setattr(module, name, dict(getattr(module, name)))
     monkeypatch.setattr(sys, "path", list(sys.path))  # to which the current folder is added
+    before = [(table, dict(table)) for table in (SCENARIOS, SPACES)]
+    yield
+    for table, entries in before:
+        table.clear()
+        table.update(entries)
 
 
 @pytest.fixture

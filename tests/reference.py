@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+import reference_walls
 from reference_motion import (
     car_runge_kutta,
     closest_approach,
@@ -182,9 +183,9 @@ class World:
         self._collide()
         self._sense(begin=False)
         self._consequences()
-        self._leave()
+        reference_walls.leave(self)
         if self.scenario.task.boundary == "wall" and self.scenario.robot.kind != "curve":
-            self._watch_walls(command)
+            reference_walls.watch_walls(self, command)
         self._tally(begin=False)
         self._reward(command)
         self._hear()
@@ -268,48 +269,6 @@ class World:
                 car.stopped = True
             if collisions and self.scenario.task.on_collision == "remove":
                 car.crashed = True
-
-    def _leave(self) -> None:
-        """Find the robots that are wholly outside, and remove them if the boundary removes robots."""
-        half = np.array([self.scenario.curve.half_width, self.scenario.curve.half_height])
-        for i, car in enumerate(self.robots):
-            nearest = np.clip(car.position[:2], -half, half)
-            is_out = math.dist(nearest, car.position[:2]) > self.scenario.robot.radius
-            self.outside[i] = is_out and not self.removed(i)
-            self.outside_steps += self.outside[i]
-            sticks_out = (np.abs(car.position[:2]) + 0.999 * self.scenario.robot.radius > half).any()
-            self.partly_outside_steps += bool(sticks_out) and not self.removed(i)
-            if self.outside[i] and self.scenario.task.boundary == "remove":
-                car.left = True
-
-    def _watch_walls(self, command: np.ndarray) -> None:
-        """Count the contacts with walls, and the steps in which a robot is driven but does not get ahead."""
-        half = np.array([self.scenario.curve.half_width, self.scenario.curve.half_height])
-        radius, task = self.scenario.robot.radius, self.scenario.task
-        for i, car in enumerate(self.robots):
-            if self.removed(i):
-                continue
-            for place in car.way[1:]:
-                gap = min(half - np.abs(place[:2])) - radius
-                car.touches = car.touches and gap <= 0.05 * radius
-                if gap < 0.001 * radius and not car.touches:
-                    car.touches = True
-                    self.wall_contacts += 1
-            progress = car.driven_from is None or math.dist(car.position[:2], car.driven_from) >= radius
-            if progress or not self.works(i):
-                car.driven_from, car.driven = car.position[:2].copy(), 0
-            elif self._requested_speed(command[i]) * task.blocked_after >= 2 * radius:
-                car.driven += 1
-                self.blocked_steps += car.driven * task.step > task.blocked_after + 1e-9
-
-    def _requested_speed(self, command: np.ndarray) -> float:
-        """Speed that an action requests, as a share of the top speed that is linear from rest to the end [m/s]."""
-        robot = self.scenario.robot
-        if robot.kind == "differential":
-            share = abs(command[0])
-        else:
-            share = abs(command[1]) if robot.reverses else (command[1] + 1) / 2
-        return float(share) * robot.speed_max
 
     def _sensors(self) -> dict[int, np.ndarray]:
         """Places of the robots that sense."""

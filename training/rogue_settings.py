@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from baselines.exploitability import with_starts
 from baselines.policies.factories import named
 from lissajous_env import Scenario
 from lissajous_env import scenario as make_scenario
@@ -32,8 +31,8 @@ class RogueTraining(Checked):
     environments are divided."""
     rounds: int = whole(48, 1, 10_000)
     """Rounds of imitation of a rogue with foresight, each with an episode per world."""
-    starts: int = 96
-    """Rogues per episode, each with a start of its own."""
+    starts: int = whole(96, 2, 4096)
+    """Rogues per episode on average, each with a start of its own; half of them are present from the beginning."""
     seed: int = whole(0, 0, 2047)
     """Seed of the worlds and of the initial weights."""
     out: Path = Path("runs/train")
@@ -81,7 +80,9 @@ class RogueTraining(Checked):
         made = make_scenario(self.scenario, **self.overrides)
         needs_grid = rogues == "hide" or made.task.conservative
         made = make_scenario(made, **{"task.grid": None} | ({} if needs_grid else {"task.contamination": None}))
-        return with_starts(made, rogues, self.starts)
+        first = self.starts // 2
+        starts = {"targets.count": first, "targets.arrival_rate": (self.starts - first) / made.task.duration}
+        return make_scenario(made, rogues=rogues, **starts, **{"targets.speed_limit": made.rogue_speed})
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint."""

@@ -12,7 +12,7 @@ from lissajous_env import scenario as make_scenario
 from lissajous_env.parameters import named
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.extensions import ScoreColumn
-from lissajous_env.parameters.named import is_space, scenario_space
+from lissajous_env.parameters.named_spaces import scenario_space, space_and_split
 
 LEARNED, EVALUATED = "train", "validation"
 """Splits of a space from which a training draws its scenarios, and those of its evaluations. No training uses the
@@ -34,13 +34,12 @@ def space_of(name: str) -> ScenarioSpace | None:
     Raises:
         ValueError: a split of a space is given.
     """
-    if is_space(name):
-        return scenario_space(name)
-    space, colon, rest = name.partition(":")
-    if colon and is_space(space) and not rest.rpartition("-")[2].isdecimal():
+    if space_and_split(name) is None:
+        return None
+    if ":" in name:
         rule = f"must be the name of a space without a split, because a training uses the split {LEARNED}"
         raise ValueError(f"scenario {rule} and is evaluated on {EVALUATED}, got {name}")
-    return None
+    return scenario_space(name)
 
 
 def evaluated(space: ScenarioSpace, count: int) -> list[Scenario]:

@@ -16,7 +16,7 @@ from typing import Any
 from baselines.benchmark.local import failure_of, results
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import versions
-from baselines.benchmark.types import Batch, Benchmark, Cell, Failure, Finish, Work
+from baselines.benchmark.types import Benchmark, Cell, Failure, Finish, Rows, Work
 from baselines.policies.factories import parts
 from lissajous_env.extras import missing
 from lissajous_env.identity import MODULE
@@ -105,7 +105,7 @@ def play_all(settings: Benchmark, work: Work, progress: Progress, finish: Finish
             for reference in ray.wait(list(playing), timeout=1.0)[0] if playing else []:
                 k = playing.pop(reference)
                 result = _result(ray, reference, work[k][0])
-                if isinstance(result, Batch) or k not in failed:
+                if not isinstance(result, Failure) or k not in failed:
                     finish(work[k][0], result)
                 if isinstance(result, Failure):
                     failed.add(k)
@@ -121,7 +121,7 @@ def _remote(ray: Any, settings: Benchmark) -> Any:
     return lambda packed, numbers: remote.remote(packed, numbers, versions())
 
 
-def _play(packed: bytes, numbers: list[int], wanted: dict[str, str]) -> Batch | Failure:
+def _play(packed: bytes, numbers: list[int], wanted: dict[str, str]) -> Rows | Failure:
     """Play one batch; this runs on a worker."""
     ray = _ray()
     if (here := versions()) != wanted:
@@ -152,7 +152,7 @@ def _packed(ray: Any, cell: Cell, settings: Benchmark) -> bytes:
         ) from error
 
 
-def _result(ray: Any, reference: Any, cell: Cell) -> Batch | Failure:
+def _result(ray: Any, reference: Any, cell: Cell) -> Rows | Failure:
     try:
         return ray.get(reference)
     except ray.exceptions.RayTaskError as error:

@@ -6,12 +6,13 @@ other: such code may share data between its policies, and Ctrl-C reaches it ther
 
 import threading
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from functools import partial
 
 from baselines.benchmark.progress import Progress
-from baselines.benchmark.results_folder import detections_of, refusal_of
-from baselines.benchmark.types import Batch, Benchmark, Cell, Failure, Finish, Work
+from baselines.benchmark.results_folder import refusal_of
+from baselines.benchmark.types import Benchmark, Cell, Failure, Finish, Rows, Work
 from baselines.policies import registry
 from baselines.policies.base import UnsuitableScenarioError
 from lissajous_env.console.terminal import plain
@@ -20,7 +21,6 @@ from lissajous_env.episodes.evaluation import episodes
 from lissajous_env.parameters.robot_models import is_shipped
 from lissajous_env.wording import where_raised
 from lissajous_env.world.columns import brought_columns
-from lissajous_env.world.simulation import Simulation
 
 
 class _Stopped(BaseException):
@@ -36,30 +36,41 @@ def play_all(settings: Benchmark, work: Work, progress: Progress, finish: Finish
         progress: Display of the progress.
         finish: Receives the results, on several threads.
     """
-    stopped = threading.Event()
 
-    def play_cell(cell: Cell, numbers: list[int]) -> None:
+    def play_cell(cell: Cell, numbers: list[int], stopped: threading.Event) -> None:
         def on_step(worlds: int) -> None:
             if stopped.is_set():
                 raise _Stopped
             progress.step(cell, worlds)
 
+        progress.begin(cell)
+        for result in results(cell, settings, numbers, on_step):
+            finish(cell, result)
+
+    on_cores([(partial(play_cell, cell, numbers), may_be_shared(cell, settings.device)) for cell, numbers in work])
+
+
+def on_cores(jobs: Sequence[tuple[Callable[[threading.Event], None], bool]]) -> None:
+    """Do some jobs: the shared ones on as many threads as there are cores, the others one by one on this thread.
+
+    The first error, or Ctrl-C, sets the event that every job receives, cancels the jobs that have not begun, and is
+    raised when the running ones have ended.
+    """
+    stopped = threading.Event()
+
+    def run(job: Callable[[threading.Event], None]) -> None:
         try:
-            progress.begin(cell)
-            for result in results(cell, settings, numbers, on_step):
-                finish(cell, result)
+            job(stopped)
         except BaseException:
             stopped.set()
             raise
 
-    shared, own = [], []
-    for cell, numbers in work:
-        (shared if settings.device == "cpu" and may_be_shared(cell) else own).append((cell, numbers))
     with ThreadPoolExecutor(cores()) as pool:
-        helpers = [pool.submit(play_cell, cell, numbers) for cell, numbers in shared]
+        helpers = [pool.submit(run, job) for job, is_shared in jobs if is_shared]
         try:
-            for cell, numbers in own:
-                play_cell(cell, numbers)
+            for job, is_shared in jobs:
+                if not is_shared:
+                    run(job)
             wait(helpers, return_when=FIRST_EXCEPTION)
         except _Stopped:  # the error of the thread that stopped this one is raised below
             pass
@@ -72,14 +83,15 @@ def play_all(settings: Benchmark, work: Work, progress: Progress, finish: Finish
             helper.result()
 
 
-def may_be_shared(cell: Cell) -> bool:
-    """Return whether all code that plays a cell is of this package."""
-    return registry.ships(cell.policy) and not cell.scenario.extensions and is_shipped(cell.scenario.robot.kind)
+def may_be_shared(cell: Cell, device: str) -> bool:
+    """Return whether a cell may be played on any thread: all of its code is of this package, and runs on the CPU."""
+    ships = registry.ships(cell.policy) and not cell.scenario.extensions and is_shipped(cell.scenario.robot.kind)
+    return ships and device == "cpu"
 
 
 def results(
     cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[[int], None]
-) -> Iterator[Batch | Failure]:
+) -> Iterator[Rows | Failure]:
     """Play some episodes of a cell, and yield each batch; if the policy raises, the failure is the last."""
     batches = play(cell, settings, numbers, on_step)
     while True:
@@ -92,31 +104,24 @@ def results(
         yield result
 
 
-def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[[int], None]) -> Iterator[Batch]:
-    """Play some episodes of a cell, given by number, and yield each batch.
+def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[[int], None]) -> Iterator[Rows]:
+    """Play some episodes of a cell, given by number, and yield the rows of each batch.
 
     After each step, `on_step` is called with the number of worlds that took it.
 
     Raises:
         ValueError: a score that is none, as one of a return that is infinite.
     """
-    worlds = settings.worlds
-    policy = cell.factory(cell.scenario, worlds, settings.device)
+    policy = cell.factory(cell.scenario, settings.worlds, settings.device)
     numbers_left = iter(numbers)
     seeds = [settings.seed + number for number in numbers]
     brought = brought_columns(cell.scenario)
-    played: list[Simulation] = []
-
-    def after_step(simulation: Simulation) -> None:
-        played[:] = [simulation]
-        on_step(worlds)
-
-    for batch in episodes(policy, cell.scenario, seeds, settings.device, after_step):
+    for batch in episodes(policy, cell.scenario, seeds, settings.device, lambda _: on_step(settings.worlds)):
         rows = [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
         for row in rows:
             if wrong := refusal_of(plain(row), brought):
                 raise ValueError(f"the score of seed {row['seed']}: {wrong}")
-        yield Batch(rows, detections_of(played[0], rows))
+        yield rows
 
 
 def failure_of(cell: Cell, error: BaseException) -> Failure:

@@ -7,10 +7,10 @@ their marks as well. More things than that share a colour or a mark, never both.
 """
 
 import io
-import zlib
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+from baselines.benchmark.types import POLICIES
 from baselines.policies.registry import unwrapped
 
 BLUE, ORANGE, GREEN, PINK, RED = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00"
@@ -19,15 +19,6 @@ VIOLET, INDIGO, BROWN, OLIVE, PLUM, LILAC = "#962DFF", "#3C2DA5", "#692D00", "#B
 COLOURS = (BLUE, ORANGE, GREEN, PINK, RED, SKY, VIOLET, DARK, INDIGO, BROWN, OLIVE, PLUM, LILAC)
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", "p", ">", "h", "d")
 _STYLES = len(COLOURS) * len(MARKS)
-
-_FIXED = (
-    "kuramoto-mpcc", "open-loop-mpcc", "consensus-mpcc", "sweep", "laps", "learned-intruders", "portfolio",
-    "random", "partition", "partition-repair", "line-abreast", "portfolio-guarantee",
-)  # fmt: skip
-"""Policies of the standard comparison for cars, without the filter, in the order of their styles."""
-
-_FIXED_POINTS = ("kuramoto", "open-loop", "consensus")
-"""Standard policies for points, in the same order; no scenario has cars and points."""
 
 STYLE: dict[Any, Any] = {
     "font.size": 9.5,
@@ -76,17 +67,9 @@ def style_at(place: int) -> PlotStyle:
 def styles_of(played: Iterable[str]) -> dict[str, PlotStyle]:
     """Return how each policy is drawn; one with a filter is drawn as the same without.
 
-    The standard policies always have the same style. Any other policy has a style by its name, and a later one only if
-    another policy in the picture has that style or, while some colours are free, that colour.
+    The standard policies always have the same style; the others have the next ones, in the order of their names.
     """
-    policies = list(played)
-    plain = dict.fromkeys(unwrapped(policy)[0] for policy in policies)
-    fixed = {name: style_at(place) for names in (_FIXED, _FIXED_POINTS) for place, name in enumerate(names)}
-    style_of = {policy: fixed[policy] for policy in plain if policy in fixed}
-    for policy in sorted(policy for policy in plain if policy not in style_of):
-        first = zlib.crc32(policy.encode())
-        places = [style_at((first + k) % _STYLES) for k in range(_STYLES)]
-        colours = {style.colour for style in style_of.values()}
-        free = [style for style in places if style not in style_of.values()] or places
-        style_of[policy] = next((style for style in free if style.colour not in colours), free[0])
-    return {policy: style_of[unwrapped(policy)[0]] for policy in policies}
+    plain = {policy: unwrapped(policy)[0] for policy in played}
+    standard = dict.fromkeys(unwrapped(policy)[0] for policy in POLICIES)
+    places = {name: place for place, name in enumerate([*standard, *sorted(set(plain.values()) - standard.keys())])}
+    return {policy: style_at(places[name] % _STYLES) for policy, name in plain.items()}

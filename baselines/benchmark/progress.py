@@ -1,6 +1,5 @@
 """Progress of long work, on stderr: a bar in a terminal, a line for each finished piece elsewhere."""
 
-import threading
 import time
 from typing import Any
 
@@ -9,8 +8,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.text import Text
 
-_EVERY = 0.1
-"""Time between two updates of the bar [s]; drawing it more often would slow down short steps."""
 _FIRST = 2.0
 """Time after which the remaining time is shown [s]."""
 
@@ -65,53 +62,41 @@ class Progress:
     """
 
     def __init__(self, work: list[tuple[Any, list[int]]], console: Console):
-        self._console, self._lock, self._shown = console, threading.Lock(), 0.0
+        self._console, self._done = console, 0
         self._left = {id(cell): len(numbers) for cell, numbers in work}
-        self._steps = {id(cell): 0 for cell, _ in work}
+        self._steps = dict.fromkeys(self._left, 0)
         """Steps of the episodes of a cell that are being played."""
         self._began: dict[int, float] = {}
-        self._total, self._gone = sum(len(numbers) * cell.scenario.task.steps for cell, numbers in work), 0
         counted = bars.TextColumn("{task.fields[done]}/{task.fields[episodes]} episodes")
         self._bar = bar(console, bars.TextColumn("{task.description}"), counted)
-        self._task = self._bar.add_task("", total=max(self._total, 1), done=0, episodes=sum(self._left.values()))
-        self._played: dict[int, int] = dict.fromkeys(self._left, 0)
+        steps = sum(len(numbers) * cell.scenario.task.steps for cell, numbers in work)
+        self._task = self._bar.add_task("", total=max(steps, 1), done=0, episodes=sum(self._left.values()))
 
     def begin(self, cell: Any) -> None:
         """Show that a cell begins."""
-        with self._lock:
-            self._began.setdefault(id(cell), time.monotonic())
-            self._bar.update(self._task, description=f"{_name_of(cell)} [dim]preparing[/]", refresh=True)
+        self._began.setdefault(id(cell), time.monotonic())
+        self._bar.update(self._task, description=_name_of(cell))
 
     def step(self, cell: Any, worlds: int) -> None:
         """Show that a batch of some worlds took a step."""
-        with self._lock:
-            self._steps[id(cell)] += min(worlds, self._left[id(cell)])
-            if (now := time.monotonic()) - self._shown > _EVERY:
-                self._shown = now
-                self._update(description=_name_of(cell))
+        taken = min(worlds, self._left[id(cell)])
+        self._steps[id(cell)] += taken
+        self._bar.advance(self._task, taken)
 
     def finished(self, cell: Any, episodes: int) -> None:
         """Show that some episodes have ended; with the last of a cell, the cell is over."""
-        with self._lock:
-            self._gone += episodes * cell.scenario.task.steps
-            self._steps[id(cell)] = 0
-            self._left[id(cell)] -= episodes
-            self._played[id(cell)] += episodes
-            self._update(done=sum(self._played.values()))
-            if not self._left[id(cell)]:
-                played = self._played[id(cell)]
-                self._print(cell, "1 episode" if played == 1 else f"{played} episodes")
+        self._done += episodes
+        self._left[id(cell)] -= episodes
+        self._bar.advance(self._task, episodes * cell.scenario.task.steps - self._steps[id(cell)])
+        self._steps[id(cell)] = 0
+        self._bar.update(self._task, description=_name_of(cell), done=self._done)
+        if not self._left[id(cell)]:
+            self._print(cell, "played")
 
     def failed(self, cell: Any, word: str) -> None:
         """Show that a cell is over before its last episode; the word states how it ended."""
-        with self._lock:
-            self._total -= self._left[id(cell)] * cell.scenario.task.steps
-            self._steps[id(cell)] = 0
-            self._update(total=max(self._total, 1))
-            self._print(cell, word)
-
-    def _update(self, **fields: Any) -> None:
-        self._bar.update(self._task, completed=self._gone + sum(self._steps.values()), **fields)
+        self._bar.advance(self._task, self._left[id(cell)] * cell.scenario.task.steps - self._steps[id(cell)])
+        self._print(cell, word)
 
     def _print(self, cell: Any, words: str) -> None:
         if not self._console.is_interactive:

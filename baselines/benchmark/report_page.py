@@ -1,8 +1,6 @@
-"""The page of a benchmark, `report.html`: the ranking first, then the failures, each scenario and all episodes."""
+"""The page of a benchmark, `report.html`: all scenarios together, then the failures, each scenario and all episodes."""
 
 import math
-import shlex
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,36 +8,35 @@ from typing import Any
 import numpy as np
 
 from baselines.benchmark.bounds import Bounds
+from baselines.benchmark.failing import KINDS, badness, failed, headline, worst_first
 from baselines.benchmark.plot_styles import COLOURS, styles_of
-from baselines.benchmark.ranking import KINDS, Ranking, badness, failed, headline, rankings, worst_first
 from baselines.benchmark.shown import (
-    COMPARED,
+    DERIVED,
     MAIN,
-    OVER_LOWER_BOUND,
     OVERALL,
     SHOWN,
     brought_in,
     in_words,
-    pair_in_words,
     shown_columns,
     values_of_theory,
     with_numbers,
 )
-from baselines.benchmark.statistics import Estimate, Paired
-from baselines.benchmark.table import Row, Rows, Table, grouped, numbers
-from baselines.benchmark.types import Failure, Key
+from baselines.benchmark.statistics import Estimate
+from baselines.benchmark.table import Overall, Row, Rows, Table, grouped, numbers
+from baselines.benchmark.types import Failure
 from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.report import report
 from lissajous_env.world.columns import COLLISIONS, COLUMNS, DETECTION_TIME, LARGEST, OPEN, WHOLE, WORST_CASE, Column
 
-FORMAT = "lissajous report 2"
+FORMAT = "lissajous report 3"
 MOST_EPISODES = 20_000
-"""Largest number of episodes that are listed; of more, the worst of each policy on each scenario."""
+"""Largest number of episodes that are listed, the worst first."""
 _KINDS = {"car": "cars", "curve": "points on the curve"}
-_CURVE = 240
-"""Number of times of a curve."""
 _DIGITS = 5
+
+Key = tuple[str, str, int]
+"""Scenario, policy and seed of an episode."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +47,6 @@ class Played:
     """Content that the page needs to play it."""
     same: bool
     """True if it had the same scores as in the benchmark; a policy may draw its own numbers, or round differently."""
-    rogue: float | None = None
-    """Time at which the rogue that the policy misses appears [s]; None if the replay shows none."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +56,6 @@ class Report:
     table: Table
     provenance: Mapping[str, str]
     """Command, machine and versions of the numbers, in words."""
-    commands: Mapping[str, str] = field(default_factory=dict)
-    """Name of each scenario in a command, with its overrides; scenarios without such a name are left out."""
-    nameless: frozenset[str] = frozenset()
-    """Policies that cannot be named in a command."""
     failures: Sequence[Failure] = ()
     notes: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Sentences about a scenario, by its name."""
@@ -80,119 +71,96 @@ class Report:
             ranked: result of `ranked`.
             replays: episodes that can be played in it.
         """
-        rows = self.table.rows
-        policies = list(dict.fromkeys(row["policy"] for row in rows))
+        policies = list(dict.fromkeys(row["policy"] for row in self.table.rows))
         number_of = {name: k for k, name in enumerate(policies)}
         scenario_of = {name: k for k, name in enumerate(self.table.estimates)}
-        listed, columns, by = _listed(ranked), _columns(rows), grouped(ranked)
+        columns, by = _columns(self.table.rows), grouped(ranked)
         replayed = {f"replay-{k}": (key, played) for k, (key, played) in enumerate(replays.items())}
         data = {
             "format": FORMAT,
             "made": dict(self.provenance),
             "kinds": [{"name": kind.name, "words": kind.words, "about": kind.about} for kind in KINDS],
-            "policies": self._policies(policies),
-            "rankings": [self._ranking(of, scenario_of, number_of) for of in rankings(self.table)],
+            "policies": _policies(policies),
+            "overall": [_overall(of, number_of) for of in self.table.overall],
             "scenarios": [self._scenario(name, number_of, by.get(name, {})) for name in scenario_of],
             "failures": [[failure.scenario, failure.policy, failure.error] for failure in self.failures],
             "columns": columns,
             "tradeoff": [DETECTION_TIME.name, COLLISIONS.name],
             "total": len(ranked),
-            "episodes": _episodes(listed, columns, scenario_of, number_of),
+            "episodes": _episodes(ranked[:MOST_EPISODES], columns, scenario_of, number_of),
             "replays": {
-                name: [scenario_of[s], number_of[p], seed, played.same, played.rogue]
+                name: [scenario_of[s], number_of[p], seed, played.same]
                 for name, ((s, p, seed), played) in replayed.items()
             },
         }
         counts = ((len(policies), "policy", "policies"), (len(scenario_of), "scenario", "scenarios"))
         of, on = (f"{count} {one if count == 1 else many}" for count, one, many in counts)
-        counted = f"{len(ranked):,} episodes of {of} on {on}"
-        return report(
-            "report.html",
-            "report.js",
-            data,
-            {"title": "Benchmark", "counted": counted},
-            {name: played.contents for name, (_, played) in replayed.items()},
-        )
-
-    def _policies(self, names: Sequence[str]) -> list[dict[str, Any]]:
-        styles = styles_of(names)
-        return [
-            {
-                "name": name,
-                "colour": COLOURS.index(styles[name].colour),
-                "mark": styles[name].mark,
-                "hollow": bool(unwrapped(name)[1]),
-                "named": name not in self.nameless,
-            }
-            for name in names
-        ]
-
-    def _ranking(
-        self, ranking: Ranking, scenario_of: Mapping[str, int], number_of: Mapping[str, int]
-    ) -> dict[str, Any]:
-        overall = self.table.overall.get(ranking.group.name, {})
-        return {
-            "kind": _KINDS.get(ranking.group.kind, ranking.group.kind),
-            "scenarios": [scenario_of[name] for name in ranking.group.scenarios],
-            "columns": [{"name": column.name, "title": column.heading} for column in ranking.columns],
-            "measures": [
-                {"column": column.name, "title": column.heading, "about": column.described} for column in OVERALL
-            ],
-            "policies": [
-                {
-                    "policy": number_of[policy],
-                    "ranks": _rounded([list(ranking.overall[policy]), *map(list, of.values())]),
-                    "overall": [_aggregate(overall[policy][column.name]) for column in OVERALL] if overall else [],
-                }
-                for policy, of in ranking.ranks.items()
-            ],
-        }
-
-    def _against(self, name: str, number_of: Mapping[str, int]) -> dict[str, Any] | None:
-        """Return the comparison of a scenario's policies with its reference, seed by seed; None without one."""
-        against = self.table.against.get(name)
-        policies = against.policies if against is not None else {}
-        columns = [column for column in COMPARED if any(of[column.name].n for of in policies.values())]
-        if not columns:
-            return None
-        return {
-            "columns": [{"title": column.heading, "better": column.better} for column in columns],
-            "policies": [
-                {"policy": number_of[policy], "pairs": [_pair(of[column.name]) for column in columns]}
-                for policy, of in policies.items()
-            ],
-        }
+        words = {"title": "Benchmark", "counted": f"{len(ranked):,} episodes of {of} on {on}"}
+        contents = {name: played.contents for name, (_, played) in replayed.items()}
+        return report("report.html", "report.js", data, words, contents)
 
     def _scenario(self, name: str, number_of: Mapping[str, int], rows: Mapping[str, Rows]) -> dict[str, Any]:
         scenario, cells, bounds = self.table.scenarios[name], self.table.estimates[name], self.table.bounds[name]
-        shown = with_numbers(cells, [column for column in shown_columns(scenario, cells) if column.page])
-        times, curves = _curves(self.table.curves.get(name, {}))
-        reference = self.table.references().get(name)
+        shown = [column for column in shown_columns(scenario, cells) if column.page]
+        reference = self.table.references.get(name)
         return {
             "name": name,
             "description": scenario.description,
-            "facts": _facts(scenario, bounds),
+            "facts": _facts(scenario, bounds, reference),
             "notes": list(self.notes.get(name, [])),
-            "bound": _rounded(scenario.detection_time_bound),
-            "bound_name": scenario.detection_time_label,
             "headline": headline(scenario).name,
             "reference": None if reference is None else number_of[reference],
-            "against": self._against(name, number_of),
-            "command": self.commands.get(name),
-            "measures": [_described(column, values_of_theory(column, scenario, bounds)) for column in shown],
-            "times": times,
+            "measures": [
+                _described(column)
+                | {"lines": [[_rounded(value), words] for value, words in values_of_theory(column, scenario, bounds)]}
+                for column in shown
+            ],
             "policies": [
                 {
                     "policy": number_of[policy],
                     "episodes": len(of),
                     "failed": np.sum([failed(row) for row in of], axis=0).tolist(),
                     "badness": _rounded(_badness(of, scenario)),
-                    "cells": {column.name: _cell(cells[policy], column, of) for column in shown},
-                    "curve": curves.get(policy),
+                    "cells": {column.name: _cell(cells[policy][column.name], column, of) for column in shown},
                 }
                 for policy, of in rows.items()
             ],
         }
+
+
+def _policies(names: Sequence[str]) -> list[dict[str, Any]]:
+    styles = styles_of(names)
+    return [
+        {
+            "name": name,
+            "colour": COLOURS.index(styles[name].colour),
+            "mark": styles[name].mark,
+            "hollow": bool(unwrapped(name)[1]),
+        }
+        for name in names
+    ]
+
+
+def _overall(overall: Overall, number_of: Mapping[str, int]) -> dict[str, Any]:
+    """Return the estimates over the scenarios of a kind of robots, the best policy by the first column first."""
+    columns = with_numbers(overall.policies, OVERALL)
+
+    def key(policy: str) -> float:
+        first = overall.policies[policy][columns[0].name]
+        return -columns[0].better * first.value if first.known else math.inf
+
+    return {
+        "kind": _KINDS.get(overall.kind, overall.kind),
+        "scenarios": list(overall.scenarios),
+        "measures": [_described(column) for column in columns],
+        "policies": [
+            {
+                "policy": number_of[policy],
+                "cells": {column.name: _words(overall.policies[policy][column.name]) for column in columns},
+            }
+            for policy in sorted(overall.policies, key=key)
+        ],
+    }
 
 
 def _badness(rows: Rows, scenario: Scenario) -> list[float]:
@@ -204,25 +172,25 @@ def _badness(rows: Rows, scenario: Scenario) -> list[float]:
     return [of[:, 0].mean(), *others]
 
 
-def _described(column: Column, lines: Sequence[tuple[float, str]]) -> dict[str, Any]:
+def _described(column: Column) -> dict[str, Any]:
     """Return what the page shows of a column; only columns of the episodes have a strip of their values."""
     return {
         "column": column.name,
         "title": column.heading,
         "better": column.better,
         "whole": column.rule is WHOLE,
-        "about": f"{column.described}; the number is the {column.summary} over the episodes",
-        "strip": column is not OVER_LOWER_BOUND,
-        "lines": [[_rounded(value), words] for value, words in lines],
+        "about": f"{column.described}; the number is the {column.summary}",
+        "strip": column.name not in DERIVED,
     }
 
 
-def _facts(scenario: Scenario, bounds: Bounds) -> list[tuple[str, str]]:
+def _facts(scenario: Scenario, bounds: Bounds, reference: str | None) -> list[tuple[str, str]]:
     """Return the main numbers of a scenario, each as its name and its value in words."""
     known = (
         ("robots", f"{scenario.num_robots} {_KINDS.get(scenario.robot.kind, scenario.robot.kind)}"),
         ("episode", f"{scenario.task.duration:g} s"),
         (scenario.detection_time_label, f"{scenario.detection_time_bound:.3g} s"),
+        *((("policies are compared with", reference),) if reference is not None else ()),
     )
     bounded = {
         "lower bound of the mean detection time": bounds.mean_time,
@@ -234,69 +202,21 @@ def _facts(scenario: Scenario, bounds: Bounds) -> list[tuple[str, str]]:
     return [*known, *((name, f"{bound:.3g} s") for name, bound in bounded.items() if math.isfinite(bound))]
 
 
-def _cell(of: Mapping[str, Estimate], column: Column, rows: Rows) -> dict[str, Any]:
-    """Return what the page shows of a column of one policy: a number and what tables show beside it, and quartiles."""
-    estimate, values = of[column.name], numbers(rows, column)
-    words, beside = in_words(estimate)
+def _words(of: Estimate) -> dict[str, Any]:
+    """Return an estimate in words, and the number that sorts it; None comes last."""
+    words, beside = in_words(of)
+    return {"words": words, "between": beside, "value": _rounded(of.value)}
+
+
+def _cell(of: Estimate, column: Column, rows: Rows) -> dict[str, Any]:
+    """Return what the page shows of a column of one policy: an estimate, and the quartiles of the episodes."""
+    values = numbers(rows, column)
     known = values[np.isfinite(values)]
-    return {
-        "words": words,
-        "between": beside,
-        "value": _rounded(estimate.value),
-        "interval": _rounded([*estimate.interval]),
-        "known": estimate.n_finite,
+    return _words(of) | {
+        "interval": _rounded([of.low, of.high]),
+        "known": of.known,
         "quartiles": _rounded(np.quantile(known, (0, 0.25, 0.5, 0.75, 1)).tolist()) if len(known) else None,
     }
-
-
-def _aggregate(of: Estimate) -> list[Any]:
-    """Return a number over all scenarios in words, what is beside it, and the number that sorts it; None comes last."""
-    return [*in_words(of), None if of.at_least else _rounded(of.value)]
-
-
-def _pair(of: Paired) -> dict[str, Any]:
-    """Return the share of the seeds and the difference of a comparison, in words and as numbers."""
-    share, difference = pair_in_words(of)
-    return {
-        "n": of.n,
-        "share": share.value,
-        "shares": share.beside,
-        "difference": difference.value,
-        "differences": difference.beside,
-        "better": _rounded([of.better, of.better_low, of.better_high]),
-    }
-
-
-def _curves(curves: Mapping[str, tuple[Any, Any]]) -> tuple[list[float], dict[str, list[Any]]]:
-    """Return times [s], dense at first, and by policy the share of the targets that is undetected after each.
-
-    If the last target was never detected, nothing is known beyond the time for which it was present.
-    """
-    known = {policy: (np.asarray(t), np.asarray(share)) for policy, (t, share) in curves.items() if len(t)}
-    if not known:
-        return [], {}
-    end = max(t[np.searchsorted(share, 0.995 * share[-1])] for t, share in known.values())
-    times = 1.05 * max(end, 1e-3) * np.linspace(0, 1, _CURVE + 1) ** 1.5
-    shares = {}
-    for policy, (t, share) in known.items():
-        unseen = 1 - np.concatenate([[0], share])[np.searchsorted(t, times, side="right")]
-        shares[policy] = _rounded(np.where((times > t[-1]) & (share[-1] < 1), np.nan, unseen).tolist())
-    return _rounded(times.tolist()), shares
-
-
-def _listed(ranked: Sequence[Row]) -> list[Row]:
-    """Return the episodes that the page lists, the worst first."""
-    if len(ranked) <= MOST_EPISODES:
-        return list(ranked)
-    most = max(MOST_EPISODES // len({(row["scenario"], row["policy"]) for row in ranked}), 1)
-    counted: Counter[tuple[str, str]] = Counter()
-    worst = []
-    for row in ranked:
-        place = row["scenario"], row["policy"]
-        counted[place] += 1
-        if counted[place] <= most:
-            worst.append(row)
-    return worst[:MOST_EPISODES]
 
 
 def _columns(rows: Sequence[Row]) -> list[dict[str, Any]]:
@@ -337,13 +257,3 @@ def _rounded(value: Any) -> Any:
     if not math.isfinite(value):
         return None
     return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value
-
-
-def command_of(name: str, overrides: Mapping[str, Any]) -> str:
-    """Return the part of a command that names a scenario: `NAME`, and `--set` with its overrides."""
-    changes = " ".join(shlex.quote(f"{field}={_literal(value)}") for field, value in overrides.items())
-    return " ".join(filter(None, [shlex.quote(name), f"--set {changes}" if changes else ""]))
-
-
-def _literal(value: Any) -> str:
-    return value if isinstance(value, str) else repr(value)

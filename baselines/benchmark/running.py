@@ -6,24 +6,18 @@ made from it at the end.
 
 import threading
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from rich.console import Console
 
-from baselines.benchmark import (
-    cluster,
-    local,
-    replays,
-    results_folder,
-    tables,
-    written,
-)
-from baselines.benchmark.bounds import about_theorem, as_played
+from baselines.benchmark import cluster, local, replays, results_folder, tables, written
+from baselines.benchmark.bounds import as_played
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import Results
 from baselines.benchmark.table import Table
-from baselines.benchmark.types import POLICIES, Batch, Benchmark, Cell, Failure, Outcome
+from baselines.benchmark.theorem import about_theorem
+from baselines.benchmark.types import POLICIES, Benchmark, Cell, Failure, Outcome, Rows
 from baselines.policies import registry
 from baselines.policies.factories import Factory, as_factory, is_ones_own, named
 from lissajous_env.console.terminal import make_console
@@ -81,15 +75,14 @@ def measure(
         resumed = len(results.of(cells, settings.episodes))
         raised = _play_all(settings, cells, results, progress)
         rows, stored_rows = results.of(cells, settings.episodes), results.rows()
-        table = Table.of(stored_rows, results.scenarios, settings.against, results.curves())
+        table = Table.of(stored_rows, results.scenarios, settings.against)
         outcome = Outcome(
             settings, cells, rows, table, results.stored, resumed=resumed, elapsed=time.monotonic() - started
         )
         for failure in raised:
             is_wanted = not failure.is_refusal or failure.policy in settings.policies
             (outcome.failures if is_wanted else outcome.left_out).append(failure)
-        playable = [(cell.scenario, cell.policy, cell.factory) for cell in replays.playable(outcome).values()]
-        outcome.theorem = about_theorem(playable, stored_rows, outcome.device)
+        outcome.theorem = about_theorem(replays.playable(outcome).values(), stored_rows, outcome.device)
         written.write_files(folder, outcome, stored_rows)
         said = replays.write_report(folder, outcome, progress)
     if len(rows) < len(stored_rows):
@@ -114,10 +107,8 @@ def plan(
             registry.bring(name)
     own = {name: named(name) for name in settings.policies if is_ones_own(name)}
     own |= {name: as_factory(policy, name) for name, policy in (policies or {}).items()}
-    everything = settings.policies == (ALL,)
     kinds = {name: _kind_of(name) for name in own if registry.is_folder(name)}
-    others = [name for name in settings.policies if name not in own and not everything]
-    unnamed = not (own or others)
+    others = [name for name in settings.policies if name not in own and settings.policies != (ALL,)]
     played = [
         build(scenario, **settings.overrides) for scenario in (settings.scenarios if scenarios is None else scenarios)
     ]
@@ -126,16 +117,14 @@ def plan(
             registry.make(name, played[0])  # names the defect
     cells = []
     for scenario in played:
-        fitting = registry.names(scenario)
-        if unnamed:
-            chosen = _all(fitting, scenario) if everything else _usual(fitting, scenario)
-        else:
-            chosen = [name for name in others if name in fitting]
+        chosen = [name for name in others if name in registry.names(scenario)]
+        if not own and not others:
+            chosen = _default(scenario, settings.policies == (ALL,))
+        before = len(cells)
         cells += [Cell(scenario, name, named(name)) for name in chosen]
-        kind, before = scenario.actuation, len(cells)
-        cells += [Cell(scenario, name, of) for name, of in own.items() if kinds.get(name) in (None, kind)]
-        if not chosen and len(cells) == before and not (own and len(played) > 1):
-            kind, got = f"robots of kind {kind}", few_of((*others, *own))
+        cells += [Cell(scenario, name, of) for name, of in own.items() if kinds.get(name) in (None, scenario.actuation)]
+        if len(cells) == before and not (own and len(played) > 1):
+            kind, got = f"robots of kind {scenario.actuation}", few_of((*others, *own))
             raise ValueError(f"policies must contain one for {scenario.name}, which has {kind}; got {got}")
     if not cells:
         raise ValueError(f"policies must contain one for the scenarios, got {few_of(own)}")
@@ -144,7 +133,6 @@ def plan(
         raise ValueError(f"against must be one of the policies ({names}), got {settings.against}")
     if len({(cell.scenario.name, cell.policy) for cell in cells}) < len(cells):
         raise ValueError(f"scenarios must differ in name, got {few_of(scenario.name for scenario in played)}")
-    replays.check(settings.replays, cells, range(settings.seed, settings.seed + settings.episodes))
     if settings.engine == "ray":
         cluster.check(settings.device)
     else:
@@ -160,21 +148,20 @@ def _kind_of(folder: str) -> str | None:
         return None
 
 
-def _usual(names: Sequence[str], scenario: Scenario) -> list[str]:
-    """Return the policies that are played where none is named: the standard ones, and those that users registered."""
-    theirs = [name for name in names if not registry.ships(name) and registry.made_for(name, scenario.name)]
-    usual = [name for name in POLICIES if name in names]
-    return usual + [name for name in theirs if not registry.unwrapped(name)[1] and name not in usual]
+def _default(scenario: Scenario, everything: bool) -> list[str]:
+    """Return the policies that are played where none is named: the standard ones and those that users registered.
 
-
-def _all(names: Sequence[str], scenario: Scenario) -> list[str]:
-    """Return the policies that are played for `all`.
-
-    Of those with the collision filter, the paper's method alone and what was made for this very scenario.
+    `everything` adds all other registered ones; of those with a filter, the paper's method alone and what was made for
+    this very scenario.
     """
-    chosen = [name for name in names if registry.made_for(name, scenario.name)]
-    filtered = [name for name in chosen if name == "kuramoto-mpcc-safe" or registry.describe(name)["made_for"]]
-    return [name for name in chosen if not registry.unwrapped(name)[1] or name in filtered]
+    fitting = registry.names(scenario)
+    chosen = [name for name in POLICIES if name in fitting]
+    for name in fitting:
+        is_added = registry.made_for(name, scenario.name) and (everything or not registry.ships(name))
+        is_plain = not registry.unwrapped(name)[1] or (everything and registry.describe(name)["made_for"])
+        if is_added and is_plain and name not in chosen:
+            chosen.append(name)
+    return chosen
 
 
 def _play_all(settings: Benchmark, cells: list[Cell], results: Results, console: Console) -> list[Failure]:
@@ -184,14 +171,14 @@ def _play_all(settings: Benchmark, cells: list[Cell], results: Results, console:
     lock = threading.Lock()
     with Progress(work, console) as progress:
 
-        def finish(cell: Cell, result: Batch | Failure) -> None:
+        def finish(cell: Cell, result: Rows | Failure) -> None:
             with lock:
                 if isinstance(result, Failure):
                     failures[id(cell)] = result
                     progress.failed(cell, result.word)
                 else:
                     results.add(result)
-                    progress.finished(cell, len(result.rows))
+                    progress.finished(cell, len(result))
 
         if work:
             (cluster if settings.engine == "ray" else local).play_all(settings, work, progress, finish)

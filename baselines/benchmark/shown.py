@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from baselines.benchmark.bounds import BEST_KNOWN, Bounds
-from baselines.benchmark.statistics import Estimate, Paired
+from baselines.benchmark.statistics import SHARE_OF_SEEDS, Estimate
 from lissajous_env.parameters.scenario import Faults, Scenario
 from lissajous_env.world.columns import (
     COLLISIONS,
@@ -20,8 +20,6 @@ from lissajous_env.world.columns import (
     RECOVERY,
     SENSED,
     SEPARATION,
-    SPACING,
-    WITHIN_BOUND,
     WORST_CASE,
     Column,
 )
@@ -35,23 +33,11 @@ OVER_LOWER_BOUND = Column(
     main=True,
 )
 """Derived column; the bound is one of an expectation, so that the mean counts."""
-TIME_OVER_BOUND = Column(
-    "time_over_bound", "mean detection time of an episode over T_max", title="detection / T_max", better=-1
-)
-"""Derived column."""
 DETECTION_OVER_BEST = Column(
     "detection_over_best",
     "mean detection time over that of the fastest policy on the same scenario and seed",
     title="detection / best",
     better=-1,
-)
-"""Derived column."""
-WORST_CASE_OVER_BOUND = Column(
-    "worst_case_over_bound",
-    "worst-case undetected time over its lower bound in the scenario, infinite if the episode shows no bound",
-    title="guarantee / lower bound",
-    better=-1,
-    summary=LARGEST,
 )
 """Derived column."""
 WORST_CASE_OVER_BEST = Column(
@@ -63,18 +49,27 @@ WORST_CASE_OVER_BEST = Column(
 )
 """Derived column."""
 COMPARED = (DETECTION_TIME, WORST_CASE, COLLISIONS, SENSED)
-"""Columns by which policies are compared seed by seed, and ranked."""
-RATIOS = (OVER_LOWER_BOUND, DETECTION_OVER_BEST, WORST_CASE_OVER_BOUND, WORST_CASE_OVER_BEST)
-"""Ratios of a time to a bound, and to the best policy of the run."""
-OVER_SCENARIOS = RATIOS[1:]
-"""Columns whose statistics are over scenarios, each with the mean or the largest over its seeds."""
-OVERALL = (OVER_LOWER_BOUND, TIME_OVER_BOUND, WITHIN_BOUND, COLLISIONS, SPACING, *OVER_SCENARIOS)
-"""Columns with the same meaning on every scenario, so that episodes of all scenarios can be combined."""
-DERIVED = {column.name: column for column in (*RATIOS, TIME_OVER_BOUND)}
+"""Columns by which policies are compared with a reference on the same seeds."""
+IMPROVEMENT = {
+    column: Column(
+        f"{column.name}_improvement",
+        f"share of the seeds on which the policy is better than the reference ({column.short}); ties count half",
+        title="sooner" if column is DETECTION_TIME else f"{column.short}: better",
+        better=1,
+        summary=SHARE_OF_SEEDS,
+        place=6 if column is DETECTION_TIME else 16,
+        main=column is DETECTION_TIME,
+    )
+    for column in COMPARED
+}
+"""Derived column of each of them: the probability of improvement."""
+OVERALL = (DETECTION_OVER_BEST, WORST_CASE_OVER_BEST, OVER_LOWER_BOUND, COLLISIONS, *IMPROVEMENT.values())
+"""Columns with the same meaning on every scenario, so that scenarios can be combined."""
+DERIVED = {column.name: column for column in OVERALL if column is not COLLISIONS}
 """Columns that `baselines.benchmark.table` adds to score rows, by name."""
 SHOWN = tuple(
     sorted(
-        (column for column in (*COLUMNS.values(), OVER_LOWER_BOUND) if column.place), key=lambda column: column.place
+        (column for column in (*COLUMNS.values(), *DERIVED.values()) if column.place), key=lambda column: column.place
     )
 )
 """Columns of tables of policies, the most important first."""
@@ -103,13 +98,13 @@ def brought_in(rows: Iterable[Mapping[str, Any]]) -> list[Column]:
     return [column_of(name) for name in known if name not in (*NAMES, *DERIVED)]
 
 
-def shown_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Any]]) -> list[Column]:
-    """Return the columns that tables of a scenario show: the main ones, those that it adds, and the others.
+def shown_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Estimate]]) -> list[Column]:
+    """Return the columns with numbers that tables of a scenario show: the main ones, those that it adds, the others.
 
     The recovery time is left out without a fault. `policies` has estimates by policy and column.
     """
     others = [column for column in SHOWN if not column.main and (column is not RECOVERY or scenario.faults != Faults())]
-    return [*MAIN, *brought_in(policies.values()), *others]
+    return with_numbers(policies, [*MAIN, *brought_in(policies.values()), *others])
 
 
 def values_of_theory(column: Column, scenario: Scenario, bounds: Bounds) -> list[tuple[float, str]]:
@@ -178,36 +173,25 @@ def _entry(of: Estimate | None, best: str) -> Entry:
     if of is None:
         return Entry(DASH)
     value, beside = in_words(of)
-    counted = f"{of.n_finite}/{of.n}" if 0 < of.n_finite < of.n else ""
+    counted = f"{of.known}/{of.n}" if 0 < of.known < of.n else ""
     return Entry(value, ", ".join(filter(None, (beside, counted))), value == best)
 
 
 def best_of(policies: Sequence[Mapping[str, Estimate]], column: Column) -> str:
     """Return the best number, as shown, of the policies with most episodes that have one; "" if all agree."""
-    known = [of[column.name] for of in policies if column.name in of]
-    most = max((of.n_finite / of.n for of in known), default=0)
-    if not most or not column.better or len({in_words(of)[0] for of in known}) == 1:
+    numbers = [of[column.name] for of in policies if column.name in of]
+    most = max((of.known / of.n for of in numbers), default=0)
+    if not most or not column.better or len({in_words(of)[0] for of in numbers}) == 1:
         return ""
-    values = [of.value for of in known if of.n_finite == most * of.n and not of.at_least]
-    return number(column.better * max(column.better * value for value in values)) if values else ""
+    fit = [of for of in numbers if of.known == most * of.n and not of.at_least]
+    return in_words(max(fit, key=lambda of: column.better * of.value))[0] if fit else ""
 
 
 def with_numbers(policies: Mapping[str, Mapping[str, Estimate]], columns: Iterable[Column]) -> list[Column]:
     """Return the columns of which some policy has a number."""
     return [
-        column for column in columns if any(column.name in of and of[column.name].n_finite for of in policies.values())
+        column for column in columns if any(column.name in of and of[column.name].known for of in policies.values())
     ]
-
-
-def pair_in_words(pair: Paired) -> tuple[Entry, Entry]:
-    """Return the share of the seeds on which a policy is better than the reference, and the difference."""
-    share = f"{100 * pair.better:.0f} %" if pair.n else DASH
-    difference = number(pair.difference)
-    sign = "" if difference.startswith(("-", DASH)) or not pair.difference else "+"
-    return (
-        Entry(share, between(pair.better_low, pair.better_high, 100)),
-        Entry(sign + difference, between(pair.difference_low, pair.difference_high)),
-    )
 
 
 def number(value: float) -> str:
@@ -227,16 +211,18 @@ def in_words(of: Estimate) -> tuple[str, str]:
     """Return the number that stands for the episodes as tables show it, and its interval ("" if both ends agree).
 
     Beside a largest value is instead the median of the episodes, unless half of them are open, and the number of the
-    episodes and of the open ones. A lower bound is written `> 59.9`.
+    episodes and of the open ones. A lower bound is written `> 59.9`, and a share of seeds in percent.
     """
-    if not of.n_finite:
+    if not of.known:
         return DASH, ""
+    if of.summary == SHARE_OF_SEEDS:
+        return f"{100 * of.value:.0f} %", between(of.low, of.high, 100)
     if of.summary != LARGEST:
-        return number(of.value), between(*of.interval)
+        return number(of.value), between(of.low, of.high)
     value = ("> " if of.at_least else "") + number(of.value) if math.isfinite(of.value) else "no bound"
     median = f"median {number(of.median)}" if math.isfinite(of.median) else ""
-    counted = f"{of.open} of {of.n_finite} open"
-    return value, ", ".join(filter(None, (median, counted))) if of.open else f"{median} of {of.n_finite}"
+    counted = f"{of.open} of {of.known} open"
+    return value, ", ".join(filter(None, (median, counted))) if of.open else f"{median} of {of.known}"
 
 
 def between(low: float, high: float, times: float = 1.0) -> str:

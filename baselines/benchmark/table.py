@@ -1,34 +1,26 @@
-"""The results table: an estimate of every column for each policy on each scenario, which all views show."""
+"""The results table: an estimate of every column for each policy on each scenario, which all views show.
+
+Ratios and comparisons with the reference are columns of the score rows, too, so one function estimates all columns.
+"""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from baselines.benchmark.bounds import Bounds, bounds_of
 from baselines.benchmark.shown import (
-    COMPARED,
     DETECTION_OVER_BEST,
+    IMPROVEMENT,
     OVER_LOWER_BOUND,
-    OVER_SCENARIOS,
     OVERALL,
-    TIME_OVER_BOUND,
     WORST_CASE_OVER_BEST,
-    WORST_CASE_OVER_BOUND,
     column_of,
     numbers_of,
 )
-from baselines.benchmark.statistics import (
-    Estimate,
-    Paired,
-    largest_over_scenarios,
-    over_scenarios,
-    paired,
-    summarize,
-    summarize_largest,
-)
+from baselines.benchmark.statistics import Estimate, summarize, summarize_largest, wins
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import AT_END, DETECTION_TIME, LARGEST, OPEN, WORST_CASE, Column
 
@@ -37,42 +29,17 @@ _REFERENCES = ("kuramoto-mpcc", "kuramoto")
 
 Row = Mapping[str, Any]
 Rows = Sequence[dict[str, Any]]
-Estimates = dict[str, dict[str, dict[str, Estimate]]]
-"""Estimates by scenario, policy and column."""
-Curve = tuple[Any, Any]
-"""Times [s], and the share of the targets that is detected within each."""
+Policies = dict[str, dict[str, Estimate]]
+"""Estimates by policy and column."""
 
 
 @dataclass(frozen=True)
-class Against:
-    """Comparison of the policies of a scenario with one of them, on the seeds that both have played."""
-
-    reference: str
-    policies: dict[str, dict[str, Paired]]
-    """By policy and column."""
-
-
-@dataclass(frozen=True)
-class Group:
-    """The scenarios of a kind of robots, and the rows of the policies that played all of them."""
+class Overall:
+    """Estimates over the scenarios of a kind of robots, of the policies that played all of them."""
 
     kind: str
-    rows: dict[str, dict[str, Rows]]
-    """Rows by policy and scenario."""
-
-    @property
-    def scenarios(self) -> tuple[str, ...]:
-        """Return the names of the scenarios."""
-        return tuple(next(iter(self.rows.values())))
-
-    @property
-    def name(self) -> str:
-        """Return the names of the scenarios as one."""
-        return ", ".join(self.scenarios)
-
-    def strata(self, policy: str, column: Column) -> list[np.ndarray]:
-        """Return a column of the episodes of a policy, scenario by scenario; NaN where there is no number."""
-        return [numbers(rows, column) for rows in self.rows[policy].values()]
+    scenarios: tuple[str, ...]
+    policies: Policies
 
 
 @dataclass(frozen=True)
@@ -84,13 +51,12 @@ class Table:
     scenarios: dict[str, Scenario]
     bounds: dict[str, Bounds]
     """Bounds of each scenario."""
-    estimates: Estimates
-    overall: Estimates
-    """Estimates over the scenarios of a group, by the name of the group, for groups of several scenarios."""
-    against: dict[str, Against]
-    """Comparison with the reference of each scenario."""
-    curves: Mapping[str, Mapping[str, Curve]] = field(default_factory=dict)
-    """Share of the targets that is detected over time, by scenario and policy."""
+    references: dict[str, str]
+    """Policy of each scenario with which the others are compared; no entry where there are no others."""
+    estimates: dict[str, Policies]
+    """Estimates by scenario."""
+    overall: list[Overall]
+    """Estimates over several scenarios, by kind of robots."""
 
     @classmethod
     def of(
@@ -98,7 +64,6 @@ class Table:
         rows: Iterable[dict[str, Any]],
         scenarios: Mapping[str, Scenario],
         against: str | None = None,
-        curves: Mapping[str, Mapping[str, Curve]] | None = None,
         simulates: bool = True,
     ) -> "Table":
         """Make the table of some score rows.
@@ -106,33 +71,18 @@ class Table:
         Args:
             rows: Score rows.
             scenarios: Their scenarios by name.
-            against: Reference policy, where it was played.
-            curves: Share of the targets that is detected over time, by scenario and policy.
+            against: Reference policy, where it was played; otherwise the paper's method or the first policy.
             simulates: False to leave out bounds that a simulation computes.
         """
         bounds = {name: bounds_of(scenario, simulates) for name, scenario in scenarios.items()}
-        derived = with_derived(rows, scenarios, bounds)
-        overall = {
-            group.name: {
-                policy: {column.name: _over_all(column, group.strata(policy, column)) for column in OVERALL}
-                for policy in group.rows
-            }
-            for group in groups(derived, scenarios)
-            if len(group.scenarios) > 1
+        played = grouped(rows)
+        references = {name: reference_of(policies, against) for name, policies in played.items() if len(policies) > 1}
+        played = {name: with_derived(policies, bounds[name], references.get(name)) for name, policies in played.items()}
+        estimates = {
+            name: {policy: estimates_of(of) for policy, of in policies.items()} for name, policies in played.items()
         }
-        played = grouped(derived)
-        estimates = {name: {p: estimates_of(of) for p, of in by.items()} for name, by in played.items()}
-        pairs = {name: compare(policies, against) for name, policies in played.items()}
-        known = {name: of for name, of in pairs.items() if of is not None}
-        return cls(derived, dict(scenarios), bounds, estimates, overall, known, curves or {})
-
-    def groups(self) -> list[Group]:
-        """Return the rows by kind of robots."""
-        return groups(self.rows, self.scenarios)
-
-    def references(self) -> dict[str, str]:
-        """Return the policy that the others of a scenario are compared with."""
-        return {name: of.reference for name, of in self.against.items()}
+        derived = [row for policies in played.values() for of in policies.values() for row in of]
+        return cls(derived, dict(scenarios), bounds, references, estimates, overall(played, scenarios))
 
 
 def numbers(rows: Iterable[Row], column: Column) -> np.ndarray:
@@ -148,48 +98,48 @@ def grouped(rows: Iterable[dict[str, Any]]) -> dict[str, dict[str, list[dict[str
     return by
 
 
-def groups(rows: Iterable[dict[str, Any]], scenarios: Mapping[str, Scenario]) -> list[Group]:
-    """Return rows by kind of robots; kinds without a policy that played all scenarios with rows are left out."""
-    played, kinds = grouped(rows), []
-    for kind in dict.fromkeys(scenario.actuation for scenario in scenarios.values()):
-        names = [name for name, scenario in scenarios.items() if name in played and scenario.actuation == kind]
-        policies = [p for p in played[names[0]] if all(p in played[name] for name in names)] if names else []
-        if policies:
-            kinds.append(Group(kind, {policy: {name: played[name][policy] for name in names} for policy in policies}))
-    return kinds
+def reference_of(policies: Iterable[str], against: str | None = None) -> str:
+    """Return the policy that others are compared with: `against`, the paper's method or the first."""
+    played = [*policies]
+    return next(name for name in (against, *_REFERENCES, *played) if name in played)
 
 
 def with_derived(
-    rows: Iterable[dict[str, Any]], scenarios: Mapping[str, Scenario], bounds: Mapping[str, Bounds]
-) -> list[dict[str, Any]]:
-    """Return rows with the derived columns: times over a bound, and over the best policy of the rows.
+    policies: Mapping[str, Rows], bounds: Bounds, reference: str | None = None
+) -> dict[str, list[dict[str, Any]]]:
+    """Return the rows of a scenario, by policy, with the derived columns.
 
-    The worst-case undetected time of an open episode is infinite. The best policy is the best on the same scenario and
-    seed; where no policy has a finite time, there is no ratio.
+    The worst-case undetected time of an open episode is infinite. The best policy is the best on the same seed; where
+    no policy has a finite time, there is no ratio. A policy is compared with the reference on the seeds of both.
     """
-    rows = list(rows)
-    best: dict[tuple[str, int], tuple[float, float]] = {}
-    for row in rows:
-        place = row["scenario"], row["seed"]
-        time, worst_case = best.get(place, (math.inf, math.inf))
-        best[place] = np.fmin(time, row[DETECTION_TIME.name]), np.fmin(worst_case, _worst_case(row))
-    derived = []
-    for row in rows:
-        time, worst_case, bound = row[DETECTION_TIME.name], _worst_case(row), bounds[row["scenario"]]
-        best_time, best_worst_case = best[row["scenario"], row["seed"]]
-        ratios = {
-            OVER_LOWER_BOUND.name: time / bound.mean_time,
-            TIME_OVER_BOUND.name: time / scenarios[row["scenario"]].detection_time_bound,
-            DETECTION_OVER_BEST.name: _ratio(time, best_time),
-            WORST_CASE_OVER_BOUND.name: _ratio(worst_case, bound.worst_case),
-            WORST_CASE_OVER_BEST.name: _ratio(worst_case, best_worst_case),
-        }
-        derived.append(row | ratios)
+    best: dict[int, tuple[float, float]] = {}
+    for row in (row for rows in policies.values() for row in rows):
+        time, worst_case = best.get(row["seed"], (math.inf, math.inf))
+        best[row["seed"]] = np.fmin(time, row[DETECTION_TIME.name]), np.fmin(worst_case, _worst_case(row))
+    others = {row["seed"]: row for row in policies[reference]} if reference is not None else {}
+    derived: dict[str, list[dict[str, Any]]] = {}
+    for policy, rows in policies.items():
+        compared = [{} if policy == reference else others.get(row["seed"], {}) for row in rows]
+        better = {of.name: _wins(column, rows, compared) for column, of in IMPROVEMENT.items()}
+        derived[policy] = []
+        for k, row in enumerate(rows):
+            time, worst_case, (best_time, best_worst_case) = (
+                row[DETECTION_TIME.name],
+                _worst_case(row),
+                best[row["seed"]],
+            )
+            ratios = {
+                OVER_LOWER_BOUND.name: time / bounds.mean_time,
+                DETECTION_OVER_BEST.name: _ratio(time, best_time),
+                WORST_CASE_OVER_BEST.name: _ratio(worst_case, best_worst_case),
+            }
+            derived[policy].append(row | ratios | {name: float(won[k]) for name, won in better.items()})
     return derived
 
 
 def _worst_case(row: Row) -> float:
-    return math.inf if row[OPEN.name] == 1 else row[WORST_CASE.name]
+    """Return the worst-case undetected time of an episode [s], infinite if it is open."""
+    return math.inf if row.get(OPEN.name) == 1 else row.get(WORST_CASE.name, math.nan)
 
 
 def _ratio(time: float, least: float) -> float:
@@ -200,15 +150,28 @@ def _ratio(time: float, least: float) -> float:
 
 def is_growing(row: Row) -> bool:
     """Return whether the worst-case undetected time of an episode was still growing at its end."""
-    return row[OPEN.name] == 1 or 0 < row[WORST_CASE.name] == row[AT_END.name]
+    return row.get(OPEN.name) == 1 or 0 < row.get(WORST_CASE.name, math.nan) == row[AT_END.name]
+
+
+def _wins(column: Column, rows: Rows, others: Sequence[Row]) -> np.ndarray:
+    """Compare rows with those of the reference on the same seeds, which are empty where there are none.
+
+    A worst-case undetected time of an open episode is worse than any other, and two of them are equal. A time that was
+    still growing at the end is undecided against a longer one.
+    """
+    if column is not WORST_CASE:
+        return wins(numbers(rows, column), numbers(others, column), column.better)
+    own, other = ([_worst_case(row) for row in side] for side in (rows, others))
+    won = wins(own, other, column.better)
+    for k, (row, rival) in enumerate(zip(rows, others, strict=True)):
+        if won[k] in (0, 1) and is_growing(row if won[k] else rival):
+            won[k] = 0.5
+    return won
 
 
 def estimates_of(rows: Rows) -> dict[str, Estimate]:
     """Return the estimate of each column from the episodes of a policy on a scenario."""
-    columns = [column_of(name) for name in numbers_of(rows[0])]
-    return {
-        column.name: _estimate(column, rows) for column in columns if column not in (*OVER_SCENARIOS, TIME_OVER_BOUND)
-    }
+    return {name: _estimate(column_of(name), rows) for name in numbers_of(rows[0])}
 
 
 def _estimate(column: Column, rows: Rows) -> Estimate:
@@ -217,59 +180,34 @@ def _estimate(column: Column, rows: Rows) -> Estimate:
         is_open, growing = [row[OPEN.name] == 1 for row in rows], [is_growing(row) for row in rows]
         of, values = summarize_largest(values, is_open, growing), np.where(is_open, np.inf, values)
     else:
-        of = summarize(values, summary=column.summary)
+        of = summarize(values, column.summary)
     if not column.better or np.isnan(values).all():
         return of
     return replace(of, worst=rows[int(np.nanargmin(column.better * values))]["seed"])
 
 
-def _over_all(column: Column, strata: Sequence[np.ndarray]) -> Estimate:
-    if column.summary == LARGEST:
-        return largest_over_scenarios(*strata)
-    return over_scenarios(*strata) if column in OVER_SCENARIOS else summarize(*strata, summary=column.summary)
+def overall(played: Mapping[str, Mapping[str, Rows]], scenarios: Mapping[str, Scenario]) -> list[Overall]:
+    """Return estimates over the scenarios of each kind of robots, where there are several.
 
+    The scenarios are the sample: a scenario has the mean of its episodes or, of worst cases, the largest. More
+    scenarios narrow the intervals; more episodes of the same scenarios do not.
 
-def reference_of(policies: Iterable[str], against: str | None = None) -> str:
-    """Return the policy that others are compared with: `against`, the paper's method or the first; "" for none."""
-    played = [*policies]
-    return next((name for name in (against, *_REFERENCES, *played) if name in played), "")
-
-
-def compare(policies: Mapping[str, Rows], against: str | None) -> Against | None:
-    """Compare policies with a reference, on the scenarios and seeds that both have played; None without any.
-
-    A worst-case undetected time of an open episode is worse than any other, and two of them are equal. A time that was
-    still growing at the end counts as worse than a shorter one; otherwise the two count as equal.
+    Args:
+        played: Rows with derived columns, by scenario and policy.
+        scenarios: Scenarios by name.
     """
-    reference = reference_of(policies, against)
-    if not reference or len(policies) < 2:
-        return None
-    other = {(row["scenario"], row["seed"]): row for row in policies[reference]}
-    pairs = {
-        policy: [(row, other[place]) for row in rows if (place := (row["scenario"], row["seed"])) in other]
-        for policy, rows in policies.items()
-        if policy != reference
-    }
-    return Against(reference, {p: {c.name: _compared(c, of) for c in COMPARED} for p, of in pairs.items()})
+    of = []
+    for kind in dict.fromkeys(scenario.actuation for scenario in scenarios.values()):
+        names = tuple(name for name, scenario in scenarios.items() if name in played and scenario.actuation == kind)
+        policies = [p for p in played[names[0]] if all(p in played[name] for name in names)] if len(names) > 1 else []
+        if policies:
+            by = {p: {c.name: _over_scenarios(c, [played[n][p] for n in names]) for c in OVERALL} for p in policies}
+            of.append(Overall(kind, names, by))
+    return of
 
 
-def _compared(column: Column, pairs: Sequence[tuple[Row, Row]]) -> Paired:
-    if column is not WORST_CASE:
-        first, second = (numbers([pair[k] for pair in pairs], column) for k in (0, 1))
-        return paired(first, second, column.better)
-    known = np.array([_worst_cases(*pair) for pair in pairs]).reshape(-1, 2)
-    largest, other = (max((_worst_case(pair[k]) for pair in pairs), default=math.nan) for k in (0, 1))
-    difference = largest - other if math.isfinite(largest) and math.isfinite(other) else math.nan
-    of = paired(known[:, 0], known[:, 1], column.better)
-    return replace(of, difference=difference, difference_low=math.nan, difference_high=math.nan)
-
-
-def _worst_cases(row: Row, other: Row) -> tuple[float, float]:
-    """Return two worst-case undetected times to compare, infinite if open; both infinite if their order is unknown."""
-    first, second = _worst_case(row), _worst_case(other)
-    growing = tuple(of[OPEN.name] == 0 and is_growing(of) for of in (row, other))
-    if growing == (True, False) and first > second:
-        return math.inf, second
-    if growing == (False, True) and second > first:
-        return first, math.inf
-    return (math.inf, math.inf) if any(growing) else (first, second)
+def _over_scenarios(column: Column, strata: Sequence[Rows]) -> Estimate:
+    known = [values[~np.isnan(values)] for values in (numbers(rows, column) for rows in strata)]
+    if column.summary == LARGEST:
+        return summarize_largest([values.max(initial=-np.inf) if len(values) else np.nan for values in known])
+    return summarize([values.mean() if len(values) else np.nan for values in known], column.summary)

@@ -8,7 +8,6 @@ from rich.console import Console
 from rich.text import Text
 
 from baselines.benchmark.shown import (
-    COMPARED,
     DASH,
     OVER_LOWER_BOUND,
     OVERALL,
@@ -20,16 +19,15 @@ from baselines.benchmark.shown import (
     lines_of,
     number,
     numbers_of,
-    pair_in_words,
     shown_columns,
     with_numbers,
 )
 from baselines.benchmark.statistics import Estimate
-from baselines.benchmark.table import Against, Table
+from baselines.benchmark.table import Table
 from baselines.benchmark.types import Outcome
 from lissajous_env.console import terminal
-from lissajous_env.console.terminal import print_left_out, print_line, print_table
-from lissajous_env.world.columns import LARGEST, WORST_CASE, Column
+from lissajous_env.console.terminal import print_line, print_table
+from lissajous_env.world.columns import WORST_CASE, Column
 
 _MOST_NAMED = 12
 """Limit on the scenarios that the heading of a table names."""
@@ -44,22 +42,19 @@ def print_tables(console: Console, outcome: Outcome, table: Table, said: str = "
         table: Table of the rows that this call requested.
         said: Line about replays.
     """
-    left_out: list[str] = []
+    out = outcome.settings.out
+    where = f"They are in {out}/summary.json"
     for name, scenario in outcome.scenarios.items():
         policies, bounds = table.estimates.get(name, {}), table.bounds[name]
-        shown = with_numbers(policies, shown_columns(scenario, policies))
+        shown = shown_columns(scenario, policies)
         failed = [failure.policy for failure in outcome.failures if failure.scenario == name]
         words = f"  N = {scenario.num_robots}, {scenario.detection_time_label} = {scenario.detection_time_bound:.3g} s"
         title = Text.assemble((name, "bold"), words, bounds_in_words(bounds))
-        left_out += print_lines(console, title, shown, lines_of(policies, shown, bounds.best_known, failed))
-        if name in table.against:
-            left_out += _print_against(console, name, table.against[name])
-    for names, policies in table.overall.items():
-        count, shown = names.count(",") + 1, with_numbers(policies, OVERALL)
-        title = Text(f"over {names if count <= _MOST_NAMED else f'all {count} scenarios'}", "bold")
-        left_out += print_lines(console, title, shown, lines_of(policies, shown))
-    out = outcome.settings.out
-    print_left_out(console, left_out, f"They are in {out}/summary.json, and a wider terminal shows them.")
+        print_lines(console, title, shown, lines_of(policies, shown, bounds.best_known, failed), where)
+    for of in table.overall:
+        count, shown = len(of.scenarios), with_numbers(of.policies, OVERALL)
+        title = Text(f"over {', '.join(of.scenarios) if count <= _MOST_NAMED else f'all {count} scenarios'}", "bold")
+        print_lines(console, title, shown, lines_of(of.policies, shown), where)
     for words in legend(table, outcome.settings.episodes):
         print_line(console, words, "dim")
     print_theorem(console, {name: outcome.theorem.get(name, []) for name in outcome.scenarios})
@@ -78,15 +73,16 @@ def print_tables(console: Console, outcome: Outcome, table: Table, said: str = "
     words = f"{len(outcome.rows)} episodes"
     if len(outcome.table.rows) > len(outcome.rows):
         words += f" requested, {len(outcome.table.rows)} with those of earlier calls,"
-    print_line(
-        console, f"{words} in {out} (report.html, table.md, episodes.csv, summary.json), {outcome.elapsed:.1f} s"
-    )
+    files = "report.html, table.md, episodes.csv, summary.json"
+    print_line(console, f"{words} in {out} ({files}), {outcome.elapsed:.1f} s")
     if said:
         print_line(console, said)
 
 
-def print_lines(console: Console, title: Text, columns: Sequence[Column], lines: Sequence[Line]) -> list[str]:
-    """Print a table, the references below a rule; return the columns for which there was no room."""
+def print_lines(
+    console: Console, title: Text, columns: Sequence[Column], lines: Sequence[Line], where: str = "--json has them"
+) -> None:
+    """Print a table, the references below a rule; `where` tells the place of columns for which there is no room."""
     rows = []
     for line in lines:
         label = Text(line.name, "italic" if line.is_reference else "")
@@ -96,33 +92,28 @@ def print_lines(console: Console, title: Text, columns: Sequence[Column], lines:
     head += [terminal.Column(_broken(column.heading), name=column.name) for column in columns]
     rivals = sum(not line.is_reference for line in lines)
     _print_title(console, title)
-    left_out = print_table(console, head, rows, [rivals - 1] if 0 < rivals < len(rows) else [])
+    print_table(console, head, rows, [rivals - 1] if 0 < rivals < len(rows) else [], where)
     console.print()
-    return left_out
 
 
 def _in_two_lines(entry: Entry) -> Text:
-    mark = "*" if entry.is_best else " "
-    return _two_lines(f"{entry.value}{mark}", entry.beside, "bold green" if entry.is_best else "")
+    value = (f"{entry.value}{'*' if entry.is_best else ' '}", "bold green" if entry.is_best else "")
+    return Text.assemble(value, (f"\n{entry.beside} ", "dim") if entry.beside else "")
 
 
-def print_scores(console: Console, policy: str, scenario: str, columns: Mapping[str, Estimate]) -> list[str]:
-    """Print every score of one policy on one scenario as a row; return the columns for which there was no room."""
+def print_scores(console: Console, policy: str, scenario: str, columns: Mapping[str, Estimate]) -> None:
+    """Print every score of one policy on one scenario as a row."""
     _print_title(console, Text.assemble((policy, "bold"), " on ", (scenario, "bold")))
-    names = ("summary", "value", "95 % interval", "n", "worst seed", "median", "min", "max", "mean", "std")
+    names = ("summary", "value", "95 % interval", "n", "worst seed", "median", "min", "max")
     rows = []
     for name, of in columns.items():
-        others = (number(value) for value in (of.median, of.min, of.max, of.mean, of.std))
-        counted = str(of.n) if of.n_finite == of.n else f"{of.n_finite}/{of.n}"
+        counted = str(of.n) if of.known == of.n else f"{of.known}/{of.n}"
         counted += f", {of.open} open" if of.open else ""
-        interval = between(*of.interval) if of.n_finite > 1 and of.summary != LARGEST else DASH
         worst = DASH if of.worst is None else str(of.worst)
-        rows.append([name, of.summary, Text(in_words(of)[0], "bold"), interval, counted, worst, *others])
-    left_out = print_table(
-        console, [terminal.Column("score", left=True, style="cyan"), *map(terminal.Column, names)], rows
-    )
+        others = (between(of.low, of.high) or DASH, counted, worst, *map(number, (of.median, of.min, of.max)))
+        rows.append([name, of.summary, Text(in_words(of)[0], "bold"), *others])
+    print_table(console, [terminal.Column("score", left=True, style="cyan"), *map(terminal.Column, names)], rows)
     console.print()
-    return left_out
 
 
 def print_row(console: Console, row: dict[str, Any]) -> None:
@@ -150,47 +141,28 @@ def _broken(title: str) -> str:
     return f"{title[:at]}\n{title[at + 1 :]}"
 
 
-def _print_against(console: Console, scenario: str, against: Against) -> list[str]:
-    """Print comparisons with a reference on the same seeds; return the columns for which there was no room."""
-    policies = against.policies
-    columns = [column for column in COMPARED if any(of[column.name].n for of in policies.values())]
-    head = [terminal.Column("policy", left=True, style="cyan")]
-    for column in columns:
-        head.append(terminal.Column(f"{column.heading}\nbetter", name=f"{column.name} better"))
-        head.append(terminal.Column("differ-\nence", name=f"{column.name} difference"))
-    rows = []
-    for name, of in policies.items():
-        cells: list[Text | str] = [name]
-        for column in columns:
-            cells += [_two_lines(str(cell.value), cell.beside) for cell in pair_in_words(of[column.name])]
-        rows.append(cells)
-    _print_title(console, Text.assemble((scenario, "bold"), " against ", (against.reference, "bold"), ", seed by seed"))
-    left_out = print_table(console, head, rows)
-    console.print()
-    return left_out
-
-
 def legend(table: Table, episodes: int) -> list[str]:
     """Return sentences that explain the numbers of a table."""
     counted = "1 episode, below it" if episodes == 1 else f"{episodes} episodes, below it"
     of = [of for policies in table.estimates.values() for of in policies.values()]
     words = [
         f"Interquartile mean over {counted} the 95 % bootstrap interval; for collisions and over lower bound, "
-        "the mean. * best; k/n: k of n episodes had a number. Better: share of seeds on which the policy "
-        "beats the reference; ties count half."
+        "the mean. * best; k/n: k of n episodes had a number."
     ]
-    if any(estimates[WORST_CASE.name].n_finite for estimates in of):
+    if table.references:
+        names = ", ".join(dict.fromkeys(table.references.values()))
+        words.append(f"Sooner, better: share of seeds on which the policy beats {names}; ties count half.")
+    if any(estimates[WORST_CASE.name].known for estimates in of):
         words.append(
             "Guaranteed: worst-case undetected time, the largest of n episodes; >: a lower bound, because the worst "
-            "case was still growing at the end of open episodes. Difference: of the largest values."
+            "case was still growing at the end of open episodes."
         )
-    if any(estimates[OVER_LOWER_BOUND.name].n_finite for estimates in of):
+    if any(estimates[OVER_LOWER_BOUND.name].known for estimates in of):
         words.append(f"Over lower bound: {OVER_LOWER_BOUND.meaning}.")
-    if len(table.estimates) > 1:
+    if table.overall:
         words.append(
-            "Detection and guarantee / best: over the best policy on the same scenario and seed. The first is an "
-            "interquartile mean over scenarios; those of guarantees are the largest over all episodes of n scenarios, "
-            "of which the open ones show no bound."
+            "Over scenarios: a scenario counts once, with the mean of its episodes or its largest guarantee; detection "
+            "and guarantee / best: over the best policy on the same scenario and seed."
         )
     if any(math.isfinite(bounds.best_known) for bounds in table.bounds.values()):
         words.append(
@@ -202,7 +174,3 @@ def legend(table: Table, episodes: int) -> list[str]:
 
 def _print_title(console: Console, title: Text) -> None:
     console.print(title, soft_wrap=True, highlight=False)
-
-
-def _two_lines(value: str, below: str, style: str = "") -> Text:
-    return Text.assemble((value, style), (f"\n{below} ", "dim") if below else "")

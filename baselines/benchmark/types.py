@@ -9,8 +9,9 @@ import tyro
 
 from baselines.benchmark.table import Table
 from baselines.policies.factories import Factory
-from lissajous_env.parameters import named
+from lissajous_env.parameters import named_spaces
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import few_of
 
 SCENARIOS = (
@@ -64,25 +65,21 @@ class Benchmark:
     against: str | None = None
     """Policy with which all others are compared, seed by seed; by default the paper's method if it is played, else the
     first policy."""
-    replays: tuple[str, ...] = ("few",)
-    """Episodes that report.html can play: `none`; `each`: the worst, median and best of each policy on each scenario;
-    `few`: eight of the worst of these; a number: that many of the worst of each; `all`; or SCENARIO:POLICY:SEED. The
-    reference policy is shown beside each."""
+    replays: int = 8
+    """Number of episodes that report.html can play: the worst of each policy on each scenario first. The reference
+    policy is shown beside each."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
     """Fields changed in every scenario, as {"task.duration": 30.0}."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "scenarios", named.expanded(self.scenarios))
+        object.__setattr__(self, "scenarios", named_spaces.expanded(self.scenarios))
 
     def check(self) -> None:
         """Raise ValueError for a value that a rule forbids."""
-        for name, most in (("episodes", _MOST_EPISODES), ("batch", _MOST_WORLDS)):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
-            if getattr(self, name) > most:
-                raise ValueError(f"{name} must be at most {most:,}, got {getattr(self, name)}")
-        if not 0 <= self.seed <= 2**31 - self.episodes:
-            raise ValueError(f"seed must be from 0 to 2147483647 for all episodes, got {self.seed}")
+        whole_number("episodes", self.episodes, 1, _MOST_EPISODES)
+        whole_number("batch", self.batch, 1, _MOST_WORLDS)
+        whole_number("seed", self.seed, 0, 2**31 - self.episodes)
+        whole_number("replays", self.replays, 0, _MOST_EPISODES)
         for name in ("scenarios", "policies"):
             if len(set(getattr(self, name))) < len(getattr(self, name)):
                 raise ValueError(f"{name} must contain each entry once, got {few_of(getattr(self, name))}")
@@ -126,23 +123,11 @@ class Failure:
         return "refused" if self.is_refusal else "failed"
 
 
-@dataclass(frozen=True)
-class Batch:
-    """Results of episodes that were played together."""
-
-    rows: list[dict[str, Any]]
-    """Their score rows."""
-    detections: list[dict[str, Any]]
-    """Detection times of their targets: `baselines.benchmark.results_folder.detections_of`."""
-
-
-Key = tuple[str, str, int]
-"""Scenario, policy and seed of an episode."""
+Rows = list[dict[str, Any]]
+"""Score rows of episodes that were played together."""
 Work = list[tuple[Cell, list[int]]]
 """Cells, each with the numbers of the episodes to play."""
-
-
-Finish = Callable[[Cell, Batch | Failure], None]
+Finish = Callable[[Cell, Rows | Failure], None]
 """Stores a batch of a cell, or notes that its policy failed; what is stored is on the disk when it returns."""
 
 
@@ -152,7 +137,7 @@ class Outcome:
 
     settings: Benchmark
     cells: list[Cell]
-    rows: list[dict[str, Any]]
+    rows: Rows
     """Score rows of the requested episodes, by scenario, policy and episode."""
     table: Table
     """Table of all episodes in the folder."""

@@ -11,28 +11,23 @@ from typing import Any
 
 from baselines.benchmark.shown import (
     MAIN,
-    RATIOS,
     Entry,
     bounds_in_words,
     brought_in,
     lines_of,
-    pair_in_words,
     with_numbers,
 )
-from baselines.benchmark.statistics import profile_over_scenarios
-from baselines.benchmark.table import Group, Table
+from baselines.benchmark.table import Table
 from baselines.benchmark.types import Outcome
 from lissajous_env.console.terminal import plain
 from lissajous_env.identity import command, machine, versions
 from lissajous_env.storage.files import write_atomically
 from lissajous_env.storage.folder import Folder
-from lissajous_env.world.columns import DETECTION_TIME, NAMES
+from lissajous_env.world.columns import NAMES
 
 CSV, SUMMARY, MARKDOWN, REPORT = "episodes.csv", "summary.json", "table.md", "report.html"
 FILES = (CSV, SUMMARY, MARKDOWN, REPORT)
 """Files that are derived from the episodes."""
-TAUS = (1.0, 1.05, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 10.0)
-"""Ratios at which the profiles of summary.json are evaluated."""
 _SPECIAL = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": "$<$", ">": "$>$", "\N{EN DASH}": "--",
@@ -52,9 +47,8 @@ def write_files(folder: Folder, outcome: Outcome, rows: Sequence[dict[str, Any]]
 def summarized(outcome: Outcome, table: Table) -> dict[str, Any]:
     """Return the content of summary.json for a table of some of an outcome's rows; the failures are those of this call.
 
-    `limits` has the lower bound of the mean detection time of each scenario [s], null without one, and `against` the
-    comparison of each policy with the reference on the same seeds. `profiles` has, for the ratios to a bound and to the
-    best policy, the share of the episodes that do not exceed each of `ratios`, and its interval over scenarios.
+    `statistics` has the estimates by scenario, policy and column, `overall` those over the scenarios of a kind of
+    robots, and `references` the policy of each scenario with which the others are compared.
     """
     stored = outcome.stored
     return {
@@ -64,36 +58,12 @@ def summarized(outcome: Outcome, table: Table) -> dict[str, Any]:
         "elapsed_s": outcome.elapsed,
         "seeds": sorted({row["seed"] for row in table.rows}),
         "settings": stored,
-        "limits": {name: of.mean_time for name, of in table.bounds.items()},
-        "guarantees": {
-            name: {
-                "limit": of.worst_case,
-                "formation": of.in_formation,
-                "best_known": of.best_known,
-                "best_known_settled": of.best_known_settled,
-            }
-            for name, of in table.bounds.items()
-        },
+        "bounds": {name: of._asdict() for name, of in table.bounds.items()},
+        "references": table.references,
         "statistics": table.estimates,
-        "against": table.against,
         "overall": table.overall,
-        "profiles": {
-            "ratios": TAUS,
-            "shares": {of.name: _profiles(of) for of in table.groups() if of.name in table.overall},
-        },
         "failures": outcome.failures,
         "left_out": outcome.left_out,
-    }
-
-
-def _profiles(group: Group) -> dict[str, dict[str, list[tuple[float, ...]]]]:
-    """Return by policy and ratio, for each of `TAUS`, the share of episodes and its interval."""
-    return {
-        policy: {
-            column.name: list(zip(*profile_over_scenarios(group.strata(policy, column), TAUS), strict=True))
-            for column in RATIOS
-        }
-        for policy in group.rows
     }
 
 
@@ -118,20 +88,17 @@ def table_of(table: Table) -> dict[str, list]:
     """Return titles and rows of text: a row for each policy, the scenario and its bounds in the first of its rows.
 
     A number is an interquartile mean with its 95 % bootstrap interval; for collisions and over lower bound, the mean;
-    for a guarantee, the largest with its median and number of episodes, or the number of open ones.
-    `sooner` is the share of seeds on which a policy's mean detection time is below that of the reference.
+    for a guarantee, the largest with its median and number of episodes, or the number of open ones. `sooner` is the
+    share of seeds on which a policy's mean detection time is below that of the reference.
     """
     rows: list[list[str]] = []
     for name, policies in table.estimates.items():
-        bounds, against = table.bounds[name], table.against.get(name)
-        pairs = against.policies if against is not None else {}
-        where = f"`{name}`{bounds_in_words(bounds)}"
-        for line in lines_of(policies, MAIN, bounds.best_known):
+        where = f"`{name}`{bounds_in_words(table.bounds[name])}"
+        for line in lines_of(policies, MAIN, table.bounds[name].best_known):
             label = f"*{line.name}*" if line.is_reference else f"`{line.name}`"
-            sooner = pair_in_words(pairs[line.name][DETECTION_TIME.name])[0] if line.name in pairs else ""
-            rows.append([where, label, *map(str, line.entries), str(sooner)])
+            rows.append([where, label, *map(str, line.entries)])
             where = ""
-    return {"columns": ["scenario", "policy", *(column.heading for column in MAIN), "sooner"], "rows": rows}
+    return {"columns": ["scenario", "policy", *(column.heading for column in MAIN)], "rows": rows}
 
 
 def markdown(table: Mapping[str, Sequence[Any]]) -> str:

@@ -10,7 +10,7 @@ from baselines.benchmark.progress import Progress
 from baselines.benchmark.running import Benchmark, plan
 from baselines.commands.playing import made, naming, progress_console, scenarios_and_policy
 from lissajous_env.console.recordings import check_file
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, print_left_out
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions
 from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
 
 _Names = Annotated[
@@ -52,8 +52,8 @@ def evaluate(
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
     from baselines.benchmark import tables, written
-    from baselines.benchmark.bounds import about_theorem
     from baselines.benchmark.table import Table
+    from baselines.benchmark.theorem import about_theorem
 
     scenarios, policy, home = scenarios_and_policy(names)
     check_file(out, ".csv")
@@ -68,17 +68,13 @@ def evaluate(
             cells[k] = made(cell, settings)
             with naming(cell):
                 for finished in play(cells[k], settings, numbers, partial(progress.step, cell)):
-                    rows += finished.rows
-                    progress.finished(cell, len(finished.rows))
+                    rows += finished
+                    progress.finished(cell, len(finished))
     table = Table.of(rows, {cell.scenario.name: cell.scenario for cell in cells}, simulates=False)
     console = output.console()
-    left_out: list[str] = []
     for name, policies in table.estimates.items():
-        left_out += tables.print_scores(console, policy, name, policies[policy])
-    tables.print_theorem(
-        console, about_theorem([(cell.scenario, cell.policy, cell.factory) for cell in cells], rows, device)
-    )
-    print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
+        tables.print_scores(console, policy, name, policies[policy])
+    tables.print_theorem(console, about_theorem(cells, rows, device))
     if out is not None:
         written.write_csv(out, rows)
         output.print(f"wrote {out}")

@@ -22,9 +22,9 @@ def figures(
 ) -> list[Path]:
     """Draw the results of a benchmark for a paper, and write its table in LaTeX; no episode is played.
 
-    The figures are performance profiles, the probability of improvement over the reference on the same seeds, and
-    aggregates for each robot kind, with 95 % bootstrap intervals; and distributions of the scores for each scenario.
-    All are 7.16 inch wide, both columns of a paper.
+    A figure of each scenario shows every episode, the estimates with their 95 % bootstrap intervals, and the
+    probability of improvement over the reference on the same seeds; another one shows the estimates over all scenarios
+    of a robot kind. All are 7.16 inch wide, both columns of a paper.
 
     Example:
         lissajous figures results/mine --format pdf
@@ -56,7 +56,7 @@ def figures(
     if against is not None and against not in policies:
         raise ValueError(f"against must be a policy that was played ({', '.join(policies)}), got {against}")
     table = Table.of(rows, scenarios, against)
-    drawn = list(paper_figures.draw(table, against, format))
+    drawn = list(paper_figures.draw(table, format))
     place = out or folder / "figures"
     with Folder(place, (TABLE, *(name for name, _ in drawn))) as written:
         written.write(TABLE, latex(table))

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from rich.console import Console
 from rich.text import Text
 
-from baselines.reproduce.drawing import DARK, GREY, SERIES, Format, Sheet, drawn_as
+from baselines.reproduce.drawing import DARK, GREY, SERIES, Format, Picture, Sheet
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_table
 from lissajous_env.device.devices import cores
 from lissajous_env.episodes.guarantee import Reach, fastest_rogue, reach_of
@@ -63,11 +63,11 @@ def guarantee(
     changed = parse_overrides(overrides)
     made = [named.scenario(name, **changed) for name in scenarios]
     picture = f"critical_speed.{format}"
-    with Folder(out, [picture]) as folder, drawn_as(format):
+    with Folder(out, [picture]) as folder:
         known = {each.name: reaches(each, radii, cells) for each in made}
         for each in made:
             _print(output.console(), each, known[each.name])
-        folder.write(picture, picture_of_speeds(made, known))
+        folder.write(picture, picture_of_speeds(made, known).content(format))
     output.print(f"wrote {picture} in {out}")
     output.print_json({name: [row._asdict() for row in rows] for name, rows in known.items()})
 
@@ -82,7 +82,7 @@ def reaches(scenario: Scenario, radii: int, cells: int) -> list[Reach]:
         return list(threads.map(reach, np.linspace(_SMALLEST, _LARGEST, radii).tolist()))
 
 
-def picture_of_speeds(scenarios: Sequence[Scenario], known: Mapping[str, Sequence[Reach]]) -> bytes:
+def picture_of_speeds(scenarios: Sequence[Scenario], known: Mapping[str, Sequence[Reach]]) -> Picture:
     """Draw the critical speed against the sensing radius, a panel for each formation."""
     width = max(3.4 * len(scenarios), 4.5)
     with Sheet("critical_speed", "Speed from which a target can stay undetected for ever", width, 3.3) as sheet:
@@ -111,7 +111,7 @@ def picture_of_speeds(scenarios: Sequence[Scenario], known: Mapping[str, Sequenc
         return sheet.picture(
             "Robots stay in the equilibrium (2) on the curve; targets may be anywhere at any time and know the robots' "
             "future. Dashed: the sensing radius of Eq. (8). Dotted: speed of the fastest robot on the curve."
-        ).content
+        )
 
 
 def _row(sheet: Sheet, count: int) -> list[Axes]:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from lissajous_env.console.recordings import check_file
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutFile, OutputOptions, print_left_out, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutFile, OutputOptions, print_table
+from lissajous_env.logs.poses import TOPICS
 from lissajous_env.logs.reading import COMMAND
-from lissajous_env.logs.robots import ODOMETRY
 from lissajous_env.parameters.scenario_file import as_toml
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ _Scenario = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
 def identify(
     logs: _Logs,
     scenario: _Scenario = None,
-    topics: tuple[str, ...] = ODOMETRY,
+    topics: tuple[str, ...] = TOPICS,
     commands: str = COMMAND,
     out: OutFile = None,
     output: OutputOptions = DEFAULT_OUTPUT,
@@ -46,9 +46,9 @@ def identify(
         out: .toml file to write: a scenario with these robots.
         output: Console output.
     """
-    from lissajous_env.logs.drive_identification import DRIVE_CONSTANTS, identify_drive
-    from lissajous_env.logs.identification import identify as identify_car
+    from lissajous_env.logs.identification import identify as fit
     from lissajous_env.logs.reading import read
+    from lissajous_env.logs.rollouts import MODELS
     from lissajous_env.logs.scoring import own_scenario
     from lissajous_env.parameters import named
     from lissajous_env.storage.files import write_atomically
@@ -56,10 +56,9 @@ def identify(
     check_file(out, ".toml")
     found = read(logs, topics, commands)
     given = named.scenario(scenario) if scenario is not None else own_scenario(found) or named.scenario("experiment")
-    models = {"car": (identify_car, _UNITS), "differential": (identify_drive, DRIVE_CONSTANTS)}
-    if given.robot.kind not in models:
-        raise ValueError(f"scenario must be of robots of kind {' or '.join(models)}, got {given.robot.kind}")
-    fit, units = models[given.robot.kind]
+    if given.robot.kind not in MODELS:
+        raise ValueError(f"scenario must be of robots of kind {' or '.join(MODELS)}, got {given.robot.kind}")
+    units = MODELS[given.robot.kind].constants
     if not found.commands:
         raise ValueError(f"log {found.name} must have commands on a topic {commands}, got none")
     cars = {}
@@ -82,7 +81,6 @@ def identify(
 
 
 _RESIDUALS = {"position": "m", "heading": "rad", "speed": "m/s"}
-_UNITS = {"wheelbase": "m", "drag": "1/s", "drive": "m/s^2", "offset": "m/s^2", "dead_zone": "", "delay": "s"}
 
 
 def _print(output: OutputOptions, cars: "dict[str, Identified]", units: dict[str, str]) -> None:
@@ -91,9 +89,7 @@ def _print(output: OutputOptions, cars: "dict[str, Identified]", units: dict[str
     rows = [
         [robot, *(_with_error(car.values[name], car.errors[name]) for name in units)] for robot, car in cars.items()
     ]
-    console = output.console()
-    left_out = print_table(console, columns, rows)
-    print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
+    print_table(output.console(), columns, rows)
     if any(math.isnan(error) for car in cars.values() for error in car.errors.values()):
         why = (
             "no throttle in it lies within the dead zone" if "dead_zone" in units else "no command is beyond the limit"
@@ -103,7 +99,6 @@ def _print(output: OutputOptions, cars: "dict[str, Identified]", units: dict[str
         sizes = [
             f"{name} {car.residual[name]:.3g} {unit}" if car.residual[name] >= 0 else f"{name} not measured"
             for name, unit in _RESIDUALS.items()
-            if name in car.residual
         ]
         output.print(f"residuals of robot {robot} over {car.samples:,} poses: {', '.join(sizes)}")
         if car.misfits:

@@ -25,7 +25,7 @@ from baselines.reproduce import (
     tracking,
 )
 from baselines.reproduce.claims import Claim, Part
-from baselines.reproduce.drawing import Format, Picture, drawn_as
+from baselines.reproduce.drawing import Format
 from baselines.reproduce.episodes import Player
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, make_console
 from lissajous_env.device.devices import as_device
@@ -55,7 +55,7 @@ PARTS: dict[str, Callable[[Player], Part]] = {
 }
 """Parts of the paper by name, in the order of the table."""
 
-_TABLES = "table.csv", "table.md", "README.md"
+_PAGE = "README.md"
 _Names = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[NAME ...]")]
 _Out = Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
 
@@ -70,8 +70,8 @@ def reproduce(
 ) -> list[Claim]:
     """Simulate the paper's figures and claims again: pictures, and a table of the claims that agree.
 
-    The folder receives a picture for each figure of the paper, the table as table.csv and table.md, and a page,
-    README.md. All parts together take about a minute.
+    The folder receives a picture for each figure of the paper, and README.md with the table and the pictures. All parts
+    together take about a minute.
 
     Example:
         lissajous reproduce fig6 theorem4
@@ -99,19 +99,19 @@ def reproduce(
     formatted = [] if format == "png" else ["--format", format]
     command = shlex.join(["lissajous", "reproduce", *figures, "--seed", str(seed), *formatted])
     console, notes = output.console(), make_console(stderr=True, quiet=output.quiet)
-    with Folder(out, (*_TABLES, *(f"{name}.{format}" for name in chosen))) as folder, drawn_as(format):
+    with Folder(out, (_PAGE, *(f"{name}.{format}" for name in chosen))) as folder:
         try:
             for part in _played(chosen, player, notes):
                 for picture in part.pictures:
-                    folder.write(f"{picture.name}.{picture.format}", picture.content)
+                    folder.write(f"{picture.name}.{format}", picture.content(format))
                 found += part.claims
                 pictures += part.pictures
         except KeyboardInterrupt:
-            _write(folder, found, pictures, command)
+            folder.write(_PAGE, claims.as_page(found, pictures, format, command))
             raise KeyboardInterrupt(f"what was finished is in {out}") from None
-        _write(folder, found, pictures, command)
+        folder.write(_PAGE, claims.as_page(found, pictures, format, command))
     claims.print_claims(console, found)
-    words = f"\n{claims.summary(found)}. {len(pictures)} pictures, table.csv, table.md and README.md are in {out}"
+    words = f"\n{claims.summary(found)}. {len(pictures)} pictures and README.md are in {out}"
     output.print(words)
     output.print_json([dataclasses.asdict(claim) for claim in found])
     return found
@@ -140,9 +140,3 @@ def _played(chosen: Sequence[str], player: Player, console: Console) -> Iterable
             progress.advance(task)
             if not console.is_interactive:
                 console.print(f"{name}: {time.monotonic() - began:.1f} s", highlight=False)
-
-
-def _write(folder: Folder, found: Sequence[Claim], pictures: Sequence[Picture], command: str) -> None:
-    written = claims.as_csv(found), claims.as_markdown(found), claims.as_page(found, pictures, command)
-    for name, text in zip(_TABLES, written, strict=True):
-        folder.write(name, text)

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import tyro
 
-from baselines.benchmark.running import Benchmark
+from baselines.benchmark.types import Benchmark, Cell
 from baselines.commands.playing import FORMATS, progress_console, record_one, scenarios_and_policy
 from baselines.policies.factories import named
 from lissajous_env.console.recordings import check_file, has_display, show
@@ -45,7 +45,7 @@ def run(
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
     from baselines.benchmark import tables
-    from baselines.benchmark.bounds import about_theorem
+    from baselines.benchmark.theorem import about_theorem
 
     scenarios, name, home = scenarios_and_policy((scenario,) if policy is None else (scenario, policy))
     check_file(out, *FORMATS)
@@ -53,7 +53,7 @@ def run(
     recording = record_one(settings, output, home)
     row = recording.score
     tables.print_row(output.console(), row)
-    tables.print_theorem(output.console(), about_theorem([(recording.scenario, name, named(name))], [row], device))
+    tables.print_theorem(output.console(), about_theorem([Cell(recording.scenario, name, named(name))], [row], device))
     output.print_json(row)
     if out is not None or has_display():
         show(recording, out, output)

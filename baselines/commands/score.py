@@ -9,30 +9,27 @@ from rich import progress as bars
 from baselines.benchmark.progress import bar
 from baselines.commands.playing import FORMATS, progress_console
 from lissajous_env.console.recordings import check_file, show
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out
-from lissajous_env.logs.robots import ODOMETRY
-from lissajous_env.logs.scoring import GAP, Scored, own_scenario
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
+from lissajous_env.logs.poses import TOPICS
+from lissajous_env.logs.scoring import GAP, own_scenario
 from lissajous_env.logs.scoring import score as score_log
 from lissajous_env.parameters import named
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
-from lissajous_env.storage.files import write_atomically
 
 _Logs = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG ...")]
 _Scenario = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
-_Report = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 _Out = Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")]
 
 
 def score(
     logs: _Logs,
     scenario: _Scenario = None,
-    topics: tuple[str, ...] = ODOMETRY,
+    topics: tuple[str, ...] = TOPICS,
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
     gap: float = GAP,
     episodes: int = 1,
     seed: int | None = None,
     out: _Out = (),
-    report: _Report = None,
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
@@ -52,7 +49,6 @@ def score(
         episodes: number of draws of virtual targets, each of which is scored.
         seed: seed of the first draw; by default that of the log, or 0.
         out: files to write: .csv (score rows), .html (page of the episode), or any other that `lissajous run` writes.
-        report: .html file to write: the report of a benchmark, with the log in place of a policy.
         output: Console output.
         overrides: fields changed in the scenario, as in --set sensing.radius=0.8
     """
@@ -64,7 +60,6 @@ def score(
         raise ValueError(f"episodes must be at least 1, got {episodes}")
     for file in out:
         check_file(file, ".csv", *FORMATS)
-    check_file(report, ".html")
     found = read(logs, topics, origin=origin)
     given = named.scenario(scenario) if scenario is not None else own_scenario(found)
     if given is not None and overrides:
@@ -82,8 +77,7 @@ def score(
     else:
         table = Table.of(scored.rows, {scored.scenario.name: scored.scenario}, simulates=False)
         for scenario_name, policies in table.estimates.items():
-            left_out = tables.print_scores(console, name, scenario_name, policies[name])
-            print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
+            tables.print_scores(console, name, scenario_name, policies[name])
     for note in scored.notes:
         output.print(f"note: {note}", "yellow")
     for file in out:
@@ -92,24 +86,4 @@ def score(
             output.print(f"wrote {file}")
         else:
             show(scored.recording, file, output)
-    if report is not None:
-        write_atomically(report, _report_of(scored))
-        output.print(f"wrote {report}")
     output.print_json({"log": found.name, "start": scored.start, "notes": scored.notes, "episodes": scored.rows})
-
-
-def _report_of(scored: Scored) -> str:
-    """Return the report: the table of a log's score rows, and the episode of the first, which it can play."""
-    from baselines.benchmark.report_page import Played, Report
-    from baselines.benchmark.statistics import share_detected
-    from baselines.benchmark.table import Table
-    from lissajous_env.identity import provenance
-    from lissajous_env.replay.contents import BRIEF, contents
-
-    scenario, first = scored.scenario, scored.rows[0]
-    name, policy = scenario.name, first["policy"]
-    curves = {name: {policy: share_detected(scored.detected_after, scored.undetected_for)}}
-    table = Table.of(scored.rows, {name: scenario}, curves=curves)
-    report = Report(table, provenance("cpu"), nameless=frozenset((policy,)))
-    played = {(name, policy, first["seed"]): Played(contents(scored.recording, BRIEF), True)}
-    return report.html(report.ranked(), played)

@@ -1,6 +1,5 @@
 """Parameters of the model predictive contouring controller, besides the curve."""
 
-import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -88,7 +87,3 @@ class MpccParameters(Checked):
         }
         shared = ("wheelbase", "steering_max", "throttle_min", "drag", "drive")
         return cls(**{**{name: getattr(robot, name) for name in shared}, **found, **overrides})
-
-    def replace(self, **overrides: Any) -> "MpccParameters":
-        """Return a copy with some fields changed."""
-        return dataclasses.replace(self, **overrides)

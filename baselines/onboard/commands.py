@@ -6,36 +6,33 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.driving import twist_reached
-from lissajous_env.device.car_input import steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.device.work import Work
+from lissajous_env.logs.inputs import input_of
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.robot import Robot
 from lissajous_env.wording import shown
 from lissajous_env.world.robots.car import speed_limit_below
-from lissajous_env.world.robots.differential import commanded_speed
 
 wp.set_module_options(OPTIONS)
 
 KINDS = ("car", "twist")
 
 
-def check_robots(scenario: Scenario, command: str) -> Robot:
-    """Return the robots of a scenario, which must be cars or differential drives.
+def check_robots(scenario: Scenario, command: str) -> None:
+    """Check that robots understand a kind of commands.
 
     Raises:
-        ValueError: they are others, or are differential drives and the command is no twist.
+        ValueError: they are neither cars nor differential drives, or are drives and the command is no twist.
     """
     kind = scenario.robot.kind
     if kind not in ("car", "differential"):
         raise ValueError(f"scenario must be of robots of kind car or differential, got {kind}")
     if kind == "differential" and not command.startswith("twist"):
         raise ValueError(f"command must be a twist for differential drives, got {command}")
-    return scenario.robot
 
 
 class Command(NamedTuple):
@@ -57,32 +54,21 @@ class Twist(NamedTuple):
 
 
 @wp.kernel
-def to_physical(
+def to_commands(
     robot: RobotStruct,
+    is_car: int,
     step: float,
     action: wp.array(dtype=float),
     speed: wp.array(dtype=float),
     command_out: wp.array(dtype=wp.vec4),
 ):
-    """Write steering angle [rad], throttle, speed at the end of the step [m/s], and yaw rate at it [rad/s], by (12)."""
+    """Write the steering angle [rad] and throttle of a car, and the speed [m/s] and yaw rate [rad/s] of a twist."""
     k = wp.tid()
-    taken = steering_and_throttle(robot, wp.vec2(wp.clamp(action[0], -1.0, 1.0), wp.clamp(action[1], -1.0, 1.0)))
-    reached = twist_reached(robot, taken[0], taken[1], wp.max(speed[0], speed_limit_below(robot)), step)
-    command_out[k] = wp.vec4(taken[0], taken[1], reached[0], reached[1])
-
-
-@wp.kernel
-def to_twist(
-    robot: RobotStruct,
-    step: float,
-    action: wp.array(dtype=float),
-    speed: wp.array(dtype=float),
-    command_out: wp.array(dtype=wp.vec4),
-):
-    """Write two zeros, the speed [m/s] and the yaw rate [rad/s] that the action of a differential drive commands."""
-    k = wp.tid()
-    commanded = commanded_speed(robot, wp.clamp(action[0], -1.0, 1.0))
-    command_out[k] = wp.vec4(0.0, 0.0, commanded, wp.clamp(action[1], -1.0, 1.0) * robot.yaw_rate_max)
+    given = input_of(robot, is_car, wp.vec2(wp.clamp(action[0], -1.0, 1.0), wp.clamp(action[1], -1.0, 1.0)))
+    twist = given
+    if is_car == 1:
+        twist = twist_reached(robot, given[0], given[1], wp.max(speed[0], speed_limit_below(robot)), step)
+    command_out[k] = wp.vec4(given[0], given[1], twist[0], twist[1])
 
 
 class Actuation:
@@ -98,26 +84,23 @@ class Actuation:
     def __init__(self, scenario: Scenario, kind: str):
         if kind not in KINDS:
             raise ValueError(f"command must be one of {', '.join(KINDS)}, got {shown(kind)}")
-        drives = check_robots(scenario, kind).kind == "differential"
-        self._kind, self._step = kind, scenario.task.step
-        self._robot = to_struct(RobotStruct, scenario.robot)
+        check_robots(scenario, kind)
+        self._is_twist, robot = kind == "twist", scenario.robot
         self._action, self._speed = (wp.zeros(size, dtype=wp.float32, device="cpu") for size in (2, 1))
         self._command = wp.zeros(1, dtype=wp.vec4, device="cpu")
         self._hosts = tuple(array.numpy() for array in (self._action, self._speed, self._command))
-        inputs = [self._robot, self._step, self._action, self._speed]
-        rest = np.array(model_of(scenario.robot.kind).rest_action(scenario.robot), dtype=np.float32)
+        fixed = [to_struct(RobotStruct, robot), int(robot.kind == "car"), scenario.task.step]
+        device, given = as_device("cpu"), [*fixed, self._action, self._speed]
         with compile_quietly():
-            device = as_device("cpu")
-            launch = wp.launch(
-                to_twist if drives else to_physical, 1, inputs, [self._command], device=device, record_cmd=True
-            )
+            launch = wp.launch(to_commands, 1, given, [self._command], device=device, record_cmd=True)
             self._work = Work([[[launch]]], device, 1)
-            self.stop: Command | Twist = Twist(0.0, 0.0) if kind == "twist" else self.command(rest, 0.0)
+        rest = np.array(model_of(robot.kind).rest_action(robot), dtype=np.float32)
+        self.stop: Command | Twist = Twist(0.0, 0.0) if self._is_twist else self.command(rest, 0.0)
 
     def command(self, action: np.ndarray, speed: float) -> Any:
         """Return the command of an action in [-1, 1], of a robot at a speed [m/s]."""
         action_host, speed_host, command_host = self._hosts
         action_host[:], speed_host[0] = action[:2], speed
         self._work.lead()
-        steering, tau, reached, yaw_rate = command_host[0].tolist()
-        return Twist(reached, yaw_rate) if self._kind == "twist" else Command(steering, tau)
+        steering, throttle, reached, yaw_rate = command_host[0].tolist()
+        return Twist(reached, yaw_rate) if self._is_twist else Command(steering, throttle)

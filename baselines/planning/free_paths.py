@@ -22,13 +22,12 @@ import numpy as np
 
 from baselines.planning.plans import SETTLED, Plan, in_turn
 from baselines.planning.rehearse import EPISODES, coarse_grid
-from baselines.policies.partition import FilteredPaths
-from baselines.policies.partition_plan import PartitionParameters, required_distance, turning_radius_of
+from baselines.policies.loop_shapes import PartitionParameters
 from baselines.policies.path_tables import FINE, path_tables
-from baselines.policies.periodic_paths import arrival_steps, coefficients_of, derivative_of, places_of
+from baselines.policies.periodic_paths import coefficients_of, derivative_of, places_of
 from baselines.policies.settings import PolicySettings
 from baselines.policies.timed_paths import TimedPaths
-from baselines.policies.transit import start_is_known
+from baselines.policies.transit import arrival_steps, required_distance, speed_of, start_is_known, turning_radius_of
 from lissajous_env.extras import missing
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
@@ -146,9 +145,9 @@ class Teams:
     def scores(self, loop: np.ndarray, seed: int = 0) -> Scores:
         """Return the scores of loops (P, N, K, 2) [m] in the episode of a seed."""
         task, simulation = self.task, self.simulation
-        arrived, knows = arrival_steps(task, loop), start_is_known(task)
+        arrived, knows = arrival_steps(task, loop, speed_of(loop, task.task.step)), start_is_known(task)
         tables, until = path_tables(task, loop), 0.0 if knows else float(arrived)
-        policy = FilteredPaths(task, len(loop), tables=tables, filtered_until=until)
+        policy = TimedPaths(task, len(loop), tables=tables, by_world=True, filtered_until=until)
         fails = task.faults.schedule or task.faults.removed or task.faults.rate or task.faults.lost
         steps = task.task.steps if fails else min(task.task.steps, arrived + _ROUNDS * self.period)
         simulation.reset(seeds=[seed] * simulation.num_worlds)

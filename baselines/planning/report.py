@@ -33,8 +33,8 @@ _SHARE = 0.3
 """Share of an episode whose paths are drawn, its end."""
 
 
-def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> list[str]:
-    """Print a table of plans; return the names of the columns that do not fit."""
+def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> None:
+    """Print a table of plans."""
     failures = outcome.request.failures
     columns = [
         Column("", name="number"),
@@ -70,7 +70,7 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> lis
             each.plan.about,
         ])  # fmt: skip
     kept = [k for k, column in enumerate(columns) if column is not None]
-    return print_table(console, [c for c in columns if c is not None], [[row[k] or "" for k in kept] for row in rows])
+    print_table(console, [c for c in columns if c is not None], [[row[k] or "" for k in kept] for row in rows])
 
 
 def _is_open(outcome: Outcome) -> bool:
@@ -256,7 +256,7 @@ def draw(plans: Sequence[Planned], seed: int) -> bytes:
             axes.set_title(f"{k + 1}: {each.plan.settings.policy}\n{words}", fontsize=8)
         return sheet.picture(
             "Paths of the robots in the last third of an episode; discs: bodies and sensing ranges at its end."
-        ).content
+        ).content()
 
 
 def _draw_plan(axes, each: Planned, seed: int) -> None:

@@ -231,47 +231,29 @@ class Policy(Copyable):
         agents = [f"robot_{i}" for i in range(self.num_robots)]
         if unknown := [str(agent) for agent in rows if agent not in agents]:
             raise ValueError(f"observation must be of the agents {few_of(agents, unknown[0])}, got {few_of(unknown)}")
-        together = np.zeros(self.observation_shape, dtype=np.float32)
+        self._observation.zero_()
         for agent, row in rows.items():
-            values = _numbers(f"observation of {agent}", row)
-            if values.shape != together.shape[2:]:
-                raise ValueError(f"observation of {agent} must have shape {together.shape[2:]}, got {values.shape}")
-            together[0, agents.index(agent)] = values
-        return dict(item for item in zip(agents, self.act(together)[0], strict=True) if item[0] in rows)
+            copy_in(f"observation of {agent}", row, self._observation[0, agents.index(agent)])
+        actions = self.act(self._observation.numpy())[0]
+        return dict(item for item in zip(agents, actions, strict=True) if item[0] in rows)
 
     def _taken(self, observation: Any) -> wp.array:
-        """Return the observation as a Warp array on the device."""
-        if isinstance(observation, wp.array):
-            if observation.dtype is not wp.float32 or observation.device != self.device:
-                got = f"{wp.types.type_repr(observation.dtype)} on {observation.device}"
-                raise ValueError(f"observation must be an array of float32 on {self.device}, got {got}")
-        elif not is_torch(observation):
-            observation = _numbers("observation", observation)
-        elif observation.is_complex():
-            raise ValueError(f"observation must be numbers, got {observation.dtype}")
-        if tuple(observation.shape) != self.observation_shape:
-            raise ValueError(f"observation must have shape {self.observation_shape}, got {tuple(observation.shape)}")
-        given = observation if isinstance(observation, wp.array) else self._observation
-        if self.device.is_cpu:
-            rows = given.numpy()
-            if isinstance(observation, np.ndarray):
-                _copy(observation, rows)
-            elif given is not observation:
-                copy_in("observation", observation, given)
-            self._check_finite(rows)
+        """Return the observation as a Warp array on the device, without non-finite numbers from the host."""
+        given, on_host = self._observation, not isinstance(observation, wp.array) and not is_torch(observation)
+        if isinstance(observation, wp.array) and observation.device == self.device:
+            given = observation
+            if observation.dtype is not wp.float32 or observation.shape != self.observation_shape:
+                got = f"{wp.types.type_repr(observation.dtype)} of shape {observation.shape}"
+                raise ValueError(f"observation must be float32 of shape {self.observation_shape}, got {got}")
         else:
-            if isinstance(observation, np.ndarray):
-                self._check_finite(observation)
-            if given is not observation:
-                copy_in("observation", observation, given)
+            copy_in("observation", observation, given)
+        if self.device.is_cpu or on_host:
+            rows = given.numpy()
+            if not np.isfinite(rows).all():
+                w, i, k = np.argwhere(~np.isfinite(rows))[0]
+                at = f"{layout(self.scenario).names[k]} of robot_{i} in world {w}"
+                raise ValueError(f"observation must be finite, got {rows[w, i, k]} for {at}")
         return given
-
-    def _check_finite(self, rows: np.ndarray) -> None:
-        finite = np.isfinite(rows)
-        if not finite.all():
-            w, i, k = np.argwhere(~finite)[0]
-            name = layout(self.scenario).names[k]
-            raise ValueError(f"observation must be finite, got {rows[w, i, k]} for {name} of robot_{i} in world {w}")
 
     def _let_decide(self, given: wp.array) -> None:
         """Let the subclass decide on an array of its type, and store the result in `action`."""
@@ -294,23 +276,3 @@ class Policy(Copyable):
 
         stream = wp.stream_from_torch(torch.cuda.current_stream(wp.device_to_torch(self.device)))
         return wp.ScopedStream(stream, sync_enter=True, sync_exit=True)
-
-
-def _copy(values: np.ndarray, rows_out: np.ndarray) -> None:
-    if values.dtype == np.float32:
-        np.copyto(rows_out, values)
-    else:
-        with np.errstate(over="ignore"):  # a value beyond float32 is infinite, and rejected as such
-            np.copyto(rows_out, values, casting="unsafe")
-
-
-def _numbers(name: str, value: Any) -> np.ndarray:
-    if is_torch(value):
-        value = value.detach().cpu()
-    try:
-        values = np.asarray(value)
-    except ValueError:  # rows of different lengths
-        values = np.asarray(None)
-    if values.dtype.kind not in "fiub":
-        raise ValueError(f"{name} must be an array of numbers, got {type(value).__name__} of {values.dtype}")
-    return values

@@ -11,11 +11,11 @@ from typing import Any
 
 from baselines.policies import registry
 from baselines.policies.coordinators.arc_length import KuramotoByArc
+from baselines.policies.coordinators.base import Coordinator
+from baselines.policies.coordinators.borkar import RUNNING, OpenLoop, TrackedReference
 from baselines.policies.coordinators.consensus import Consensus
 from baselines.policies.coordinators.kuramoto import Kuramoto
-from baselines.policies.coordinators.open_loop import OpenLoop
-from baselines.policies.coordinators.tracked_reference import RUNNING, TrackedReference
-from baselines.policies.trackers.base import Coordinated, Coordinator, OnCurve
+from baselines.policies.trackers.base import Coordinated, OnCurve
 from baselines.policies.trackers.mpcc import WithMpcc
 from baselines.policies.trackers.vector_field import WithVectorField
 from lissajous_env.wording import nearest, shown

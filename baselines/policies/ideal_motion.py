@@ -17,7 +17,13 @@ _ROUNDS = 4
 
 
 def worst_undetected_time(
-    loop: np.ndarray, half: tuple[float, float], radius: float, speed: float, step: float, limit: float = math.inf
+    loop: np.ndarray,
+    half: tuple[float, float],
+    radius: float,
+    speed: float,
+    step: float,
+    limit: float = math.inf,
+    lead_in: np.ndarray | None = None,
 ) -> float:
     """Return the longest time for which a target can stay undetected while robots go around their loops [s].
 
@@ -28,35 +34,24 @@ def worst_undetected_time(
         speed: Largest speed of a target [m/s].
         step: Control step [s].
         limit: Time from which on the result does not matter [s].
+        lead_in: (N, L, 2) places before the loops, which count too [m].
 
     Returns:
         Infinity if the time exceeds `limit`, or if a target of the start is still undetected after four periods.
     """
     field = _Field(half, radius, speed * step)
     seen = [field.sensed(loop[:, k]) for k in range(loop.shape[1])]
-    for now in range(1, _ROUNDS * len(seen) + 1):
-        field.advance(seen[now % len(seen)])
-        longest = field.longest
-        if longest * step > limit:
+    before = [] if lead_in is None else [field.sensed(place) for place in lead_in.swapaxes(0, 1)]
+    for now in before:
+        field.advance(now)
+    first = 1 if lead_in is None else 0  # the place at the start is not sensed
+    for k in range(first, _ROUNDS * len(seen) + 1):
+        field.advance(seen[k % len(seen)])
+        if field.longest * step > limit:
             return math.inf
         # Once all targets of the start are detected, the motion must continue for the longest time for which others can
         # hide.
-        if field.cleared and now >= field.cleared_at + 2 * len(seen):
-            return longest * step
-    return math.inf
-
-
-def worst_from_start(
-    lead_in: np.ndarray, loop: np.ndarray, half: tuple[float, float], radius: float, speed: float, step: float
-) -> float:
-    """Return the same time for robots that first drive (N, L, 2) lead-ins [m], from the start on [s]."""
-    field = _Field(half, radius, speed * step)
-    for place in lead_in.swapaxes(0, 1):
-        field.advance(field.sensed(place))
-    seen = [field.sensed(loop[:, k]) for k in range(loop.shape[1])]
-    for now in range(_ROUNDS * len(seen)):
-        field.advance(seen[now % len(seen)])
-        if field.cleared and now >= 2 * len(seen):
+        if field.cleared_at > 0 and field.now >= max(field.cleared_at, len(before)) + 2 * len(seen):
             return field.longest * step
     return math.inf
 
@@ -94,12 +89,7 @@ class _Field:
         self.radius, self.rate = radius, moved / (2 * half[0] / (columns - 1))
         self.born = np.zeros((rows, columns))
         self.now, self.hops, self.longest = 0, 0, 0
-        self.cleared_at = 0
-
-    @property
-    def cleared(self) -> bool:
-        """Return whether no target of the start can be undetected."""
-        return self.cleared_at > 0
+        self.cleared_at = 0  # step from which on no target of the start can be undetected
 
     def sensed(self, places: np.ndarray) -> np.ndarray:
         """Return the cells (rows, columns) whose centres are in a disc."""
@@ -117,7 +107,7 @@ class _Field:
         self.born[seen] = np.inf
         oldest = self.born.min()
         self.longest = max(self.longest, self.now - oldest if math.isfinite(oldest) else 0)
-        if not self.cleared and oldest > 0:
+        if self.cleared_at == 0 and oldest > 0:
             self.cleared_at = self.now
 
     def _hop(self, diagonally: bool) -> None:

@@ -10,8 +10,8 @@ from typing import Any
 
 import warp as wp
 
+from baselines.policies.failures import AGE, STATE, STILL, note_message
 from baselines.policies.line_path import LinePlan, largest_spacing
-from baselines.policies.neighbour_watch import AGE, STATE, STILL, note_message
 from baselines.policies.own_row import hears, message_age, offset_heard, own_heading, own_position, own_works
 from baselines.policies.timed_paths import STEPS
 from lissajous_env.device.compilation import OPTIONS

@@ -7,7 +7,7 @@ rectangle to the right one, a turn, back, and a turn. Float64 NumPy.
 In the open, a turn of three arcs outside of the rectangle leads back into the own lane. Within walls or an inset, every
 car turns on a half circle, and sweeps back beside its lane, by the circle's radius R to the other side. All cars copy
 that, too, so the spacing law is valid in turns; an outermost car is R nearer to its wall on one way, and R farther from
-it on the other. `what_fails_inside` has the conditions.
+it on the other. `what_fails` has the conditions.
 """
 
 import math
@@ -19,6 +19,7 @@ import numpy as np
 
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.driving import SPREAD_MAX, slowest_top_speed
+from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.patrol_path import fastest_speed
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
@@ -32,6 +33,8 @@ _SHARES = (1.0, 0.8, 0.6, 0.45, 0.3)
 """Speeds of lines that turn inside, in the largest one: slower cars turn on smaller circles where grip limits them."""
 _PASSING = 1.5
 """Distance at which cars of two lines pass each other, in sums of their radii."""
+_LINES_MAX = 8
+"""Most lines that are compared."""
 
 
 @dataclass(frozen=True)
@@ -145,6 +148,39 @@ def largest_spacing(speed: float, radius: float, rogue_speed: float, step: float
     return 2 * math.sqrt(max(radius**2 - ((rogue_speed + speed) * step / 2) ** 2, 0.0))
 
 
+def best_plan(scenario: Scenario, parameters: LineParameters) -> LinePlan:
+    """Return the plan with the best guarantee once the lines have formed, by their number and their speed.
+
+    Raises:
+        UnsuitableScenarioError: no lines span the rectangle, or rogues pass them while they turn inside.
+    """
+    n, radius = scenario.num_robots, scenario.sensing_radius
+    span = 2 * min(scenario.curve.half_width, scenario.curve.half_height)
+    if n * 2 * radius < span:
+        rule = "line-abreast requires N * 2 * sensing radius >= the shorter side"
+        raise UnsuitableScenarioError(f"{rule}: {n} * 2 * {radius:g} < {span:g} [m]")
+    counts = [parameters.lines] if parameters.lines else range(1, min(n, _LINES_MAX) + 1)
+    found = [plans_of(scenario, parameters, lines) for lines in counts]
+    plans = [plan for some, _ in found for plan in some]
+    if not plans:
+        rule = f"line-abreast requires {counts[0]} line(s) of {n} cars to span {span:g} m with discs of {radius:g} m"
+        raise UnsuitableScenarioError(f"{rule}: {found[0][1]}")
+    if len(plans) == 1 and not turns_inside(scenario):
+        return plans[0]
+    times = [ideal_worst_case(scenario, plan) for plan in plans]
+    if turns_inside(scenario) and not math.isfinite(min(times)):
+        rule = "line-abreast requires lines that no rogue passes while they turn inside"
+        raise UnsuitableScenarioError(f"{rule}, and rogues of {scenario.rogue_speed:g} m/s pass every one")
+    return plans[int(np.argmin(times))]
+
+
+def ideal_worst_case(scenario: Scenario, plan: LinePlan) -> float:
+    """Return the worst-case undetected time [s] of lines that have formed and follow their path without error."""
+    half = plan.half_length, plan.half_span
+    loop = loops_of(plan)[..., :2]
+    return worst_undetected_time(loop, half, scenario.sensing_radius, scenario.rogue_speed, plan.step)
+
+
 def turns_inside(scenario: Scenario) -> bool:
     """Return whether lines turn inside the rectangle: within walls or an inset."""
     return scenario.task.boundary != "open" or scenario.inset > 0
@@ -171,38 +207,33 @@ def spacing_of(scenario: Scenario, lines: int, aside: float = 0.0) -> float:
     return max(lines * pitch, 2 * wall)
 
 
-def can_span(scenario: Scenario, lines: int) -> bool:
-    """Return whether that many lines can span the rectangle, with room for cars of two lines to pass each other."""
-    if turns_inside(scenario):
-        return bool(inner_plans(scenario, LineParameters(), lines)[0])
-    spacing, pitch = spacing_of(scenario, lines), lanes_of(scenario, lines)[0]
-    fits = speed_limit(spacing, scenario.sensing_radius, scenario.rogue_speed, scenario.task.step) > 0
-    return fits and (lines == 1 or pitch >= _PASSING * 2 * scenario.robot.radius)
+def what_fails(scenario: Scenario, lines: int, speed: float = 0.0, aside: float = 0.0) -> str:
+    """Return the reason why so many lines cannot span the rectangle, with its numbers; an empty string for none.
 
-
-def check(scenario: Scenario, parameters: LineParameters) -> None:
-    """Raise UnsuitableScenarioError if no lines can span the rectangle."""
-    n, radius = scenario.num_robots, scenario.sensing_radius
-    span = 2 * min(scenario.curve.half_width, scenario.curve.half_height)
-    if n * 2 * radius < span:
-        rule = "line-abreast requires N * 2 * sensing radius >= the shorter side"
-        raise UnsuitableScenarioError(f"{rule}: {n} * 2 * {radius:g} < {span:g} [m]")
-    lines = parameters.lines or 1
-    if not turns_inside(scenario) and not can_span(scenario, lines):
-        rule = f"line-abreast requires {lines} line(s) of {n} cars to span {span:g} m with discs of {radius:g} m"
-        raise UnsuitableScenarioError(f"{rule}: {_what_fails(scenario, lines)}")
-
-
-def _what_fails(scenario: Scenario, lines: int) -> str:
-    """Return the reason why that many lines cannot span the rectangle."""
-    spacing, moving, radius = spacing_of(scenario, lines), scenario.rogue_speed, scenario.sensing_radius
+    Lines that turn inside have a speed [m/s], at which cars turn on half circles of the radius `aside` [m]; that of
+    others is as low as necessary.
+    """
+    half, inset = min(scenario.curve.half_width, scenario.curve.half_height), scenario.inset
+    radius, rogues, step = scenario.sensing_radius, scenario.rogue_speed, scenario.task.step
+    about = f"at {speed:.3g} m/s cars turn on half circles of {aside:.3g} m, so " if aside else ""
+    if aside + inset > half:
+        return f"{about}they do not fit {inset:.3g} m inside of walls {2 * half:g} m apart"
+    (pitch, lanes, _), spacing = lanes_of(scenario, lines, aside), spacing_of(scenario, lines, aside)
+    if lines * pitch >= 2 * radius:
+        return f"{about}the cars of a line would be {lines * pitch:.3g} m apart, and not less than {2 * radius:.3g} m"
     if spacing >= 2 * radius:
-        return f"the cars of a line would be {spacing:.3g} m apart, and not less than {2 * radius:.3g} m"
-    fastest = speed_limit(spacing, radius, 0.0, scenario.task.step)
-    if moving >= fastest:
-        return f"rogues of {moving:g} m/s cross a line within a step, as do all of at least {fastest:.3g} m/s"
-    pitch, needed = lanes_of(scenario, lines)[0], _PASSING * 2 * scenario.robot.radius
-    return f"cars of two lines would pass each other at {pitch:.3g} m, and need {needed:.3g} m"
+        return f"{about}the outermost would be {spacing / 2:.3g} m from its wall, and not less than {radius:.3g} m"
+    limit = speed_limit(spacing, radius, rogues, step)
+    if limit <= 0 or limit < speed:
+        fastest = speed_limit(spacing, radius, speed, step)
+        return f"rogues of {rogues:g} m/s cross a line within a step, as do all of at least {fastest:.3g} m/s"
+    apart, needed = pitch - 2 * aside * (lines > 1), _PASSING * 2 * scenario.robot.radius
+    if apart < needed and (lines > 1 or aside > 0):
+        return f"{about}cars would pass each other at {max(apart, 0):.3g} m, and need {needed:.3g} m"
+    away = math.hypot(inset + aside, max(half - float(np.abs(lanes).max()), spacing / 2)) - aside
+    if away > radius:
+        return f"{about}places at the end of the rectangle would be {away:.3g} m from sensors of {radius:.3g} m"
+    return ""
 
 
 def turn_of(curvature_step: float) -> Turn:
@@ -226,16 +257,21 @@ def turn_of(curvature_step: float) -> Turn:
     raise AssertionError("a long turn fits")
 
 
-def arcs(headings: np.ndarray, distances: np.ndarray) -> np.ndarray:
-    """Return (K, 2) displacements along arcs of circles from heading to heading [rad], of some lengths [m]."""
-    before, after = headings[:-1], headings[1:]
-    half = (after - before) / 2
-    chord = distances * np.sinc(half / np.pi)
-    return chord[:, None] * np.stack([np.cos(before + half), np.sin(before + half)], axis=-1)
-
-
 @lru_cache(maxsize=64)
-def line_plan(scenario: Scenario, parameters: LineParameters, lines: int) -> LinePlan:
+def plans_of(scenario: Scenario, parameters: LineParameters, lines: int) -> tuple[tuple[LinePlan, ...], str]:
+    """Return the plans of so many lines, and why there are none: of several speeds for lines that turn inside."""
+    if not turns_inside(scenario):
+        failing = what_fails(scenario, lines)
+        return (() if failing else (_outer_plan(scenario, parameters, lines),)), failing
+    largest, plans, failing = _speed_of(scenario, parameters), [], ""
+    for share in (1.0,) if parameters.speed else _SHARES:
+        plan = _inner_plan(scenario, parameters, lines, share * largest)
+        failing = what_fails(scenario, lines, plan.speed, plan.aside)
+        plans += [] if failing else [plan]
+    return tuple(plans), failing
+
+
+def _outer_plan(scenario: Scenario, parameters: LineParameters, lines: int) -> LinePlan:
     """Return the plan of so many lines that turn outside of the rectangle."""
     curve, step = scenario.curve, scenario.task.step
     A, B = max(curve.half_width, curve.half_height), min(curve.half_width, curve.half_height)
@@ -246,33 +282,6 @@ def line_plan(scenario: Scenario, parameters: LineParameters, lines: int) -> Lin
     reach = A + parameters.settle
     sweep = max(math.ceil(2 * reach / (speed * step) - 1e-9), 1)
     return LinePlan(A, B, 2 * reach / (sweep * step), step, sweep, turn, reach, lanes, line_of)
-
-
-def _speed_of(scenario: Scenario, parameters: LineParameters) -> float:
-    """Return the largest speed of lines that the parameters and the slowest car allow [m/s]."""
-    fastest = min(_CRUISE * slowest_top_speed(scenario), fastest_speed(scenario))
-    return min(parameters.speed or fastest, _FASTEST * slowest_top_speed(scenario))
-
-
-def _largest_turn(scenario: Scenario, parameters: LineParameters, speed: float) -> float:
-    """Return the largest turn at a speed that steering and grip allow [rad/step]."""
-    robot = scenario.robot
-    base = robot.wheelbase * (1 + SPREAD_MAX * scenario.noise.wheelbase_spread)
-    sharpest = 1 / turning_radius(base, robot.steering_max)
-    grip = robot.lateral_acceleration_max / speed
-    return parameters.grip * scenario.task.step * min(sharpest * speed, grip)
-
-
-@lru_cache(maxsize=64)
-def inner_plans(scenario: Scenario, parameters: LineParameters, lines: int) -> tuple[tuple[LinePlan, ...], str]:
-    """Return the plans of so many lines that turn inside, of several speeds, and what fails at the lowest one."""
-    largest, plans, failing = _speed_of(scenario, parameters), [], ""
-    for share in (1.0,) if parameters.speed else _SHARES:
-        plan = _inner_plan(scenario, parameters, lines, share * largest)
-        failing = what_fails_inside(scenario, plan)
-        if not failing:
-            plans.append(plan)
-    return tuple(plans), failing
 
 
 def _inner_plan(scenario: Scenario, parameters: LineParameters, lines: int, fastest: float) -> LinePlan:
@@ -294,33 +303,19 @@ def _inner_plan(scenario: Scenario, parameters: LineParameters, lines: int, fast
     return LinePlan(A, B, speed, step, sweep, turn, half - speed * step * turn.aside, lanes, line_of)
 
 
-def what_fails_inside(scenario: Scenario, plan: LinePlan) -> str:
-    """Return the condition that a plan of lines that turn inside fails, with its numbers; an empty string for none."""
-    inset, radius, robot = scenario.inset, scenario.sensing_radius, scenario.robot
-    lines, turn = int(plan.line_of.max()) + 1, plan.aside
-    about = f"at {plan.speed:.3g} m/s cars turn on half circles of {turn:.3g} m"
-    if turn + inset > plan.half_span or plan.reach < 0:
-        return f"{about}, which do not fit {inset:.3g} m inside of walls {2 * plan.half_span:g} m apart"
-    pitch, spacing = lanes_of(scenario, lines, turn)[0], spacing_of(scenario, lines, turn)
-    if lines * pitch >= 2 * radius:
-        return f"{about}, so those of a line would be {lines * pitch:.3g} m apart, and not less than {2 * radius:.3g} m"
-    if spacing >= 2 * radius:
-        return f"{about}, so the outermost would be {spacing / 2:.3g} m from its wall, and not less than {radius:.3g} m"
-    limit = speed_limit(spacing, radius, scenario.rogue_speed, plan.step)
-    if limit < plan.speed:
-        return (
-            f"rogues of {scenario.rogue_speed:g} m/s cross a line of {plan.speed:.3g} m/s, and not of {limit:.3g} m/s"
-        )
-    apart, needed = pitch - 2 * turn * (lines > 1), _PASSING * 2 * robot.radius
-    if apart < needed:
-        return f"{about}, so they would come as near as {max(apart, 0):.3g} m to others, and need {needed:.3g} m"
-    aside = max(plan.half_span - float(np.abs(plan.lanes).max()), spacing / 2)
-    away = math.hypot(inset + turn, aside) - turn
-    if away > radius:
-        return (
-            f"{about}, which end {away:.3g} m from places at the end of the rectangle, beyond sensors of {radius:.3g} m"
-        )
-    return ""
+def _speed_of(scenario: Scenario, parameters: LineParameters) -> float:
+    """Return the largest speed of lines that the parameters and the slowest car allow [m/s]."""
+    fastest = min(_CRUISE * slowest_top_speed(scenario), fastest_speed(scenario))
+    return min(parameters.speed or fastest, _FASTEST * slowest_top_speed(scenario))
+
+
+def _largest_turn(scenario: Scenario, parameters: LineParameters, speed: float) -> float:
+    """Return the largest turn at a speed that steering and grip allow [rad/step]."""
+    robot = scenario.robot
+    base = robot.wheelbase * (1 + SPREAD_MAX * scenario.noise.wheelbase_spread)
+    sharpest = 1 / turning_radius(base, robot.steering_max)
+    grip = robot.lateral_acceleration_max / speed
+    return parameters.grip * scenario.task.step * min(sharpest * speed, grip)
 
 
 def line_path(plan: LinePlan) -> np.ndarray:
@@ -331,6 +326,15 @@ def line_path(plan: LinePlan) -> np.ndarray:
     straight = np.zeros(plan.sweep)
     there = np.concatenate([straight, plan.turn.headings])
     headings = np.concatenate([[0.0], there, there - math.pi])
-    moved = np.cumsum(arcs(headings, np.full(plan.period, plan.speed * plan.step)), axis=0)
+    half = np.diff(headings) / 2
+    chord = plan.speed * plan.step * np.sinc(half / np.pi)
+    middle = headings[:-1] + half
+    moved = np.cumsum(chord[:, None] * np.stack([np.cos(middle), np.sin(middle)], axis=-1), axis=0)
     places = np.vstack([[0.0, 0.0], moved])[:-1] + np.array([-plan.reach, plan.aside])
     return np.column_stack([places, headings[:-1]])
+
+
+def loops_of(plan: LinePlan) -> np.ndarray:
+    """Return along, across [m] and heading [rad] (N, K, 3) of the cars in their lanes, a period of K steps."""
+    at = line_path(plan)[(plan.starts[:, None] + np.arange(plan.period)) % plan.period]
+    return np.stack([at[..., 0], at[..., 1] + plan.lanes[:, None], at[..., 2]], axis=-1)

@@ -1,24 +1,32 @@
 """Ways from the formation into the lines of `line-abreast`, chosen so that no two cars meet.
 
-A car's place in the lines is fixed, by its place on the communication ring. If the formation is rotated by a random
-angle at the start, each car derives this angle from its own phase, so the angles of different cars agree only
+In the open a car's place in the lines is fixed, by its place on the communication ring. If the formation is rotated by
+a random angle at the start, each car derives this angle from its own phase, so the angles of different cars agree only
 approximately. So a way is chosen for each car and each of many angles such that it stays clear of the ways that the
 others have chosen for the same angle and for the nearest ones: whichever of these each car believes in, no two meet.
-
 A way is a shortest path of a car that turns by a given radius, an arc, a straight stretch and an arc
-(`baselines.policies.dubins`), with a speed that makes it end in time. Float64 NumPy.
+(`baselines.policies.dubins`), with a speed that makes it end in time, and may end with a further straight stretch.
+
+Within walls or an inset the start is known, and the ways are a transit (`baselines.policies.transit`). Float64 NumPy.
 """
 
 import math
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses
-from baselines.policies.transit import formation_starts
+from baselines.policies.ideal_motion import worst_undetected_time
+from baselines.policies.loop_shapes import PartitionParameters
+from baselines.policies.transit import Transit, formation_starts, planned_transit, start_is_known
 from lissajous_env.parameters.scenario import Scenario
 
+_CLEAR = 0.5
+"""Least distance of two bodies on the ways within an inset, in radii of a body."""
+_PHASES = (0.5, 0.0, 0.25, 0.75)
+"""Phases of the lines that are tried within an inset, in periods."""
 _ENDS = ((0.0, 1.0), (0.5, 1.0), (1.0, 1.0), (0.0, 1.5), (0.5, 1.5))
 """Length of the last straight stretch, in half widths of the formation, and radius of the arcs, in that of a turn."""
 _TILTS = (0.0, -0.5, 0.5)
@@ -53,68 +61,14 @@ class Effort(NamedTuple):
     rounds: int
     """Rounds in which each car chooses its way anew, given the others' ways."""
 
-
-def effort_of(num_robots: int, steps: int) -> Effort:
-    """Return how finely the ways of so many cars are chosen, where their tables have about so many control steps."""
-    if num_robots <= 8:
-        effort = Effort(128, 20, 2, 3)
-    else:
-        effort = Effort(32, 6, 1, 1) if num_robots <= 20 else Effort(16, 1, 0, 1)
-    while effort.angles > 16 and effort.angles * num_robots * steps > _ENTRIES:
-        effort = effort._replace(angles=effort.angles // 2, nearest=1)
-    return effort
-
-
-def angle_steps(scenario: Scenario, angles: int) -> np.ndarray:
-    """Return the indices (P,), ascending, of the angles of a turn for which ways are chosen: all, or those near 0."""
-    if scenario.formation.start != "equilibrium":
-        return np.arange(angles)
-    near = min(math.ceil(4 * scenario.formation.start_noise * angles / (2 * np.pi)), angles // 2 - 1)
-    return np.arange(-near, near + 1)
-
-
-class Ways(NamedTuple):
-    """Paths of an arc, a straight stretch and an arc, and a further straight stretch; arrays of one shape."""
-
-    begin: np.ndarray
-    """(..., 3) x, y [m] and heading [rad] at the beginning."""
-    radius: np.ndarray
-    """Radius of the arcs [m]."""
-    pieces: np.ndarray
-    """(..., 3) lengths of the arcs and of the stretch between them [m]; infinite for a way that does not exist."""
-    turns: np.ndarray
-    """(..., 3) their directions, as in `baselines.policies.dubins.TURNS`."""
-    lead: np.ndarray
-    """Length of the further stretch [m]."""
-
-    @property
-    def length(self) -> np.ndarray:
-        """Length of the whole [m]."""
-        return self.pieces.sum(axis=-1) + self.lead
-
-
-def ways_between(begin: np.ndarray, end: np.ndarray, radius: float, lead: float) -> Ways:
-    """Return the ways (..., 4) of each word with a straight stretch between poses (..., 3): x, y [m], heading [rad].
-
-    Args:
-        begin: Poses at the beginning.
-        end: Poses at the end; broadcasts with `begin`.
-        radius: Radius of the arcs [m].
-        lead: Length of the further straight stretch at the end [m].
-    """
-    begin, end = np.broadcast_arrays(begin, end)
-    ahead = np.stack([np.cos(end[..., 2]), np.sin(end[..., 2])], axis=-1)
-    entry = np.concatenate([end[..., :2] - lead * ahead, end[..., 2:]], axis=-1)
-    pieces = dubins_lengths(begin, entry, radius)[..., :4, :]
-    pieces = np.where(np.isnan(pieces), [0.0, np.inf, 0.0], pieces)
-    shape = pieces.shape[:-1]
-    return Ways(
-        np.broadcast_to(begin[..., None, :], pieces.shape),
-        np.full(shape, radius),
-        pieces,
-        np.broadcast_to(TURNS[:4], pieces.shape),
-        np.full(shape, lead),
-    )
+    @classmethod
+    def of(cls, num_robots: int, steps: int) -> "Effort":
+        """Return the fineness for so many cars, where their tables have about so many control steps."""
+        few, more, many = cls(128, 20, 2, 3), cls(32, 6, 1, 1), cls(16, 1, 0, 1)
+        effort = few if num_robots <= 8 else more if num_robots <= 20 else many
+        while effort.angles > 16 and effort.angles * num_robots * steps > _ENTRIES:
+            effort = effort._replace(angles=effort.angles // 2, nearest=1)
+        return effort
 
 
 class Pace(NamedTuple):
@@ -126,6 +80,107 @@ class Pace(NamedTuple):
     """v_max [m/s]."""
     final: float
     """Speed at the end of a way [m/s]."""
+
+
+def transit_inside(scenario: Scenario, loops: np.ndarray, speed: float, slots: np.ndarray) -> Transit:
+    """Return the ways from a known start into the lines that have the shortest worst case from the start on.
+
+    The lines may begin in any of `_PHASES`, and a robot may have any place that the ring can be turned to: neighbours
+    on the ring stay neighbours in a line.
+
+    Args:
+        scenario: The scenario.
+        loops: (N, K, 2) x, y [m] at each place in the lines, at the steps of a period.
+        speed: Speed of the lines [m/s].
+        slots: (N,) place of each robot in the lines by its place on the ring.
+
+    Raises:
+        UnsuitableScenarioError: the robots do not know their starts, or there are no ways without collisions.
+    """
+    if not start_is_known(scenario):
+        rule = "line-abreast requires a start that all robots know within walls or an inset"
+        got = f"{scenario.formation.start} and {scenario.formation.start_noise:g} rad"
+        raise UnsuitableScenarioError(f"{rule}, formation.start = equilibrium and little start_noise, got {got}")
+    room = PartitionParameters(speed=speed, clearance=_CLEAR * scenario.robot.radius)
+    half = scenario.curve.half_width, scenario.curve.half_height
+    rogues = scenario.sensing_radius, scenario.rogue_speed, scenario.task.step
+    turns = [(k + 1) // 2 * (-1 if k % 2 else 1) for k in range(len(slots))]  # the smallest first
+    places = np.array([(slots + turn) % len(slots) for turn in turns])
+    found = [planned_transit(scenario, np.roll(loops, -round(phase * loops.shape[1]), axis=1), room, places)
+             for phase in _PHASES]  # fmt: skip
+    options = [ways for ways in found if ways is not None]
+    if not options:
+        rule = "line-abreast requires ways from the start into the lines inside the walls, on which no two cars collide"
+        raise UnsuitableScenarioError(f"{rule}, got none")
+    return min(options, key=lambda ways: worst_undetected_time(ways.loop, half, *rogues, lead_in=ways.lead_in))
+
+
+def angle_steps(scenario: Scenario, angles: int) -> np.ndarray:
+    """Return the indices (P,), ascending, of the angles of a turn for which ways are chosen: all, or those near 0."""
+    if scenario.formation.start != "equilibrium":
+        return np.arange(angles)
+    near = min(math.ceil(4 * scenario.formation.start_noise * angles / (2 * np.pi)), angles // 2 - 1)
+    return np.arange(-near, near + 1)
+
+
+def transit_from_any_angle(
+    scenario: Scenario, effort: Effort, poses: np.ndarray, radius: float, pace: Pace
+) -> np.ndarray:
+    """Return places (P, N, K, 2) [m] of ways from the formation, turned by any of P angles, to poses (N, 3).
+
+    Each lasts as many steps as the longest of the cars' shortest ways. The last place is a step before the pose: x, y
+    [m], heading [rad].
+    """
+    begin, speed = formation_starts(scenario, 2 * np.pi * angle_steps(scenario, effort.angles) / effort.angles)
+    pieces, turns, radii, leads, tilt = _choices(begin, poses, radius)
+    length = pieces.sum(axis=-1) + leads
+    times = _times(scenario, pace, speed, length.min(axis=-1))
+    speed, coarsely = speed[..., None], np.linspace(0, times[-1], _INTERVALS + 1)
+    between = speed_between(pace, speed, tilt, length, coarsely)
+    faults = _faults(pace, distances(pace, speed, between, tilt, coarsely), length, coarsely)
+    order = np.argsort(faults + 1e-3 * np.abs(between / pace.final - 1), axis=-1, kind="stable")[..., : effort.choices]
+    length, faults, between = (np.take_along_axis(each, order, axis=2) for each in (length, faults, between))
+    pieces = np.take_along_axis(pieces, order[..., None], axis=2)
+    turns, radii = turns[order], radii[order]
+    gone = distances(pace, speed, between, tilt[order], times)
+    gone *= np.where(faults < _LATE, length / gone[..., -1], 1.0)[..., None]
+    coarse = dubins_poses(begin[:, :, None], pieces, turns, radii, gone[..., :: max(len(times) // _PIECES, 1)])
+    coarse = np.moveaxis(coarse[..., :2], -1, 0).astype(np.float32)
+    noise = 3 * math.sqrt(2) * scenario.formation.start_noise * effort.angles / (2 * np.pi)
+    effort = effort._replace(nearest=min(math.ceil(noise), effort.nearest))
+    taken = _Choice(coarse, faults.astype(np.float32), effort, _WANTED * scenario.robot.radius).run()
+    at = (*np.ogrid[: taken.shape[0], : taken.shape[1]], taken)
+    return dubins_poses(begin, pieces[at], turns[at], radii[at], gone[at])[:, :, :-1, :2]
+
+
+def _choices(begin: np.ndarray, poses: np.ndarray, radius: float) -> tuple[np.ndarray, ...]:
+    """Return the ways among which cars choose: by words, ends and tilts.
+
+    They are the lengths (P, N, C, 3) of the arcs and of the stretch between them [m], infinite for a way that does not
+    exist, the directions (C, 3) and radii (C,) of the arcs, the lengths (C,) of the last stretch, and the tilts (C,).
+    """
+    span = np.abs(begin[..., :2]).max()
+    ahead = np.stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])], axis=-1)
+    leads, radii = np.array([(lead * span, wide * radius) for lead, wide in _ENDS]).T
+    found = []
+    for lead, wide in zip(leads, radii, strict=True):
+        entry = np.concatenate([poses[:, :2] - lead * ahead, poses[:, 2:]], axis=-1)
+        pieces = dubins_lengths(begin, entry, wide)[..., :4, :]
+        found.append(np.where(np.isnan(pieces), [0.0, np.inf, 0.0], pieces))
+    count, words = len(_TILTS), len(_ENDS) * 4
+    leads, radii = (np.tile(np.repeat(each, 4), count) for each in (leads, radii))
+    turns = np.tile(TURNS[:4], (len(_ENDS) * count, 1))
+    return np.concatenate(found * count, axis=2), turns, radii, leads, np.repeat(_TILTS, words)
+
+
+def _times(scenario: Scenario, pace: Pace, speed: np.ndarray, shortest: np.ndarray) -> np.ndarray:
+    """Return the times of the steps [s] in which every car can drive its shortest way."""
+    step = scenario.task.step
+    fastest, tilt = np.full_like(speed, pace.fastest), np.zeros_like(speed)
+    steps = max(math.ceil(shortest.max() / (pace.fastest * step)), 4)
+    while (distances(pace, speed, fastest, tilt, step * np.arange(steps + 1))[..., -1] < shortest).any():
+        steps += max(steps // 50, 1)
+    return step * np.arange(math.ceil(_SLACK * steps) + 1)
 
 
 def distances(pace: Pace, begin: np.ndarray, between: np.ndarray, tilt: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -156,6 +211,19 @@ def speed_between(pace: Pace, begin: np.ndarray, tilt: np.ndarray, length: np.nd
     return (low + high) / 2
 
 
+def _faults(pace: Pace, gone: np.ndarray, length: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Return the costs of ways of a length [m] that end too late, are too slow, or leave nothing for catching up."""
+    speeds = np.diff(gone, axis=-1) / (times[1] - times[0])
+    slowest = speeds.min(axis=-1) / pace.final
+    hasty = speeds[..., : -(len(times) // 4)].max(axis=-1) > _HASTY * pace.fastest
+    late = length / times[-1] > _HASTY * pace.fastest
+    return (
+        _LATE * (gone[..., -1] < 0.98 * length)
+        + _POOR * ((slowest < _SLOWEST / 3) + late)
+        + (_HURRY * hasty + _SLOW * (slowest < _SLOWEST))
+    )
+
+
 def closeness(one: np.ndarray, two: np.ndarray, wanted: float) -> np.ndarray:
     """Return how much two points that move straight between places (2, ..., K) come too close, without first and last.
 
@@ -171,116 +239,36 @@ def closeness(one: np.ndarray, two: np.ndarray, wanted: float) -> np.ndarray:
     return (lacks * lacks).sum(axis=-1)
 
 
-def transit(scenario: Scenario, effort: Effort, poses: np.ndarray, radius: float, pace: Pace) -> np.ndarray:
-    """Return places (P, N, K, 2) [m] of ways from the formation, turned by any of P angles, to poses (N, 3).
-
-    Each lasts as many steps as the longest of the cars' shortest ways. The last place is a step before the pose: x, y
-    [m], heading [rad].
-    """
-    angles = 2 * np.pi * angle_steps(scenario, effort.angles) / effort.angles
-    begin, speed = formation_starts(scenario, angles)
-    choices = _choices(begin, poses, radius)
-    times = _times(scenario, pace, speed, choices.length.min(axis=-1))
-    wide = np.broadcast_to(speed[..., None], choices.length.shape)
-    tilt = np.broadcast_to(np.repeat(_TILTS, choices.length.shape[-1] // len(_TILTS)), choices.length.shape)
-    coarsely = np.linspace(0, times[-1], _INTERVALS + 1)
-    between = speed_between(pace, wide, tilt, choices.length, coarsely)
-    faults = _faults(pace, distances(pace, wide, between, tilt, coarsely), choices.length, coarsely)
-    order = np.argsort(faults + 1e-3 * np.abs(between / pace.final - 1), axis=-1, kind="stable")[..., : effort.choices]
-    choices, faults, tilt, between = (_selected(each, order) for each in (choices, faults, tilt, between))
-    gone = distances(pace, np.broadcast_to(speed[..., None], between.shape), between, tilt, times)
-    gone *= np.where(faults < _LATE, choices.length / gone[..., -1], 1.0)[..., None]
-    coarse = _poses(choices, gone[..., :: max(len(times) // _PIECES, 1)])
-    coarse = np.moveaxis(coarse[..., :2], -1, 0).astype(np.float32)
-    noise = 3 * math.sqrt(2) * scenario.formation.start_noise * effort.angles / (2 * np.pi)
-    effort = effort._replace(nearest=min(math.ceil(noise), effort.nearest))
-    taken = _chosen(coarse, faults.astype(np.float32), effort, _WANTED * scenario.robot.radius)[:, :, None]
-    places = _poses(_selected(choices, taken), _selected(gone, taken))
-    return places[:, :, 0, :-1, :2]
-
-
-def _poses(ways: Ways, along: np.ndarray) -> np.ndarray:
-    """Return x, y [m] and heading [rad] (..., K, 3) after some distances (..., K) [m]."""
-    return dubins_poses(ways.begin, ways.pieces, ways.turns, ways.radius, along)
-
-
-def _selected(values: Any, order: np.ndarray) -> Any:
-    """Return the choices (P, N, C, ...) of given indices (P, N, D)."""
-    if isinstance(values, Ways):
-        return Ways(*(_selected(each, order) for each in values))
-    return np.take_along_axis(values, order.reshape(*order.shape, *(1,) * (values.ndim - 3)), axis=2)
-
-
-def _faults(pace: Pace, gone: np.ndarray, length: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return the costs of ways of a length [m] that end too late, are too slow, or leave nothing for catching up."""
-    speeds = np.diff(gone, axis=-1) / (times[1] - times[0])
-    slowest = speeds.min(axis=-1) / pace.final
-    hasty = speeds[..., : -(len(times) // 4)].max(axis=-1) > _HASTY * pace.fastest
-    late = length / times[-1] > _HASTY * pace.fastest
-    return (
-        _LATE * (gone[..., -1] < 0.98 * length)
-        + _POOR * ((slowest < _SLOWEST / 3) + late)
-        + (_HURRY * hasty + _SLOW * (slowest < _SLOWEST))
-    )
-
-
-def _choices(begin: np.ndarray, poses: np.ndarray, radius: float) -> Ways:
-    """Return the ways (P, N, C) among which cars choose: words, and lengths of the last straight stretch."""
-    span = np.abs(begin[..., :2]).max()
-    found = [ways_between(begin, poses, wider * radius, lead * span) for _ in _TILTS for lead, wider in _ENDS]
-    return Ways(*(np.concatenate(each, axis=2) for each in zip(*found, strict=True)))
-
-
-def _times(scenario: Scenario, pace: Pace, speed: np.ndarray, shortest: np.ndarray) -> np.ndarray:
-    """Return the times of the steps [s] in which every car can drive its shortest way."""
-    step = scenario.task.step
-    fastest = np.full_like(speed, pace.fastest)
-    steps = max(math.ceil(shortest.max() / (pace.fastest * step)), 4)
-    while (
-        distances(pace, speed, fastest, np.zeros_like(speed), step * np.arange(steps + 1))[..., -1] < shortest
-    ).any():
-        steps += max(steps // 50, 1)
-    return step * np.arange(math.ceil(_SLACK * steps) + 1)
-
-
 class _Choice:
-    """The choice of ways among places (2, P, N, C, K), with faults (P, N, C)."""
-
-    def __init__(self, places: np.ndarray, faults: np.ndarray, nearest: int, wanted: float):
-        self.places, self.faults, self.wanted = places, faults, wanted
-        self.angles, self.robots = faults.shape[:2]
-        self.shifts = range(-nearest, nearest + 1)
-        self.taken = faults.argmin(axis=2)
-
-    def cost(self, at: np.ndarray, i: int, others: Iterable[int], shifts: Iterable[int]) -> np.ndarray:
-        """Return the cost (len(at), C) of car i's choices for some angles, given the others' for adjacent angles."""
-        cost = np.zeros(self.faults[at, i].shape, dtype=np.float32)
-        for j in others:
-            for shift in shifts:
-                theirs = (at + shift) % self.angles
-                other = self.places[:, theirs, j, self.taken[theirs, j], None]
-                cost += closeness(self.places[:, at, i], other, self.wanted)
-        return cost
-
-    def choose(self, at: np.ndarray, i: int, others: Iterable[int]) -> np.ndarray:
-        """Let car i choose for some angles, and return the costs."""
-        cost = self.faults[at, i] + self.cost(at, i, others, self.shifts)
-        self.taken[at, i] = cost.argmin(axis=1)
-        return cost.min(axis=1)
-
-
-def _chosen(places: np.ndarray, faults: np.ndarray, effort: Effort, wanted: float) -> np.ndarray:
-    """Return the choice (P, N) of each car among (P, N, C), which lead to places (2, P, N, C, K).
+    """The choice of a way for each car and angle among C that lead to places (2, P, N, C, K), with faults (P, N, C).
 
     Each car chooses in turn, for the current choices of the others: the way of the fewest faults that stays clear of
     the ways of the others for the same angle and the nearest ones.
     """
-    choice = _Choice(places, faults, effort.nearest, wanted)
-    cars = range(choice.robots)
-    at = np.arange(choice.angles)
-    for i in cars:
-        choice.choose(at, i, range(i))
-    for _ in range(effort.rounds):
-        close = np.max([choice.choose(at, i, set(cars) - {i}) for i in cars], axis=0)
-        at = at[close > _CLOSE]
-    return choice.taken
+
+    def __init__(self, places: np.ndarray, faults: np.ndarray, effort: Effort, wanted: float):
+        self.places, self.faults, self.effort, self.wanted = places, faults, effort, wanted
+        self.taken = faults.argmin(axis=2)
+
+    def run(self) -> np.ndarray:
+        """Return the choices (P, N)."""
+        angles, cars = self.taken.shape
+        at = np.arange(angles)
+        for i in range(cars):
+            self.choose(at, i, range(i))
+        for _ in range(self.effort.rounds):
+            close = np.max([self.choose(at, i, set(range(cars)) - {i}) for i in range(cars)], axis=0)
+            at = at[close > _CLOSE]
+        return self.taken
+
+    def choose(self, at: np.ndarray, i: int, others: Iterable[int]) -> np.ndarray:
+        """Let car i choose for some angles, given the choices of others for adjacent angles, and return the costs."""
+        cost = np.zeros(self.faults[at, i].shape, dtype=np.float32)
+        for j in others:
+            for shift in range(-self.effort.nearest, self.effort.nearest + 1):
+                theirs = (at + shift) % len(self.taken)
+                other = self.places[:, theirs, j, self.taken[theirs, j], None]
+                cost += closeness(self.places[:, at, i], other, self.wanted)
+        cost = self.faults[at, i] + cost
+        self.taken[at, i] = cost.argmin(axis=1)
+        return cost.min(axis=1)

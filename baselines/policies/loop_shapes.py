@@ -9,6 +9,8 @@ import numpy as np
 from baselines.policies.cells import closed_loop, divisions, evenly_spaced, length_of
 from lissajous_env.settings.checks import Checked, flag, number, whole
 
+RESERVE = 0.75
+"""Share of the top speed and of the grip that the loops use."""
 TURN = 0.4
 """Largest turn in a control step [rad], in which steering is constant."""
 _EXTENTS = (0.0, 0.3, 0.6, 0.9)

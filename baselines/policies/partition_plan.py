@@ -14,17 +14,11 @@ from functools import lru_cache
 import numpy as np
 
 from baselines.policies.base import UnsuitableScenarioError
-from baselines.policies.driving import SPREAD_MAX, slowest_top_speed
 from baselines.policies.ideal_motion import coverage, worst_undetected_time
-from baselines.policies.loop_shapes import TURN, PartitionParameters, Room, Shape, shapes_of, smallest_distance
-from baselines.policies.transit import Car
+from baselines.policies.loop_shapes import RESERVE, PartitionParameters, Room, Shape, shapes_of, smallest_distance
+from baselines.policies.transit import required_distance, slowest_speed, turning_radius_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.theory.geometry import turning_radius
 
-_RESERVE = 0.75
-"""Share of the top speed and of the grip that the loops use."""
-_ROOM = 1.02
-"""Corners are wider than the tightest turn of the widest-turning car by this factor."""
 _ALIKE = (0, 0, 0.0, 0.0)
 """Pattern in which all loops have the same direction and phase."""
 _TIMES, _REACH = 256, 0.25
@@ -102,41 +96,6 @@ def _check_circle(scenario: Scenario, turning: float) -> None:
         raise UnsuitableScenarioError(f"{rule} {why}, got {scenario.sensing_radius:.3g} m")
 
 
-def turning_radius_of(scenario: Scenario) -> float:
-    """Return the radius that all cars of a scenario can turn on, the one of the longest wheelbase included [m]."""
-    spread = 1 + SPREAD_MAX * scenario.noise.wheelbase_spread
-    return _ROOM * spread * turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
-
-
-def required_distance(scenario: Scenario, parameters: PartitionParameters) -> float:
-    """Return the least distance of two robots in a plan [m]."""
-    radius = scenario.robot.radius
-    return 2 * radius + (radius if parameters.clearance is None else parameters.clearance)
-
-
-def slowest_speed(scenario: Scenario) -> float:
-    """Return the speed below which a car cannot drive for long [m/s]."""
-    robot = scenario.robot
-    if robot.throttle_min <= robot.dead_zone:
-        return 0.0
-    return max((robot.drive * robot.throttle_min - robot.offset) / robot.drag, 0.0)
-
-
-def car_of(scenario: Scenario, parameters: PartitionParameters) -> Car:
-    """Return the constants of the cars of a scenario for a transit: those of the weakest car."""
-    robot, turning, step = scenario.robot, turning_radius_of(scenario), scenario.task.step
-    speed = parameters.speed or _RESERVE * robot.top_speed
-    speed = min(speed, TURN * turning / step, math.sqrt(_RESERVE * robot.lateral_acceleration_max * turning))
-    slowest = max(1.02 * slowest_speed(scenario), 0.15 * robot.top_speed)
-    return Car(turning, max(speed, slowest), slowest, slowest_top_speed(scenario), robot.drag, driven_within(scenario))
-
-
-def driven_within(scenario: Scenario) -> tuple[float, float]:
-    """Return half of the width and height of the rectangle in which cars may drive [m]; infinite without an inset."""
-    driven = scenario.driven
-    return (driven.half_width, driven.half_height) if scenario.inset else (math.inf, math.inf)
-
-
 def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
     """Return the constants that the plan of a scenario depends on."""
     robot, unit, step = scenario.robot, scenario.curve.half_height, scenario.task.step
@@ -147,9 +106,9 @@ def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
         sensing=(_SENSED if scenario.inset else 1.0) * scenario.sensing_radius / unit,
         apart=required_distance(scenario, parameters) / unit,
         turning=turning_radius_of(scenario) / unit,
-        speed=(parameters.speed or _RESERVE * robot.top_speed) * step / unit,
+        speed=(parameters.speed or RESERVE * robot.top_speed) * step / unit,
         slowest=slowest_speed(scenario) * step / unit,
-        grip=_RESERVE * robot.lateral_acceleration_max * step**2 / unit,
+        grip=RESERVE * robot.lateral_acceleration_max * step**2 / unit,
         target_speed=scenario.rogue_speed * step / unit,
     )
 

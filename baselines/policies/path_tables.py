@@ -32,15 +32,9 @@ class PathTables:
 
     def places(self, steps: int) -> np.ndarray:
         """Return the places (P, N, steps + 1, 2) of the robots, from the start to the end of a control step [m]."""
-        return self.pose[:, :, self._samples(steps), :2]
-
-    def headings(self, steps: int) -> np.ndarray:
-        """Return the headings (P, N, steps + 1) of the robots, from the start to the end of a control step [rad]."""
-        return self.pose[:, :, self._samples(steps), 2]
-
-    def _samples(self, steps: int) -> np.ndarray:
         t = np.arange(steps + 1)
-        return FINE * np.where(t < self.lead_in, t, self.lead_in + (t - self.lead_in) % self.loop)
+        sample = FINE * np.where(t < self.lead_in, t, self.lead_in + (t - self.lead_in) % self.loop)
+        return self.pose[:, :, sample, :2]
 
 
 def path_tables(scenario: Scenario, loop: np.ndarray, lead_in: np.ndarray | None = None) -> PathTables:

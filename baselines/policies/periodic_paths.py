@@ -16,18 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from baselines.policies.partition import FilteredPaths
-from baselines.policies.partition_plan import PartitionParameters, car_of, required_distance
+from baselines.policies.loop_shapes import PartitionParameters
 from baselines.policies.path_tables import PathTables, path_tables
 from baselines.policies.registry import register
-from baselines.policies.timed_paths import TrackingParameters
-from baselines.policies.transit import formation_starts, start_is_known, transit
+from baselines.policies.timed_paths import TimedPaths
+from baselines.policies.transit import arrival_steps, planned_transit, speed_of, start_is_known
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, flag, rows, whole
 from lissajous_env.theory import closed_forms
 
-_LONGEST = 3.0
-"""Longest planned transit, in the time in which a car at the largest speed of the paths drives around the rectangle."""
 _PHASES = 6
 """Phases of the team for which a transit is sought."""
 
@@ -91,38 +88,16 @@ def timed_loops(scenario: Scenario, parameters: PathParameters) -> tuple[PathTab
         ValueError: another number of paths than of robots.
     """
     loop = _loop(scenario, parameters)
-    if not start_is_known(scenario):
-        return path_tables(scenario, loop), float(arrival_steps(scenario, loop))
-    if not parameters.planned_ways:
-        return path_tables(scenario, loop), 0.0
-    start, speed = formation_starts(scenario)
-    room = PartitionParameters(speed=_speed_on(scenario, loop), clearance=0.2 * scenario.robot.radius)
-    apart = required_distance(scenario, room)
-    longest = math.ceil(_LONGEST * _time_around(scenario, loop)) + loop.shape[1]
-    for shift in np.arange(_PHASES) * loop.shape[1] // _PHASES:  # the phase of the team is free
-        turned = np.roll(loop, shift, axis=1)
-        found = transit(start, speed, turned, car_of(scenario, room), apart, scenario.task.step, longest)
-        if found is not None:
-            lead_in, chosen = found
-            return path_tables(scenario, np.roll(turned[chosen], -lead_in.shape[1], axis=1), lead_in), 0.0
-    return path_tables(scenario, loop), float(arrival_steps(scenario, loop))
-
-
-def arrival_steps(scenario: Scenario, loop: np.ndarray) -> int:
-    """Return the time after which all robots are on loops (..., K, 2) [m] from any start [control step]."""
-    return math.ceil(_time_around(scenario, loop)) + 2 * loop.shape[-2]
-
-
-def _speed_on(scenario: Scenario, loop: np.ndarray) -> float:
-    """Return the largest speed on loops (..., K, 2) [m/s]."""
-    pieces = np.linalg.norm(loop - np.roll(loop, 1, axis=-2), axis=-1)
-    return max(float(pieces.max()) / scenario.task.step, 1e-3)
-
-
-def _time_around(scenario: Scenario, loop: np.ndarray) -> float:
-    """Return the time in which a car at the largest speed of loops drives around the rectangle [control step]."""
-    around = 2 * (scenario.curve.half_width + scenario.curve.half_height)
-    return around / _speed_on(scenario, loop) / scenario.task.step
+    speed = speed_of(loop, scenario.task.step)
+    if start_is_known(scenario):
+        if not parameters.planned_ways:
+            return path_tables(scenario, loop), 0.0
+        room = PartitionParameters(speed=speed, clearance=0.2 * scenario.robot.radius)
+        for shift in np.arange(_PHASES) * loop.shape[1] // _PHASES:  # the phase of the team is free
+            ways = planned_transit(scenario, np.roll(loop, shift, axis=1), room)
+            if ways is not None:
+                return path_tables(scenario, ways.loop, ways.lead_in), 0.0
+    return path_tables(scenario, loop), float(arrival_steps(scenario, loop, speed))
 
 
 def _loop(scenario: Scenario, parameters: PathParameters) -> np.ndarray:
@@ -141,7 +116,7 @@ def _loop(scenario: Scenario, parameters: PathParameters) -> np.ndarray:
 
 
 @register("periodic-paths", on_request=True)
-class PeriodicPaths(FilteredPaths):
+class PeriodicPaths(TimedPaths):
     """Cars on timed closed paths of any form, given by Fourier coefficients; by default those of the formation."""
 
     def __init__(
@@ -150,8 +125,7 @@ class PeriodicPaths(FilteredPaths):
         num_worlds: int = 1,
         device: Any = "cpu",
         parameters: PathParameters | None = None,
-        tracking: TrackingParameters | None = None,
     ):
         self.parameters = parameters or PathParameters()
         tables, until = timed_loops(scenario.resolve(), self.parameters)
-        super().__init__(scenario, num_worlds, device, tables=tables, filtered_until=until, tracking=tracking)
+        super().__init__(scenario, num_worlds, device, tables=tables, filtered_until=until)

@@ -87,9 +87,13 @@ class Reacting(Policy):
         """Return the wished velocities (W, N, 2) in units of the top speed."""
         raise NotImplementedError(f"{type(self).__name__} must have a method wish(rows)")
 
+    def rows(self, observation: np.ndarray) -> Rows:
+        """Return what the robots know: their rows alone."""
+        return Rows(observation.astype(float), self.scenario)
+
     def decide(self, observation: np.ndarray) -> np.ndarray:
         """Return the wished velocities, and away from robots that are near."""
-        rows = Rows(observation.astype(float), self.scenario)
+        rows = self.rows(observation)
         far = np.where(rows.robots_seen, np.linalg.norm(rows.robot_offset, axis=-1), np.inf)
         near = np.clip(_APART * self.scenario.robot.radius / far - 1, 0.0, 3.0)
         wish = self.wish(rows) - _REPULSION * (unit(rows.robot_offset) * near[..., None]).sum(axis=2)
@@ -181,6 +185,14 @@ class Searching(Reacting):
         super().__init__(scenario, num_worlds, device)
         self.patrol = Lanes(scenario, num_worlds, device, reach=self.scenario.sight)
 
+    def expected_offset(self, rows: Rows) -> np.ndarray:
+        """Return where known targets are now (W, N, K, 2), relative to the robot, if they kept their velocity [m]."""
+        # A target keeps its velocity for about twice the time in which a robot drives as far as it sees.
+        longest = 1.875 * self.sight / self.top
+        here = rows.position[:, :, None]
+        guess = rows.track_offset + rows.track_velocity * np.minimum(rows.track_age, longest)[..., None]
+        return np.clip(here + guess, -self.half, self.half) - here
+
 
 class Follow(Searching):
     """Follow the nearest target in sight; patrol in lanes if there is none."""
@@ -222,11 +234,7 @@ class Force(Searching):
 
     def wish(self, rows: Rows) -> np.ndarray:
         """Add the forces; patrol without any target in reach."""
-        # A target keeps its velocity for about twice the time in which a robot drives as far as it sees.
-        longest = 1.875 * self.sight / self.top
-        here = rows.position[:, :, None]
-        guess = rows.track_offset + rows.track_velocity * np.minimum(rows.track_age, longest)[..., None]
-        guess = np.clip(here + guess, -self.half, self.half) - here
+        guess = self.expected_offset(rows)
         far = np.linalg.norm(guess, axis=-1)
         weight = np.where(rows.track_of_other, self.shared, 1.0) * np.clip(far / (0.375 * self.sight), 0.0, 1.0)
         weight = np.where(rows.tracks & (far < self.reach * self.sight), weight, 0.0)
@@ -306,6 +314,10 @@ class Index(Reacting):
         self._idle[mask] = 10 * self.radius / self.top
         self._found[mask] = self._watched[mask] = 0.0
 
+    def expected(self) -> np.ndarray:
+        """Return the expected number of undetected targets in each cell (W, N, cells)."""
+        return self.rates() * self._idle
+
     def rates(self) -> np.ndarray:
         """Return the expected rates (W, N, cells) [1/s]."""
         uniform = self.scenario.targets.arrival_rate / len(self.cells)
@@ -325,7 +337,7 @@ class Index(Reacting):
         column, line = np.moveaxis(np.clip(where.astype(int), 0, self.counts - 1), -1, 0)
         world, robot, track = np.nonzero(rows.track_leaves)
         np.add.at(self._found, (world, robot, (column * self.counts[1] + line)[world, robot, track]), 1.0)
-        goal = self._divide(self.rates() * self._idle, far / self.top)
+        goal = self._divide(self.expected(), far / self.top)
         return towards(self.cells[goal] - rows.position, self.radius / 3)
 
     def _divide(self, mass: np.ndarray, time: np.ndarray) -> np.ndarray:

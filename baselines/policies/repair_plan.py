@@ -1,15 +1,19 @@
-"""Loops on which the ring neighbours of a failed robot cover its cell.
+"""Loops on which the other robots cover the cell of one that has failed.
 
-Every robot has loops for four cases: none of its ring neighbours has failed, the previous one, the next one, or both.
-In each case there is the rectangle around the robot's own cell and those of the failed neighbours, with a few loops of
-different shapes in it, the best first. The robot drives one that is clear of the stopped robots. All of them have the
-period and the phase of the plan, so that what they differ by is small: two robots on equal loops in phase never come
-nearer than the centres of these.
+A robot has loops for several cases. Where it learns of its ring neighbours' failures alone, there are four: none of
+them has failed, the previous one, the next one, or both; in each case there is the rectangle around its own cell and
+those of the failed neighbours. Where news of all failures reach every robot (`baselines.policies.failures`), the cases
+are the numbers of failed robots in its line of cells, along x or y, which the others divide evenly: there is the
+rectangle of its share.
+
+In each case there are a few loops of different shapes, the best first. The robot drives one that is clear of the
+stopped robots. All of them have the period and the phase of the plan, so that what they differ by is small: two robots
+on equal loops in phase never come nearer than the centres of these.
 """
 
 import itertools
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,9 +27,9 @@ SHAPES = 4
 """Loops of different shapes for each case."""
 OFFSETS = 4
 """Distances along x and y from the middle of a rectangle at which the quality of a loop is computed."""
-UNKNOWN = 10.0
+_UNKNOWN = 10.0
 """Cost from which on a loop has no guarantee."""
-TOWARDS = 0.3
+_TOWARDS = 0.3
 """Share of the way to a neighbour's cell by which a robot that cannot watch both alone moves its loop."""
 _SHARES = (0.0, 0.3, 0.6, 1.0)
 _ALIKE = 1e-6
@@ -34,20 +38,50 @@ _DISTINCT = 0.1
 """Difference of two shapes' half extents, in turning radii, from which on they count as different."""
 
 
-class Takeover(NamedTuple):
-    """Loops of each robot; row SHAPES c + s is for case c, the sum of 1 for the previous and 2 for the next robot."""
+class Lines(NamedTuple):
+    """Lines of a partition's cells, along x or along y."""
+
+    along: int
+    """Direction of the lines: 0 for x, 1 for y."""
+    robots: np.ndarray
+    """(N, L) robots of each robot's line in the order of their cells; -1 behind the last one."""
+    centre: np.ndarray
+    """(N, 2) centre of each robot's cell [m]."""
+
+
+@dataclass(frozen=True)
+class Takeover:
+    """Loops of each robot in C cases; row SHAPES c + s is for case c.
+
+    Without lines, a case is the sum of 1 for a failed previous and 2 for a failed next robot; with lines, the number of
+    failed robots in the robot's line.
+    """
 
     loop: np.ndarray
-    """(4 SHAPES, N, K, 2) places at each control step of a period [m]."""
+    """(C SHAPES, N, K, 2) places at each control step of a period [m]."""
     away: np.ndarray
-    """(4 SHAPES, N, 2) middle of each loop less the place that is best for it [m]."""
+    """(C SHAPES, N, 2) middle of each loop less the place that is best for it, of a share of a line the centre of the
+    robot's cell [m]."""
     cost: np.ndarray
-    """(4 SHAPES, N, OFFSETS, OFFSETS) cost of a loop whose middle is k, l times `offset` from that place."""
+    """(C SHAPES, N, OFFSETS, OFFSETS) cost of a loop whose middle is k, l times `offset` from that place."""
     offset: float
     """Spacing of these distances [m]."""
     corners: np.ndarray
-    """(4 SHAPES, N) corners of the rectangle that only this robot watches, as bits: 1 at the left and bottom, 2 at the
-    right and bottom, 4 at the left and top, 8 at the right and top."""
+    """(C SHAPES, N) corners of the rectangle that only this robot watches, as bits: 1 at the left and bottom, 2 at the
+    right and bottom, 4 at the left and top, 8 at the right and top; 0 with lines."""
+    lines: Lines | None
+    """Lines of the cells; None if robots learn of their ring neighbours' failures alone."""
+
+
+class _Option(NamedTuple):
+    """A loop for a case, in half heights of the rectangle."""
+
+    loop: np.ndarray
+    """(K, 2) places."""
+    away: np.ndarray
+    """(2,) middle of the loop less the place that is best for it."""
+    cost: np.ndarray
+    """(OFFSETS, OFFSETS) cost by the distance from that place."""
 
 
 def slowed(plan: Plan, reserve: float) -> Plan:
@@ -65,8 +99,10 @@ def _at_even_distances(loop: np.ndarray, count: int) -> np.ndarray:
     return np.real(np.exp(2j * np.pi * time * rates) @ waves) / len(loop)
 
 
-def takeover(plan: Plan, cell: np.ndarray, neighbours: np.ndarray, room: Room, unit: float, offset: float) -> Takeover:
-    """Return the loops of robots that take over the cells of neighbours.
+def takeover_of_neighbours(
+    plan: Plan, cell: np.ndarray, neighbours: np.ndarray, room: Room, unit: float, offset: float
+) -> Takeover:
+    """Return the loops of robots that take over the cells of ring neighbours.
 
     A cell that shares no edge with the robot's own is left to the other neighbour.
 
@@ -79,32 +115,27 @@ def takeover(plan: Plan, cell: np.ndarray, neighbours: np.ndarray, room: Room, u
         offset: Spacing of the distances at which the quality of a loop is computed [m].
     """
     cells, own = plan.cells[cell][:, :4] / unit, plan.loop[cell] / unit
-    count = len(cells)
-    adjacent = are_adjacent(cells)
-    loop = np.repeat(own[None], 4 * SHAPES, axis=0)
-    away, cost = np.zeros((4 * SHAPES, count, 2)), np.zeros((4 * SHAPES, count, OFFSETS, OFFSETS))
-    corners = np.zeros(loop.shape[:2], dtype=int)
-    search = LoopSearch(room, own.shape[1], offset / unit)
+    count, adjacent = len(cells), are_adjacent(cells)
+    search = _LoopSearch(room, own.shape[1], offset / unit)
+    corners = np.zeros((4 * SHAPES, count), dtype=int)
+    options = []
     for robot, case in itertools.product(range(count), range(4)):
         taken = [neighbours[robot, side] for side in range(2) if case >> side & 1]
         taken = [other for other in taken if other >= 0 and adjacent[robot, other]]
         low = (cells[[robot, *taken], :2] - cells[[robot, *taken], 2:4]).min(axis=0)
         high = (cells[[robot, *taken], :2] + cells[[robot, *taken], 2:4]).max(axis=0)
         corners[SHAPES * case : SHAPES * (case + 1), robot] = _corners_of(low, high, room.half_width)
-        options = search.alone((high - low) / 2, (low + high) / 2)
-        if taken and not (options and options[0][2][:2, :2].max() < UNKNOWN):
-            towards = (cells[taken, :2] - cells[robot, :2]).sum(axis=0)
-            options = search.beside((high - low) / 2, middle_of(own[robot]) + TOWARDS * towards, towards)
+        half, unmoved = (high - low) / 2, _Option(own[robot], np.zeros(2), search.around(0.0))
+        found = search.alone(half, (low + high) / 2)
         if not taken:  # the loop of the plan comes first
-            options = [(own[robot], np.zeros(2), search.around(0.0)), *options]
+            found = [unmoved, *found]
+        elif not found or found[0].cost[:2, :2].max() >= _UNKNOWN:
+            towards = (cells[taken, :2] - cells[robot, :2]).sum(axis=0)
+            found = search.beside(half, middle_of(own[robot]) + _TOWARDS * towards, towards)
         others = own[np.delete(np.arange(count), [robot, *taken])]
-        options = [each for each in options if smallest_distance(each[0][None], others) >= room.apart] or [
-            (own[robot], np.zeros(2), search.around(0.0))
-        ]
-        for shape in range(SHAPES):
-            row = SHAPES * case + shape
-            loop[row, robot], away[row, robot], cost[row, robot] = options[min(shape, len(options) - 1)]
-    return Takeover(loop * unit, away * unit, cost, offset, corners)
+        found = [each for each in found if smallest_distance(each.loop[None], others) >= room.apart]
+        options.append(found or [unmoved])
+    return _takeover(options, 4, unit, offset, corners, None)
 
 
 def _corners_of(low: np.ndarray, high: np.ndarray, half_width: float) -> int:
@@ -114,26 +145,86 @@ def _corners_of(low: np.ndarray, high: np.ndarray, half_width: float) -> int:
     return sum(bool(each) << k for k, each in enumerate((left & bottom, right & bottom, left & top, right & top)))
 
 
-class LoopSearch:
+def lines_of(plan: Plan, cell: np.ndarray) -> Lines:
+    """Return the lines of a plan whose robots have some cells (N,), as long ones as there are."""
+    cells = plan.cells[cell]
+    found = []
+    for along in range(2):
+        number = cells[:, 5 - along]  # 5 is the row of a cell, 4 its column
+        lines = [np.flatnonzero(number == each) for each in np.unique(number)]
+        if all(np.ptp(cells[line, 1 - along]) < 1e-9 * plan.cells[:, 2:4].max() for line in lines):
+            found.append((len(lines), along, lines))
+    _, along, lines = min(found, key=lambda each: each[:2])
+    robots = np.full((len(cells), max(map(len, lines))), -1)
+    for line in lines:
+        robots[line, : len(line)] = line[np.argsort(cells[line, along])]
+    return Lines(along, robots, cells[:, :2])
+
+
+def takeover_of_lines(plan: Plan, cell: np.ndarray, room: Room, unit: float, offset: float) -> Takeover:
+    """Return the loops of robots that divide the line of their cells evenly when others of it have failed.
+
+    A loop drives in the middle of a share, where one robot can watch it alone, or robots watch the line side by side.
+    It passes by the loops of other lines wherever it is moved along its own. The arguments are those of
+    `takeover_of_neighbours`.
+    """
+    cells, own, lines = plan.cells[cell][:, :4] / unit, plan.loop[cell] / unit, lines_of(plan, cell)
+    count, cases = lines.robots.shape
+    along, across, reach = np.eye(2)[lines.along], 1 - lines.along, (room.half_width, 1.0)[lines.along]
+    search = _LoopSearch(room, own.shape[1], offset / unit)
+    options = []
+    for robot, case in itertools.product(range(count), range(cases)):
+        line = lines.robots[robot][lines.robots[robot] >= 0]
+        half, centre = cells[robot, 2:4].copy(), cells[robot, :2]
+        if 0 < case < len(line):
+            half[lines.along] = reach / (len(line) - case)
+        unmoved = _Option(own[robot], np.zeros(2), search.around(0.0))
+        found = [each._replace(cost=search.around(float(each.cost[0, 0]))) for each in search.alone(half, centre)]
+        if case == 0:
+            found = [unmoved, *found]
+        elif not found or found[0].cost[0, 0] >= _UNKNOWN:
+            found = [unmoved._replace(away=middle_of(own[robot]) - centre), *search.beside(half, centre, along)]
+        others = own[np.setdiff1d(np.arange(count), line)][..., across]
+        found = [each for each in found if _distance(each.loop[:, across], others) >= room.apart]
+        options.append(found or [unmoved])
+    return _takeover(options, cases, unit, offset, np.zeros((cases * SHAPES, count), dtype=int), lines)
+
+
+def _distance(one: np.ndarray, others: np.ndarray) -> float:
+    """Return the least distance in phase of coordinates (K,) from others (M, K)."""
+    return float(np.abs(one - others).min(initial=math.inf))
+
+
+def _takeover(
+    options: list[list[_Option]], cases: int, unit: float, offset: float, corners: np.ndarray, lines: Lines | None
+) -> Takeover:
+    """Return the first SHAPES of the options of the cases of each robot, robot by robot; the last one is repeated."""
+    rows = [
+        [of_robot[min(shape, len(of_robot) - 1)] for of_robot in options[case::cases]]
+        for case in range(cases)
+        for shape in range(SHAPES)
+    ]
+    loop, away, cost = (np.array([[each[k] for each in row] for row in rows]) for k in range(3))
+    return Takeover(loop * unit, away * unit, cost, offset, corners, lines)
+
+
+class _LoopSearch:
     """Loops of the period of the plan, each with its middle less the best place for it, and the costs around that."""
 
     def __init__(self, room: Room, count: int, offset: float):
         self.room, self.count, self.offset = room, count, offset
         self._alone: dict[bytes, list] = {}
 
-    def alone(self, half: np.ndarray, middle: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    def alone(self, half: np.ndarray, middle: np.ndarray) -> list[_Option]:
         """Return loops by which one robot alone watches a rectangle, the best first; the cost is by how well."""
         key = np.round(half, 9).tobytes()
         if key not in self._alone:
             loops = _loops_in(half, self.room, self.count)[:SHAPES]
             self._alone[key] = [(around, _quality(half, around, self.room, self.offset)) for around in loops]
-        found = []
-        for around, cost in self._alone[key]:
-            placed = self._inside(around, middle)
-            found.append((placed, middle_of(placed) - middle, cost))
-        return found
+        placed = [(self._inside(around, middle), cost) for around, cost in self._alone[key]]
+        return [_Option(loop, middle_of(loop) - middle, cost) for loop, cost in placed]
 
-    def beside(self, half: np.ndarray, middle: np.ndarray, towards: np.ndarray) -> list:
+    def beside(self, half: np.ndarray, middle: np.ndarray, towards: np.ndarray) -> list[_Option]:
         """Return loops by which robots in phase, side by side, watch what none of them could alone.
 
         In phase, their distances are constant; where these are below two sensing radii, nothing passes between the
@@ -144,11 +235,10 @@ class LoopSearch:
         found = []
         for share in (1.0, 0.5, 0.0):
             long = room.turning + share * max((half[1] if along_x else half[0]) - room.turning, 0)
-            size = (room.turning, long) if along_x else (long, room.turning)
-            loop = closed_loop(*size, room.turning)
-            if loop is not None and length_of(loop) <= speed_on(room.turning, room) * self.count * (1 + 1e-9):
+            loop = closed_loop(*((room.turning, long) if along_x else (long, room.turning)), room.turning)
+            if loop is not None and _is_drivable(loop, room.turning, room, self.count):
                 placed = self._inside(evenly_spaced(loop, self.count), middle)
-                found.append((placed, np.zeros(2), self.around(5.0 * (1.0 - share))))
+                found.append(_Option(placed, np.zeros(2), self.around(5.0 * (1.0 - share))))
         return found
 
     def around(self, least: float) -> np.ndarray:
@@ -162,28 +252,43 @@ class LoopSearch:
 
 
 def middle_of(loop: np.ndarray) -> np.ndarray:
-    """Return the middle (2,) of the extent of a loop [m]."""
-    return (loop.min(axis=0) + loop.max(axis=0)) / 2
+    """Return the middle (..., 2) of the extent of loops (..., K, 2) [m]."""
+    return (loop.min(axis=-2) + loop.max(axis=-2)) / 2
+
+
+def _is_drivable(loop: np.ndarray, corner: float, room: Room, count: int) -> bool:
+    """Return whether a car can drive a loop with corners of a radius in so many control steps."""
+    return length_of(loop) <= speed_on(corner, room) * count * (1 + 1e-9)
 
 
 def _quality(half: np.ndarray, around: np.ndarray, room: Room, offset: float) -> np.ndarray:
     """Return the costs (OFFSETS, OFFSETS) of a loop that watches a rectangle alone: the worst-case undetected time.
 
-    They are in periods, and above `UNKNOWN` where there is no guarantee.
+    They are in periods, and above `_UNKNOWN` where there is no guarantee.
     """
     found = np.empty((OFFSETS, OFFSETS))
-    place = (float(half[0]), float(half[1]))
     for k, m in itertools.product(range(OFFSETS), range(OFFSETS)):
-        if min(k, m) > 0 and min(found[k - 1, m], found[k, m - 1]) >= UNKNOWN:  # farther away it is no better
+        if min(k, m) > 0 and min(found[k - 1, m], found[k, m - 1]) >= _UNKNOWN:  # farther away it is no better
             found[k, m] = max(found[k - 1, m], found[k, m - 1]) + 0.1
             continue
-        moved = around[None] + offset * np.array([k, m])
-        unvisited, gap = coverage(moved, place, room.sensing, coarse=True)
-        worst = math.inf
-        if unvisited == 0:
-            worst = worst_undetected_time(moved, place, room.sensing, room.target_speed, 1.0)
-        found[k, m] = min(worst / len(around), UNKNOWN + gap / len(around)) + UNKNOWN * unvisited
+        worst, unvisited, gap = _watched(half, around + offset * np.array([k, m]), room, coarse=True)
+        found[k, m] = min(worst / len(around), _UNKNOWN + gap / len(around)) + _UNKNOWN * unvisited
     return found
+
+
+def _watched(half: np.ndarray, loop: np.ndarray, room: Room, coarse: bool = False) -> tuple[float, float, float]:
+    """Return how one robot on a loop (K, 2) watches a rectangle.
+
+    Returns:
+        Worst-case undetected time [control step], share of places that are never visited, and longest time between two
+        visits [control step].
+    """
+    place = (float(half[0]), float(half[1]))
+    unvisited, gap = coverage(loop[None], place, room.sensing, coarse)
+    worst = math.inf
+    if unvisited == 0:
+        worst = worst_undetected_time(loop[None], place, room.sensing, room.target_speed, 1.0)
+    return worst, unvisited, gap
 
 
 def _loops_in(half: np.ndarray, room: Room, count: int) -> list[np.ndarray]:
@@ -194,15 +299,9 @@ def _loops_in(half: np.ndarray, room: Room, count: int) -> list[np.ndarray]:
         size = room.turning + np.array([share_x, share_y]) * (largest - room.turning)
         for corner in dict.fromkeys(np.linspace(room.turning, size.min(), 4).tolist()):
             loop = closed_loop(size[0], size[1], corner)
-            if loop is None or length_of(loop) > speed_on(corner, room) * count * (1 + 1e-9):
-                continue
-            around = evenly_spaced(loop, count)
-            place = (float(half[0]), float(half[1]))
-            visits = coverage(around[None], place, room.sensing)
-            worst = math.inf
-            if visits[0] == 0:
-                worst = worst_undetected_time(around[None], place, room.sensing, room.target_speed, 1.0)
-            found.append((worst, *visits, len(found), around))
+            if loop is not None and _is_drivable(loop, corner, room, count):
+                around = evenly_spaced(loop, count)
+                found.append((*_watched(half, around, room), len(found), around))
     found.sort(key=lambda each: each[:4])
     distinct: list[np.ndarray] = []
     for *_, around in found:

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from baselines.policies.neighbour_watch import PLACES, STATE, WORKS
+from baselines.policies.failures import PLACES, STATE, WORKS
 from baselines.policies.own_row import own_position, own_works
 from baselines.policies.path_tables import FINE as SAMPLES
 from baselines.policies.timed_paths import STEPS
@@ -11,39 +11,69 @@ from lissajous_env.device.curve import CurveStruct
 
 wp.set_module_options(OPTIONS)
 
-FINE = wp.constant(SAMPLES)
+_FINE = wp.constant(SAMPLES)
 SIDE = wp.constant(12)
 """Shifts that are compared to each side, along x and y."""
-FINER = 10
-"""Share of the distance from a stopped robot by which these differ."""
 
-SEEN = 0.98
-"""Share of the sensing radius within which a loop passes by corners, for cars that do not follow it exactly."""
+
+@wp.struct
+class Repair:
+    """The loops P of a takeover (`repair_plan.Takeover`) and the constants of the choice among them."""
+
+    shapes: int
+    """Loops of a case."""
+    first: int
+    """First sample of the loops in the tables of paths."""
+    every: int
+    """Samples from one that is compared to the next."""
+    spacing: float
+    """Distance of two shifts that are compared [m]."""
+    required: float
+    """Least distance of a loop from a stopped robot [m]."""
+    offset: float
+    """Spacing of the distances of `cost` [m]."""
+    sensing: float
+    """Distance within which a loop passes by corners [m]."""
+    drift: float
+    """Most by which the middle of a loop moves in a control step [m]."""
+    back: float
+    """The same on the way to the robot's own loop [m], so that the car stays in phase with the others."""
+    margins: wp.array2d(dtype=wp.vec4)
+    """(P, N) distances by which a loop can be moved to the left, down, to the right and up in the rectangle [m]."""
+    middles: wp.array2d(dtype=wp.vec2)
+    """(P, N) middles of the loops [m]."""
+    away: wp.array2d(dtype=wp.vec2)
+    """(P, N) `Takeover.away` [m]."""
+    cost: wp.array4d(dtype=float)
+    """(P, N, OFFSETS, OFFSETS) `Takeover.cost`."""
+    corners: wp.array2d(dtype=int)
+    """(P, N) `Takeover.corners`."""
+
+
+@wp.func
+def distance_of(repair: Repair, path: wp.array(dtype=wp.vec4), place: wp.vec2) -> float:
+    """Return the smallest distance of a loop from a place [m]."""
+    least = float(wp.inf)
+    for sample in range(repair.first, path.shape[0], repair.every):
+        least = wp.min(least, wp.length(wp.vec2(path[sample][0], path[sample][1]) - place))
+    return least
 
 
 @wp.func
 def clearance_of(
-    path: wp.array(dtype=wp.vec4), first: int, every: int, shift: wp.vec2, standing: wp.array(dtype=wp.vec3)
+    repair: Repair, path: wp.array(dtype=wp.vec4), shift: wp.vec2, standing: wp.array(dtype=wp.vec3)
 ) -> float:
     """Return the smallest distance of a shifted loop from the stopped robots [m]."""
     least = float(wp.inf)
     for k in range(standing.shape[0]):
         if standing[k][2] > 0.0:
-            place = wp.vec2(standing[k][0], standing[k][1]) - shift
-            for sample in range(first, path.shape[0], every):
-                least = wp.min(least, wp.length(wp.vec2(path[sample][0], path[sample][1]) - place))
+            least = wp.min(least, distance_of(repair, path, wp.vec2(standing[k][0], standing[k][1]) - shift))
     return least
 
 
 @wp.func
 def unseen_corners(
-    path: wp.array(dtype=wp.vec4),
-    first: int,
-    every: int,
-    shift: wp.vec2,
-    corners: int,
-    curve: CurveStruct,
-    sensing: float,
+    repair: Repair, path: wp.array(dtype=wp.vec4), shift: wp.vec2, corners: int, curve: CurveStruct
 ) -> float:
     """Return the sum of the distances of a shifted loop from corners that it never senses [sensing radii]."""
     unseen = float(0.0)
@@ -53,11 +83,9 @@ def unseen_corners(
                 wp.where(k % 2 == 1, curve.half_width, -curve.half_width),
                 wp.where(k / 2 == 1, curve.half_height, -curve.half_height),
             )
-            least = float(wp.inf)
-            for sample in range(first, path.shape[0], every):
-                least = wp.min(least, wp.length(wp.vec2(path[sample][0], path[sample][1]) + shift - corner))
-            if least > sensing:
-                unseen += least / sensing
+            least = distance_of(repair, path, corner - shift)
+            if least > repair.sensing:
+                unseen += least / repair.sensing
     return unseen
 
 
@@ -87,25 +115,47 @@ def case_of_neighbours(watched: wp.array4d(dtype=float), cases: wp.array2d(dtype
 
 
 @wp.kernel
-def take_over(
-    first: int,
-    every: int,
-    shapes: int,
-    spacing: float,
-    required: float,
-    offset: float,
-    drift: float,
-    back: float,
-    pose: wp.array3d(dtype=wp.vec4),
-    margins: wp.array2d(dtype=wp.vec4),
-    middles: wp.array2d(dtype=wp.vec2),
-    away: wp.array2d(dtype=wp.vec2),
-    costs: wp.array4d(dtype=float),
+def case_of_line(
+    reach: float,
+    along: wp.vec2,
+    lines: wp.array2d(dtype=int),
+    centres: wp.array(dtype=wp.vec2),
+    news: wp.array3d(dtype=float),
     cases: wp.array2d(dtype=int),
     home: wp.array2d(dtype=wp.vec2),
+):
+    """Divide each line of cells evenly among its working robots: count the others, and place each robot.
+
+    `reach` is half of the rectangle's extent along the lines [m], `along` their direction, `lines` (N, L) the robots
+    of each robot's line in order, -1 for none, `home` how far the middle of its share is from that of its cell [m].
+    """
+    w, i = wp.tid()
+    failed = int(0)
+    shares = int(0)
+    rank = int(0)
+    for k in range(lines.shape[1]):
+        j = lines[i, k]
+        if j == i:
+            rank = shares
+        if j >= 0:
+            if j != i and news[w, i, j] < 0.0:
+                failed += 1
+            else:
+                shares += 1
+    cases[w, i] = failed
+    home[w, i] = wp.vec2(0.0, 0.0)
+    if failed > 0:
+        middle = reach * (float(2 * rank + 1) / float(shares) - 1.0)
+        home[w, i] = (middle - wp.dot(centres[i], along)) * along
+
+
+@wp.kernel
+def take_over(
+    repair: Repair,
     curve: CurveStruct,
-    sensing: float,
-    corners: wp.array2d(dtype=int),
+    pose: wp.array3d(dtype=wp.vec4),
+    cases: wp.array2d(dtype=int),
+    home: wp.array2d(dtype=wp.vec2),
     observation: wp.array3d(dtype=float),
     standing: wp.array3d(dtype=wp.vec3),
     avoided: wp.array3d(dtype=wp.vec3),
@@ -117,24 +167,20 @@ def take_over(
 
     Of those that are clear it is the one of the least cost (`Takeover`), in which a corner of the rectangle that the
     robot alone watches counts for more than any place if the loop never senses it. Then it is the nearest to `home`,
-    the shift that is best without stopped robots. The middle of the loop drifts by up to `drift` [m] in a control step,
-    and by up to `back` towards the robot's own loop, so that the car stays in phase with the others.
-
-    `every` is how many samples of a path are passed over at a time, `margins` how far a loop can be moved to the left,
-    down, to the right and up within the rectangle [m], `middles` are the middles of all loops, `corners` those of
-    `Takeover`, and `target` is the shift that was chosen, and the home that it was chosen for. A robot that has failed
-    keeps its loop, for which the others leave room when it resumes.
+    the shift that is best without stopped robots. `target` is the shift that was chosen, and the home that it was
+    chosen for. A robot that has failed keeps its loop, for which the others leave room when it resumes.
     """
     w, i = wp.tid()
     if not own_works(w, i, observation):
         return
     now = cases[w, i]
     before = target[w, i]
-    changed = now != plan[w, i] / shapes or wp.length(home[w, i] - wp.vec2(before[2], before[3])) > 0.25 * spacing
+    near = 0.25 * repair.spacing
+    changed = now != plan[w, i] / repair.shapes or wp.length(home[w, i] - wp.vec2(before[2], before[3])) > near
     stands = float(0.0)
     for k in range(PLACES):
         stands += standing[w, i, k][2]
-        if wp.length(standing[w, i, k] - avoided[w, i, k]) > 0.25 * spacing:
+        if wp.length(standing[w, i, k] - avoided[w, i, k]) > near:
             changed = True
     if changed:
         for k in range(PLACES):
@@ -142,37 +188,37 @@ def take_over(
         best = wp.vec2(0.0, 0.0)
         best_shape = int(0)
         best_cost = float(wp.inf)
-        for shape in range(shapes):
-            path = pose[now * shapes + shape, i]
-            margin = margins[now * shapes + shape, i]
+        for shape in range(repair.shapes):
+            loop = now * repair.shapes + shape
+            path = pose[loop, i]
+            margin = repair.margins[loop, i]
             for row in range(-SIDE, SIDE + 1):
                 for column in range(-SIDE, SIDE + 1):
-                    x = wp.clamp(home[w, i][0] + float(column) * spacing, margin[0], margin[2])
-                    y = wp.clamp(home[w, i][1] + float(row) * spacing, margin[1], margin[3])
+                    x = wp.clamp(home[w, i][0] + float(column) * repair.spacing, margin[0], margin[2])
+                    y = wp.clamp(home[w, i][1] + float(row) * repair.spacing, margin[1], margin[3])
                     tried = wp.vec2(x, y)
                     moved = tried - home[w, i]
                     # A collision costs more than a corner where targets hide, that more than any place, and that more
                     # than a shift.
-                    cost = 0.01 * wp.length(moved) / required
-                    cost += cost_of(costs[now * shapes + shape, i], away[now * shapes + shape, i] + moved, offset)
+                    cost = 0.01 * wp.length(moved) / repair.required
+                    cost += cost_of(repair.cost[loop, i], repair.away[loop, i] + moved, repair.offset)
                     if stands > 0.0 and cost < best_cost:
-                        missed = wp.max(required - clearance_of(path, first, every, tried, standing[w, i]), 0.0)
-                        cost += 1000.0 * missed / required
+                        missed = repair.required - clearance_of(repair, path, tried, standing[w, i])
+                        cost += 1000.0 * wp.max(missed, 0.0) / repair.required
                     if stands > 0.0 and cost < best_cost:
-                        seen_from = corners[now * shapes + shape, i]
-                        cost += 20.0 * unseen_corners(path, first, every, tried, seen_from, curve, sensing)
+                        cost += 20.0 * unseen_corners(repair, path, tried, repair.corners[loop, i], curve)
                     if cost < best_cost and (stands > 0.0 or (row == 0 and column == 0)):
                         best_cost = cost
                         best = tried
                         best_shape = shape
             if stands == 0.0:  # the first is the best
                 break
-        chosen = now * shapes + best_shape
-        shift[w, i] += middles[plan[w, i], i] - middles[chosen, i]
+        chosen = now * repair.shapes + best_shape
+        shift[w, i] += repair.middles[plan[w, i], i] - repair.middles[chosen, i]
         plan[w, i] = chosen
         target[w, i] = wp.vec4(best[0], best[1], home[w, i][0], home[w, i][1])
     rest = wp.vec2(target[w, i][0], target[w, i][1]) - shift[w, i]
-    most = wp.where(now == 0, back, drift)
+    most = wp.where(now == 0, repair.back, repair.drift)
     shift[w, i] += rest * wp.min(1.0, most / wp.max(wp.length(rest), 1.0e-9))
 
 
@@ -188,24 +234,23 @@ def take_clear(
     memory: wp.array3d(dtype=float),
     observation: wp.array3d(dtype=float),
     clear_of_all: wp.array3d(dtype=float),
-    count: wp.array2d(dtype=int),
     clear_of_standing: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
     """Take the actions of collision filters instead: of one for all robots, or only for stopped ones.
 
     The first counts up to control step `until`, and for a robot that is farther from its reference than `tolerance`
-    [m], for others do not expect it there. `count` is 0 where the second leaves the action as it is.
+    [m], for others do not expect it there.
     """
     w, i = wp.tid()
     steps = memory[w, i, STEPS]  # already those after this control step
     path = pose[plan[w, i], i]
-    at = path[first + wp.max(FINE * (int(steps) - 1) - first, 0) % (path.shape[0] - first)]
+    at = path[first + wp.max(_FINE * (int(steps) - 1) - first, 0) % (path.shape[0] - first)]
     off = own_position(w, i, curve, observation) - shift[w, i] - wp.vec2(at[0], at[1])
     if steps <= until or wp.length(off) > tolerance:
         action_out[w, i, 0] = clear_of_all[w, i, 0]
         action_out[w, i, 1] = clear_of_all[w, i, 1]
-    elif count[w, i] > 0:
+    else:
         action_out[w, i, 0] = clear_of_standing[w, i, 0]
         action_out[w, i, 1] = clear_of_standing[w, i, 1]
 

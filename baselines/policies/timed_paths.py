@@ -24,8 +24,6 @@ theory and examples", International Journal of Control 61 (1995).
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -35,6 +33,7 @@ from baselines.policies.base import Policy
 from baselines.policies.driving import steady_speed
 from baselines.policies.own_row import own_heading, own_position, own_speed, own_works
 from baselines.policies.path_tables import FINE, PathTables
+from baselines.policies.safety.filter import Safe, SafetyParameters
 from baselines.similarity import manoeuvring_length, motion_scale
 from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS
@@ -43,7 +42,6 @@ from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.checks import Checked, flag, number
 
 wp.set_module_options(OPTIONS)
 
@@ -53,48 +51,45 @@ STEPS, PROGRESS, PLAN, PUSH_BIAS, TURN_RATIO = (wp.constant(k) for k in range(5)
 NEXT_SPEED, NEXT_HEADING, NEXT_TURN = (wp.constant(k) for k in range(5, 8))
 MEMORY = 8
 
-
-@dataclass(frozen=True)
-class TrackingParameters(Checked):
-    """Parameters of the following of timed paths, besides the scenario; None is derived from it."""
-
-    settling: float | None = number(None, 1e-6, 1e6, "s")
-    """Time constant of an error [s]; None is 0.12 s in the time scale of the paper's experiment, and at least 0.8
-    control steps, and for differential drives the time 1 / sqrt(yaw acceleration): they weave if it is shorter."""
-    approach: float = number(1.5, 0.05, 1.57, "rad")
-    """Largest angle at which a car approaches its path [rad]."""
-    catch_up: float = number(0.5, 0.01, 10)
-    """Largest share of the path's speed by which a car that is late drives faster, or one that is early slower."""
-    learning: float = number(0.1, 0, 1)
-    """Share of its prediction error by which a car corrects its model of itself in each control step."""
-    waits: bool = flag(False)
-    """True if a car that has stopped beside its loop waits until its reference passes, instead of following it."""
+_SETTLING, _SETTLING_STEPS = 0.12, 0.8
+"""Time constant of an error [s] in the time scale of the paper's experiment, and the least one [control step]; that of
+differential drives is at least 1 / sqrt(yaw acceleration), for they weave if it is shorter."""
+_APPROACH = wp.constant(1.5)
+"""Largest angle at which a car approaches its path [rad]."""
+_CATCH_UP = wp.constant(0.5)
+"""Largest share of the path's speed by which a car that is late drives faster, or one that is early slower."""
+_LEARNING = wp.constant(0.1)
+"""Share of its prediction error by which a car corrects its model of itself in each control step."""
+ARRIVING = SafetyParameters(clearance=0.07, growth=0.2)
+"""Parameters of the collision filter of cars on the way to their loops, which give way earlier than those on loops."""
 
 
 @wp.struct
 class Tracking:
-    """Constants of the following: `step` h and `settling` [s], `room` [m], counts of control steps, parameters."""
+    """Constants of the following."""
 
     step: float
+    """Control step h [s]."""
     pole: float
-    approach: float
-    catch_up: float
-    learning: float
+    """Pole p of an error, exp(-h / settling)."""
     room: float
+    """Length in which a car manoeuvres [m]."""
     lead_in: int
+    """Length of the lead-in [control steps]."""
     loop: int
+    """Length of the loop [control steps]."""
     waits: int
+    """1 if a car that has stopped beside its loop waits until its reference passes."""
 
 
-def tracking_of(scenario: Scenario, tables: PathTables, parameters: TrackingParameters) -> Any:
+def tracking_of(scenario: Scenario, tables: PathTables, waits: bool) -> Any:
     """Return the constants of the following of timed paths in a scenario."""
     step, tracking = scenario.task.step, Tracking()
-    least = max(0.8 * step, (scenario.robot.yaw_acceleration_max or math.inf) ** -0.5)
-    settling = parameters.settling or max(0.12 * motion_scale(scenario).time, least)
+    least = max(_SETTLING_STEPS * step, scenario.robot.top_yaw_acceleration**-0.5)
+    settling = max(_SETTLING * motion_scale(scenario).time, least)
     tracking.step, tracking.pole = step, math.exp(-step / settling)
-    tracking.approach, tracking.catch_up = parameters.approach, parameters.catch_up
-    tracking.learning, tracking.room = parameters.learning, manoeuvring_length(scenario.robot)
-    tracking.lead_in, tracking.loop, tracking.waits = tables.lead_in, tables.loop, int(parameters.waits)
+    tracking.room, tracking.waits = manoeuvring_length(scenario.robot), int(waits)
+    tracking.lead_in, tracking.loop = tables.lead_in, tables.loop
     return tracking
 
 
@@ -162,7 +157,7 @@ def learned(memory: wp.array(dtype=float), heading: float, speed: float, trackin
     """Learn from the prediction of the control step before: the motor's bias [m/s^2], and the ratio of curvatures."""
     turn = memory[NEXT_TURN]
     if memory[NEXT_SPEED] > 0.0:
-        share = tracking.learning
+        share = _LEARNING
         memory[PUSH_BIAS] += share * (speed - memory[NEXT_SPEED]) / tracking.step
         # Least mean squares, normalised: a turn of less than 0.1 rad contains little information.
         missed = wrap(heading - memory[NEXT_HEADING])
@@ -213,12 +208,12 @@ def follow_paths(
 
     gains = integrator_gains(tracking.pole)
     way = wp.max(speed, wp.max(0.25 * at[3], least_speed)) * tracking.step
-    aside = wp.clamp(wp.atan(gains[0] / gains[1] * left / way), -tracking.approach, tracking.approach)
+    aside = wp.clamp(wp.atan(gains[0] / gains[1] * left / way), -_APPROACH, _APPROACH)
     curvature = ahead[0] - gains[1] / way * (turned + aside)
 
     grip = wp.sqrt(robot.lateral_acceleration_max / wp.max(wp.abs(curvature), 1.0e-3 / tracking.room))
-    more = wp.max(wp.min(tracking.catch_up * at[3], grip - at[3]), 0.0)
-    late = wp.clamp(gains[0] / gains[1] * behind / tracking.step, -tracking.catch_up * at[3], more)
+    more = wp.max(wp.min(_CATCH_UP * at[3], grip - at[3]), 0.0)
+    late = wp.clamp(gains[0] / gains[1] * behind / tracking.step, -_CATCH_UP * at[3], more)
     if wp.abs(left) > 2.0 * tracking.room:  # there is no use in being in time far from the path
         late = more
     acceleration = ahead[1] + gains[1] / tracking.step * (at[3] - speed + late)
@@ -255,13 +250,26 @@ def follow_paths(
     known[STEPS] = steps + 1.0
 
 
+@wp.kernel
+def take_filtered(
+    until: float,
+    memory: wp.array3d(dtype=float),
+    filtered: wp.array3d(dtype=float),
+    action_out: wp.array3d(dtype=float),
+):
+    """Take the actions of the collision filter up to a control step."""
+    w, i = wp.tid()
+    if memory[w, i, STEPS] <= until:
+        for k in range(action_out.shape[2]):
+            action_out[w, i, k] = filtered[w, i, k]
+
+
 class TimedPaths(Policy):
     """Cars that follow timed paths: tables of where each robot is to be at each control step.
 
-    Worlds may follow different plans of one set of tables, which all have the same lengths of lead-in and loop. A
-    subclass may write `plan` (W, N) and `shift` (W, N, 2) [m], of each robot, in `decide` before it calls `follow`: a
-    robot whose plan changes joins the other path where it is near, of like heading and in time; `shift` moves a robot's
-    paths. Time counts from the reset of a world.
+    A subclass may write `plan` (W, N), the plan of the tables that a robot follows, and `shift` (W, N, 2) [m] in
+    `decide` before it calls `follow`: a robot whose plan changes joins the other path where it is near, of like heading
+    and in time; `shift` moves a robot's paths. Time counts from the reset of a world.
 
     A robot that has failed and resumes makes up for the time: on the lead-in it drives after its reference, on the
     loop it catches up or waits, whichever is less.
@@ -271,11 +279,13 @@ class TimedPaths(Policy):
         num_worlds: W.
         device: Warp device.
         tables: The timed paths, of `baselines.policies.path_tables.path_tables`.
-        plan: (W,) plan of each world; by default plan 0, or plan w in world w where there are W plans.
-        parameters: Gains and limits.
+        by_world: True if world w follows plan w; otherwise all follow plan 0.
+        filtered_until: Duration of the collision filter, for cars that do not know where the others start [control
+            step].
+        waits: True if a car that has stopped beside its loop waits until its reference passes, instead of following it.
 
     Raises:
-        ValueError: tables of another number of robots, or a plan that is not among them.
+        ValueError: tables of another number of robots.
     """
 
     kind = "car"
@@ -289,30 +299,30 @@ class TimedPaths(Policy):
         device: Any = "cpu",
         *,
         tables: PathTables,
-        plan: Sequence[int] | np.ndarray | None = None,
-        parameters: TrackingParameters | None = None,
+        by_world: bool = False,
+        filtered_until: float = 0.0,
+        waits: bool = False,
     ):
         super().__init__(scenario, num_worlds, device)
-        plans, robots = tables.pose.shape[:2]
-        if robots != self.num_robots:
-            raise ValueError(f"tables must be of {self.num_robots} robots, got {robots}")
-        if plan is None:
-            plan = np.arange(self.num_worlds) if plans == self.num_worlds else np.zeros(self.num_worlds, int)
-        chosen = np.asarray(plan)
-        if chosen.shape != (self.num_worlds,) or not ((chosen >= 0) & (chosen < plans)).all():
-            rule = f"must be {self.num_worlds} whole numbers from 0 to {plans - 1}, one per world"
-            raise ValueError(f"plan {rule}, got {plan!r}")
+        if tables.pose.shape[1] != self.num_robots:
+            raise ValueError(f"tables must be of {self.num_robots} robots, got {tables.pose.shape[1]}")
         self.tables = tables
-        self.tracking = parameters or TrackingParameters()
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
-        self._tracking = tracking_of(self.scenario, tables, self.tracking)
+        self._tracking = tracking_of(self.scenario, tables, waits)
         self._pose = wp.array(tables.pose, dtype=wp.vec4, device=self.device)
         self._feedforward = wp.array(tables.feedforward, dtype=wp.vec2, device=self.device)
-        self._first_plan = np.repeat(chosen.astype(np.int32)[:, None], robots, axis=1)
+        self._first_plan = np.zeros(self.shape, dtype=np.int32)
+        if by_world:
+            self._first_plan += np.arange(self.num_worlds, dtype=np.int32)[:, None]
         self.plan = wp.array(self._first_plan, dtype=wp.int32, device=self.device)
         self.shift = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
         self._memory = wp.zeros((*self.shape, MEMORY), dtype=wp.float32, device=self.device)
+        self._filtered_until, self._filter = filtered_until, None
+        if filtered_until > 0:
+            self._filter = Safe(self.scenario, num_worlds, self.device, ARRIVING.of(self.scenario))
+            if self.communicates == "nothing":
+                self.communicates = self._filter.communicates
 
     def forget(self, mask: np.ndarray) -> None:
         """Reset the time, the progress and the cars' models of themselves; restore the plan."""
@@ -324,6 +334,9 @@ class TimedPaths(Policy):
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         self.follow(observation)
+        if self._filter is not None:
+            filtered = self._filter(observation, self.action)
+            self.launch(take_filtered, self.shape, [self._filtered_until, self._memory, filtered], [self.action])
 
     def follow(self, observation: wp.array) -> None:
         """Write the `action` that follows the paths of `plan`."""

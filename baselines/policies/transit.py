@@ -8,25 +8,52 @@ first: each enters its loop as early as it can without coming near the cars befo
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from baselines.policies.driving import SPREAD_MAX, slowest_top_speed
 from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses, dubins_reach
+from baselines.policies.loop_shapes import RESERVE, TURN, PartitionParameters
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
+from lissajous_env.theory.geometry import turning_radius
 from lissajous_env.world.robots.facing import start_headings
 
+_ROOM = 1.02
+"""Corners are wider than the tightest turn of the widest-turning car by this factor."""
 _PROFILE = np.linspace(0, 1, 21)
 _TRIES = 24
 """Orders of the cars that are tried."""
 _PER_ROBOT = 60
 """Paths of a car that are tried in an order, the earliest first."""
+_LONGEST = 6.0
+"""Longest planned transit, in the time in which a car drives half of the rectangle's half perimeter."""
+
+
+def turning_radius_of(scenario: Scenario) -> float:
+    """Return the radius that all cars of a scenario can turn on, the one of the longest wheelbase included [m]."""
+    spread = 1 + SPREAD_MAX * scenario.noise.wheelbase_spread
+    return _ROOM * spread * turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
+
+
+def required_distance(scenario: Scenario, parameters: PartitionParameters) -> float:
+    """Return the least distance of two robots in a plan [m]."""
+    radius = scenario.robot.radius
+    return 2 * radius + (radius if parameters.clearance is None else parameters.clearance)
+
+
+def slowest_speed(scenario: Scenario) -> float:
+    """Return the speed below which a car cannot drive for long [m/s]."""
+    robot = scenario.robot
+    if robot.throttle_min <= robot.dead_zone:
+        return 0.0
+    return max((robot.drive * robot.throttle_min - robot.offset) / robot.drag, 0.0)
 
 
 @dataclass(frozen=True)
 class Car:
-    """Constants of cars for a transit."""
+    """Limits of the weakest car of a scenario in a transit."""
 
     turning: float
     """Radius of turns [m]."""
@@ -35,11 +62,22 @@ class Car:
     slowest: float
     """Smallest speed [m/s]."""
     top_speed: float
-    """Steady speed at full throttle of the weakest car [m/s]."""
+    """Steady speed at full throttle [m/s]."""
     drag: float
     """Damping of the speed [1/s]."""
-    within: tuple[float, float] = (math.inf, math.inf)
-    """Half width and half height of the rectangle that the car does not leave [m]."""
+    within: tuple[float, float]
+    """Half width and half height of the rectangle that the car does not leave [m]; infinite without an inset."""
+
+    @classmethod
+    def of(cls, scenario: Scenario, parameters: PartitionParameters) -> "Car":
+        """Return the limits of the cars of a scenario."""
+        robot, turning, driven = scenario.robot, turning_radius_of(scenario), scenario.driven
+        speed = parameters.speed or RESERVE * robot.top_speed
+        grip = math.sqrt(RESERVE * robot.lateral_acceleration_max * turning)
+        speed = min(speed, TURN * turning / scenario.task.step, grip)
+        slowest = max(1.02 * slowest_speed(scenario), 0.15 * robot.top_speed)
+        within = (driven.half_width, driven.half_height) if scenario.inset else (math.inf, math.inf)
+        return cls(turning, max(speed, slowest), slowest, slowest_top_speed(scenario), robot.drag, within)
 
 
 def start_is_known(scenario: Scenario) -> bool:
@@ -64,157 +102,148 @@ def formation_starts(scenario: Scenario, turned: Any = 0.0) -> tuple[np.ndarray,
     return pose, speed
 
 
-def loop_poses(loop: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the poses (N, K, 3), x, y [m] and heading [rad], and speeds (N, K) [m/s] on loops (N, K, 2)."""
-    velocity = (np.roll(loop, -1, axis=1) - np.roll(loop, 1, axis=1)) / (2 * step)
-    heading = np.arctan2(velocity[..., 1], velocity[..., 0])
-    pieces = np.linalg.norm(np.diff(loop, axis=1, append=loop[:, :1]), axis=2)
-    return np.concatenate([loop, heading[..., None]], axis=-1), (pieces + np.roll(pieces, 1, axis=1)) / (2 * step)
+def speed_of(loop: np.ndarray, step: float) -> float:
+    """Return the largest speed on loops (..., K, 2) [m], one place a control step [s], in m/s."""
+    pieces = np.linalg.norm(loop - np.roll(loop, 1, axis=-2), axis=-1)
+    return max(float(pieces.max()) / step, 1e-3)
 
 
-def transit(
-    start: np.ndarray,
-    speed: np.ndarray,
-    loop: np.ndarray,
-    car: Car,
-    apart: float,
-    step: float,
-    longest: int,
-    assignments: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the lead-in (N, L, 2) of each robot and the loop that it goes around, by robot; None if there is none.
+def arrival_steps(scenario: Scenario, loop: np.ndarray, speed: float) -> int:
+    """Return the time after which cars of a speed [m/s] are on loops (..., K, 2) from any start [control step]."""
+    time = 2 * (scenario.curve.half_width + scenario.curve.half_height) / speed
+    return math.ceil(time / scenario.task.step) + 2 * loop.shape[-2]
+
+
+class Transit(NamedTuple):
+    """The ways of a team into its loops."""
+
+    lead_in: np.ndarray
+    """(N, L, 2) places of the robots at control steps 0 to L - 1 [m]."""
+    loop: np.ndarray
+    """(N, K, 2) places on their loops from control step L on [m]."""
+    chosen: np.ndarray
+    """(N,) loop of each robot."""
+
+
+def planned_transit(
+    scenario: Scenario, loop: np.ndarray, parameters: PartitionParameters, assignments: np.ndarray | None = None
+) -> Transit | None:
+    """Return the ways from the equilibrium into loops, without collisions; None if none are found.
 
     Args:
-        start: (N, 3) x, y [m] and heading [rad] of the robots at the start.
-        speed: (N,) speeds at the start [m/s].
+        scenario: The scenario, of cars whose start is known.
         loop: (N, K, 2) places on the loops at control steps 0, 1 ... of the episode [m].
-        car: Constants of the cars.
-        apart: Least distance of two robots [m]; less where two start nearer.
-        step: Control step [s].
-        longest: Longest transit [control steps].
+        parameters: Their speed and clearance limit the ways.
         assignments: (A, N) loops of the robots that may be chosen; all by default.
-
-    Returns:
-        (N, L, 2) places at control steps 0 to L - 1 [m], and the loop (N,) of each robot.
     """
-    pose, loop_speed = loop_poses(loop, step)
-    times = np.arange(2, longest + 1)
-    at = times % loop.shape[1]
-    entry, entry_speed = pose[:, at], loop_speed[:, at, None]
-    arrival = []
-    for place, before in zip(start, speed, strict=True):  # one by one: all together need gigabytes for large teams
-        _, possible = _drivable(place, before, entry, entry_speed, times, car, step)
-        arrival.append(np.where(possible.any(axis=2), times, np.inf).min(axis=1))
-    arrival = np.array(arrival)
+    search = _Search(scenario, loop, Car.of(scenario, parameters))
+    arrival = search.arrival()
     if not np.isfinite(arrival).any(axis=1).all():
         return None
-    cost = np.where(np.isfinite(arrival), arrival, 100.0 * longest) ** 4
-    robots = np.arange(len(start))
+    cost = np.where(np.isfinite(arrival), arrival, 100.0 * search.times[-1]) ** 4
+    robots = np.arange(len(loop))
     if assignments is None:
         from scipy.optimize import linear_sum_assignment  # slow to import
 
         chosen = linear_sum_assignment(cost)[1]
     else:
         chosen = assignments[np.argmin(cost[robots, assignments].sum(axis=1))]
-    if not np.isfinite(arrival[robots, chosen]).all():
+    arrival = arrival[robots, chosen]
+    if not np.isfinite(arrival).all():
         return None
-    ways = [
-        _Ways(i, start[i], speed[i], loop[k], entry[[k]], entry_speed[[k]], loop_speed[k], times, car, step)
-        for i, k in enumerate(chosen)
-    ]
-    draw, order = np.random.default_rng(0), np.argsort(-arrival[robots, chosen], kind="stable")
-    for _ in range(_TRIES):
-        found = _selected([ways[i] for i in order], apart)
-        if isinstance(found, dict):
-            last = max(way[1] for way in found.values())
-            return np.stack([found[int(i)][0][: 2 * last : 2] for i in robots]), chosen
-        # The car without a way goes first in the next order.
-        rest = [i for i in order if i != found]
-        order = np.array([found, *(rest if draw.random() < 0.5 else draw.permutation(rest))], dtype=int)
-    return None
+    lead_in = search.lead_in(chosen, arrival, required_distance(scenario, parameters))
+    return None if lead_in is None else Transit(lead_in, np.roll(loop[chosen], -lead_in.shape[1], axis=1), chosen)
 
 
-def _drivable(
-    start: np.ndarray,
-    before: float,
-    pose: np.ndarray,
-    after: np.ndarray,
-    times: np.ndarray,
-    car: Car,
-    step: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pieces (M, T, 6, 3) of a robot's paths into M loops [m], and which of these it can drive (M, T, 6).
+class _Search:
+    """The search for the ways of cars from the equilibrium of a scenario into loops (N, K, 2) [m]."""
 
-    Args:
-        start: (3,) pose at the start.
-        before: Speed at the start [m/s].
-        pose: (M, T, 3) poses on the loops at the times of arrival.
-        after: (M, T, 1) speeds there [m/s].
-        times: (T,) times of arrival [control step].
-        car: Constants of the cars.
-        step: Control step [s].
-    """
-    pieces = dubins_lengths(start, pose, car.turning)
-    lengths, duration = pieces.sum(axis=-1), (times * step)[:, None]
-    swell = lengths / duration - (before + after) / 2
-    possible = np.isfinite(lengths)
-    if np.isfinite(car.within).all():
-        reach = dubins_reach(start, np.where(possible[..., None], pieces, 0.0), TURNS, np.array(car.turning))
-        possible &= (reach <= np.maximum(car.within, np.abs(start[:2])) * (1 + 1e-9)).all(axis=-1)
-    for share in _PROFILE:
-        speed = before + (after - before) * share + 6 * swell * share * (1 - share)
-        gain = (after - before + 6 * swell * (1 - 2 * share)) / duration
-        possible &= speed >= np.minimum(car.slowest, 0.9 * np.minimum(before, after)) - 1e-9 * car.speed
-        possible &= speed <= np.maximum(car.speed, np.maximum(before, after)) * (1 + 1e-9)
-        possible &= (gain <= car.drag * (car.top_speed - speed)) & (gain >= -0.85 * car.drag * speed)
-    return pieces, possible
+    def __init__(self, scenario: Scenario, loop: np.ndarray, car: Car):
+        self.loop, self.car, self.step = loop, car, scenario.task.step
+        self.start, self.speed = formation_starts(scenario)
+        time = _LONGEST * (scenario.curve.half_width + scenario.curve.half_height) / speed_of(loop, self.step)
+        self.times = np.arange(2, math.ceil(time / self.step) + 1)
+        velocity = (np.roll(loop, -1, axis=1) - np.roll(loop, 1, axis=1)) / (2 * self.step)
+        heading = np.arctan2(velocity[..., 1], velocity[..., 0])
+        pieces = np.linalg.norm(np.diff(loop, axis=1, append=loop[:, :1]), axis=2)
+        self.loop_speed = (pieces + np.roll(pieces, 1, axis=1)) / (2 * self.step)
+        at = self.times % loop.shape[1]
+        self.entry = np.concatenate([loop, heading[..., None]], axis=-1)[:, at]
+        self.entry_speed = self.loop_speed[:, at, None]
 
+    def arrival(self) -> np.ndarray:
+        """Return the earliest arrival (N, N) of each robot on each loop [control step]; infinite if there is none."""
+        arrival = []
+        for robot in range(len(self.loop)):  # one by one: all together need gigabytes for large teams
+            _, possible = self.drivable(robot, slice(None))
+            arrival.append(np.where(possible.any(axis=2), self.times, np.inf).min(axis=1))
+        return np.array(arrival)
 
-class _Ways:
-    """The drivable ways of a robot into its loop, the earliest first."""
+    def drivable(self, robot: int, loops: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pieces (M, T, 6, 3) of a robot's paths into M loops [m], and which of these it can drive."""
+        car, start, before, after = self.car, self.start[robot], self.speed[robot], self.entry_speed[loops]
+        pieces = dubins_lengths(start, self.entry[loops], car.turning)
+        lengths, duration = pieces.sum(axis=-1), (self.times * self.step)[:, None]
+        swell = lengths / duration - (before + after) / 2
+        possible = np.isfinite(lengths)
+        if np.isfinite(car.within).all():
+            reach = dubins_reach(start, np.where(possible[..., None], pieces, 0.0), TURNS, np.array(car.turning))
+            possible &= (reach <= np.maximum(car.within, np.abs(start[:2])) * (1 + 1e-9)).all(axis=-1)
+        for share in _PROFILE:
+            speed = before + (after - before) * share + 6 * swell * share * (1 - share)
+            gain = (after - before + 6 * swell * (1 - 2 * share)) / duration
+            possible &= speed >= np.minimum(car.slowest, 0.9 * np.minimum(before, after)) - 1e-9 * car.speed
+            possible &= speed <= np.maximum(car.speed, np.maximum(before, after)) * (1 + 1e-9)
+            possible &= (gain <= car.drag * (car.top_speed - speed)) & (gain >= -0.85 * car.drag * speed)
+        return pieces, possible
 
-    def __init__(self, robot, start, speed, loop, entry, entry_speed, loop_speed, times, car, step):
-        self.robot, self.car, self.step = robot, car, step
-        self.start, self.speed, self.loop, self.loop_speed, self.times = start, speed, loop, loop_speed, times
-        (self.pieces,), (possible,) = _drivable(start, speed, entry, entry_speed, times, car, step)
-        which = np.argwhere(possible)
-        lengths = self.pieces.sum(axis=-1)[which[:, 0], which[:, 1]]
-        self.which = which[np.lexsort((lengths, which[:, 0]))][:_PER_ROBOT]
+    def ways(self, robot: int, loop: Any) -> list[tuple[int, np.ndarray, np.ndarray]]:
+        """Return the arrival [control step], the pieces [m] and the turns of a robot's ways, the earliest first."""
+        (pieces,), (possible,) = self.drivable(robot, [loop])
+        rows, words = np.nonzero(possible)
+        order = np.lexsort((pieces.sum(axis=-1)[rows, words], rows))[:_PER_ROBOT]
+        return [(int(self.times[rows[k]]), pieces[rows[k], words[k]], TURNS[words[k]]) for k in order]
 
-    def places(self, k: int, halves: int) -> tuple[np.ndarray, int]:
-        """Return the places (halves, 2) at every half control step of way k [m], and its arrival [control step]."""
-        row, word = self.which[k]
-        arrives = int(self.times[row])
-        duration, count = arrives * self.step, len(self.loop)
-        pieces = self.pieces[row, word]
-        after = self.loop_speed[arrives % count]
-        swell = pieces.sum() / duration - (self.speed + after) / 2
+    def places(self, robot: int, loop: Any, arrives: int, pieces: np.ndarray, turns: np.ndarray) -> np.ndarray:
+        """Return the places (H, 2) of a robot at every half control step of a way, and then of its loop [m]."""
+        around, halves = self.loop[loop], 2 * int(self.times[-1]) + 2 * self.loop.shape[1]
+        duration, before, after = arrives * self.step, self.speed[robot], self.loop_speed[loop, arrives % len(around)]
+        swell = pieces.sum() / duration - (before + after) / 2
         share = np.arange(2 * arrives) / (2 * arrives)
-        along = duration * (
-            self.speed * share + (after - self.speed) * share**2 / 2 + swell * share**2 * (3 - 2 * share)
-        )
-        lead = dubins_poses(self.start, pieces, TURNS[word], np.array(self.car.turning), along)[:, :2]
-        onward = np.arange(2 * arrives, max(halves, 2 * arrives))
-        ends = self.loop[onward // 2 % count], self.loop[(onward + 1) // 2 % count]
-        return np.concatenate([lead, (ends[0] + ends[1]) / 2]), arrives
+        along = duration * (before * share + (after - before) * share**2 / 2 + swell * share**2 * (3 - 2 * share))
+        lead = dubins_poses(self.start[robot], pieces, turns, np.array(self.car.turning), along)[:, :2]
+        onward = np.arange(2 * arrives, halves)
+        ends = around[onward // 2 % len(around)], around[(onward + 1) // 2 % len(around)]
+        return np.concatenate([lead, (ends[0] + ends[1]) / 2])
 
+    def lead_in(self, chosen: np.ndarray, arrival: np.ndarray, apart: float) -> np.ndarray | None:
+        """Return the lead-in (N, L, 2) of robots with chosen loops (N,) that stay apart [m]; None if none is found.
 
-def _selected(ways: list[_Ways], apart: float) -> dict[int, tuple[np.ndarray, int]] | int:
-    """Return the places and the arrival of each robot, selected in an order, or the robot that has no way."""
-    halves = 2 * int(ways[0].times[-1]) + 2 * len(ways[0].loop)
-    found: dict[int, tuple[np.ndarray, int]] = {}
-    for way in ways:
-        for k in range(len(way.which)):
-            places, arrives = way.places(k, halves)
-            clear = True
-            for other, _ in found.values():
-                distance = np.linalg.norm(places - other, axis=1)
-                if (distance < min(apart, 0.999 * distance[0])).any():
-                    clear = False
+        Two robots that start nearer to each other than that do not come nearer.
+        """
+        ways = [self.ways(robot, loop) for robot, loop in enumerate(chosen)]
+        draw, order = np.random.default_rng(0), np.argsort(-arrival, kind="stable")
+        for _ in range(_TRIES):
+            places, arrives = {}, 0
+            for robot in order:
+                for way in ways[robot]:
+                    tried = self.places(robot, chosen[robot], *way)
+                    if _is_clear(tried, places.values(), apart):
+                        places[robot], arrives = tried, max(arrives, way[0])
+                        break
+                else:  # the robot without a way goes first in the next order
+                    rest = order[order != robot]
+                    order = np.array([robot, *(rest if draw.random() < 0.5 else draw.permutation(rest))])
                     break
-            if clear:
-                found[way.robot] = places, arrives
-                break
-        else:
-            return way.robot
-    return found
+            else:
+                return np.stack([places[robot][: 2 * arrives : 2] for robot in range(len(ways))])
+        return None
+
+
+def _is_clear(places: np.ndarray, others: Any, apart: float) -> bool:
+    """Return whether places (H, 2) stay apart from those of others [m]."""
+    for other in others:
+        distance = np.linalg.norm(places - other, axis=1)
+        if (distance < min(apart, 0.999 * distance[0])).any():
+            return False
+    return True

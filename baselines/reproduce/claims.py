@@ -1,8 +1,5 @@
 """The table of the claims: the number in the paper, ours, and whether the two agree."""
 
-import csv
-import dataclasses
-import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,7 +9,7 @@ from rich.console import Console
 from rich.text import Text
 
 from baselines.reproduce.drawing import Picture
-from lissajous_env.console.terminal import Column, print_left_out, print_table
+from lissajous_env.console.terminal import Column, print_table
 
 _STYLE = {"yes": "green", "no": "bold red", "-": "dim"}
 SILENT = "not stated"
@@ -40,10 +37,6 @@ class Claim:
     """Name of the part of the paper, filled in by `lissajous reproduce`."""
 
 
-_COLUMNS = tuple(each.name for each in dataclasses.fields(Claim) if each.name != "numbers")
-"""Columns of table.csv, which is made of words."""
-
-
 @dataclass
 class Part:
     """Claims and pictures of one part of the paper."""
@@ -53,20 +46,12 @@ class Part:
 
 
 def near(
-    claim: str,
-    paper: float,
-    ours: float,
-    tolerance: float,
-    unit: str = "",
-    why: str = "",
-    digits: str = ".4g",
+    claim: str, paper: float, ours: float, tolerance: float, unit: str = "", why: str = "", digits: str = ".4g"
 ) -> Claim:
     """Claim a number: `ours` may be off `paper` by the tolerance, in the same unit."""
-    agrees = abs(ours - paper) <= tolerance
-    space = " " if unit else ""
-    words = f"\N{PLUS-MINUS SIGN} {tolerance:g}{space}{unit}"
-    numbers = {"paper": float(paper), "ours": float(ours)}
-    return Claim(claim, f"{paper:g}{space}{unit}", f"{ours:{digits}}{space}{unit}", words, bool(agrees), why, numbers)
+    agrees, numbers = bool(abs(ours - paper) <= tolerance), {"paper": float(paper), "ours": float(ours)}
+    rule = f"\N{PLUS-MINUS SIGN} {tolerance:g}{_of(unit)}"
+    return Claim(claim, f"{paper:g}{_of(unit)}", f"{ours:{digits}}{_of(unit)}", rule, agrees, why, numbers)
 
 
 def within_range(
@@ -74,40 +59,36 @@ def within_range(
 ) -> Claim:
     """Claim that the paper's number is in our range: it must be between our `low`est and our `high`est."""
     low, high = float(ours.min()), float(ours.max())
-    space = " " if unit else ""
-    words = f"{low:{digits}} to {high:{digits}}{space}{unit}"
-    rule = f"inside the range of {len(ours)} seeds"
+    words, rule = f"{low:{digits}} to {high:{digits}}{_of(unit)}", f"inside the range of {len(ours)} seeds"
     numbers = {"paper": paper, "low": low, "high": high}
-    return Claim(claim, f"{paper:g}{space}{unit}", words, rule, low <= paper <= high, why, numbers)
+    return Claim(claim, f"{paper:g}{_of(unit)}", words, rule, low <= paper <= high, why, numbers)
 
 
 def all_of(
-    claim: str,
-    paper: str,
-    holds: Iterable[Any],
-    what: str,
-    why: str = "",
-    numbers: Mapping[str, float] | None = None,
+    claim: str, paper: str, holds: Iterable[Any], what: str, why: str = "", numbers: Mapping[str, float] | None = None
 ) -> Claim:
     """Claim that something is true every time: `holds` of `of` times; `numbers` are further ones, in `why`."""
-    each = [bool(value) for value in holds]
-    counted = {"holds": sum(each), "of": len(each), **(numbers or {})}
-    return Claim(claim, paper, f"{sum(each)} of {len(each)} {what}", "all", all(each), why, counted)
+    values = [bool(value) for value in holds]
+    counted = {"holds": sum(values), "of": len(values), **(numbers or {})}
+    return Claim(claim, paper, f"{sum(values)} of {len(values)} {what}", "all", all(values), why, counted)
 
 
 def at_most(
     claim: str, paper: str, ours: float, bound: float, unit: str = "", why: str = "", digits: str = ".3g"
 ) -> Claim:
     """Claim that a number, `ours`, does not exceed a bound."""
-    space = " " if unit else ""
-    rule = f"at most {bound:g}{space}{unit}"
-    numbers = {"ours": float(ours), "bound": bound}
-    return Claim(claim, paper, f"{ours:{digits}}{space}{unit}", rule, bool(ours <= bound), why, numbers)
+    rule, numbers = f"at most {bound:g}{_of(unit)}", {"ours": float(ours), "bound": bound}
+    return Claim(claim, paper, f"{ours:{digits}}{_of(unit)}", rule, bool(ours <= bound), why, numbers)
 
 
 def reported(claim: str, paper: str, ours: str, why: str = "", numbers: Mapping[str, float] | None = None) -> Claim:
     """Report a quantity for which the paper states no number."""
     return Claim(claim, paper, ours, "reported only", None, why, numbers or {})
+
+
+def _of(unit: str) -> str:
+    """Return a unit behind a number."""
+    return f" {unit}" if unit else ""
 
 
 def verdict(claim: Claim) -> str:
@@ -132,8 +113,7 @@ def print_claims(console: Console, claims: Sequence[Claim]) -> None:
         agrees = Text(verdict(each), style=_STYLE[verdict(each)])
         rows.append([each.part if first else "", each.claim, each.paper, each.ours, each.tolerance, agrees, each.why])
     ends = [k for k in range(len(claims)) if k + 1 == len(claims) or claims[k + 1].part != claims[k].part]
-    left_out = print_table(console, columns, rows, ends)
-    print_left_out(console, left_out, "table.md and table.csv have them, and a wider terminal shows them.")
+    print_table(console, columns, rows, ends, "README.md has them")
 
 
 def summary(claims: Sequence[Claim]) -> str:
@@ -146,31 +126,17 @@ def summary(claims: Sequence[Claim]) -> str:
     return words
 
 
-def as_csv(claims: Sequence[Claim]) -> str:
-    """Return the table as CSV."""
-    file = io.StringIO()
-    writer = csv.DictWriter(file, _COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({name: getattr(each, name) for name in _COLUMNS} | {"agrees": verdict(each)} for each in claims)
-    return file.getvalue()
-
-
-def as_markdown(claims: Sequence[Claim]) -> str:
-    """Return the table as Markdown."""
-    lines = ["| | claim | paper | ours | tolerance | agrees | why, or what was chosen |", "|---" * 7 + "|"]
+def as_page(claims: Sequence[Claim], pictures: Sequence[Picture], format: str, command: str) -> str:
+    """Return a page in Markdown: the table, then every picture with its caption."""
+    table = ["| | claim | paper | ours | tolerance | agrees | why, or what was chosen |", "|---" * 7 + "|"]
     for each in claims:
         agrees = verdict(each).replace("no", "**no**")
         cells = (each.part, each.claim, each.paper, each.ours, each.tolerance, agrees, each.why)
-        lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
-    return "\n".join(lines) + "\n"
-
-
-def as_page(claims: Sequence[Claim], pictures: Sequence[Picture], command: str) -> str:
-    """Return a page in Markdown: the table, then every picture with its caption."""
+        table.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
     parts = [
         "# The paper, simulated again",
         f"Made by `{command}`. {summary(claims)}.",
-        as_markdown(claims),
-        *(f"## {each.title}\n\n![{each.title}]({each.name}.{each.format})\n\n{each.caption}\n" for each in pictures),
+        "\n".join(table) + "\n",
+        *(f"## {each.title}\n\n![{each.title}]({each.name}.{format})\n\n{each.caption}\n" for each in pictures),
     ]
     return "\n\n".join(parts)

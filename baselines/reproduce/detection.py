@@ -6,7 +6,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
-from baselines.benchmark.statistics import share_detected
 from baselines.reproduce.claims import SILENT, Part, all_of, at_most, near, reported
 from baselines.reproduce.drawing import (
     BLUE,
@@ -42,6 +41,7 @@ def fig2(player: Player) -> Part:
     residual = closed_forms.ellipse_residual(curve, played.position[:, 0, :, :2], gamma[:, None])
 
     with Sheet("fig2", "Fig. 2   Formation on the Lissajous curve, and ellipse (5)", 7.2, 4.55) as sheet:
+        across = np.linspace(-1.02, 1.02, 300)
         for k in range(8):
             axes = sheet.figure.add_subplot(2, 4, k + 1)
             panel_name(axes, f"t = {played.time[8 * k]:.2f} s")
@@ -49,9 +49,9 @@ def fig2(player: Player) -> Part:
             position = played.position[8 * k, 0, :, :2]
             for x, y in position:
                 axes.add_patch(Circle((x, y), made.detection_radius, color=BLUE, alpha=0.07, lw=0))
-            axes.plot(
-                *closed_forms.ellipse_outline(curve, gamma[8 * k], 400).T, color=GREEN, lw=1.1, ls=(0, (3, 3)), zorder=3
-            )
+            x, y = np.meshgrid(curve.half_width * across, curve.half_height * across)
+            off = closed_forms.ellipse_residual(curve, np.stack([x, y], axis=-1), gamma[8 * k])
+            axes.contour(x, y, off, [0], colors=GREEN, linewidths=1.1, linestyles="dashed", zorder=3)
             draw_ring(axes, position, made.neighbours, lw=1.3)
             axes.plot(*position.T, "o", color=BLUE, ms=3.6, zorder=4)
             axes.set_xlim(-1.3 * curve.half_width, 1.3 * curve.half_width)
@@ -156,5 +156,8 @@ def fig3(player: Player) -> Part:
 
 def _draw_share(axes: Axes, times: np.ndarray, found: np.ndarray, **line: Any) -> None:
     """Draw the share of the targets detected over time, by Kaplan and Meier."""
-    at, share = share_detected(times[found], times[~found])
+    from scipy import stats  # its import takes longer than that of this project
+
+    curve = stats.ecdf(stats.CensoredData.right_censored(times, ~found)).cdf
+    at, share = curve.quantiles, curve.probabilities
     axes.step([0, *at[::20], at[-1], 9], [0, *share[::20], share[-1], share[-1]], where="post", **line)

@@ -1,9 +1,6 @@
 """The style of the paper's pictures: `baselines.benchmark.plot_styles` in the paper's colours, with a footnote."""
 
 import textwrap
-from collections.abc import Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -18,7 +15,6 @@ from lissajous_env.theory import closed_forms
 
 Format = Literal["png", "svg", "pdf"]
 """Formats of a picture."""
-_format: ContextVar[Format] = ContextVar("format", default="png")
 GREY = "#a8a8a8"
 SERIES = (BLUE, RED, GREEN, PINK, ORANGE, SKY)
 """Colours of things that are alike, as robots are."""
@@ -33,26 +29,32 @@ _SMALLER: dict[Any, Any] = {
 }
 
 
+_STYLES = ["default", STYLE | _SMALLER]
+
+
 @dataclass(frozen=True)
 class Picture:
     """A picture of the paper, made again."""
 
     name: str
-    """Name of its file, without the suffix, which is its `format`."""
+    """Name of its file, without the suffix."""
     title: str
     caption: str
     """Description, with the choices where the paper states no value."""
-    content: bytes
-    """Content of the file."""
-    format: str = "png"
+    figure: Figure
+
+    def content(self, format: Format = "png") -> bytes:
+        """Return the content of the file in a format."""
+        with style.context(_STYLES):
+            return saved(self.figure, format)
 
 
 class Sheet:
-    """A figure under work, in the style; `picture` ends it, in the format set by `drawn_as`. Use as a context."""
+    """A figure under work, in the style; `picture` ends it. Use as a context."""
 
     def __init__(self, name: str, title: str, width: float = 7.2, height: float = 3.2):
         self.name, self.title = name, title
-        self._style = style.context(["default", STYLE | _SMALLER])
+        self._style = style.context(_STYLES)
         self._size = (width, height)
 
     def __enter__(self) -> "Sheet":
@@ -68,18 +70,7 @@ class Sheet:
         self.figure.suptitle(self.title, x=0.008, ha="left", fontsize=10.5, fontweight="bold")
         wrapped = textwrap.fill(" ".join(caption.split()), int(self._size[0] * 19))
         self.figure.supxlabel(wrapped, x=0.008, ha="left", fontsize=7.4, color="#555555", linespacing=1.35)
-        suffix = _format.get()
-        return Picture(self.name, self.title, " ".join(caption.split()), saved(self.figure, suffix), suffix)
-
-
-@contextmanager
-def drawn_as(suffix: Format) -> Iterator[None]:
-    """Make pictures in a format."""
-    before = _format.set(suffix)
-    try:
-        yield
-    finally:
-        _format.reset(before)
+        return Picture(self.name, self.title, " ".join(caption.split()), self.figure)
 
 
 def panel_name(axes: Axes, name: str) -> None:

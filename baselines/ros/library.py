@@ -12,7 +12,6 @@ from typing import Any
 from lissajous_env.extras import missing
 
 _NAMES = {
-    "builtin_interfaces.msg": "Time",
     "diagnostic_msgs.msg": "DiagnosticArray DiagnosticStatus KeyValue",
     "geometry_msgs.msg": "Point PoseStamped Twist TwistStamped",
     "nav_msgs.msg": "Odometry",
@@ -80,7 +79,8 @@ def lasting() -> Any:
 
 def steady_clock() -> Any:
     """Return the machine's clock, for timers that go on while the clock of a simulation waits."""
-    from rclpy.clock import Clock, ClockType
+    from rclpy.clock import Clock
+    from rclpy.clock_type import ClockType
 
     return Clock(clock_type=ClockType.STEADY_TIME)
 

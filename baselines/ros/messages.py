@@ -9,6 +9,7 @@ import numpy as np
 from baselines.onboard import Command, Message, Odometry, Onboard, Output, Twist
 from baselines.ros import library as ros
 from baselines.ros.frames import Origin
+from lissajous_env.logs.filling import seconds, set_marker, set_odometry, set_pose, set_stamp
 from lissajous_env.logs.markers import Shape, ground_shapes, link_shape, robot_shapes
 
 RING = ("cos_phase", "sin_phase", "x", "y")
@@ -23,17 +24,6 @@ COMMAND_TOPICS = {
 """For each kind of commands the topics that a robot's base listens to, with the types of their messages."""
 
 
-def seconds(stamp: Any) -> float:
-    """Return a time stamp in seconds."""
-    return (stamp.sec * 10**9 + stamp.nanosec) / 1e9
-
-
-def stamp_of(time: float) -> Any:
-    """Return a time [s] as a stamp."""
-    whole = round(time * 1e9)
-    return ros.Time(sec=whole // 10**9, nanosec=whole % 10**9)
-
-
 def yaw(orientation: Any) -> float:
     """Return the heading of a quaternion [rad]; NaN if it is none."""
     x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
@@ -44,35 +34,25 @@ def yaw(orientation: Any) -> float:
     return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
-def set_pose(pose: Any, x: float, y: float, heading: float) -> None:
-    """Write a pose in the plane into a message."""
-    pose.position.x, pose.position.y = x, y
-    pose.orientation.z, pose.orientation.w = math.sin(heading / 2), math.cos(heading / 2)
-
-
 def odometry_message(odometry: Odometry, yaw_rate: float, frame: str, child: str) -> Any:
     """Return a pose and speed as nav_msgs/Odometry."""
-    message = ros.Odometry()
-    message.header.stamp, message.header.frame_id = stamp_of(odometry.stamp), frame
-    message.child_frame_id = child
-    set_pose(message.pose.pose, odometry.x, odometry.y, odometry.heading)
-    message.twist.twist.linear.x, message.twist.twist.angular.z = odometry.speed, yaw_rate
+    message, (x, y, heading, *_) = ros.Odometry(), odometry
+    set_odometry(message, odometry.stamp, (frame, child), (x, y, 0.0, heading), (odometry.speed, yaw_rate))
     return message
 
 
 def pose_message(odometry: Odometry, frame: str) -> Any:
     """Return a pose as geometry_msgs/PoseStamped."""
     message = ros.PoseStamped()
-    message.header.stamp, message.header.frame_id = stamp_of(odometry.stamp), frame
-    set_pose(message.pose, odometry.x, odometry.y, odometry.heading)
+    set_stamp(message.header, odometry.stamp, frame)
+    set_pose(message.pose, (odometry.x, odometry.y, 0.0, odometry.heading))
     return message
 
 
 def named_numbers(names: Sequence[str], numbers: Sequence[float], time: float, frame: str = "") -> Any:
     """Return numbers with names and a time [s] as sensor_msgs/JointState."""
-    message = ros.JointState()
-    message.header.stamp, message.header.frame_id = stamp_of(time), frame
-    message.name, message.position = list(names), [float(each) for each in numbers]
+    message = ros.JointState(name=list(names), position=[float(number) for number in numbers])
+    set_stamp(message.header, time, frame)
     return message
 
 
@@ -106,7 +86,7 @@ def command_messages(command: Command | Twist, kind: str, steering_max: float, t
         twist = message if kind == "twist" else message.twist
         twist.linear.x, twist.angular.z = command.speed, command.yaw_rate
         if kind == "twist_stamped":
-            message.header.stamp, message.header.frame_id = stamp_of(time), frame
+            set_stamp(message.header, time, frame)
         return [message]
     if kind == "car":
         return [named_numbers(command._fields, command, time)]
@@ -119,7 +99,7 @@ def cloud_message(rows: np.ndarray, time: float, frame: str) -> Any:
     points = np.zeros((len(rows), len(names)), dtype="<f4")
     points[:, :2], points[:, 3:] = rows[:, :2], rows[:, 2:]
     message = ros.PointCloud2(height=1, width=len(rows), point_step=4 * len(names), row_step=points.nbytes)
-    message.header.stamp, message.header.frame_id = stamp_of(time), frame
+    set_stamp(message.header, time, frame)
     for k, name in enumerate(names):
         message.fields.append(ros.PointField(name=name, offset=4 * k, datatype=ros.PointField.FLOAT32, count=1))
     message.is_dense, message.data = True, points.tobytes()
@@ -156,7 +136,7 @@ def diagnostics(name: str, onboard: Onboard, reason: str, values: dict[str, Any]
         shown = f"{value:.4g}" if isinstance(value, float) else str(value)
         status.values.append(ros.KeyValue(key=key, value=shown))
     message = ros.DiagnosticArray(status=[status])
-    message.header.stamp = stamp_of(time)
+    set_stamp(message.header, time, "")
     return message
 
 
@@ -185,16 +165,6 @@ def markers(
 
 def marker(shape: Shape, frame: str, time: float, origin: Origin = Origin()) -> Any:  # noqa: B008 - it never changes
     """Return the message of a shape at a time [s]."""
-    x, y, z, heading = shape.place
-    message = ros.Marker(ns=shape.space, id=shape.number, type=shape.kind, action=shape.action)
-    message.header.stamp, message.header.frame_id = stamp_of(time), frame
-    if shape.points:
-        message.pose.orientation.w = 1.0
-        message.points = [ros.Point(x=u, y=v, z=0.0) for u, v, _ in (origin.outside(*end) for end in shape.points)]
-    else:
-        set_pose(message.pose, *origin.outside(x, y, heading))
-        message.pose.position.z = z
-    message.scale.x, message.scale.y, message.scale.z = shape.scale
-    red, green, blue, opacity = shape.colour
-    message.color = ros.ColorRGBA(r=red, g=green, b=blue, a=opacity)
+    message = ros.Marker()
+    set_marker(message, ros.Point, shape, time, frame, origin.outside)
     return message

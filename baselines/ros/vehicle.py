@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from baselines.onboard import Command, Twist
-from lissajous_env.logs.car_input import actions_of
-from lissajous_env.logs.drive_input import actions_of_twists
+from lissajous_env.logs.inputs import actions_of
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.robot import Robot
@@ -66,10 +65,7 @@ class Vehicle:
         """Return the action (A,) in force now, of a robot of a speed [m/s]; without a valid command that of rest."""
         given = self._command if now - self._taken_at <= self._watchdog else None
         action = np.zeros(self._size, dtype=np.float32)
-        if self._robot.kind == "differential":
-            action[:2] = actions_of_twists(self._robot, np.array(given or Twist(0.0, 0.0)))
-            return action
-        if isinstance(given, Twist):
+        if isinstance(given, Twist) and self._robot.kind == "car":
             drives = given.speed > 0 or (given.speed < 0 and self._robot.reverses)
             given = of_twist(self._robot, self._step, speed, given) if drives else None
         if given is None:

@@ -15,9 +15,10 @@ from baselines.ros.settings import WorldSettings
 from baselines.ros.vehicle import Vehicle
 from lissajous_env.console.terminal import CommandError
 from lissajous_env.episodes.recording import Recorder, Recording
+from lissajous_env.logs.filling import seconds
 from lissajous_env.logs.markers import target_shape
 from lissajous_env.logs.reading import EPISODE
-from lissajous_env.logs.writing import START, episode_text
+from lissajous_env.logs.writing import FRAME, START, episode_text
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import REMOVED
@@ -64,7 +65,7 @@ class WorldNode(ros.Node):
         self.simulation.reset(seeds=[settings.seed])
         self._recorder = Recorder(self.simulation)
         count = self.scenario.num_robots
-        watchdog = settings.watchdog or float(Limits().of(self.scenario).watchdog or 0.0)
+        watchdog = float(Limits().of(self.scenario).watchdog or 0.0)
         self._vehicles = [Vehicle(self.scenario, watchdog) for _ in range(count)]
         self._status, self._yaw_rate = [-1] * count, np.zeros(count)
         self._is_there, self._is_awaited = [False] * count, [True] * count
@@ -136,7 +137,7 @@ class WorldNode(ros.Node):
 
         for topic, cls in messages.COMMAND_TOPICS[self.settings.command].items():
             listen(topic, getattr(ros, cls), commanded(topic))
-        listen("action", ros.JointState, lambda message: self._decided(robot, messages.seconds(message.header.stamp)))
+        listen("action", ros.JointState, lambda message: self._decided(robot, seconds(message.header.stamp)))
         listen("message", ros.JointState, lambda _message: self._is_there.__setitem__(robot, True))
         calls = {name: self.create_client(ros.Trigger, names + name) for name in ("start", "stop")}
         return calls | {
@@ -205,8 +206,10 @@ class WorldNode(ros.Node):
 
     def _publish(self) -> None:
         """Publish the time, and the measurements and detections of each robot."""
-        time, frame = self.now, self.settings.frame
-        self._send_clock(ros.Clock(clock=messages.stamp_of(time)))
+        time, frame = self.now, FRAME
+        clock = ros.Clock()
+        clock.clock.sec, clock.clock.nanosec = divmod(round(time * 1e9), 10**9)
+        self._send_clock(clock)
         for k, status in enumerate(self.simulation.robots.status.numpy()[0].tolist()):
             robot = self._robots[k]
             if status != self._status[k]:

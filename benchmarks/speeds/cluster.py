@@ -39,7 +39,7 @@ def seconds(nodes: int, episodes: int) -> float:
     """Return the time of a benchmark on a cluster of some nodes, from its command to its report [s]."""
     with cluster_of(nodes) as address, tempfile.TemporaryDirectory() as folder:
         settings = Benchmark(
-            scenarios=(SCENARIO,), policies=(POLICY,), episodes=episodes, batch=BATCH, replays=("none",),
+            scenarios=(SCENARIO,), policies=(POLICY,), episodes=episodes, batch=BATCH, replays=0,
             engine="ray", address=address, out=Path(folder) / "out",
         )  # fmt: skip
         begin = time.perf_counter()
@@ -55,9 +55,9 @@ def tables(options: Options) -> dict[str, Table]:
         for nodes, of in times.items():
             of.append(seconds(nodes, episodes))
     ratio = summarize([one / two for one, two in zip(times[1], times[2], strict=True)])
-    beside = ["", f"{number(ratio.iqm)} ({between(ratio.low, ratio.high)})"]
+    beside = ["", f"{number(ratio.value)} ({between(ratio.low, ratio.high)})"]
     rows = [
-        [f"{nodes} node{'s' * (nodes > 1)}", f"{episodes}", number(summarize(of).iqm), number(min(of)), words]
+        [f"{nodes} node{'s' * (nodes > 1)}", f"{episodes}", number(summarize(of).value), number(min(of)), words]
         for (nodes, of), words in zip(times.items(), beside, strict=True)
     ]
     columns = ["nodes of one processor", "episodes", "s", "best [s]", "times as fast"]

@@ -93,8 +93,8 @@ def rows_of(rates: dict[str, list[float]]) -> list[list[str]]:
     for side, theirs in rates.items():
         own = summarize(theirs)
         ratio = summarize([a / b for a, b in zip(rates[OURS], theirs, strict=True)])
-        words = "" if side == OURS else f"{number(ratio.iqm)} ({between(ratio.low, ratio.high)})"
-        rows.append([side, f"{own.iqm:,.0f}", f"{max(theirs):,.0f}", words])
+        words = "" if side == OURS else f"{number(ratio.value)} ({between(ratio.low, ratio.high)})"
+        rows.append([side, f"{own.value:,.0f}", f"{max(theirs):,.0f}", words])
     return rows
 
 

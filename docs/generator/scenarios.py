@@ -16,6 +16,7 @@ from docs.generator import replays
 from docs.generator.files import table, write_changed
 from docs.generator.pictures import MOST_TARGETS, picture_of
 from lissajous_env.envs.actions import action_table
+from lissajous_env.parameters.feedback import measured, value_of_feedback
 from lissajous_env.parameters.scenario import PARTS, Scenario, Task
 from lissajous_env.settings.checks import meanings
 from lissajous_env.world.observation import layout
@@ -97,6 +98,7 @@ def page(given: Scenario, stored: dict[str, Any], replay: str) -> str:
         "on_collision": _COLLISION[task.on_collision],
         "lost": _lost(made),
         "boundary": _INSIDE if made.robot.kind == "curve" else _BOUNDARY[task.boundary],
+        "feedback": _feedback(made),
         "results": _results(given, stored),
         "replay": replay,
     }
@@ -175,6 +177,25 @@ def _limits(made: Scenario) -> list[str]:
     return [
         f"{name} = {getattr(made.robot, name):.4g} {unit}".strip() for name, unit in _LIMITS.items() if name in words
     ]
+
+
+def _feedback(made: Scenario) -> str:
+    """Return what reacting to targets is worth in a scenario."""
+    entry, value = measured().get(made.name), value_of_feedback(made)
+    if entry is not None:
+        interval = f"{entry['low']:.3g} to {entry['high']:.3g}"
+        sees_all = f"a rule that sees all targets, which is no bound, reaches {entry['sees_all']:.3g}"
+        return (
+            f"The value of feedback is {value:.3g} ({interval}), with {entry['policy']}; {sees_all}"
+            " (`python benchmarks/feedback.py`)."
+        )
+    if value is None:
+        return "The value of feedback has not been measured."
+    return (
+        "The value of feedback is 1: targets appear independently of everything and leave when they are first "
+        "observed, so no observation says where an undetected one is, and a patrol on a timetable is as good as any "
+        "policy. The scenario compares guarantees, coordination and faults."
+    )
 
 
 def _lost(made: Scenario) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from rich.text import Text
 
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_left_out, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_table
 from lissajous_env.parameters.scenario import PARTS
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ def scenarios(names: _Scenarios = (), output: OutputOptions = DEFAULT_OUTPUT) ->
     """
     from lissajous_env.parameters import named
     from lissajous_env.parameters.assumptions import violations
+    from lissajous_env.parameters.feedback import value_of_feedback
 
     console = output.console()
     given = [named.build(name) for name in names or named.scenarios()]
@@ -43,15 +44,19 @@ def scenarios(names: _Scenarios = (), output: OutputOptions = DEFAULT_OUTPUT) ->
             _print_violations(console, violations(each))
     derived = ("num_robots", "detection_time_bound", "detection_time_is_bounded")
     output.print_json([
-        each.to_dict() | {name: getattr(each, name) for name in derived} | {"violations": violations(each)}
+        each.to_dict()
+        | {name: getattr(each, name) for name in derived}
+        | {"value_of_feedback": value_of_feedback(each), "violations": violations(each)}
         for each in made
     ])  # fmt: skip
 
 
 def _print_designs(console: "Console", made: "list[Scenario]") -> None:
+    from lissajous_env.parameters.feedback import value_of_feedback
+
     narrow = console.width < 110
     columns = [Column("name", left=True, style="bold cyan"), Column("N"), Column("robots", left=True)]
-    columns += map(Column, ("rectangle\n[m]", "curve\na:b", "r_s\n[m]", "T_max\n[s]"))
+    columns += map(Column, ("rectangle\n[m]", "curve\na:b", "r_s\n[m]", "T_max\n[s]", "feed-\nback"))
     rows = []
     for each in made:
         curve = each.curve
@@ -65,20 +70,22 @@ def _print_designs(console: "Console", made: "list[Scenario]") -> None:
             "series" if curve.harmonics else name,
             f"{each.sensing.radius:.3g}",
             f"{each.detection_time_bound:.3g}" if each.detection_time_is_bounded else "-",
+            "-" if (value := value_of_feedback(each)) is None else f"{value:.3g}",
         ])  # fmt: skip
     if not narrow:
         columns.append(Column("description", prose=True))
         rows = [[*row, each.description] for row, each in zip(rows, made, strict=True)]
-    left_out = print_table(console, columns, rows)
+    print_table(console, columns, rows)
     console.print()
     if narrow:
         for each in made:
             console.print(Text.assemble((each.name, "bold cyan"), f": {each.description}"), highlight=False)
         console.print()
-    print_left_out(console, left_out, "--json prints them.")
     words = (
         "N: number of robots; r_s: sensing radius; T_max = (2 pi / omega) / (N / kappa): detection-time bound of the "
-        "undisturbed formation. -: no bound, because r_s does not satisfy (8) or N is not a + b."
+        "undisturbed formation. -: no bound, because r_s does not satisfy (8) or N is not a + b. feedback: score of "
+        "the best rule that reacts to targets over that of the best patrol; 1 where no observation says where an "
+        "undetected target is."
     )
     console.print(words, style="dim", highlight=False)
 
@@ -97,8 +104,7 @@ def _print_settings(console: "Console", given: "Scenario") -> None:
         rows.append(["extensions", f"{each.kind} {each.place}{settings and f' ({settings})'}", ""])
     console.print()
     columns = [Column("field", left=True), Column(given.name, prose=True), Column("default", left=True, rank=1)]
-    left_out = print_table(console, columns, rows)
-    print_left_out(console, left_out, "--json prints all fields.")
+    print_table(console, columns, rows)
     console.print(
         f"{given.name}: fields that differ from the defaults; digest {given.digest()}.", style="dim", markup=False
     )

@@ -88,6 +88,8 @@ def copy_in(name: str, value: Any, target: Any) -> None:
         raise ValueError(f"{name} must have shape {tuple(target.shape)}, got {tuple(value.shape)}")
     if isinstance(value, wp.array):
         wp.copy(target, value)
+    elif target.device.is_cpu:
+        target.numpy()[...] = value
     else:
         target.assign(value)
 

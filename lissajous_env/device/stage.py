@@ -26,7 +26,7 @@ import warp as wp
 
 from lissajous_env.device.abreast import block_of
 
-WORLD, ROBOT, TARGET, ROW, FIELD_ROW, BIN = "world", "robot", "target", "row", "field row", "bin"
+WORLD, ROBOT, TARGET, ROW, FIELD_ROW, BIN, ARRAY = "world", "robot", "target", "row", "field row", "bin", "array"
 
 WORLDS, LANES, PARTS, BLOCKS = "worlds", "lanes", "parts", "blocks"
 
@@ -56,7 +56,8 @@ def stage(over: str, writes: str, split: bool = False, idle: bool = False, modul
     """Make the kernel of a stage of a function.
 
     Args:
-        over: Its entities: WORLD, ROBOT, TARGET, ROW (of the grid), FIELD_ROW (of contamination) or BIN.
+        over: Its entities: WORLD, ROBOT, TARGET, ROW (of the grid), FIELD_ROW (of contamination), BIN or ARRAY (of the
+            state).
         writes: What it changes: arrays, and structs with their fields, as in `robots: position, phase; command_out`;
             `robots: all` for all fields.
         split: True if CPU threads may share the entities of a world, for a function of one entity.

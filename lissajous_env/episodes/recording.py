@@ -2,8 +2,7 @@
 
 import dataclasses
 import json
-import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -11,10 +10,10 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from lissajous_env.episodes import archive
 from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
-from lissajous_env.episodes.recording_checks import check, made_scenario
+from lissajous_env.episodes.recording_checks import MOST_BYTES, check, made_scenario, read_arrays
 from lissajous_env.episodes.snapshot import Snapshot, of_world
+from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import replacing
 from lissajous_env.world.contamination.labels import introduced_at
@@ -182,11 +181,6 @@ class Recorder:
         _check_size(self._bytes)
         self._last = now
 
-    @property
-    def most_moments(self) -> int:
-        """Largest number of moments like those so far that a recording may contain."""
-        return archive.MOST_BYTES * len(self._contact) // max(self._bytes, 1)
-
     def _others(self) -> dict[str, np.ndarray]:
         """Return the arrays that are not part of a snapshot."""
         sim, w = self.simulation, self.world
@@ -294,18 +288,34 @@ def record(
     Raises:
         InvalidActionError: the policy returned actions that have a wrong shape or are not finite (a ValueError).
     """
-    simulation = Simulation(scenario, policy.num_worlds, device=device, **overrides)
-    runner = EpisodeRunner(policy, simulation)
-    recorder = Recorder(simulation)
+    return record_all(policy, named.build(scenario, **overrides), [seed], device, on_step)[0]
 
-    def take(taken: int) -> None:
-        if simulation.clock.step.numpy()[0] == taken:  # the episode may end early
-            recorder.take()
+
+def record_all(
+    policy: ActingPolicy,
+    scenario: str | Scenario,
+    seeds: Sequence[int],
+    device: Any = "cpu",
+    on_step: Callable[[], None] | None = None,
+) -> list[Recording]:
+    """Play and record an episode for each seed, `policy.num_worlds` at a time; the rest is as for `record`."""
+    simulation = Simulation(scenario, policy.num_worlds, device=device)
+    runner, recordings = EpisodeRunner(policy, simulation), []
+    for first in range(0, len(seeds), policy.num_worlds):
+        batch = [fold_seed(seed) for seed in seeds[first : first + policy.num_worlds]]
+        recorders = [Recorder(simulation, world) for world in range(len(batch))]
+
+        def take(taken: int, recorders: Sequence[Recorder] = recorders) -> None:
+            steps = simulation.clock.step.numpy()
+            for recorder in recorders:
+                if steps[recorder.world] == taken:  # the episode may end early
+                    recorder.take()
             if on_step is not None and taken > 0:
                 on_step()
 
-    runner.play([fold_seed(seed)] * policy.num_worlds, take)
-    return recorder.recording(runner.name)
+        runner.play(batch + batch[-1:] * (policy.num_worlds - len(batch)), take)
+        recordings += [recorder.recording(runner.name) for recorder in recorders]
+    return recordings
 
 
 def load(path: str | Path) -> Recording:
@@ -323,23 +333,22 @@ def load(path: str | Path) -> Recording:
 
 
 def _loaded(file: BinaryIO) -> Recording:
-    with zipfile.ZipFile(file) as stored:
-        about = archive.read_json(stored, "about")
-        if not isinstance(about, dict) or about.get("format") != FORMAT:
-            raise ValueError(f"its format is not {FORMAT!r}")
-        scenario = made_scenario(about["scenario"])
-        names = (tuple(about["observation_names"]), tuple(about["reward_names"]))
-        arrays: dict[str, Any] = archive.read_arrays(stored, ARRAYS)
-        unknown = tuple(tuple(each) for each in about.get("unknown", ()))
-        recording = Recording(scenario, about["score"], *names, **arrays, unknown=unknown)
+    text, arrays = read_arrays(file, ARRAYS, "about")
+    about = json.loads(text)
+    if not isinstance(about, dict) or about.get("format") != FORMAT:
+        raise ValueError(f"its format is not {FORMAT!r}")
+    scenario = made_scenario(about["scenario"])
+    names = (tuple(about["observation_names"]), tuple(about["reward_names"]))
+    unknown = tuple(tuple(each) for each in about.get("unknown", ()))
+    recording = Recording(scenario, about["score"], *names, **arrays, unknown=unknown)
     check(recording, _FIXED)
     return recording
 
 
 def _check_size(size: int) -> None:
-    if size > archive.MOST_BYTES:
+    if size > MOST_BYTES:
         raise ValueError(
-            f"a recording must contain at most {archive.MOST_BYTES:,} bytes: use a coarser task.grid, fewer targets or "
+            f"a recording must contain at most {MOST_BYTES:,} bytes: use a coarser task.grid, fewer targets or "
             "a shorter task.duration"
         )
 

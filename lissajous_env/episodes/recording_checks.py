@@ -1,7 +1,8 @@
-"""Checks of a recording's file: its scenario is valid, and its arrays fit the scenario and each other."""
+"""Reading and checks of a recording's file: its scenario is valid, and its arrays fit the scenario and each other."""
 
-from collections.abc import Sequence
-from typing import Any
+import zipfile
+from collections.abc import Mapping, Sequence
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -9,8 +10,32 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.world.state import NEVER
 
+MOST_BYTES = 2**30
+"""Limit on the total size of a recording [bytes]."""
 _PLAIN = (str, int, float, type(None))
 """Valid types of values in a score row; a bool is an int."""
+
+
+def read_arrays(file: BinaryIO, dtypes: Mapping[str, np.dtype], text: str) -> tuple[str, dict[str, np.ndarray]]:
+    """Read a text and arrays by their names from an .npz file; nothing is unpickled.
+
+    Raises:
+        KeyError: an array is missing.
+        ValueError: the file is no archive, unpacks to more than a gibibyte, or an array has a wrong type.
+    """
+    with zipfile.ZipFile(file) as archive:
+        if sum(member.file_size for member in archive.infolist()) > MOST_BYTES:
+            raise ValueError(f"its arrays must contain at most {MOST_BYTES:,} bytes together")
+    with np.load(file, allow_pickle=False) as stored:
+        for name in (text, *dtypes):
+            if name not in stored.files:
+                raise KeyError(name)
+        arrays = {name: stored[name] for name in (text, *dtypes)}
+    words = str(arrays.pop(text))
+    for name, dtype in dtypes.items():
+        if arrays[name].dtype != dtype:
+            raise ValueError(f"its {name} must be {dtype}, got {arrays[name].dtype}")
+    return words, arrays
 
 
 def made_scenario(saved: dict[str, Any]) -> Scenario:

@@ -1,6 +1,5 @@
 """A log of robots: the path of each over time, and what else was recorded of it."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -90,21 +89,13 @@ class Log:
         return f"robots {', '.join(others)} and {last}" if others else f"robot {last}"
 
     def grouped(self, words: Sequence[tuple[int, str]]) -> list[str]:
-        """Return one note for all robots with the same words, in which "has", "counts" and so on become plural."""
+        """Return one note for all robots of which the same is said."""
         those: dict[str, list[int]] = {}
         for robot, said in words:
             those.setdefault(said, []).append(robot)
-        return [
-            f"{self.called(robots)} {said if len(robots) == 1 else _plural(said)}" for said, robots in those.items()
-        ]
+        return [f"{self.called(robots)}: {said}" for said, robots in those.items()]
 
     @property
     def start(self) -> float:
         """Time at which the episode begins [s]."""
         return max(float(track.time[0]) for track in self.tracks) if self.begin is None else self.begin
-
-
-def _plural(words: str) -> str:
-    for one, several in (("has", "have"), ("it counts", "they count"), ("counts", "count"), ("jumps", "jump")):
-        words = re.sub(rf"\b{one}\b", several, words)
-    return words

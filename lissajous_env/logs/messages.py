@@ -1,10 +1,13 @@
 """Messages of rosbag2 files (MCAP) or folders, by topic."""
 
 import contextlib
+import functools
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from lissajous_env.extras import missing
 
@@ -134,12 +137,29 @@ def rosbags() -> Any:
     return rosbag2
 
 
+@functools.cache
 def type_store() -> Any:
     """Return the message types of ROS 2 Humble, which later distributions have too."""
     rosbags()
     from rosbags.typesys import Stores, get_typestore
 
     return get_typestore(Stores.ROS2_HUMBLE)
+
+
+def blank(kind: str) -> Any:
+    """Return a message of a type whose fields are zeros and empty, as those of ROS are at first."""
+    _, fields = type_store().fielddefs[kind]
+    return type_store().types[kind](**{name: _zero(*field) for name, field in fields})
+
+
+def _zero(node: Any, about: Any) -> Any:
+    """Return the first value of a field, by its kind and what it is about: a type, or a type and a size."""
+    if node.name == "NAME":
+        return blank(about)
+    if node.name == "BASE":
+        return {"string": "", "bool": False}.get(about[0], 0)
+    (entry, of_entry), size = about
+    return np.zeros(size, of_entry[0]) if entry.name == "BASE" and of_entry[0] != "string" else []
 
 
 @contextlib.contextmanager

@@ -50,13 +50,13 @@ def _gaps(motion: Motion, times: np.ndarray, was_removed: bool) -> list[str]:
     if gaps:
         those = _listed([f"{begin:.3f} to {end:.3f} s" for begin, end in gaps])
         total = sum(end - begin for begin, end in gaps)
-        notes.append(f"has gaps of {total:.3g} s in all ({those}), in which it counts as failed")
+        notes.append(f"gaps of {total:.3g} s in all ({those}) count as failures")
     if len(jumps):
         ways = np.linalg.norm(np.diff(motion.track.position, axis=0), axis=1)
         those = _listed([f"{ways[k]:.3g} m at {time[k]:.3f} s" for k in jumps])
-        notes.append(f"jumps, faster than a robot of the scenario can drive ({those})")
+        notes.append(f"jumps that no robot of the scenario can drive ({those}) count as failures")
     if time[-1] < last - 1e-6 and not was_removed:
-        notes.append(f"has no pose after {time[-1]:.3f} s, and counts as failed from then on")
+        notes.append(f"no pose after {time[-1]:.3f} s, which counts as a failure from then on")
     return notes
 
 

@@ -4,29 +4,33 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lissajous_env.logs.clocks import SAME, Clock, Recorded
-from lissajous_env.logs.drive_input import DRIVE_INPUTS
+from lissajous_env.logs.clocks import SAME, Clock
+from lissajous_env.logs.inputs import INPUTS
 from lissajous_env.logs.log import Log, Series, Track
-from lissajous_env.logs.messages import Bags, Message
-from lissajous_env.logs.poses import Poses, RobotPoses
-from lissajous_env.logs.robots import ODOMETRY, Robot, robots_of
+from lissajous_env.logs.messages import Bags
+from lissajous_env.logs.poses import TOPICS, Poses, Sources
 from lissajous_env.settings.checks import is_finite, is_whole
 from lissajous_env.wording import few_of, shown
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
 
 EPISODE = "/lissajous/episode"
 COMMAND, PHASE, STATUS = "/robot_{}/command", "/robot_{}/phase", "/robot_{}/status"
-_JOINTS, _NUMBERS = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64MultiArray"
-_TWISTS = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
+_COMMANDS = (
+    "sensor_msgs/msg/JointState",
+    "std_msgs/msg/Float64MultiArray",
+    "geometry_msgs/msg/Twist",
+    "geometry_msgs/msg/TwistStamped",
+)
 _FEWEST = 2
 _LATE = 1.0
 """Time between the first poses of two robots from which on a note says that the episode begins late [s]."""
+_UNIT = 0.01
+"""Difference from 1 up to which the square of a quaternion's length is rounded."""
 
 Values = tuple[tuple[str, ...], list[float]]
 """Names of some numbers, or (), and the numbers."""
@@ -34,7 +38,7 @@ Values = tuple[tuple[str, ...], list[float]]
 
 def read(
     path: str | Path | Sequence[str | Path],
-    topics: Sequence[str] = ODOMETRY,
+    topics: Sequence[str] = TOPICS,
     commands: str = COMMAND,
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Log:
@@ -53,8 +57,8 @@ def read(
 
     Raises:
         MissingExtraError: rosbags, of the extra `logs`, is not installed.
-        ValueError: a file is damaged or no log, has no such topic, or its poses are in several frames or of times that
-            do not overlap.
+        ValueError: a file is damaged or no log, has no such topic, its poses are in several frames or of times that do
+            not overlap, or a clock was set while it was recorded.
         OSError: a file cannot be read.
     """
     if len(origin) != 3 or not all(map(math.isfinite, origin)):
@@ -64,43 +68,33 @@ def read(
         raise ValueError("path must name at least one log, got none")
     name = paths[0].name if len(paths) == 1 else f"{paths[0].name} and {len(paths) - 1} more"
     with Bags(paths) as bags:
-        return _Reading(bags, name, tuple(topics), origin).log(commands)
+        return _Reading(bags, name, tuple(topics), commands).log(origin)
 
 
 class _Reading:
     """The files of a log that is being read."""
 
-    def __init__(self, bags: Bags, name: str, topics: tuple[str, ...], origin: tuple[float, float, float]):
-        self._bags, self._name, self._origin = bags, name, origin
-        poses = Poses(bags)
-        self._robots, self._notes = robots_of(bags, poses, topics, name)
-        self._labels = tuple(robot.label for robot in self._robots)
-        self._blank = Log(name, (), labels=self._labels)
+    def __init__(self, bags: Bags, name: str, topics: tuple[str, ...], commands: str):
+        self._bags, self._name, self._commands = bags, name, commands
+        sources = Sources(bags, name)
+        self._robots, self._notes = sources.robots(topics)
+        if "{}" not in commands and len(self._robots) > 1 and self._robots[0].bag is None:
+            raise ValueError(f"commands must be a topic in which {{}} stands for a robot's number, got {commands}")
+        self._blank = Log(name, (), labels=tuple(robot.label for robot in self._robots))
         self._called = self._blank.called
-        collected = [self._poses(robot, poses) for robot in self._robots]
-        words = [
-            (k, f"has {robot.broken} poses that are not finite and are left out") for k, robot in enumerate(collected)
-        ]
-        self._notes += self._blank.grouped([word for word in words if collected[word[0]].broken])
-        words = [(k, f"has {robot.turned} quaternions that are not of length 1") for k, robot in enumerate(collected)]
-        self._notes += self._blank.grouped([word for word in words if collected[word[0]].turned])
-        self._measured = [not robot.unmeasured for robot in collected]
-        self._check_frames(collected)
-        self._clock = Clock([robot.recorded for robot in collected], self._blank)
+        poses = self._sound([sources.of(robot) for robot in self._robots])
+        self._check_frames(poses)
+        self._measured = [bool(own.measured.all()) for own in poses]
+        self._clock = Clock(poses, self._blank)
         self._notes += self._clock.notes
         self._ignored: dict[str, Counter[str]] = {}
 
-    def log(self, commands: str) -> Log:
-        """Return the log."""
-        if "{}" not in commands and len(self._robots) > 1 and self._robots[0].bag is None:
-            raise ValueError(f"commands must be a topic in which {{}} stands for a robot's number, got {commands}")
-        tracks = [self._track(k, poses) for k, poses in enumerate(self._clock.poses)]
-        tracks = [replace(track, measured=known) for track, known in zip(tracks, self._measured, strict=True)]
+    def log(self, origin: tuple[float, float, float]) -> Log:
+        """Return the log, with poses relative to an origin."""
+        tracks = [self._track(k, poses, origin) for k, poses in enumerate(self._clock.poses)]
         self._check_times(tracks)
         episode, begin = self._episode(tracks)
-        if begin is None:
-            self._note_late(tracks)
-        given = self._others(commands, (_JOINTS, _NUMBERS, *_TWISTS), _command_of)
+        commands = self._others(self._commands, _COMMANDS, _command_of)
         phases = self._others(PHASE, ("std_msgs/msg/Float64",), _number_of)
         statuses = self._others(STATUS, ("std_msgs/msg/UInt8",), _status_of)
         for (topic, reason), count in sorted(self._bags.ignored.items()):
@@ -108,46 +102,53 @@ class _Reading:
         for reason, topics in self._ignored.items():
             self._notes.append(f"{topics.total()} messages of {few_of(topics)} are ignored: {reason}")
         phases, statuses = (
-            {k: Series(s.time, s.value[:, 0]) for k, s in series.items()} for series in (phases, statuses)
+            {k: Series(own.time, own.value[:, 0]) for k, own in series.items()} for series in (phases, statuses)
         )
         notes = tuple(self._notes)
-        return Log(self._name, tuple(tracks), given, phases, statuses, episode, begin, self._labels, notes)
+        return Log(self._name, tuple(tracks), commands, phases, statuses, episode, begin, self._blank.labels, notes)
 
-    def _poses(self, robot: Robot, poses: Poses) -> RobotPoses:
-        own = poses.of(robot.topic, robot.part, robot.bag)
-        name = robot.topic if robot.part is None else f"{robot.topic}:{robot.part}"
-        if own is None or len(own.recorded.stamp) < _FEWEST:
-            count = 0 if own is None else len(own.recorded.stamp)
-            broken = f" and {own.broken} that are not finite" if own is not None and own.broken else ""
-            raise ValueError(f"topic {name} of {self._name} must have at least {_FEWEST} poses, got {count}{broken}")
-        return own
+    def _sound(self, poses: Sequence[Poses]) -> list[Poses]:
+        """Return the finite poses of each robot, and note the others."""
+        words, sound = [], []
+        for k, own in enumerate(poses):
+            finite = np.isfinite(own.pose[:, :3]).all(axis=1) & np.isfinite(own.square)
+            broken, odd = int((~finite).sum()), int((np.abs(own.square[finite] - 1) > _UNIT).sum())
+            if finite.sum() < _FEWEST:
+                got = f"{int(finite.sum())}" + (f" and {broken} that are not finite" if broken else "")
+                name = self._robots[k].name
+                raise ValueError(f"topic {name} of {self._name} must have at least {_FEWEST} poses, got {got}")
+            words += [(k, f"{broken} poses that are not finite are left out")] if broken else []
+            words += [(k, f"{odd} quaternions are not of length 1")] if odd else []
+            sound.append(own.rows(finite))
+        self._notes += self._blank.grouped(words)
+        return sound
 
-    def _check_frames(self, robots: Sequence[RobotPoses]) -> None:
+    def _check_frames(self, poses: Sequence[Poses]) -> None:
         frames: dict[str, list[int]] = {}
-        for k, robot in enumerate(robots):
-            for frame in robot.frames:
+        for k, own in enumerate(poses):
+            for frame in set(own.frame):
                 frames.setdefault(frame, []).append(k)
         if len(frames) > 1:
             got = "; ".join(f"{frame or 'no name'} of {self._called(those)}" for frame, those in sorted(frames.items()))
             raise ValueError(f"the poses of {self._name} must be in one frame, got {got}")
 
-    def _track(self, robot: int, poses: Recorded) -> Track:
+    def _track(self, robot: int, poses: Poses, origin: tuple[float, float, float]) -> Track:
         """Return a track in the frame of the rectangle."""
         if len(poses.stamp) < _FEWEST:
-            words = f"must have at least {_FEWEST} poses in the part of {self._name} that counts"
+            words = f"must have at least {_FEWEST} poses in {self._name} whose stamps are set"
             raise ValueError(f"{self._called([robot])} {words}, got {len(poses.stamp)}")
         poses = poses.rows(np.argsort(poses.stamp, kind="stable"))
         poses = poses.rows(np.append(np.diff(poses.stamp) > SAME, True))
         position, heading = poses.pose[:, :3].copy(), poses.pose[:, 3].copy()
-        x, y, turn = self._origin
-        if any(self._origin):
+        x, y, turn = origin
+        if any(origin):
             away = position[:, :2] - (x, y)
             position[:, 0] = math.cos(turn) * away[:, 0] + math.sin(turn) * away[:, 1]
             position[:, 1] = math.cos(turn) * away[:, 1] - math.sin(turn) * away[:, 0]
         known = np.isfinite(heading)
         heading[known] = np.unwrap(heading[known]) - turn
-        speed = poses.pose[:, 4]
-        return Track(poses.stamp, position, heading, np.where(np.isfinite(speed), speed, np.nan))
+        speed = np.where(np.isfinite(poses.pose[:, 4]), poses.pose[:, 4], np.nan)
+        return Track(poses.stamp, position, heading, speed, self._measured[robot])
 
     def _check_times(self, tracks: Sequence[Track]) -> None:
         """Check that there is a time at which all robots have poses."""
@@ -163,57 +164,40 @@ class _Reading:
             f"{last[rest].max():.3f} s: is a clock set wrong?"
         )
 
-    def _note_late(self, tracks: Sequence[Track]) -> None:
-        first = np.array([track.time[0] for track in tracks])
-        if np.ptp(first) > _LATE:
-            words = f"the episode begins with the first pose of {self._called([int(np.argmax(first))])}"
-            self._notes.append(f"{words}, {np.ptp(first):.3g} s after that of {self._called([int(np.argmin(first))])}")
-
     def _others(self, pattern: str, kinds: Sequence[str], value_of: Callable[[Any], Values | str]) -> dict[int, Series]:
-        """Return the values of the robots that have any on the topics of a pattern."""
+        """Return the values of the robots that have any on the topics of a pattern.
+
+        Messages without as many finite numbers, of the same names, as the first are noted.
+        """
         series = {}
         for k, robot in enumerate(self._robots):
             topic = pattern.replace("{}", robot.label)
-            if topic not in self._bags.kinds:
-                continue
-            own = robot.bag if "{}" not in pattern else None
-            messages = [m for m in self._bags.of(topic, kinds) if own in (None, m.bag)]
-            messages = [message for message in messages if self._clock.counts(message.bag, message.logged)]
-            rows = self._understood(topic, messages, value_of)
+            rows, times = [], []
+            for message in self._bags.of(topic, kinds):
+                if "{}" not in pattern and robot.bag not in (None, message.bag):
+                    continue  # a topic without a number is that of one robot in each file
+                values = value_of(message.content)
+                if not isinstance(values, str) and not all(map(math.isfinite, values[1])):
+                    values = "they have numbers that are not finite"
+                if not isinstance(values, str) and rows and _shape_of(rows[0]) != _shape_of(values):
+                    values = "they have other names or another length than the first"
+                if isinstance(values, str):
+                    self._ignored.setdefault(values, Counter())[topic] += 1
+                else:
+                    rows.append(values)
+                    stamp = getattr(getattr(message.content, "header", None), "stamp", None)
+                    seconds = np.nan if stamp is None else stamp.sec + stamp.nanosec / 1e9
+                    times.append((message.bag, message.logged, seconds))
             if rows:
-                times = self._times(topic, [message for message, _ in rows])
-                values = np.array([values for _, (_, values) in rows], dtype=float)
-                order = np.argsort(times, kind="stable")
-                order = order[np.append(np.diff(times[order]) > 0, True)]
-                series[k] = Series(times[order], values[order], rows[0][1][0])
+                time = self._times(topic, *np.array(times).T)
+                order = np.argsort(time, kind="stable")
+                order = order[np.append(np.diff(time[order]) > 0, True)]
+                series[k] = Series(time[order], np.array([row[1] for row in rows], dtype=float)[order], rows[0][0])
         return series
 
-    def _understood(
-        self, topic: str, messages: Sequence[Message], value_of: Callable[[Any], Values | str]
-    ) -> list[tuple[Message, Values]]:
-        """Return the messages with as many finite numbers, of the same names, as the first; note the others."""
-        rows: list[tuple[Message, Values]] = []
-        for message in messages:
-            values = value_of(message.content)
-            if not isinstance(values, str):
-                names, numbers = values
-                if not all(map(math.isfinite, numbers)):
-                    values = "they have numbers that are not finite"
-                elif rows and (rows[0][1][0], len(rows[0][1][1])) != (names, len(numbers)):
-                    values = "they have other names or another length than the first"
-            if isinstance(values, str):
-                self._ignored.setdefault(values, Counter())[topic] += 1
-            else:
-                rows.append((message, values))
-        return rows
-
-    def _times(self, topic: str, messages: Sequence[Message]) -> np.ndarray:
+    def _times(self, topic: str, bag: np.ndarray, logged: np.ndarray, stamp: np.ndarray) -> np.ndarray:
         """Return the times of messages: of their stamps if they have any on the clock of the poses."""
-        bag = np.array([message.bag for message in messages])
-        logged = np.array([message.logged for message in messages])
-        if all(hasattr(message.content, "header") for message in messages):
-            stamps = [message.content.header.stamp for message in messages]
-            stamp = np.array([moment.sec + moment.nanosec / 1e9 for moment in stamps])
+        if np.isfinite(stamp).all():
             ahead = self._clock.differs(bag, logged, stamp)
             if ahead == 0:
                 return stamp
@@ -224,10 +208,13 @@ class _Reading:
 
     def _episode(self, tracks: Sequence[Track]) -> tuple[dict[str, Any] | None, float | None]:
         """Return what a simulation wrote about its episode, and when it began: with a pose."""
-        if EPISODE not in self._bags.kinds:
-            return None, None
-        messages = [m for m in self._bags.of(EPISODE, ("std_msgs/msg/String",)) if self._clock.counts(m.bag, m.logged)]
+        messages = list(self._bags.of(EPISODE, ("std_msgs/msg/String",)))
         if not messages:
+            first = np.array([track.time[0] for track in tracks])
+            if np.ptp(first) > _LATE:
+                late, early = (self._called([int(which(first))]) for which in (np.argmax, np.argmin))
+                words = f"the episode begins with the first pose of {late}"
+                self._notes.append(f"{words}, {np.ptp(first):.3g} s after that of {early}")
             return None, None
         if len({message.content.data for message in messages}) > 1 or len(messages) > len(self._bags.paths):
             self._notes.append(f"{len(messages)} episodes begin in {self._name}: the last of them counts")
@@ -257,11 +244,15 @@ def _checked_episode(text: str, name: str) -> dict[str, Any]:
     return episode
 
 
+def _shape_of(values: Values) -> tuple[tuple[str, ...], int]:
+    return values[0], len(values[1])
+
+
 def _command_of(message: Any) -> Values | str:
     """Return the values of a command, those with names in the order of their names."""
     twist = getattr(message, "twist", message)
     if hasattr(twist, "linear"):
-        return DRIVE_INPUTS, [float(twist.linear.x), float(twist.angular.z)]
+        return INPUTS["differential"], [float(twist.linear.x), float(twist.angular.z)]
     if not hasattr(message, "name"):
         return (), [float(value) for value in message.data]
     names = list(message.name)
@@ -271,7 +262,7 @@ def _command_of(message: Any) -> Values | str:
     return tuple(names[k] for k in order), [float(message.position[k]) for k in order]
 
 
-def _number_of(message: Any) -> Values | str:
+def _number_of(message: Any) -> Values:
     return (), [float(message.data)]
 
 

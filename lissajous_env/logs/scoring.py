@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.episodes.recording import Recorder, Recording, Unknown
-from lissajous_env.logs.car_input import LARGEST_STEERING, actions_of
-from lissajous_env.logs.drive_input import actions_of_twists
+from lissajous_env.logs.inputs import INPUTS, LARGEST_STEERING, actions_of
 from lissajous_env.logs.log import Log
 from lissajous_env.logs.motion import SOME, Motion, motion_of
 from lissajous_env.logs.notes import remarks
@@ -26,7 +25,7 @@ from lissajous_env.world.state import REMOVED, STUCK, WORKING
 
 GAP = 0.5
 """Longest time between two poses of a robot during which it counts as working, by default [s]."""
-MOST_STEPS = 1_000_000
+MOST_STEPS = 200_000
 """Largest number of control steps of a log."""
 _SAME = 1e-6
 """Share of a step by which a log may be shorter than a number of them."""
@@ -50,10 +49,6 @@ class Scored:
     """Time of the log at which the episode begins [s]."""
     notes: tuple[str, ...]
     """Remarks for readers of the scores."""
-    detected_after: np.ndarray
-    """Times until the virtual targets were detected, of all rows [s]."""
-    undetected_for: np.ndarray
-    """Times for which the others were present [s]."""
 
 
 def own_scenario(log: Log) -> Scenario | None:
@@ -119,7 +114,6 @@ def score(
     notes = [*log.notes, *remarks(log, scenario, motions, times, status), *refused]
     recorder = Recorder(simulation)
     recorder.take()
-    _check_length(log, scenario.task.step, len(times) - 1, recorder.most_moments - 1)
     for moment in range(1, len(times)):
         action = np.zeros(simulation.action_shape[1:], np.float32) if actions is None else actions[moment - 1]
         simulation.step(np.broadcast_to(action, simulation.action_shape).astype(np.float32))
@@ -136,11 +130,7 @@ def score(
     recording = recorder.recording(name)
     blanks = _unknown(motions, times, actions is None)
     recording = dataclasses.replace(recording, score=recording.score | unknown, unknown=blanks)
-    waited = [simulation.detection_times(world) for world in range(len(seeds))]
-    detected, undetected = (
-        np.concatenate([times[known == outcome] for times, known in waited]) for outcome in (True, False)
-    )
-    return Scored(scenario, rows, recording, float(times[0]), tuple(notes), detected, undetected)
+    return Scored(scenario, rows, recording, float(times[0]), tuple(notes))
 
 
 def _unknown(motions: Sequence[Motion], times: np.ndarray, commands: bool) -> tuple[Unknown, ...]:
@@ -171,19 +161,19 @@ def _moments(log: Log, step: float, gap: float) -> np.ndarray:
             f"log {log.name} must have poses of all robots for at least a control step of {step:g} s, "
             f"got {max(float(lasts[0]) - log.start, 0):.3g} s"
         )
-    _check_length(log, step, steps, MOST_STEPS)
+    _check_length(log, step, steps)
     return log.start + step * np.arange(steps + 1)
 
 
-def _check_length(log: Log, step: float, steps: int, most: int) -> None:
+def _check_length(log: Log, step: float, steps: int) -> None:
     """Refuse a log of too many control steps, and name its longest gap, which is where a clock may have jumped."""
-    if steps <= most:
+    if steps <= MOST_STEPS:
         return
     widest = [int(np.argmax(np.diff(track.time))) for track in log.tracks]
     robot = int(np.argmax([np.diff(track.time)[k] for track, k in zip(log.tracks, widest, strict=True)]))
     before, after = log.tracks[robot].time[widest[robot] : widest[robot] + 2].tolist()
     raise ValueError(
-        f"log {log.name} must last at most {most:,} control steps of {step:g} s in this scenario, got {steps:,}; the "
+        f"log {log.name} must last at most {MOST_STEPS:,} control steps of {step:g} s, got {steps:,}; the "
         f"longest time without a pose is that of {log.called([robot])}, from {before:.3f} to {after:.3f} s"
     )
 
@@ -319,7 +309,6 @@ def _actions(log: Log, scenario: Scenario, times: np.ndarray) -> tuple[np.ndarra
         beyond = np.abs(actions[..., 0]).max()
         if beyond > LARGEST_STEERING:
             return None, [f"the commands are ignored, because steering angles of {beyond:.3g} are not in radians"]
+    if scenario.robot.kind in INPUTS:
         actions[..., :2] = actions_of(scenario.robot, np.ascontiguousarray(actions[..., :2]))
-    if scenario.robot.kind == "differential":
-        actions[..., :2] = actions_of_twists(scenario.robot, actions[..., :2])
     return np.clip(actions, -1, 1), []

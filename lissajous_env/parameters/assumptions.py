@@ -4,11 +4,18 @@ A scenario that violates an assumption can still be played, and some included sc
 assumptions are also necessary for a robot to follow the curve at all, and one for any policy to avoid collisions.
 """
 
+import warnings
+from collections.abc import Iterable
+from functools import cache
+
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.parameters.scenario_file import included_scenarios
 from lissajous_env.theory import closed_forms, geometry, starts
 
 _OBSERVED = 4
 """Largest speed in an observation [top speeds]."""
+_reported: set[str] = set()
+"""Violated assumptions about which this process has already warned."""
 
 
 class AssumptionWarning(UserWarning):
@@ -18,6 +25,19 @@ class AssumptionWarning(UserWarning):
 def violations(scenario: Scenario) -> tuple[str, ...]:
     """Return a sentence with numbers for each assumption that a scenario violates."""
     return (*_of_formation(scenario), *_of_robots(scenario), *_of_start(scenario))
+
+
+def warn_of_violations(made: Scenario, allowed: Iterable[str] = ()) -> None:
+    """Warn about violated assumptions that are new in this process, not allowed, and in no included scenario."""
+    known = {*_reported, *allowed, *_violated_on_purpose()}
+    if new := [words for words in violations(made) if words not in known]:
+        _reported.update(new)
+        warnings.warn(f"scenario {made.name}: {'; '.join(new)}", AssumptionWarning, stacklevel=3)
+
+
+@cache
+def _violated_on_purpose() -> frozenset[str]:
+    return frozenset(words for scenario in included_scenarios().values() for words in violations(scenario))
 
 
 def _of_formation(scenario: Scenario) -> list[str]:

@@ -4,7 +4,7 @@ import hashlib
 import os
 from collections.abc import Callable
 
-from lissajous_env.parameters.named import scenario_space
+from lissajous_env.parameters.named_spaces import scenario_space
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.settings.checks import LAST_SEED, whole_number

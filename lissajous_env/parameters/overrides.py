@@ -49,6 +49,6 @@ def parse_overrides(groups: Iterable[Iterable[str]], rogues: str | None = None) 
 def _literal(name: str, text: str) -> Any:
     try:
         return Formula(text)({"inf": math.inf}.__getitem__)
-    except (ValueError, KeyError):
+    except ValueError:
         rule = "must be given a number, a word or another Python literal without nan"
         raise ValueError(f"--set {name} {rule}, got {text!r}") from None

@@ -10,6 +10,13 @@ import pettingzoo
 
 from lissajous_env.wording import shown
 
+SCENARIOS: dict[str, Any] = {}
+"""Scenarios of users and of other packages, by name."""
+SPACES: dict[str, Any] = {}
+"""Spaces of scenarios by name: those of users, and those of the package that were used."""
+NAMES = r"(?!.*\.toml$)\w[\w.-]{0,98}", "a word of letters, digits, _, - and . that does not end in .toml"
+"""Names of scenarios and spaces, as a pattern and in words."""
+
 
 def register(
     registry: dict[str, Any],
@@ -50,9 +57,10 @@ def register_ids(name: str, is_space: bool = False) -> None:
 
     Batches of a space of scenarios are made by Gymnasium itself.
     """
-    identifier, settings, making = f"lissajous/{name}-v0", {"scenario": name}, "lissajous_env.envs.making"
+    identifier, settings, module = f"lissajous/{name}-v0", {"scenario": name}, "lissajous_env.envs"
     vector = None if is_space else "lissajous_env.envs.gymnasium_vector:LissajousVectorEnv"
     if identifier not in gymnasium.registry:
-        gymnasium.register(identifier, f"{making}:gymnasium_env", kwargs=settings, vector_entry_point=vector)
-        pettingzoo.register("parallel", identifier, f"{making}:parallel_env", kwargs=settings)
-        pettingzoo.register("aec", identifier, f"{making}:env", kwargs=settings)
+        made = f"{module}.gymnasium_env:LissajousEnv"
+        gymnasium.register(identifier, made, kwargs=settings, vector_entry_point=vector)
+        pettingzoo.register("parallel", identifier, f"{module}.pettingzoo_env:LissajousParallelEnv", kwargs=settings)
+        pettingzoo.register("aec", identifier, f"{module}.pettingzoo_env:env", kwargs=settings)

@@ -14,17 +14,20 @@ The default name is that of the file. `extensions`, before the first table, list
 import dataclasses
 import json
 import os
+import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from lissajous_env.here import beside
 from lissajous_env.parameters.extensions import Extension
 from lissajous_env.parameters.overriding import overridden
+from lissajous_env.parameters.registry import NAMES
 from lissajous_env.parameters.scenario import PARTS, Scenario
 from lissajous_env.storage.files import read_bytes
-from lissajous_env.wording import nearest
+from lissajous_env.wording import nearest, shown
 
 SUFFIX = ".toml"
 _TEXTS = dict.fromkeys(("name", "description", "base"), (str, "text"))
@@ -48,6 +51,24 @@ def read_toml(path: str, largest: int = _LARGEST) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         hint = "" if os.path.exists(path) else nearest(path, beside(path, SUFFIX))
         raise ValueError(f"{path} must be a TOML file that can be read: {error}{hint}") from error
+
+
+def is_file(name: Any) -> bool:
+    """Return True for the path of a TOML file, which need not exist."""
+    return isinstance(name, (str, os.PathLike)) and os.fspath(name).lower().endswith(SUFFIX)
+
+
+def name_in_file(table: Mapping[str, Any], path: str) -> str:
+    """Return the name of a scenario or space in a file, by default that of the file.
+
+    Raises:
+        ValueError: the name is invalid.
+    """
+    name = table.get("name", os.path.basename(path)[: -len(SUFFIX)])
+    if isinstance(name, str) and not re.fullmatch(NAMES[0], name):
+        hint = "" if "name" in table else '; the file may contain another name, as in name = "lab"'
+        raise ValueError(f"name of a scenario must be {NAMES[1]}, got {shown(name)}{hint}")
+    return name
 
 
 def check_keys(table: Mapping[str, Any], known: Mapping[str, tuple[type, str]]) -> None:
@@ -81,6 +102,7 @@ def scenario_from(table: Mapping[str, Any], name: str, base_of: Callable[[str], 
     return dataclasses.replace(made, name=table.get("name", name), description=table.get("description", ""))
 
 
+@cache
 def included_scenarios() -> dict[str, Scenario]:
     """Return the included scenarios by name, from `shipped.toml`."""
     scenarios: dict[str, Scenario] = {}

@@ -1,27 +1,31 @@
-"""A distribution of scenarios: fields drawn from ranges and choices by a seed, with splits that share no scenario."""
+"""A distribution of scenarios: fields drawn by expressions and a seed, with splits that share no scenario."""
 
+import bisect
 import functools
 import hashlib
+import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from lissajous_env.parameters.overriding import by_field, overridden
 from lissajous_env.parameters.scenario import PARTS, Scenario
-from lissajous_env.settings.checks import LAST_SEED, is_finite, is_whole, whole_number
-from lissajous_env.settings.formulas import Formula
+from lissajous_env.settings.checks import LAST_SEED, is_finite, whole_number
+from lissajous_env.settings.formulas import Formula, Names
 from lissajous_env.wording import nearest, shown
 
 SPLITS = {"train": 0.8, "validation": 0.1, "test": 0.1}
 """Share of the seeds that belong to each split."""
-_OTHERS = "variables", "scale"
-"""Tables of a draw beside the parts of a scenario."""
 _SCALE = "length", "time"
 _MOST_TRIES = 1000
 """Limit on the draws for one scenario that rules reject."""
-_Look = Callable[[str], Any]
-_Drawing = Callable[[float, _Look], Any]
-"""Function of a number in [0, 1) and of the other values, which returns the value of a field."""
+_RANDOM: dict[str, Callable[..., Any]] = {
+    "uniform": lambda at, low, high: low + (high - low) * at,
+    "log_uniform": lambda at, low, high: low * (high / low) ** at,
+    "whole": lambda at, low, high: low + int(at * (high - low + 1)),
+    "choice": lambda at, *values: values[int(at * len(values))],
+}
+"""Random functions of an expression, of a number in [0, 1) and their arguments."""
 
 
 @dataclass(frozen=True)
@@ -38,19 +42,16 @@ class ScenarioSpace:
     Args:
         name: Name, the start of the names of its scenarios: `NAME-SEED`.
         base: Scenario with the fields that are not drawn.
-        draw: For each part of a scenario, a mapping from fields to their draws. A draw is
+        draw: For each part of a scenario, a mapping from fields to their draws. A draw that is text is an expression,
+            as `lissajous_env.settings.formulas.Formula` describes it, such as
+            `"log_uniform(0.8, 3.2) * curve.half_width"`, with one of these functions at most: `uniform(low, high)`;
+            `log_uniform(low, high)`, whose logarithm is uniform; `whole(low, high)`, a whole number, both ends
+            included; and `choice(...)` of values. Any other draw is a value, which is used unchanged.
 
-            * `{"low": 1.0, "high": 2.0}`, a uniform number, or a whole number, both ends included, if both are of type
-              int; with `"log": True`, its logarithm is uniform; with `"times": FORMULA`, it is multiplied by the
-              formula's value;
-            * `{"choices": [...]}`, one of the values, with `"weights": [...]` not all equally often;
-            * `{"formula": FORMULA}`, the value of a `lissajous_env.settings.formulas.Formula` of fields;
-            * any other value, which is used unchanged.
-
-            Under the key `choices`, a part itself has a list of mappings, of which one is drawn: fields that belong
-            together. `variables` are numbers for formulas. `scale` may draw `length` and `time`, by which
-            `Scenario.scaled` finally multiplies all lengths and times. Formulas can use every other value that is
-            drawn, in any order.
+            Under the key `choices`, a part itself has a list of mappings, of which one is drawn: values of fields that
+            belong together, with `weights` not all equally often. `variables` are numbers for expressions. `scale` may
+            draw `length` and `time`, by which `Scenario.scaled` finally multiplies all lengths and times. Expressions
+            can use every other value that is drawn, in any order.
         require: Formulas of fields and properties of the scenario, such as `"sensing_radius < curve.half_height"`; a
             scenario for which one is False is drawn anew.
         shifts: For each shift, the draws that differ, in the form of `draw`.
@@ -73,7 +74,6 @@ class ScenarioSpace:
         if not isinstance(self.base, Scenario):
             raise ValueError(f"base of a space must be a Scenario, got {shown(self.base)}")
         object.__setattr__(self, "require", tuple(self.require))
-        _ = self._rules
         for name in self.shifts:
             if name in SPLITS:
                 raise ValueError(f"a shift must not have the name of a split, got {name}")
@@ -118,8 +118,8 @@ class ScenarioSpace:
         if split in self.shifts:
             return iter(range(LAST_SEED + 1))
         if split not in SPLITS:
-            words = f"split must be one of {', '.join([*SPLITS, *self.shifts])}"
-            raise ValueError(f"{words}, got {shown(split)}{nearest(split, [*SPLITS, *self.shifts])}")
+            known = [*SPLITS, *self.shifts]
+            raise ValueError(f"split must be one of {', '.join(known)}, got {shown(split)}{nearest(split, known)}")
         return (seed for seed in range(LAST_SEED + 1) if self.split_of(seed) == split)
 
     def scenarios(self, split: str) -> Iterator[Scenario]:
@@ -138,8 +138,8 @@ class ScenarioSpace:
             ValueError: there is no such shift, or its draws are invalid.
         """
         if shift not in self.shifts:
-            words = f"shift must be one of {', '.join(self.shifts) or 'none'}"
-            raise ValueError(f"{words}, got {shown(shift)}{nearest(shift, self.shifts)}")
+            known = ", ".join(self.shifts) or "none"
+            raise ValueError(f"shift must be one of {known}, got {shown(shift)}{nearest(shift, self.shifts)}")
         draw = {part: dict(given) for part, given in self.draw.items()}
         for part, other in self.shifts[shift].items():
             draw[part] = draw.get(part, {}) | dict(other)
@@ -148,7 +148,7 @@ class ScenarioSpace:
     def overridden(self, overrides: Mapping[str, Any]) -> "ScenarioSpace":
         """Return the space in which fields have given values instead of being drawn, in its shifts too.
 
-        All other fields of a seed's scenario remain as they are, unless they follow from a given one by a formula.
+        All other fields of a seed's scenario remain as they are, unless they follow from a given one by an expression.
         Values are in the units in which the space is written, before `scale` multiplies lengths and times.
 
         Args:
@@ -169,24 +169,22 @@ class ScenarioSpace:
         return tuple(map(Formula, self.require))
 
     @functools.cached_property
-    def _drawings(self) -> dict[str, _Drawing]:
-        """The drawing of each field by its dotted name; `PART.choices` draws several fields."""
-        drawings = {}
-        for part, given_fields in self.draw.items():
-            if part not in PARTS and part not in _OTHERS:
-                known = [*PARTS, *_OTHERS]
+    def _draws(self) -> dict[str, Callable[[Names], Any]]:
+        """The draw of each field by its dotted name, as a function of other values; `PART.choices` draws several."""
+        draws, known = {}, [*PARTS, "variables", "scale"]
+        for part, entries in self.draw.items():
+            if part not in known:
                 raise ValueError(f"draw must name one of {', '.join(known)}, got {shown(part)}{nearest(part, known)}")
-            if not isinstance(given_fields, Mapping):
-                raise ValueError(f"draw.{part} must be a mapping from fields to draws, got {shown(given_fields)}")
-            left = dict(given_fields)
-            if part == "scale" and (other := set(left) - set(_SCALE)):
+            if not isinstance(entries, Mapping):
+                raise ValueError(f"draw.{part} must be a mapping from fields to draws, got {shown(entries)}")
+            if part == "scale" and (other := set(entries) - set(_SCALE)):
                 raise ValueError(f"draw.scale must contain length or time, got {shown(min(other))}")
-            if part in PARTS and "choices" in left:
-                together = {name: left.pop(name) for name in ("choices", "weights") if name in left}
-                drawings[f"{part}.choices"] = _drawing(f"draw.{part}", together)
-            for name, given in left.items():
-                drawings[f"{part}.{name}"] = _drawing(f"draw.{part}.{name}", given)
-        return drawings
+            for name, entry in entries.items():
+                if name == "choices":
+                    draws[f"{part}.{name}"] = _choice(f"draw.{part}", entry, entries.get("weights"))
+                elif name != "weights":
+                    draws[f"{part}.{name}"] = Formula(entry, _RANDOM) if isinstance(entry, str) else _value(entry)
+        return draws
 
     def _drawn(self, seed: int, attempt: int) -> Scenario:
         values: dict[str, Any] = {}
@@ -197,27 +195,29 @@ class ScenarioSpace:
                 if name in begun:
                     raise ValueError(f"{name}, which depends on itself")
                 begun.append(name)
-                values[name] = self._drawings[name](self._uniform(f"{attempt}/{name}", seed), look_up)
+                values[name] = self._draws[name](functools.partial(look_up, name))
             return values[name]
 
-        def look_up(name: str) -> Any:
+        def look_up(drawn: str, name: str) -> Any:
+            if name in _RANDOM:
+                return functools.partial(_RANDOM[name], self._uniform(f"{attempt}/{drawn}", seed))
             if name in self.given:
                 return self.given[name]
             for known in (name, f"variables.{name}"):
-                if known in self._drawings:
+                if known in self._draws:
                     return value_of(known)
             part, _, what = name.partition(".")
-            together = value_of(f"{part}.choices") if f"{part}.choices" in self._drawings else {}
+            together = value_of(f"{part}.choices") if f"{part}.choices" in self._draws else {}
             return together[what] if what in together else _property(self.base, name)
 
         changed: dict[str, Any] = {}
-        for name in self._drawings:
+        for name in self._draws:
             part, _, what = name.partition(".")
             if part in PARTS:
                 together = value_of(name) if what == "choices" else {what: value_of(name)}
                 changed |= {f"{part}.{each}": value for each, value in together.items()}
         changed.update(self.given)
-        scale = {name: value_of(f"scale.{name}") for name in _SCALE if f"scale.{name}" in self._drawings}
+        scale = {name: value_of(f"scale.{name}") for name in _SCALE if f"scale.{name}" in self._draws}
         try:
             made = overridden(self.base, changed).scaled(**scale)
         except ValueError as error:
@@ -242,58 +242,21 @@ def _property(made: Scenario, dotted: str) -> Any:
     return value
 
 
-def _drawing(name: str, given: Any) -> _Drawing:
-    """Return the function that draws a value.
+def _value(value: Any) -> Callable[[Names], Any]:
+    return lambda names: value
+
+
+def _choice(name: str, choices: Any, weights: Any) -> Callable[[Names], Any]:
+    """Return the draw of one of some mappings.
 
     Raises:
-        ValueError: the draw is invalid.
+        ValueError: there is none, or the weights are not a number for each.
     """
-    if not isinstance(given, Mapping):
-        return lambda at, look_up: given
-    keys = set(given)
-    if keys == {"formula"}:
-        formula = Formula(given["formula"])
-        return lambda at, look_up: formula(look_up)
-    if "choices" in keys <= {"choices", "weights"}:
-        return _choice(name, given["choices"], given.get("weights"))
-    if {"low", "high"} <= keys <= {"low", "high", "log", "times"}:
-        return _range(name, **given)
-    rule = "must be a value, {low, high}, also with log and times, {choices}, also with weights, or {formula}"
-    raise ValueError(f"{name} {rule}, got {shown(dict(given))}")
-
-
-def _choice(name: str, choices: Any, weights: Any) -> _Drawing:
     if not isinstance(choices, (list, tuple)) or not choices:
         raise ValueError(f"{name}.choices must be a list of at least one value, got {shown(choices)}")
     shares = [1.0] * len(choices) if weights is None else list(weights)
     if len(shares) != len(choices) or not all(is_finite(share) and share >= 0 for share in shares) or not sum(shares):
-        raise ValueError(
-            f"{name}.weights must be {len(choices)} numbers of at least 0, not all 0, got {shown(weights)}"
-        )
-
-    def choose(at: float, look_up: _Look) -> Any:
-        left = at * sum(shares)
-        for choice, share in zip(choices, shares, strict=True):
-            left -= share
-            if left < 0:
-                return choice
-        return choices[max(place for place, share in enumerate(shares) if share)]
-
-    return choose
-
-
-def _range(name: str, low: Any, high: Any, log: bool = False, times: str | None = None) -> _Drawing:
-    if not (is_finite(low) and is_finite(high) and low <= high):
-        raise ValueError(f"{name} must have finite numbers low <= high, got {shown(low)} and {shown(high)}")
-    if log and low <= 0:
-        raise ValueError(f"{name}.low must be above 0 with log, got {shown(low)}")
-    formula = None if times is None else Formula(times)
-
-    def draw(at: float, look_up: _Look) -> Any:
-        if is_whole(low) and is_whole(high):
-            value = low + int(at * (high - low + 1))
-        else:
-            value = low * (high / low) ** at if log else low + (high - low) * at
-        return value if formula is None else value * formula(look_up)
-
-    return draw
+        rule = f"must be {len(choices)} numbers of at least 0, not all 0"
+        raise ValueError(f"{name}.weights {rule}, got {shown(weights)}")
+    above = list(itertools.accumulate(shares))
+    return lambda names: choices[bisect.bisect(above, names("uniform")(0, above[-1]))]

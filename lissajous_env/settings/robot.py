@@ -49,9 +49,10 @@ class Robot(Checked):
     acceleration_max: float | None = number(None, 1e-6, 1e7, "m/s^2")
     """Largest acceleration and deceleration of a differential drive [m/s^2]; None means drag `speed_max`, with which a
     car begins at full throttle."""
-    yaw_acceleration_max: float | None = number(None, 1e-9, 1e13, "rad/s^2")
+    yaw_acceleration_max: float | None = number(None, 1e-9, 1e13, "rad/s^2", or_infinite=True)
     """Largest change of the yaw rate of a differential drive per time [rad/s^2]; None means 2 `acceleration_max` /
-    `radius`, that of a uniform disc whose wheels push at its edge as much as for `acceleration_max`."""
+    `radius`, that of a uniform disc whose wheels push at its edge as much as for `acceleration_max`; infinite for cars,
+    unless they stand for such drives."""
     drag: float = number(0.945, 1e-3, 1e3, "1/s")
     """Damping of the speed, c [1/s].
 
@@ -145,9 +146,10 @@ class Robot(Checked):
 
     @property
     def top_yaw_acceleration(self) -> float:
-        """Largest yaw acceleration of a differential drive, by default 2 acceleration / radius [rad/s^2]."""
-        given = self.yaw_acceleration_max
-        return 2 * self.top_acceleration / self.radius if given is None else given
+        """Largest yaw acceleration [rad/s^2]: by default 2 acceleration / radius for differential drives, else none."""
+        if self.yaw_acceleration_max is not None:
+            return self.yaw_acceleration_max
+        return 2 * self.top_acceleration / self.radius if self.kind == "differential" else math.inf
 
     def steady_speed(self, drive: float) -> float:
         """Return the steady speed at action 1 of a robot with its own drive [m/s].

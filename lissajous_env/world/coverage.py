@@ -20,21 +20,6 @@ from lissajous_env.world.tally import EpisodeTotals
 wp.set_module_options(OPTIONS)
 
 
-@stage(ROW, writes="cells: coming, idle_max, idle_squares, in_discs, sensed, sensed_at, sensed_by")
-def reset_cells(w: int, row: int, clock: Clock, cells: Cells):
-    """Clear every visit."""
-    for column in range(cells.sensed_at.shape[2]):
-        cells.sensed_at[w, row, column] = 0
-    for word in range(cells.sensed.shape[1]):
-        cells.sensed[w, word, row] = wp.uint64(0)
-        cells.in_discs[w, word, row] = wp.uint64(0)
-        cells.coming[w, word, row] = wp.uint64(0)
-        for i in range(cells.sensed_by.shape[1]):
-            cells.sensed_by[w, i, word, row] = wp.uint64(0)
-    cells.idle_squares[w, row] = wp.int64(0)
-    cells.idle_max[w, row] = 0
-
-
 _COUNT_VISITS = """
     typedef unsigned long long Word;
     const int words = cells.coming.shape[1], rows = cells.coming.shape[2], columns = cells.sensed_at.shape[2];

@@ -27,24 +27,15 @@ TERMS = tuple(FORMULAS)
 _TERMS = wp.constant(len(TERMS))
 
 
-@stage(
-    ROBOT,
-    writes=("latest: collisions, detections, idle_ended, in_sight, reward, terminated, terms, truncated, waiting"),
-)
-def clear_events(w: int, i: int, resets: bool, clock: Clock, latest: StepEvents):
-    """Clear the events of the step before, and at a reset the rewards and ends of the episode before."""
+@stage(ROBOT, writes="latest: collisions, detections, idle_ended, in_sight, waiting")
+def clear_events(w: int, i: int, clock: Clock, latest: StepEvents):
+    """Clear the events of the step before."""
     latest.detections[w, i] = 0
     latest.collisions[w, i] = 0
     if i == 0:
         latest.in_sight[w] = 0
         latest.waiting[w] = 0
         latest.idle_ended[w] = wp.int64(0)
-    if resets:
-        latest.terminated[w, i] = False
-        latest.truncated[w, i] = False
-        latest.reward[w, i] = 0.0
-        for term in range(latest.terms.shape[2]):
-            latest.terms[w, i, term] = 0.0
 
 
 @stage(ROBOT, writes="latest: reward, terms; tally: returns", idle=True)

@@ -9,7 +9,7 @@ import warp as wp
 from lissajous_env.device.devices import as_device, check_room, compile_quietly, copy_in, cores
 from lissajous_env.device.locks import Turn, in_turn
 from lissajous_env.device.program import Program, Stage, split_of
-from lissajous_env.device.stage import BIN, FIELD_ROW, ROBOT, ROW, TARGET
+from lissajous_env.device.stage import ARRAY, BIN, FIELD_ROW, ROBOT, ROW, TARGET
 from lissajous_env.device.warp_abi import fields_of, name_of, variables_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import RewardTerm
@@ -21,6 +21,7 @@ from lissajous_env.world.columns import number_names, plain, score_of
 from lissajous_env.world.constants import constants_of
 from lissajous_env.world.contamination.labels import MARGIN, across
 from lissajous_env.world.extended import ExtensionStages
+from lissajous_env.world.initial import initial_of
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.reward import TERMS
 from lissajous_env.world.robots.bin_sizes import bins_of
@@ -307,8 +308,9 @@ class Simulation:
         values = constants | self._structs | {"seeds": self._seeds, "taken": self._taken}
         values |= {name: getattr(self, name) for name in ("action", "command", "observation", "final_observation")}
         values |= {f"{name}_out": values[name] for name in ("command", "observation", "final_observation")}
+        values["initial"] = initial_of(self._structs, self.device)
         sizes = {ROBOT: self.num_robots, TARGET: self.targets.stage.shape[1], ROW: self.cells.idle_max.shape[1]}
-        sizes |= {FIELD_ROW: self.contamination.row_ages.shape[1]}
+        sizes |= {FIELD_ROW: self.contamination.row_ages.shape[1], ARRAY: len(values["initial"].size)}
         work = self.num_robots * _ROBOT_WORK + sizes[TARGET] * _TARGET_WORK
         self.split = split_of(work, self.num_worlds, self.device, self.threads)
         values["bins"] = bins_of(self.scenario, self.speed_unit, self.num_worlds, self.device)

@@ -14,8 +14,9 @@ from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Faults, Scenario
 from lissajous_env.world.clock import advance_clock, end_episodes, reset_clock
 from lissajous_env.world.contamination.conservative import bound_labels, reset_bounds
-from lissajous_env.world.contamination.field import clear_cells, keep_guarantee, reset_guarantee, reset_labels, spread
-from lissajous_env.world.coverage import cover, reset_cells
+from lissajous_env.world.contamination.field import clear_cells, keep_guarantee, reset_labels, spread
+from lissajous_env.world.coverage import cover
+from lissajous_env.world.initial import reset_arrays
 from lissajous_env.world.observation import message_start, track_start
 from lissajous_env.world.observing import keep_final, observe, observe_listed
 from lissajous_env.world.reward import clear_events, give_reward
@@ -29,8 +30,6 @@ from lissajous_env.world.robots.faults import reset_losses, update_status
 from lissajous_env.world.robots.messages import (
     hear,
     hear_policy_messages,
-    reset_messages,
-    reset_policy_messages,
     send,
     send_policy_messages,
 )
@@ -38,7 +37,7 @@ from lissajous_env.world.robots.placing import draw_apart, follow_curve, reset_r
 from lissajous_env.world.robots.signals import measure, take_commands
 from lissajous_env.world.robots.walls import watch_walls
 from lissajous_env.world.rogues.stages import rogue_motion, rogue_results
-from lissajous_env.world.tally import keep_score, reset_tally
+from lissajous_env.world.tally import keep_score
 from lissajous_env.world.targets.detection import (
     move_and_detect,
     move_and_detect_listed,
@@ -46,7 +45,7 @@ from lissajous_env.world.targets.detection import (
     place_unseen_listed,
 )
 from lissajous_env.world.targets.motion import reset_arrivals, reset_targets, respawn
-from lissajous_env.world.tracks import observe_tracks, reset_tracks, sight, update_tracks
+from lissajous_env.world.tracks import observe_tracks, sight, update_tracks
 
 
 def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
@@ -54,7 +53,7 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
     model, many = model_of(scenario.robot.kind), has_bins(scenario)
     return [
         Stage("clock", advance_clock),
-        Stage("events", clear_events, own={"resets": False}),
+        Stage("events", clear_events),
         Stage("faults", update_status, when=scenario.faults != Faults()),
         Stage("commands", take_commands),
         Stage("driver", drive, barrier=False, when=scenario.task.action == "velocity"),
@@ -89,25 +88,20 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
     many, turning = has_bins(scenario), scenario.start_turning
     return [
         Stage("clock", reset_clock),
+        Stage("arrays", reset_arrays),
         Stage("losses", reset_losses),
-        Stage("tally", reset_tally),
-        Stage("events", clear_events, own={"resets": True}),
         Stage("robots", reset_robots),
         Stage("headway", draw_apart, when=scenario.formation.start_headway > 0),
         Stage("facing", turn_inside, when=turning > 0, own={"turning": turning}),
-        Stage("messages", reset_messages),
-        Stage("policy messages", reset_policy_messages, when=scenario.messages.size > 0),
         Stage("measurement", measure),
         Stage("sending", send),
         Stage("targets", reset_targets),
         Stage("arrivals", reset_arrivals, when=scenario.targets.arrival_rate > 0),
         *_bin_stages(many),
         *_target_stages(scenario, "detection", many),
-        Stage("cells", reset_cells),
         Stage("coverage", cover, when=scenario.task.grid is not None),
-        Stage("labels", reset_labels),
+        Stage("labels", reset_labels, when=scenario.task.contamination is not None),
         Stage("bounds", reset_bounds, when=scenario.task.conservative),
-        Stage("unseen", reset_guarantee),
         *_contamination_stages(scenario, [scenario.spreading.ticks - 1]),
         Stage("boundary", watch_boundary),
         Stage("deviations", find_deviations, barrier=False),
@@ -115,10 +109,9 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("hearing", hear),
         Stage("final", keep_final),
         _policy_hearing(scenario),
-        Stage("no tracks", reset_tracks, when=scenario.sensing.has_tracks),
         *_track_stages(scenario),
         Stage("observation", observe_listed if many else observe),
-        *rogue_results(scenario, resets=True),
+        *rogue_results(scenario),
     ]
 
 

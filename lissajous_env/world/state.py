@@ -290,6 +290,22 @@ class StepEvents:
     """(W, N) True when the time is over."""
 
 
+INITIAL_STATE = {
+    "robots.resumed_at": -1,
+    "links.heard_at": -1,
+    "targets.found_at": int(NEVER),
+    "tracks.seen_at": -1,
+    "tracks.own_at": -1,
+    "tracks.other_at": -1,
+    "tracks.heard_at": -1,
+    "contamination.row_oldest": int(NEVER),
+    "contamination.oldest": int(NEVER),
+    "contamination.cleared_at": int(NEVER),
+    "contamination.high_at": -1,
+}
+"""Values that are not zero at the beginning of an episode, by struct and field."""
+
+
 @wp.func
 def planar(position: wp.vec3) -> wp.vec2:
     """Return the position on the ground [m]."""

@@ -85,41 +85,15 @@ class EpisodeTotals:
     """(W, N) sum of the rewards."""
 
 
-@stage(WORLD, writes="tally: all")
-def reset_tally(w: int, clock: Clock, tally: EpisodeTotals):
-    """Reset the totals of a new episode."""
-    for i in range(tally.contact.shape[1]):
-        for j in range(tally.contact.shape[1]):
-            tally.contact[w, i, j] = 0
-        tally.returns[w, i] = wp.float64(0.0)
-        tally.wall_contacts[w, i] = 0
-        tally.at_wall[w, i] = 0
-        tally.blocked_steps[w, i] = 0
-        tally.driven_steps[w, i] = 0
-        tally.driven_from[w, i] = wp.vec2(NOWHERE, NOWHERE)
-    tally.collisions[w] = wp.int64(0)
-    tally.contact_steps[w] = wp.int64(0)
-    tally.min_separation[w] = 1.0e30
-    tally.covered[w] = wp.int64(0)
-    tally.covered_each[w] = wp.int64(0)
-    tally.covered_at[w] = NEVER
-    tally.covered_each_at[w] = NEVER
-    tally.lateral_sum[w] = wp.float64(0.0)
-    tally.lateral_max[w] = 0.0
-    tally.tracking_sum[w] = wp.float64(0.0)
-    tally.tracking_max[w] = 0.0
-    tally.distance_sum[w] = wp.float64(0.0)
-    tally.observed[w] = wp.int64(0)
-    tally.speed_max[w] = 0.0
-    tally.change_sum[w] = wp.float64(0.0)
-    tally.outside_steps[w] = wp.int64(0)
-    tally.partly_outside_steps[w] = wp.int64(0)
-    tally.spacing_max[w] = 0.0
-    tally.phase_error_max[w] = 0.0
-    tally.nominal_phase_error[w] = 0.0
-    tally.faulted[w] = 0
-    tally.off_at[w] = -1
-    tally.fault_end[w] = -1
+INITIAL_TOTALS = {
+    "tally.min_separation": 1.0e30,
+    "tally.covered_at": int(NEVER),
+    "tally.covered_each_at": int(NEVER),
+    "tally.off_at": -1,
+    "tally.fault_end": -1,
+    "tally.driven_from": float(NOWHERE),
+}
+"""Values that are not zero at the beginning of an episode."""
 
 
 @wp.func

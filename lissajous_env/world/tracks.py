@@ -33,20 +33,6 @@ _LEAVES = wp.constant(2)
 """In sight for the last time: it was detected in this step and leaves."""
 
 
-@stage(ROBOT, writes="tracks: heard_at, leaves, other_at, own_at, seen_at, sighted")
-def reset_tracks(w: int, i: int, clock: Clock, tracks: Tracks):
-    """Forget all tracks."""
-    for t in range(tracks.seen_at.shape[2]):
-        tracks.seen_at[w, i, t] = -1
-        tracks.leaves[w, i, t] = 0
-        tracks.own_at[w, i, t] = -1
-        tracks.other_at[w, i, t] = -1
-        for slot in range(tracks.sighted.shape[2]):
-            tracks.sighted[w, i, slot, t] = _OUT_OF_SIGHT
-    for j in range(tracks.heard_at.shape[2]):
-        tracks.heard_at[w, i, j] = -1
-
-
 @stage(ROBOT, writes="tracks: sighted, target_at")
 def sight(
     w: int,

@@ -3,7 +3,7 @@
 import matplotlib
 import pytest
 
-from baselines.reproduce.drawing import Sheet, drawn_as
+from baselines.reproduce.drawing import Sheet
 
 HOSTILE = {
     "text.usetex": True, "savefig.bbox": "tight", "savefig.dpi": 37, "savefig.format": "svg",
@@ -14,11 +14,11 @@ HOSTILE = {
 
 
 def drawn(suffix):
-    with drawn_as(suffix), Sheet("name", "Title with a $ sign", 5.0, 3.0) as sheet:
+    with Sheet("name", "Title with a $ sign", 5.0, 3.0) as sheet:
         axes = sheet.figure.subplots()
         axes.plot([0, 1, 2], [0, 1, -1], label="a line")
         axes.legend()
-        return sheet.picture("A caption.").content
+        return sheet.picture("A caption.").content(suffix)
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])

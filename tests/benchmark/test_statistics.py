@@ -1,78 +1,101 @@
-"""Statistics of scores against SciPy, cases worked by hand, and the coverage that an interval promises."""
+"""Estimates of scores against SciPy, cases worked by hand, and laws of largest values."""
+
+import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.stats import bootstrap, trim_mean
 
+from baselines.benchmark.shown import in_words
 from baselines.benchmark.statistics import (
+    SHARE_OF_SEEDS,
     bootstrap_interval,
     interquartile_mean,
-    paired,
     summarize,
+    summarize_largest,
+    wins,
 )
+from lissajous_env.world.columns import MEAN
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 7, 8, 16, 33, 100])
+@pytest.mark.parametrize("n", [1, 3, 4, 7, 33])
 def test_interquartile_mean_is_scipys_trimmed_mean(n):
     values = np.random.default_rng(n).normal(size=n)
     assert interquartile_mean(values) == pytest.approx(trim_mean(values, 0.25), rel=1e-12)
 
 
-def test_interval_of_strata_is_that_of_resampling_each_one():
-    rng = np.random.default_rng(3)
-    strata = [rng.normal(0, 1, 8), rng.normal(10, 1, 16)]
-    drawn = [stratum[rng.integers(0, len(stratum), (20_000, len(stratum)))] for stratum in strata]
-    oracle = np.quantile(trim_mean(np.hstack(drawn), 0.25, axis=1), [0.025, 0.975])
-    assert bootstrap_interval(*strata, resamples=20_000) == pytest.approx(oracle, rel=0.02)
-
-
-def test_summary_counts_what_has_no_number_and_leaves_it_out():
-    of = summarize([1.0, np.nan, 3.0, np.nan, 2.0])
-    assert (of.n, of.n_finite, of.mean, of.min, of.max, of.std) == (5, 3, 2.0, 1.0, 3.0, 1.0)
-    assert of.iqm == 2.0
-
-
-def test_one_value_has_no_interval():
-    of = summarize([4.0])
-    assert of.iqm == of.min == of.max == 4.0
-    assert np.isnan([of.low, of.high, of.std]).all()
-
-
-def test_interval_of_the_mean_is_scipys():
+@pytest.mark.parametrize(("cut", "statistic"), [(0.25, lambda x, axis: trim_mean(x, 0.25, axis)), (0.0, np.mean)])
+def test_intervals_are_scipys(cut, statistic):
     values = np.random.default_rng(6).gamma(2, size=30)
-    oracle = bootstrap((values,), np.mean, n_resamples=20_000, method="percentile", rng=np.random.default_rng(2))
-    low, high = oracle.confidence_interval
-    of = summarize(values)
-    assert (of.mean_low, of.mean_high) == pytest.approx((low, high), abs=0.05 * (high - low))
+    rng = np.random.default_rng(2)
+    oracle = bootstrap((values,), statistic, n_resamples=20_000, method="percentile", rng=rng).confidence_interval
+    assert bootstrap_interval(values, cut) == pytest.approx(oracle, abs=0.05 * (oracle.high - oracle.low))
 
 
-def test_pairs_by_hand():
-    of = paired([1.0, 2.0, 3.0, np.nan, 5.0], [2.0, 2.0, 1.0, 1.0, 9.0])
-    assert (of.n, of.better) == (4, (1 + 0.5 + 0 + 1) / 4)
-    assert of.difference == (-1 + 0) / 2  # of -4, -1, 0 and 2 the middle half
-    assert paired([1.0, 2.0], [2.0, 3.0], better=1).better == 0
-    assert paired([np.nan], [1.0]).n == 0
-    never = paired([np.inf, 3.0, np.inf], [4.0, np.inf, np.inf])
-    assert (never.n, never.better) == (3, 0.5)
-    assert np.isnan(never.difference)
-    with pytest.raises(ValueError, match="the same seeds to be compared, got 1 and 2"):
-        paired([1.0], [1.0, 2.0])
+def test_an_estimate_counts_what_has_no_number_and_leaves_it_out():
+    of = summarize([1.0, np.nan, 6.0, np.nan, 2.0, 3.0])
+    assert (of.n, of.known, of.value, of.min, of.median, of.max) == (6, 4, 2.5, 1.0, 2.5, 6.0)
+    assert summarize([1.0, 6.0, 2.0, 3.0], MEAN).value == 3.0
+    one = summarize([4.0])
+    assert one.value == one.min == one.max == 4.0
+    assert np.isnan([one.low, one.high]).all()
+    assert summarize([]).known == 0
 
 
-def test_a_policy_against_itself_is_neither_better_nor_worse():
-    values = np.random.default_rng(7).normal(size=16)
-    of = paired(values, values)
-    assert (of.better, of.better_low, of.better_high) == (0.5, 0.5, 0.5)
-    assert (of.difference, of.difference_low, of.difference_high) == (0, 0, 0)
+def test_infinite_values_do_not_count_as_none():
+    of = summarize([1.0] * 7 + [math.inf])
+    assert (of.value, of.low, of.known) == (1.0, 1.0, 8)  # one of eight is in no middle half
+    assert summarize([1.0, 1.0, math.inf, math.inf]).value == math.inf
+    every = summarize([math.inf] * 4)
+    assert (every.value, every.low, every.high) == (math.inf, math.inf, math.inf)
 
 
-def test_seeds_in_common_cancel_in_pairs():
+def test_wins_by_hand_and_the_share_of_seeds():
+    won = wins([1.0, 2.0, 3.0, np.nan, 5.0, np.inf, np.inf], [2.0, 2.0, 1.0, 1.0, 9.0, 4.0, np.inf])
+    assert won.tolist()[:3] + won.tolist()[4:] == [1, 0.5, 0, 1, 0, 0.5]
+    assert np.isnan(won[3])
+    of = summarize(won, SHARE_OF_SEEDS)
+    assert (of.n, of.known, of.value) == (7, 6, 0.5)
+    assert in_words(of)[0] == "50 %"
+    assert wins([1.0, 2.0], [2.0, 1.0], better=1).tolist() == [0, 1]
+
+
+def test_seeds_in_common_cancel():
     # Oracle: the differences are of deviation 0.1, around -0.2; the seeds themselves are of 10, which hides it.
     rng = np.random.default_rng(8)
     seeds = rng.normal(50, 10, 64)
-    ours, theirs = seeds - 0.2 + rng.normal(0, 0.1, 64), seeds
-    of = paired(ours, theirs)
-    assert of.difference_low < -0.2 < of.difference_high < -0.15
-    assert of.better > 0.9
-    alone, other = summarize(ours), summarize(theirs)
-    assert alone.high > other.low  # the intervals of the two means say nothing
+    own = seeds - 0.2 + rng.normal(0, 0.1, 64)
+    assert summarize(wins(own, seeds), SHARE_OF_SEEDS).low > 0.9
+    assert summarize(own).high > summarize(seeds).low  # the intervals of the two means say nothing
+
+
+def test_largest_values_in_words():
+    # Oracle: by hand; an infinite value, or an open episode, shows no bound.
+    assert in_words(summarize_largest([3.0, 2.0, math.inf])) == ("> 3", "median 3, 1 of 3 open")
+    assert in_words(summarize_largest([3.0, 2.0, 2.0])) == ("3", "median 2 of 3")
+    assert in_words(summarize_largest([math.inf, math.inf])) == ("no bound", "2 of 2 open")
+    assert in_words(summarize_largest([math.nan])) == ("\N{EM DASH}", "")
+    times, is_open = [4.0] * 15 + [59.9], [False] * 15 + [True]
+    assert in_words(summarize_largest(times, is_open)) == ("> 59.9", "median 4, 1 of 16 open")
+    assert in_words(summarize_largest([4.0, 4.0, 4.0, 2.0], [False] * 3 + [True])) == ("> 4", "median 4, 1 of 4 open")
+    assert in_words(summarize_largest([4.0, 5.0], growing=[False, True]))[0] == "> 5"
+    assert in_words(summarize_largest([5.0, 5.0], growing=[False, True]))[0] == "5"
+
+
+EPISODES = st.lists(st.tuples(st.floats(0.1, 60), st.booleans()), min_size=1, max_size=12)
+
+
+@given(EPISODES, EPISODES, st.randoms())
+def test_more_episodes_never_lower_a_guarantee_and_their_order_does_not_matter(episodes, more, random):
+    # Law: the largest value, its lower bound and the number of open episodes grow with the episodes.
+    def of(played):
+        found = summarize_largest([time for time, _ in played], [is_open for _, is_open in played])
+        return found.value, found.open, found.at_least, found.n
+
+    mixed = [*episodes, *more]
+    random.shuffle(mixed)
+    assert all(less <= most for less, most in zip(of(episodes), of(mixed), strict=True))
+    assert of(mixed) == of([*episodes, *more])
+    assert of(mixed)[0] == max(time for time, _ in mixed)

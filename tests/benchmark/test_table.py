@@ -1,150 +1,313 @@
-"""The results table: bounds, open worst cases, paired differences, worst episodes and references."""
+"""The results table: derived columns, open worst cases, scenarios together, and the views that show it."""
 
+import io
 import json
 import math
-import os
-from typing import Any
+import re
 
+import figures
+import numpy as np
 import pytest
+from benchmarks_in_the_small import rows
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from rich.console import Console
 from rich.text import Text
 
+import baselines
 import lissajous_env
-from baselines.benchmark import tables
-from baselines.benchmark.bounds import bounds_of
-from baselines.benchmark.running import run
-from baselines.benchmark.shown import OVER_LOWER_BOUND, SHOWN, in_words, lines_of, with_numbers
-from baselines.benchmark.statistics import summarize
-from baselines.benchmark.table import Table, groups
-from baselines.benchmark.types import Benchmark
+from baselines.benchmark import bounds, tables, types
+from baselines.benchmark.bounds import Bounds, as_played, bounds_of
+from baselines.benchmark.report_page import Report
+from baselines.benchmark.running import plan
+from baselines.benchmark.shown import OVER_LOWER_BOUND, SHOWN, in_words, lines_of, number, with_numbers
+from baselines.benchmark.table import Table, with_derived
+from baselines.benchmark.types import Benchmark, Outcome
+from baselines.benchmark.written import latex, markdown, summarized, table_of
+from baselines.policies.base import UnsuitableScenarioError
+from lissajous_env.console.terminal import plain
 from lissajous_env.episodes.limits import mean_time_limit
-from lissajous_env.world.columns import COLUMNS, OPEN
+from lissajous_env.world.columns import LARGEST, OPEN
 
-INTRUDERS = {"intruders": lissajous_env.scenario("intruders")}
-
-
-def rows(policy, scenario="intruders", first=0, **columns):
-    for k, values in enumerate(zip(*columns.values(), strict=True)):
-        numbers = dict.fromkeys(COLUMNS, 1.0) | dict(zip(columns, values, strict=True))
-        yield {"scenario": scenario, "policy": policy, "episode": first + k, "seed": first + k} | numbers
+SCENARIOS = {name: lissajous_env.scenario(name) for name in ("intruders", "evaders", "team", "redundant")}
+INTRUDERS = {"intruders": SCENARIOS["intruders"]}
+GUARANTEE = "guaranteed_detection_time"
+RATIOS = "detection_over_best", "worst_case_over_best"
 
 
-def shown(table, width=200):
+def worst_cases(policy, times, **more):
+    """Rows of episodes, of each the longest time, that at the end, and whether it is open."""
+    longest, at_end, is_open = zip(*times, strict=True)
+    return rows(policy, **{GUARANTEE: longest, "unseen_at_end": at_end, OPEN.name: map(float, is_open)} | more)
+
+
+def without_names(text):
+    """Return a text without the lines that name omitted columns, and these names."""
+    begin = "Columns that do not fit the terminal: "
+    named = [line.removeprefix(begin).partition(". ")[0] for line in text.splitlines() if line.startswith(begin)]
+    rest = "\n".join(line for line in text.splitlines() if not line.startswith(begin))
+    return rest, [name for names in named for name in names.split(", ")]
+
+
+def printed(table, width=200, scenario="intruders"):
     """Return the text of a table of the scenario, and the columns that do not fit."""
-    console = Console(width=width, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
-    columns = with_numbers(table.estimates["intruders"], SHOWN)
-    left_out = tables.print_lines(console, Text("t"), columns, lines_of(table.estimates["intruders"], columns))
-    return console.export_text(), left_out
+    console = Console(width=width, record=True, file=io.StringIO())
+    columns = with_numbers(table.estimates[scenario], SHOWN)
+    tables.print_lines(console, Text("t"), columns, lines_of(table.estimates[scenario], columns))
+    return without_names(console.export_text())
 
 
-def test_over_the_limit_is_the_mean_over_the_bound():
+# Derived columns.
+
+
+def test_over_the_lower_bound_is_a_mean_and_a_bound_of_nothing_has_no_ratio():
     # Oracle: by hand; the interquartile mean of these would be 2.
     limit = mean_time_limit(INTRUDERS["intruders"])
-    cells = Table.of(rows("a", detection_time_mean=[2.0, 2.0, 2.0, 2.0, 12.0]), INTRUDERS).estimates
-    of = cells["intruders"]["a"][OVER_LOWER_BOUND.name]
-    assert of.mean == pytest.approx(4 / limit)
-    assert of.mean_low < of.mean < of.mean_high
-    assert in_words(of)[0] == f"{4 / limit:.3g}"
+    of = Table.of(rows("a", detection_time_mean=[2.0] * 4 + [12.0]), INTRUDERS).estimates["intruders"]["a"]
+    of = of[OVER_LOWER_BOUND.name]
+    assert of.value == pytest.approx(4 / limit)
+    assert of.low < of.value < of.high
+    experiment = lissajous_env.scenario("experiment")
+    assert mean_time_limit(experiment) == 0
+    assert math.isnan(bounds_of(experiment).mean_time)
 
 
-def test_no_ratio_to_a_limit_that_says_nothing():
-    scenario = lissajous_env.scenario("experiment")
-    assert mean_time_limit(scenario) == 0
-    assert math.isnan(bounds_of(scenario).mean_time)
-    (row,) = Table.of(rows("a", "experiment", detection_time_mean=[1.0]), {"experiment": scenario}).rows
-    assert math.isnan(row[OVER_LOWER_BOUND.name])
+def derived(first, second):
+    """Derived rows of two policies of a scenario with bounds of 0.5 and 2 s, the first being the reference."""
+    of = with_derived({"a": [*first], "b": [*second]}, Bounds(0.5, 2.0, math.nan), "a")
+    return [[[row[name] for name in RATIOS] for row in of[policy]] for policy in "ab"]
 
 
-def test_a_guarantee_that_is_open_is_a_lower_bound_and_never_best():
-    more = {
-        "guaranteed_detection_time": [3.0, 59.7, 4.0, 50.0],
-        "unseen_at_end": [2.0, 59.7, 1.0, 50.0],
-        OPEN.name: [0, 1, 0, 1],
-    }
-    closed = {"guaranteed_detection_time": [9.0] * 4, "unseen_at_end": [1.0] * 4, OPEN.name: [0] * 4}
-    text, _ = shown(Table.of([*rows("a", **more), *rows("b", **closed)], INTRUDERS))
-    words = text.split()
-    assert words[words.index(">") + 1] == "59.7"
-    assert "2 of 4 open" in text
-    assert "9*" in words
+def test_ratios_by_hand():
+    # Story: b is faster on seed 0, a on seed 1, where only a's worst case is closed; on seed 2 no policy has a bound.
+    first = worst_cases("a", [(4, 1, 0), (6, 1, 0), (9, 9, 1)], detection_time_mean=[3.0, 1.0, 0.0])
+    second = worst_cases("b", [(8, 1, 0), (7, 7, 1), (9, 9, 1)], detection_time_mean=[2.0, 4.0, 0.1])
+    a, b = derived(first, second)
+    assert a[:2] == [[1.5, 1.0], [1.0, 1.0]]
+    assert b[:2] == [[1.0, 2.0], [4.0, math.inf]]
+    assert (a[2][0], b[2][0]) == (1.0, math.inf)  # a best time of zero is met by zero alone
+    assert np.isnan([a[2][1], b[2][1]]).all()
 
 
-def test_a_guarantee_that_nobody_follows_has_no_column():
-    nothing: dict[str, Any] = dict.fromkeys(("guaranteed_detection_time", "unseen_at_end", OPEN.name), [math.nan] * 2)
-    assert "guaranteed" not in shown(Table.of(rows("a", **nothing), INTRUDERS))[0]
-
-
-def test_an_open_guarantee_loses_seed_by_seed():
-    # Story: the reference clears the place in 5 s; the other was at 4 s when its episode of 6 s ended, and not done.
-    ours = rows("open", guaranteed_detection_time=[4.0] * 4, unseen_at_end=[4.0] * 4, guarantee_open=[1] * 4)
-    # A third one was at its worst, 6 s, at the end of its episode: longer than the reference, however it goes on.
-    late = rows("growing", guaranteed_detection_time=[6.0] * 4, unseen_at_end=[6.0] * 4, guarantee_open=[0] * 4)
-    closed = {"unseen_at_end": [1.0] * 4, "guarantee_open": [0] * 4}
-    theirs = rows("kuramoto-mpcc", guaranteed_detection_time=[5.0] * 4, **closed)
-    against = Table.of([*ours, *late, *theirs], INTRUDERS).against["intruders"]
-    assert against.reference == "kuramoto-mpcc"
-    better = {name: of["guaranteed_detection_time"].better for name, of in against.policies.items()}
-    assert better == {"open": 0, "growing": 0}
-
-
-def test_only_seeds_that_both_have_are_compared():
-    played = [*rows("a", detection_time_mean=[1.0, 5.0, 1.0]), *rows("b", first=1, detection_time_mean=[2.0, 2.0, 2.0])]
-    against = Table.of(played, INTRUDERS).against["intruders"]
-    assert against.reference == "a"  # the first, as the paper's method is not played
-    pair = against.policies["b"]["detection_time_mean"]
-    assert (pair.n, pair.better, pair.difference) == (2, 0.5, -1.0)
-    assert Table.of(played, INTRUDERS, "b").against["intruders"].reference == "b"
-
-
-def test_a_narrow_terminal_keeps_the_most_important_columns():
-    numbers = {"guaranteed_detection_time": [3.0, 4.0], "unseen_at_end": [1.0, 1.0], "detection_time_mean": [1.0, 2.0]}
-    order = [each.name for each in SHOWN]
-    assert order[:6] == ["detection_time_mean", OVER_LOWER_BOUND.name, "guaranteed_detection_time", "collisions",
-                         "sensed_fraction", "distance_mean"]  # fmt: skip
-    _, left_out = shown(Table.of(rows("a", **numbers), INTRUDERS), width=70)
-    assert 0 < len(left_out) < len(order)
-    assert left_out == [name for name in order if name in left_out]
-    assert set(left_out) == set(order[-len(left_out) :])
-
-
-def test_the_summary_has_limits_and_pairs_and_another_reference_plays_nothing_again(tmp_path):
-    given = {"scenarios": ("intruders",), "policies": ("laps", "still"), "episodes": 2}
-    settings = Benchmark(**given, out=tmp_path, overrides={"task.duration": 5.0})
-    played = run(settings, console=Console(quiet=True))
-    summary = json.loads((tmp_path / "summary.json").read_text())
-    scenario = lissajous_env.scenario("intruders", **{"task.duration": 5.0})
-    assert summary["limits"]["intruders"] == pytest.approx(mean_time_limit(scenario))
-    assert summary["against"]["intruders"]["reference"] == "laps"
-    assert summary["against"]["intruders"]["policies"]["still"]["detection_time_mean"]["n"] == 2
-    ratio = summary["statistics"]["intruders"]["laps"][OVER_LOWER_BOUND.name]["mean"]
-    times = [row["detection_time_mean"] for row in played if row["policy"] == "laps"]
-    assert ratio == pytest.approx(summarize(times).mean / summary["limits"]["intruders"])
-    before = (tmp_path / "episodes.jsonl").read_bytes()
-    run(
-        Benchmark(**given, out=tmp_path, against="still", overrides={"task.duration": 5.0}), console=Console(quiet=True)
+def test_a_scenario_in_other_units_has_the_same_ratios():
+    # Law: ratios of times do not depend on the unit of time.
+    times = np.random.default_rng(0).uniform(1, 5, (2, 4))
+    plain_ones, slow = (
+        derived(*(rows(p, detection_time_mean=times[k] * unit) for k, p in enumerate("ab"))) for unit in (1, 60)
     )
-    assert json.loads((tmp_path / "summary.json").read_text())["against"]["intruders"]["reference"] == "still"
-    assert (tmp_path / "episodes.jsonl").read_bytes() == before
-    with pytest.raises(ValueError, match=r"against must be one of the policies \(laps, still\), got sweep"):
-        run(Benchmark(**given, out=tmp_path, against="sweep"), console=Console(quiet=True))
+    assert np.allclose(plain_ones, slow)
 
 
-def test_a_scenario_without_episodes_does_not_count_over_all():
-    # Story: every policy failed on the third scenario; a policy that played one of the others alone is left out.
-    scenarios = {name: lissajous_env.scenario(name) for name in ("rough", "evaders", "team")}
-    played = [row for of in ("rough", "evaders") for row in rows("a", of, detection_time_mean=[1.0, 2.0])]
-    played += rows("b", "evaders", detection_time_mean=[3.0])
-    (group,) = groups(played, scenarios)
-    assert (group.name, list(group.rows)) == ("rough, evaders", ["a"])
-    assert list(Table.of(played, scenarios).overall) == ["rough, evaders"]
-    assert Table.of(played[:2], scenarios).overall == {}
+def test_the_share_of_seeds_is_over_those_that_both_have():
+    played = [*rows("a", detection_time_mean=[1.0, 5.0, 1.0]), *rows("b", first=1, detection_time_mean=[2.0, 2.0, 2.0])]
+    table = Table.of(played, INTRUDERS)
+    assert table.references == {"intruders": "a"}  # the first, as the paper's method is not played
+    of = table.estimates["intruders"]["b"]["detection_time_mean_improvement"]
+    assert (of.n, of.known, of.value) == (3, 2, 0.5)
+    assert table.estimates["intruders"]["a"]["detection_time_mean_improvement"].known == 0
+    assert Table.of(played, INTRUDERS, "b").references == {"intruders": "b"}
+    assert Table.of(played[:3], INTRUDERS).references == {}
+
+
+@pytest.mark.parametrize(
+    ("times", "shares"),
+    [
+        ([(4, 4, 0), (6, 6, 0), (40, 40, 1), (4, 1, 0)], [0.5, 0, 0, 1]),  # against 5 s: growing at 4 s is undecided
+        ([(4, 4, 1)] * 4, [0, 0, 0, 0]),  # an open episode loses, however short it was
+    ],
+)
+def test_worst_cases_seed_by_seed(times, shares):
+    played = [*worst_cases("kuramoto-mpcc", [(5, 1, 0)] * 4), *worst_cases("a", times)]
+    table = Table.of(played, INTRUDERS)
+    assert [row[f"{GUARANTEE}_improvement"] for row in table.rows[4:]] == shares
 
 
 def test_an_estimate_names_the_seed_of_its_worst_episode():
     # Story: the largest time, the smallest share, an open episode before a closed one; no order, no worst.
-    more = {"guaranteed_detection_time": [3.0, 9.0, 4.0], "unseen_at_end": [1.0] * 3, OPEN.name: [0, 0, 1]}
     times, shares = [2.0, 5.0, math.nan], [0.9, 0.2, 0.5]
-    played = rows("a", first=7, detection_time_mean=times, sensed_fraction=shares, speed_max=times, **more)
+    more = {"detection_time_mean": times, "sensed_fraction": shares, "speed_max": times}
+    played = worst_cases("a", [(3, 1, 0), (9, 1, 0), (4, 1, 1)], first=7, **more)
     of = Table.of(played, INTRUDERS).estimates["intruders"]["a"]
-    names = "detection_time_mean", "sensed_fraction", "guaranteed_detection_time", "speed_max"
+    names = "detection_time_mean", "sensed_fraction", GUARANTEE, "speed_max"
     assert [of[name].worst for name in names] == [8, 8, 9, None]
+
+
+# Scenarios together.
+
+
+def test_over_scenarios_each_counts_once_and_those_without_episodes_do_not():
+    # Oracle: by hand. Policy b played one scenario of the three alone; points are another kind of robots.
+    rng = np.random.default_rng(1)
+    times = {name: rng.uniform(1, 4, count) for name, count in (("evaders", 3), ("team", 9))}
+    collisions = {"evaders": [1, 2, 3], "team": [0] * 9}
+    played = [
+        row
+        for name, of in times.items()
+        for row in rows("a", name, detection_time_mean=of, collisions=collisions[name], guaranteed_detection_time=of)
+    ]
+    played += rows("b", "evaders", detection_time_mean=[9.0], guaranteed_detection_time=[9.0])
+    played += rows("c", "redundant", detection_time_mean=[1.0])
+    (of,) = Table.of(played, SCENARIOS).overall
+    assert (of.kind, of.scenarios, list(of.policies)) == ("car", ("evaders", "team"), ["a"])
+    assert of.policies["a"]["collisions"].value == 1.0
+    assert (of.policies["a"]["collisions"].n, of.policies["a"]["detection_over_best"].value) == (2, 1.0)
+    assert in_words(of.policies["a"]["worst_case_over_best"]) == ("1", "median 1 of 2")
+    often = Table.of([*played, *played], SCENARIOS).overall[0]  # more episodes of the same scenarios narrow nothing
+    assert often.policies["a"]["collisions"] == of.policies["a"]["collisions"]
+    assert Table.of(played[:3], SCENARIOS).overall == []
+
+
+# Views.
+
+
+def views_of(episodes):
+    """Return what each view shows of the worst case of a policy, as one line of text by the name of the view."""
+    with_ends = [(time, time if is_open else 0.5, is_open) for time, is_open in episodes]
+    played = [*worst_cases("ours", with_ends), *worst_cases("other", [(45.0, 0.5, False)] * len(episodes))]
+    table = Table.of(played, INTRUDERS)
+    of = table.estimates["intruders"]
+    outcome = Outcome(Benchmark(("intruders",), ("ours", "other")), [], played, table, {"device": "cpu"})
+    wide = Console(width=400, record=True, file=io.StringIO())
+    tables.print_lines(wide, Text("t"), SHOWN, lines_of({"ours": of["ours"]}, SHOWN))
+    terminal = re.sub(r"[^\x21-\x7e]+", " ", wide.export_text())
+    wide = Console(width=400, record=True, file=io.StringIO())
+    tables.print_scores(wide, "ours", "intruders", of["ours"])
+    (scores,) = [line for line in wide.export_text().splitlines() if line.split()[:1] == [GUARANTEE]]
+    page = Report(table, {}).html(table.rows, {})
+    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[1])
+    cell = data["scenarios"][0]["policies"][0]["cells"][GUARANTEE]
+    summary = json.loads(json.dumps(plain(summarized(outcome, table))))
+    return {
+        "terminal": terminal,
+        "scores": scores,
+        "markdown": markdown(table_of(table)).splitlines()[2],
+        "latex": next(line for line in latex(table).splitlines() if line.startswith("ours &")),
+        "page": f"{cell['words']} {cell['between']}",
+        "summary": summary["statistics"]["intruders"]["ours"][GUARANTEE],
+    }
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.lists(st.tuples(st.integers(20, 400).map(lambda time: time / 10), st.booleans()), min_size=2, max_size=6))
+def test_every_view_shows_the_largest_and_the_number_of_episodes(episodes):
+    # Law: of any episodes, every view shows the same three numbers.
+    views, is_open = views_of(episodes), [flag for _, flag in episodes]
+    largest = number(max(time for time, _ in episodes))
+    ordered = sorted(math.inf if flag else time for time, flag in episodes)
+    middle = (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2
+    summary = views.pop("summary")
+    assert (summary["summary"], summary["n"], summary["open"]) == (LARGEST, len(episodes), sum(is_open))
+    assert number(summary["value"]) == largest
+    assert summary["at_least"] == any(is_open)
+    scores = views.pop("scores")
+    assert f"{LARGEST} " in scores
+    assert f"{'> ' if any(is_open) else ''}{largest}" in scores
+    for name, words in views.items():
+        assert largest in words, name
+        assert (f"median {number(middle)}" in words) == math.isfinite(middle), name
+        assert (f"{sum(is_open)} of {len(episodes)} open" if any(is_open) else f" of {len(episodes)}") in words, name
+        assert ("open" in words) == any(is_open), name
+        assert ("> " in words or "$>$ " in words) == any(is_open), name
+
+
+def test_a_lower_bound_is_never_best_and_what_nobody_follows_has_no_column():
+    played = worst_cases("a", [(3, 2, 0), (5.7, 5.7, 1), (4, 1, 0), (5, 5, 1)])
+    table = Table.of([*played, *worst_cases("b", [(9, 1, 0)] * 4)], INTRUDERS)
+    text, _ = printed(table)
+    assert text.split()[text.split().index(">") + 1] == "5.70"
+    assert "2 of 4 open" in text
+    assert "9*" in text.split()
+    assert any("a lower bound" in words for words in tables.legend(table, 4))
+    nothing = worst_cases("a", [(math.nan, math.nan, math.nan)] * 2)
+    assert "guaranteed" not in printed(Table.of(nothing, INTRUDERS))[0]
+
+
+def test_a_narrow_terminal_keeps_the_most_important_columns():
+    order = [column.name for column in SHOWN]
+    assert order[:7] == ["detection_time_mean", OVER_LOWER_BOUND.name, GUARANTEE, "collisions", "sensed_fraction",
+                         "distance_mean", "detection_time_mean_improvement"]  # fmt: skip
+    played = [*rows("a", detection_time_mean=[1.0, 2.0]), *rows("b", detection_time_mean=[1.0, 2.0])]
+    _, left_out = printed(Table.of(played, INTRUDERS), width=70)
+    assert 0 < len(left_out) < len(order)
+    assert left_out == [name for name in order if name in left_out]
+    assert set(left_out) == {name for name in order if name in left_out or order.index(name) > order.index(left_out[0])}
+
+
+@pytest.mark.parametrize("width", [1, 40, 80, 280])
+@pytest.mark.parametrize("digits", [1.0, 1234.5])
+def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
+    rng = np.random.default_rng(1)
+    names = "arc-mpcc-safe", "runs/x[/b]"
+    played = [row | {c: digits * rng.random() for c in row if type(row[c]) is float} for name in names
+              for row in rows(name, detection_time_mean=[1.0] * 4)]  # fmt: skip
+    of = Table.of(played, INTRUDERS).estimates["intruders"]
+
+    def shown(columns):
+        console = Console(width=columns, record=True, file=io.StringIO())
+        tables.print_lines(console, Text("title"), SHOWN, lines_of(of, SHOWN))
+        tables.print_scores(console, "runs/x[/b]", "failure", of["runs/x[/b]"])
+        return without_names(console.export_text())
+
+    whole, nothing = shown(500)
+    text, left_out = shown(width)
+    assert nothing == []
+    assert bool(left_out) == (width < 280)
+    assert {word.strip("\N{BOX DRAWINGS LIGHT HORIZONTAL}") for word in text.split()} <= {"", *whole.split()}
+    assert set(names) <= set(text.split())
+    if width >= 80:
+        assert max(map(len, text.splitlines())) <= width
+
+
+def test_the_markdown_table_says_what_the_rows_have():
+    played = [*rows("kuramoto-mpcc", detection_time_mean=[4.0] * 4), *rows("laps", detection_time_mean=[2.0, 2, 2, 6])]
+    made = table_of(Table.of(played, INTRUDERS))
+    first, laps = (dict(zip(made["columns"], row, strict=True)) for row in made["rows"])
+    assert list(first)[:4] == ["scenario", "policy", "detection [s]", "over lower bound"]
+    assert (first["scenario"].partition(",")[0], first["detection [s]"]) == ("`intruders`", "4")
+    assert (laps["scenario"], laps["detection [s]"]) == ("", "2 (2\N{EN DASH}6)")
+    assert laps["sooner"].startswith("75 %")
+    assert len({line.count("|") for line in markdown(made).splitlines()}) == 1
+
+
+def test_the_latex_table_escapes_what_latex_would_read_and_marks_the_best():
+    played = [*rows("my_50%&#{x}~^\\$", detection_time_mean=[2.0, 2.0]), *rows("slow", detection_time_mean=[3.0, 3.0])]
+    text = latex(Table.of(played, INTRUDERS))
+    assert r"my\_50\%\&\#\{x\}\textasciitilde{}\textasciicircum{}\textbackslash{}\$ & \textbf{2}" in text
+    assert "slow & 3 " in text
+    for line in text.splitlines():
+        if line.endswith(r"\\"):
+            assert line.replace(r"\&", "").count("&") == text.split(r"\begin{tabular}{@{}l")[1].index("@")
+    assert text.count(r"\toprule") == text.count(r"\midrule") == text.count(r"\bottomrule") == 1
+
+
+def policies_of(table):
+    """Policies of each scenario in a table in Markdown."""
+    found = {}
+    for line in table.splitlines()[2:]:
+        where, policy = (cell.strip() for cell in line.split("|")[1:3])
+        if where:
+            of = found.setdefault(where.split("`")[1], set())
+        of.add(policy)
+    return found
+
+
+def test_the_command_makes_the_table_of_the_docs():
+    # Story: who runs the README's command gets the table of the docs: the same scenarios, policies and columns.
+    # Oracle: the page itself; what it does not have of the default comparison, refuses the scenario.
+    page = (figures.ROOT / "docs" / "comparison.md").read_text(encoding="utf-8")
+    stored = re.search(r"<!-- figures: policies -->\s+(.*?)\s+<!-- end -->", page, re.DOTALL)[1]
+    assert stored.splitlines()[0] == markdown(table_of(Table.of([], {}))).splitlines()[0]
+    known = {each.name for each in bounds.all_known()} & set(types.SCENARIOS)
+    assert {name for name, of in policies_of(stored).items() if "*best known*" in of} == known
+    cells = plan(Benchmark(), scenarios=[as_played(name, {}) for name in types.SCENARIOS])
+    shown = {(name, policy.strip("`")) for name, of in policies_of(stored).items() for policy in of - {"*best known*"}}
+    assert shown <= {(cell.scenario.name, cell.policy) for cell in cells}
+    for cell in cells:
+        assert cell.scenario.task.contamination is not None  # every one of them has a guarantee
+        if (cell.scenario.name, cell.policy) not in shown:
+            with pytest.raises(UnsuitableScenarioError):
+                cell.factory(cell.scenario, 1, "cpu")
+    readme = (figures.ROOT / "README.md").read_text(encoding="utf-8")
+    gist = re.search(r"<!-- figures: gist -->\s+(.*?)\s+<!-- end -->", readme, re.DOTALL)[1].splitlines()[2:]
+    assert [line.split("|")[1].strip(" `") for line in gist] == list(figures.GIST_POLICIES)
+    assert set(types.POLICIES) <= set(baselines.names())

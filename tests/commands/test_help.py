@@ -5,7 +5,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from command_line import called, lissajous
+from command_line import called
 
 from lissajous_env.console.cli import GROUP
 
@@ -14,12 +14,13 @@ COMMANDS = sorted(name.replace(".", " ") for name in PROJECT["entry-points"][GRO
 
 
 @pytest.mark.parametrize("arguments", [(), ("--help",)])
-def test_help_lists_every_command(arguments):
-    ended = lissajous(*arguments, width=80)
-    assert ended.returncode == 0
+def test_help_lists_every_command(arguments, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    code, out, _ = called(capsys, *arguments)
+    assert code == 0
     for name in COMMANDS:
-        assert re.search(rf"^  {name} +[A-Z]", ended.stdout, re.MULTILINE), name
-    assert all(len(line) <= 80 for line in ended.stdout.splitlines())
+        assert re.search(rf"^  {name} +[A-Z]", out, re.MULTILINE), name
+    assert all(len(line) <= 80 for line in out.splitlines())
 
 
 @pytest.mark.parametrize("name", COMMANDS)

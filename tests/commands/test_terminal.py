@@ -39,7 +39,7 @@ OUTCOME = Outcome(Request(EVADERS, failures=1), tasks={5: EVADERS}, finals=PLANS
 
 
 @pytest.mark.parametrize("command", ["scenarios", "policies", "plan", "reproduce"])
-@pytest.mark.parametrize("width", [40, 60, 80, 100])
+@pytest.mark.parametrize("width", [40, 80])
 def test_tables_fit_and_cut_nothing(command, width, capsys, monkeypatch):
     def shown(columns, **place):
         for name, value in {"COLUMNS": str(columns), **place}.items():
@@ -62,11 +62,8 @@ def test_tables_fit_and_cut_nothing(command, width, capsys, monkeypatch):
 
 @pytest.mark.parametrize(
     ("line", "code"),
-    [
-        ("scenarios >&-", 0), ("scenarios 2>&-", 0), ("nothing 2>&-", 2), ("nothing <&- >&- 2>&-", 2),
-        ("scenarios > /dev/full", 1), ("policies | true", 1), (r"run $'\xff' still", 2),
-    ],
-)  # fmt: skip
+    [("nothing <&- >&- 2>&-", 2), ("--help > /dev/full", 1), ("--help | true", 1)],
+)
 def test_streams_that_are_closed_or_full_end_no_command_in_a_traceback(line, code):
     command = f"set -o pipefail; {sys.executable} -m lissajous_env {line}"
     ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)
@@ -97,18 +94,18 @@ def loaded(**place):
     return ended.stdout.splitlines()
 
 
-@pytest.mark.parametrize("name", [pytest.param("HOME", marks=pytest.mark.long), "WARP_CACHE_PATH"])
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["HOME", "WARP_CACHE_PATH"])
 def test_kernels_that_cannot_be_kept_are_compiled_for_one_run(name):
     note, compiling = loaded(**{name: "/dev/null/nowhere"})
     assert "cannot be written to (Not a directory): kernels are compiled for this run alone" in note
     assert compiling == "compiling kernels, once: about 10 s"
 
 
-@pytest.mark.parametrize("caches", [{}, {"XDG_CACHE_HOME": ""}], ids=["no variable", "an empty one"])
-def test_without_a_home_nothing_is_written_to_the_current_folder(caches, tmp_path):
+def test_without_a_home_nothing_is_written_to_the_current_folder(tmp_path):
     # Story: a container with a number for a user, which is in no list of users and has no home.
     environment = {name: value for name, value in os.environ.items() if name not in ("HOME", "WARP_CACHE_PATH")}
-    environment |= caches | {"PYTHONPATH": str(Path(lissajous_env.__file__).parents[1])}
+    environment |= {"XDG_CACHE_HOME": "", "PYTHONPATH": str(Path(lissajous_env.__file__).parents[1])}
     program = f"import os\nos.getuid = lambda: 54321\nassert os.path.expanduser('~') == '~'\n{LOAD}"
     command = [sys.executable, "-c", program]
     ended = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path, timeout=120)

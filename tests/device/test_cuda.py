@@ -57,7 +57,13 @@ def test_no_kernel_is_written_where_the_next_test_does_not_look():
     assert set(KERNELS) == {name for name in written if imported(name) is not None}
 
 
-@pytest.mark.parametrize("name", KERNELS)
+NATIVE = ("contamination.field", "coverage", "robots.car", "targets.detection")
+"""Modules of the world whose functions in C++ differ between CPU and GPU."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name.endswith(NATIVE) else pytest.mark.long) for name in KERNELS]
+)
 def test_every_kernel_compiles_for_cuda(name, tmp_path):
     """Oracle: NVIDIA's own compiler, which Warp carries; it needs no device."""
     as_device("cpu")

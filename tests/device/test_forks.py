@@ -1,8 +1,10 @@
 """Forks with threads, nested calls, and threads with small stacks: no deadlock, and no partial results."""
 
+import signal
 import subprocess
 import sys
 import textwrap
+import threading
 
 import numpy as np
 import pytest
@@ -41,31 +43,28 @@ def run(code, *arguments):
     return done.stdout.strip()
 
 
-@pytest.mark.parametrize(
-    "busy",
-    [
-        "simulation.step(zeros(simulation))",
-        "lissajous_env.Simulation('experiment')",
-        pytest.param("policy.act(observation)", marks=pytest.mark.long),
-        "lissajous_env.scenario('experiment', **{'robot.radius': 0.05 + 1e-6 * next(number)}).resolve()",
-    ],
-)
-def test_a_child_forked_while_another_thread_is_busy(busy):
+def test_a_child_forked_while_other_threads_are_busy():
     # Oracle: the exit status of each child, which has to end. It makes, steps and acts itself; what another thread was
-    # working on is refused by name.
-    code = f"""
+    # working on is refused by name. The threads step, make and resolve.
+    code = """
     import itertools
     number = itertools.count()
     simulation = lissajous_env.Simulation("experiment", 64, threads=2)
     policy, observation = baselines.make("kuramoto-mpcc", "experiment", 64), simulation.observation
     simulation.step(policy.act(observation).numpy())
 
-    def go_on():
+    def go_on(work):
         while not stopping:
-            {busy}
+            work()
 
     stopping = False
-    threads = [threading.Thread(target=go_on) for _ in range(2)]
+    works = (
+        lambda: simulation.step(zeros(simulation)),
+        lambda: lissajous_env.Simulation("experiment"),
+        lambda: policy.act(observation),
+        lambda: lissajous_env.scenario("experiment", **{"robot.radius": 0.05 + 1e-6 * next(number)}).resolve(),
+    )
+    threads = [threading.Thread(target=go_on, args=(work,)) for work in works]
     for thread in threads:
         thread.start()
     statuses = []
@@ -76,7 +75,7 @@ def test_a_child_forked_while_another_thread_is_busy(busy):
                 simulation.step(policy.act(observation).numpy())
             except RuntimeError as error:
                 assert "was running in another thread when this process was forked" in str(error)
-            wide = lissajous_env.scenario("experiment", **{{"robot.radius": 0.06}})
+            wide = lissajous_env.scenario("experiment", **{"robot.radius": 0.06})
             other = lissajous_env.Simulation(wide, 16, threads=2)
             other.step(zeros(other))
             os._exit(0)
@@ -91,16 +90,23 @@ def test_a_child_forked_while_another_thread_is_busy(busy):
     assert run(code) == "{0}"
 
 
-def test_what_another_thread_works_on_is_refused_in_the_child():
-    # Oracle: the words of the child's error; another simulation works there, and the same one in the parent.
+def test_what_another_thread_works_on_is_refused_in_the_child_and_an_extension_may_fork():
+    # Oracle: the words of the child's error; another simulation works there, and the same one in the parent. Where an
+    # extension forks, parent and child both finish the step that they are in.
     code = """
-    entered, leave = threading.Event(), threading.Event()
+    entered, leave, children = threading.Event(), threading.Event(), []
 
     @lissajous_env.reward_term()
     def waits(world):
         if entered.is_set() is False:
             entered.set()
             leave.wait()
+        return np.zeros(world.robots.speed.shape)
+
+    @lissajous_env.reward_term()
+    def forks(world):
+        if not children:
+            children.append(os.fork())
         return np.zeros(world.robots.speed.shape)
 
     simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", extensions=[waits]))
@@ -115,60 +121,42 @@ def test_what_another_thread_works_on_is_refused_in_the_child():
             print(error, flush=True)
             os._exit(0)
         os._exit(1)
-    print(ended(child))
+    print(ended(child), flush=True)
     leave.set()
     thread.join()
     simulation.step(zeros(simulation))
-    """
-    said = run(code).splitlines()
-    words = "the simulation was running in another thread when this process was forked"
-    assert said == [f"{words} and is incomplete; make another one", "0"]
-
-
-def test_an_extension_may_fork():
-    # Oracle: exit status; parent and child both finish the step that they are in.
-    code = """
-    children = []
-
-    @lissajous_env.reward_term()
-    def forks(world):
-        if not children:
-            children.append(os.fork())
-        return np.zeros(world.robots.speed.shape)
-
-    simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", extensions=[forks]))
+    forking = lissajous_env.Simulation(lissajous_env.scenario("experiment", extensions=[forks]))
     for _ in range(3):
-        simulation.step(zeros(simulation))
-    taken = int(simulation.clock.step.numpy()[0])
+        forking.step(zeros(forking))
+    taken = int(forking.clock.step.numpy()[0])
     if children[0] == 0:
         os._exit(0 if taken == 3 else 1)
     print(taken, ended(children[0]))
     """
-    assert run(code) == "3 0"
+    words = "the simulation was running in another thread when this process was forked"
+    assert run(code).splitlines() == [f"{words} and is incomplete; make another one", "0", "3 0"]
 
 
 def test_a_signal_handler_that_steps_what_is_being_stepped():
     # Oracle: it ends, each refusal says so, and the simulation has taken as many steps as were not refused.
-    code = """
-    simulation = lissajous_env.Simulation("rough", 300)
-    refused, taken = [], [0]
+    simulation, refused, taken = lissajous_env.Simulation("rough", 300), [], [0]
 
     def step(*_):
         try:
-            simulation.step(zeros(simulation))
+            simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
             taken[0] += 1
         except RuntimeError as error:
             refused.append(str(error))
 
-    signal.signal(signal.SIGALRM, step)
+    before = signal.signal(signal.SIGALRM, step)
     signal.setitimer(signal.ITIMER_REAL, 0.002, 0.002)
     for _ in range(150):
         step()
     signal.setitimer(signal.ITIMER_REAL, 0)
-    print(len(refused) > 0, set(refused), int(simulation.clock.step.numpy()[0]) == min(taken[0], 600))
-    """
-    words = "the simulation is running in this thread; a signal handler or an extension must not "
-    assert run(code) == f"True {{'{words}call it'}} True"
+    signal.signal(signal.SIGALRM, before)
+    words = "the simulation is running in this thread; a signal handler or an extension must not call it"
+    assert set(refused) == {words}
+    assert int(simulation.clock.step.numpy()[0]) == min(taken[0], 600)
 
 
 @pytest.mark.parametrize("call", ["step", "reset"])
@@ -193,26 +181,9 @@ def test_an_extension_that_calls_its_own_simulation_is_refused(call):
     assert simulation.clock.step.numpy()[0] == 1
 
 
-def test_a_thread_with_a_small_stack_makes_and_steps():
-    # Oracle: it ends; a stack that is too small ends the process.
-    code = """
-    def work():
-        simulation = lissajous_env.Simulation("intruders", 40, threads=3)
-        policy = baselines.make("kuramoto-mpcc-safe", "intruders", 40)
-        for _ in range(3):
-            simulation.step(policy.act(simulation.observation).numpy())
-        print(int(simulation.clock.step.numpy()[0]))
-
-    threading.stack_size(128 << 10)
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-    """
-    assert run(code) == "3"
-
-
-def test_a_users_kernel_runs_on_a_small_stack(tmp_path):
-    # Story: its user has loaded it with the 256 KiB of stack for tiles that Warp reserves; a stage is compiled without.
+def test_threads_with_small_stacks_make_and_step(tmp_path):
+    # Oracle: it ends; a stack that is too small ends the process. The user of a kernel has loaded it with the 256 KiB
+    # of stack for tiles that Warp reserves; a stage is compiled without.
     (tmp_path / "mine.py").write_text(
         textwrap.dedent("""
         import lissajous_env, warp as wp
@@ -234,8 +205,14 @@ def test_a_users_kernel_runs_on_a_small_stack(tmp_path):
     simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", extensions=[mine.fast]))
     after = {key: each.module_hash for key, each in mine.fast.run.module.execs.items()}
 
+    def work():
+        simulation.step(zeros(simulation))
+        many = lissajous_env.Simulation("intruders", 40, threads=3)
+        policy = baselines.make("kuramoto-mpcc-safe", "intruders", 40)
+        many.step(policy.act(many.observation).numpy())
+
     threading.stack_size(128 << 10)
-    thread = threading.Thread(target=lambda: simulation.step(zeros(simulation)))
+    thread = threading.Thread(target=work)
     thread.start()
     thread.join()
     print(len(before), before == after, int(simulation.clock.step.numpy()[0]))
@@ -243,20 +220,17 @@ def test_a_users_kernel_runs_on_a_small_stack(tmp_path):
     assert run(code, tmp_path).splitlines()[-1] == "1 False 1"
 
 
-def test_two_threads_that_step_one_simulation_take_turns():
-    # Oracle: as many steps as both have taken.
-    code = """
+def test_threads_that_step_one_simulation_take_turns():
+    # Oracle: as many steps as all have taken.
     simulation = lissajous_env.Simulation("experiment", 8)
 
     def go_on():
         for _ in range(100):
-            simulation.step(zeros(simulation))
+            simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
 
     threads = [threading.Thread(target=go_on) for _ in range(3)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    print(int(simulation.clock.step.numpy()[0]))
-    """
-    assert run(code) == "300"
+    assert int(simulation.clock.step.numpy()[0]) == 300

@@ -17,8 +17,8 @@ CARS = {"task.duration": 1.0}
 MESSAGES = CARS | {"messages.size": 4}
 ROGUES = {"targets.count": 3, "targets.arrival_rate": 0.0, "targets.entry": "unseen", "sensing.radius": 0.4} | CARS
 SPACE = ScenarioSpace("small", lissajous_env.scenario("evaders"), {
-    "curve": {"choices": [{"a": 1, "b": 2}, {"a": 3, "b": 2}], "half_height": {"low": 0.8, "high": 1.0}},
-    "task": {"duration": {"choices": [0.5, 1.0]}, "contamination": None},
+    "curve": {"choices": [{"a": 1, "b": 2}, {"a": 3, "b": 2}], "half_height": "uniform(0.8, 1.0)"},
+    "task": {"duration": "choice(0.5, 1.0)", "contamination": None},
 })  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from lissajous_env import Batch, ScenarioSpace, Simulation, scenario
 from lissajous_env.parameters.draws import Draws
 
 DRAW = {
-    "curve": {"choices": [{"a": 1, "b": 2}, {"a": 3, "b": 2}], "half_height": {"low": 0.8, "high": 1.0}},
+    "curve": {"choices": [{"a": 1, "b": 2}, {"a": 3, "b": 2}], "half_height": "uniform(0.8, 1.0)"},
     "task": {"duration": 1.0, "contamination": None},
 }
 SPACE = ScenarioSpace("small", scenario("evaders"), DRAW)

@@ -118,7 +118,7 @@ def broken():
 
 def test_the_commands_end_with_one_line_and_an_exit_code(broken, tmp_path, capsys):
     for arguments in (
-        ["evaluate", broken, "failure", "--episodes", "1", "--set", "task.duration=3"],
+        ["evaluate", "failure", broken, "--episodes", "1", "--set", "task.duration=3"],
         ["run", "failure", broken, "--set", "task.duration=3", "--out", str(tmp_path / "x.npz")],
         ["benchmark", "--scenarios", "failure", "--policies", broken, "--episodes", "1", "--out", str(tmp_path / "b"),
          "--set", "task.duration=3"],

@@ -133,6 +133,5 @@ def test_a_benchmark_shows_it(tmp_path, capsys):
     assert code == 0
     assert "in formation 3." in said
     assert "> 1.9" in said, "an open guarantee is a lower bound"
-    told_of = json.loads((out / "summary.json").read_text())["guarantees"]["evaders"]
-    assert 0.1 < told_of["limit"] < told_of["formation"]
-    assert 0.1 < told_of["formation"] < 4.2
+    bounds = json.loads((out / "summary.json").read_text())["bounds"]["evaders"]
+    assert 0.1 < bounds["worst_case"] < bounds["in_formation"] < 4.2

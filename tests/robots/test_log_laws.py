@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from log_messages import EPOCH, odometry, plain, stamped, write
 
 import lissajous_env
-from lissajous_env.logs.reading import ODOMETRY, read
+from lissajous_env.logs.poses import TOPICS
+from lissajous_env.logs.reading import read
 from lissajous_env.logs.scoring import score
 from lissajous_env.logs.writing import save_mcap
 
@@ -91,7 +92,7 @@ def stories(draw):
     return Story(failed_at, draw(st.booleans()), *begin, random, samples)
 
 
-def scored(folder, *bags, topics=ODOMETRY, origin=(0.0, 0.0, 0.0)):
+def scored(folder, *bags, topics=TOPICS, origin=(0.0, 0.0, 0.0)):
     paths = [write(folder / f"{len(list(folder.iterdir()))}", bag) for bag in bags]
     return score(read(paths, topics, origin=origin), SCENARIO, seeds=[3])
 
@@ -160,7 +161,7 @@ def nothing_is_made_up_in_a_gap(folder, story):
     story.samples = [s for s in story.samples if s.robot == 0 or not begin < s.time < end]
     got = scored(folder, list(story.messages()))
     less_is_known(whole, got)
-    assert any("robot 1 has gaps" in note for note in got.notes)
+    assert any("robot 1: gaps" in note for note in got.notes)
 
 
 def an_end_of_messages_is_a_failure(folder, story):
@@ -169,7 +170,7 @@ def an_end_of_messages_is_a_failure(folder, story):
     end = whole.start - story.header_begin + whole.recording.duration
     story.samples = [s for s in story.samples if (s.time < end + SAME if s.robot == 0 else s.time < 1.5)]
     got = scored(folder, list(story.messages()))
-    assert any("robot 1 has no pose after" in note for note in got.notes)
+    assert any("robot 1: no pose after" in note for note in got.notes)
     first, last = (max(s.time for s in story.samples if s.robot == robot) for robot in (1, 0))
     assert first < 1.5
     assert got.recording.duration > last - story.samples[0].time - 2 * STEP - 0.1

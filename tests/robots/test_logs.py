@@ -159,18 +159,19 @@ def test_unknown_topics_and_missing_files_are_named(logged, tmp_path):
 
 def test_the_commands_score_and_identify(logged, tmp_path, capsys):
     recording, path = logged
-    page, table, report = (tmp_path / name for name in ("page.html", "rows.csv", "report.html"))
-    code, out, err = called(capsys, "score", path, "--out", page, table, "--report", report, "--json")
+    page, table = tmp_path / "page.html", tmp_path / "rows.csv"
+    code, out, err = called(capsys, "score", path, "--out", page, table, "--json")
     assert (code, err) == (0, "")
     (row,) = json.loads(out)["episodes"]
     assert same(recording.score, {name: math.nan if value is None else value for name, value in row.items()}) == []
-    assert min(each.stat().st_size for each in (page, report)) > 10_000
+    assert page.stat().st_size > 10_000
     assert "detection_time_mean" in table.read_text().partition("\n")[0]
-    code, out, err = called(capsys, "identify", path, "--out", tmp_path / "cars.toml")
+    one, other = "/robot_0/odom", "/robot_3/odom"
+    code, out, err = called(capsys, "identify", path, "--topics", one, other, "--out", tmp_path / "cars.toml")
     assert (code, err) == (0, "")
     found = lissajous_env.scenario(str(tmp_path / "cars.toml"))
     assert found.robot.drive == pytest.approx(recording.scenario.robot.drive, rel=0.03)
-    assert all(f"residuals of robot {k} over" in out for k in range(5))
+    assert all(f"residuals of robot {k} over" in out for k in (0, 3))
     assert "warning" not in out
 
 

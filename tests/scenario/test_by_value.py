@@ -3,6 +3,7 @@
 The tests run programs without a file, as a notebook has none, in folders in which nothing can be imported.
 """
 
+import dataclasses
 import subprocess
 import sys
 
@@ -62,27 +63,26 @@ import dask.distributed
 with dask.distributed.Client(n_workers=1, threads_per_worker=1, dashboard_address=None) as client:
     assert client.gather([client.submit(play, *task) for task in tasks]) == expected
 """,
+    # Of scenarios and policies in a pool, and of environments, which the processes make themselves.
     "spawned": """
 from concurrent.futures import ProcessPoolExecutor
 with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
     rows = [pool.submit(lissajous_env.evaluate, policy, made, [3]).result()[0] for made, policy in tasks]
 assert [row["return_mean"] for row in rows] == [first for first, *_ in expected]
-""",
-    "environments": """
-for scenario in (extended, haunted):
-    make = partial(lissajous_env.LissajousEnv, scenario)
-    envs = gymnasium.vector.AsyncVectorEnv([make, make], context="spawn")
-    alone = lissajous_env.vector_env(scenario, 2)
-    for env in (envs, alone):
-        env.reset(seed=3)
-    action = np.zeros(alone.action_space.shape, np.float32)
-    assert envs.step(action)[1].tolist() == alone.step(action)[1].tolist()
-    envs.close()
+envs = gymnasium.vector.AsyncVectorEnv([partial(lissajous_env.LissajousEnv, extended)], context="spawn")
+alone = lissajous_env.vector_env(extended, 1)
+for env in (envs, alone):
+    env.reset(seed=3)
+action = np.zeros(alone.action_space.shape, np.float32)
+assert envs.step(action)[1].tolist() == alone.step(action)[1].tolist()
+envs.close()
 """,
 }
 
 
-@pytest.mark.parametrize("program", PROGRAMS)
+@pytest.mark.parametrize(
+    "program", ["spawned", *(pytest.param(name, marks=pytest.mark.long) for name in ("joblib", "dask"))]
+)
 def test_other_processes_play_what_a_notebook_defines(program, tmp_path):
     # Oracle: the notebook's own process.
     if program in ("joblib", "dask"):
@@ -128,30 +128,20 @@ def test_a_cell_that_is_run_again_replaces_what_it_registered():
         registry._REGISTRY.pop("of-a-cell", None)
 
 
-REGISTERS = """
-import dataclasses, lissajous_env
-for duration in DURATIONS:
-    made = lissajous_env.scenario('failure', **{'task.duration': duration})
-    made = dataclasses.replace(made, name=NAME, description='d')
-    lissajous_env.register_scenario(made)
-    space = lissajous_env.ScenarioSpace('space-of-a-cell', made, {'targets': {'count': {'choices': [1, 2]}}})
-    lissajous_env.register_scenario_space(space)
-    assert lissajous_env.scenario(NAME).task.duration == duration
-    assert lissajous_env.scenario_space('space-of-a-cell').base.task.duration == duration
-"""
-
-
-def test_a_cell_that_is_run_again_replaces_its_scenario_and_its_space(tmp_path):
+def test_a_cell_that_is_run_again_replaces_its_scenario_and_its_space(monkeypatch):
     # Story: a cell is edited and run again; a script, and a name of the package, are refused.
-    source = REGISTERS.replace("DURATIONS", "(2.0, 3.0)")
-    cell = f"import sys\nsys.ps1 = 'In : '\n{source}"
-    script = tmp_path / "script.py"
-    script.write_text(source.replace("NAME", "'mine'"))
-    for program, words in (
-        (["-c", cell.replace("NAME", "'mine'")], ""),
-        (["-c", cell.replace("NAME", "'evaders'")], "name of a scenario must be new, got 'evaders'"),
-        ([script], "name of a scenario must be new, got 'mine'"),
-    ):
-        ended = subprocess.run([sys.executable, *program], capture_output=True, text=True, timeout=60)
-        assert (ended.returncode == 0) == (words == "")
-        assert words in ended.stderr
+    def register(name, duration):
+        made = dataclasses.replace(lissajous_env.scenario("failure", **{"task.duration": duration}), name=name)
+        lissajous_env.register_scenario(made)
+        space = lissajous_env.ScenarioSpace("of-a-cell", made, {"targets": {"count": "choice(1, 2)"}})
+        lissajous_env.register_scenario_space(space)
+
+    register("mine", 2.0)
+    with pytest.raises(ValueError, match="name of a scenario must be new, got 'mine'"):
+        register("mine", 3.0)
+    monkeypatch.setattr(sys, "ps1", "In : ", raising=False)
+    register("mine", 3.0)
+    assert lissajous_env.scenario("mine").task.duration == 3.0
+    assert lissajous_env.scenario_space("of-a-cell").base.task.duration == 3.0
+    with pytest.raises(ValueError, match="name of a scenario must be new, got 'evaders'"):
+        register("evaders", 2.0)

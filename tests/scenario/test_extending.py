@@ -4,6 +4,7 @@ import json
 import os
 import pickle
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from baselines.policies import registry
 from lissajous_env.console import cli
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.parameters import named
+from lissajous_env.parameters import registry as registry_of_names
 from lissajous_env.plugins import import_attribute
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "extending.md"
@@ -117,18 +119,12 @@ def test_the_commands_of_the_docs_run(line, home, ended):
         assert (home / line.rpartition("--out ")[2]).exists()
 
 
-@pytest.mark.parametrize("name", ["use_corridor.py", "my_function.py"])
-def test_the_programs_of_the_docs_run_in_a_process_of_their_own(name, home):
-    ended = call(f"python {name}", home)
-    assert (ended.returncode, ended.stderr) == (0, "")
-    if name == "my_function.py":
-        assert 0 < float(ended.stdout) <= 1
-
-
-@pytest.mark.parametrize("line", [line for line in COMMANDS if "benchmark" in line and "my_" in line][:1])
-def test_a_command_finds_what_is_in_the_folder_in_a_process_of_its_own(line, home):
-    ended = call(line, home)
-    assert ended.returncode == 0, ended.stderr
+def test_the_programs_of_the_docs_run(here, capsys, monkeypatch):
+    monkeypatch.setattr(named, "register_ids", registry_of_names.register_ids)
+    sys.path.append(str(here))  # as Python does for a program
+    for name in ("use_corridor.py", "my_function.py"):
+        runpy.run_path(name, run_name="__main__")
+    assert 0 < float(capsys.readouterr().out.split()[-1]) <= 1
 
 
 CORRIDOR = {"curve.half_width": 2.4, "faults.schedule": ((0, 5.0, float("inf")),), "task.duration": 10.0}
@@ -310,6 +306,7 @@ def test_a_benchmark_goes_on_and_sees_that_a_scenario_has_changed(home, tmp_path
     assert call(f"{line} 3".replace("corridor.toml", "my_scenarios:corridor"), tmp_path).returncode == 0
 
 
+@pytest.mark.long
 def test_ray_plays_what_is_ones_own(home, tmp_path):
     # Oracle: the engine local. Its workers are processes that were started elsewhere.
     pytest.importorskip("ray")

@@ -66,12 +66,10 @@ def here(tmp_path, monkeypatch):
 def test_a_module_without_a_scenario(given, words, capsys):
     with pytest.raises(ValueError, match=words):
         lissajous_env.scenario(given)
-    for line in (["scenarios", given], ["run", given, "still"], ["evaluate", given, "kuramoto"],
-                 ["benchmark", "--scenarios", given]):  # fmt: skip
-        with pytest.raises(SystemExit) as ended:
-            cli.main(line)
-        said = capsys.readouterr().err
-        assert (ended.value.code, len(said.splitlines())) == (2, 1), said
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["evaluate", given, "kuramoto"])
+    said = capsys.readouterr().err
+    assert (ended.value.code, len(said.splitlines())) == (2, 1), said
 
 
 FILES = {
@@ -144,7 +142,7 @@ keys = st.sampled_from([
 
 
 @given(st.one_of(st.text(max_size=60), st.dictionaries(keys, values, max_size=4)))
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=60, deadline=None, derandomize=True)
 @example({"task.duration": "inf"})
 def test_no_file_ends_in_anything_but_a_scenario_or_a_clear_error(tmp_path_factory, drawn):
     # Oracle: only these two endings, whatever the file contains.

@@ -88,7 +88,7 @@ def play(scenario, draw):
 
 def test_any_value_in_any_field():
     played, errors = 0, []
-    for k in range(80):
+    for k in range(40):
         draw = np.random.default_rng([7, k])
         overrides, base = any_fields(draw), str(draw.choice(BASES))
         try:
@@ -99,4 +99,4 @@ def test_any_value_in_any_field():
         play(scenario, draw)
         played += 1
     assert [words for words in errors if not words or words.count("\n") > 2] == []
-    assert min(played, len(errors)) > 15, "the test is not idle"
+    assert min(played, len(errors)) > 7, "the test is not idle"

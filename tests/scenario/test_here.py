@@ -55,9 +55,9 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("line", [
     ["evaluate", "failure", "my-still", *SHORT],
-    ["evaluate", "my-still", "depot.toml", *SHORT],
+    ["evaluate", "depot.toml", "my-still", *SHORT],
     ["run", "failure", "my-still", "--set", "task.duration=0.5", "--out", "a.npz"],
-    ["benchmark", "--scenarios", "failure", "--policies", "my-still", *SHORT, "--replays", "none", "--out", "results"],
+    ["benchmark", "--scenarios", "failure", "--policies", "my-still", *SHORT, "--replays", "0", "--out", "results"],
     ["evaluate", "failure", "my-way", *SHORT],
     ["evaluate", "rough", "my-way-mpcc", *SHORT],
     ["evaluate", "rough", "my-way-gvf-safe", *SHORT],
@@ -107,7 +107,7 @@ def test_a_module_that_cannot_be_imported_says_why(folder, capsys):
     (["evaluate", "failure", "my_policies:MyStil"], "has no attribute 'MyStil'; did you mean MyStill?"),
     (["evaluate", "failure", "my_policy:MyStill"], "No module named 'my_policy'; did you mean my_policies?"),
     (["evaluate", "failure", "still", "--set", "duration=3"], "did you mean task.duration?"),
-    (["run", "failure", "still", "--out", "a.pgn"], "got a.pgn; did you mean .png?"),
+    (["run", "failure", "still", "--out", "a.gfi"], "got a.gfi; did you mean .gif?"),
 ], ids=lambda each: " ".join(each) if isinstance(each, list) else "")  # fmt: skip
 def test_suggestions_are_what_a_user_may_mean(line, words, folder, capsys):
     (folder / "episode.npz").touch()

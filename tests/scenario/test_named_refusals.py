@@ -10,7 +10,8 @@ import pytest
 
 import lissajous_env
 from lissajous_env.console.cli import main
-from lissajous_env.parameters import named, robot_models
+from lissajous_env.parameters import robot_models
+from lissajous_env.parameters.registry import SCENARIOS
 from lissajous_env.world.robots.point import POINT
 
 
@@ -92,11 +93,11 @@ def test_an_exit_within_ends_a_command_with_words(tmp_path, monkeypatch, capsys,
     assert words in capsys.readouterr().err.splitlines()[-1]
 
 
-def test_lists_of_names_are_short(monkeypatch):
+def test_lists_of_names_are_short():
     # Oracle: the length of the message, and that what was meant is in it.
     many = [f"name-{k}" for k in range(10_000)]
     made = lissajous_env.scenario("ideal")
-    monkeypatch.setattr(named, "_REGISTERED", {name: dataclasses.replace(made, name=name) for name in many})
+    SCENARIOS.update({name: dataclasses.replace(made, name=name) for name in many})
     with pytest.raises(ValueError, match="scenario must be") as error:
         lissajous_env.scenario("name-4711x")
     assert "name-4711" in str(error.value)

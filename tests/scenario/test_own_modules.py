@@ -1,16 +1,18 @@
 """Policies in modules of the current folder, called from the command line."""
 
-import subprocess
+import importlib.machinery
 import sys
 
 import pytest
+from command_line import called
 
 import baselines
 import lissajous_env
 import training
+from lissajous_env.plugins import search_current_folder
 
 
-def test_the_current_folder_hides_no_package(tmp_path):
+def test_the_current_folder_hides_no_package(tmp_path, monkeypatch, capsys):
     # Story: a project has a folder training/ and a file baselines.py beside the policy that it benchmarks.
     for name in ("training/__init__.py", "baselines.py"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -18,10 +20,14 @@ def test_the_current_folder_hides_no_package(tmp_path):
     (tmp_path / "my_policy.py").write_text(
         "import baselines\ndef make(*given):\n    return baselines.make('still', *given)\n"
     )
-    command = [sys.executable, "-P", "-c", "from lissajous_env.console.cli import main; main()", "evaluate", "failure"]
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_policy", raising=False)
+    search_current_folder()
+    for name in ("training", "baselines"):
+        assert str(tmp_path) not in importlib.machinery.PathFinder.find_spec(name).origin
     short = ["my_policy:make", "--episodes", "1", "--set", "task.duration=1", "--quiet"]
-    ended = subprocess.run([*command, *short], capture_output=True, text=True, cwd=tmp_path, timeout=60)
-    assert (ended.returncode, ended.stderr) == (0, "")
+    code, _, error = called(capsys, "evaluate", "failure", *short)
+    assert (code, error) == (0, "")
 
 
 def test_policies_by_lissajous_env_alone(tmp_path, monkeypatch):

@@ -10,14 +10,14 @@ import pytest
 import lissajous_env
 from baselines.policies.factories import split_scenarios_and_policy
 from lissajous_env import ScenarioSpace, register_scenario_space, scenario, scenario_space
-from lissajous_env.parameters.named import expanded
+from lissajous_env.parameters.named_spaces import expanded
 from lissajous_env.parameters.overriding import UnknownSettingError
 from lissajous_env.parameters.space import SPLITS
 from lissajous_env.settings.formulas import Formula
 
 DRAW = {
-    "curve": {"choices": [{"a": 3, "b": 2}, {"a": 5, "b": 2}], "half_height": {"low": 0.8, "high": 3.2, "log": True}},
-    "sensing": {"radius": {"low": 0.5, "high": 1.0, "times": "curve.half_height"}},
+    "curve": {"choices": [{"a": 3, "b": 2}, {"a": 5, "b": 2}], "half_height": "log_uniform(0.8, 3.2)"},
+    "sensing": {"radius": "uniform(0.5, 1.0) * curve.half_height"},
 }
 
 FROZEN = {
@@ -60,9 +60,9 @@ TOML = """
 base = "experiment"
 require = ["sensing_radius < 0.9 * curve.half_height"]
 [draw.curve]
-half_height = {low = 0.8, high = 1.2}
+half_height = "uniform(0.8, 1.2)"
 [draw.sensing]
-radius = {low = 0.5, high = 1.0, times = "curve.half_height"}
+radius = "uniform(0.5, 1.0) * curve.half_height"
 [shift.wide.curve]
 half_width = 4.0
 """
@@ -98,7 +98,7 @@ def test_values_are_in_their_ranges_and_spread_over_them():
 
 
 def test_a_draw_that_is_added_changes_no_other_value():
-    more = {**DRAW, "targets": {"count": {"low": 1, "high": 9}}}
+    more = {**DRAW, "targets": {"count": "whole(1, 9)"}}
     for seed in range(20):
         made = space(draw=more).sample(seed)
         assert 1 <= made.targets.count <= 9
@@ -116,13 +116,14 @@ def test_splits_share_no_scenario_and_have_their_shares():
 
 def test_weights_and_whole_numbers():
     draw = {
-        "task": {"substeps": {"choices": [1, 2, 3], "weights": [3, 0, 1]}},
-        "targets": {"count": {"low": 2, "high": 4}},
+        "task": {"choices": [{"substeps": 1}, {"substeps": 2}, {"substeps": 3}], "weights": [3, 0, 1]},
+        "targets": {"count": "whole(2, 4)", "entry": "choice('inside', 'boundary')"},
     }
     made = [space(draw=draw).sample(seed) for seed in range(400)]
     assert abs(np.mean([each.task.substeps == 1 for each in made]) - 0.75) < 0.08
     assert {each.task.substeps for each in made} == {1, 3}
     counts = [each.targets.count for each in made]
+    assert abs(np.mean([each.targets.entry == "inside" for each in made]) - 0.5) < 0.08
     assert {counts.count(k) > 90 for k in (2, 3, 4)} == {True}
     assert set(counts) == {2, 3, 4}
 
@@ -184,7 +185,7 @@ def test_an_environment_takes_given_fields_as_a_training_does():
 
 
 def test_a_shift_changes_its_draws_alone():
-    of = space(shifts={"high": {"curve": {"half_height": {"low": 5.0, "high": 6.0}}}})
+    of = space(shifts={"high": {"curve": {"half_height": "uniform(5.0, 6.0)"}}})
     made = first(of, "high", 20)
     assert [each.name for each in made[:2]] == ["space-high-0", "space-high-1"]
     assert all(5 <= each.curve.half_height <= 6 and each.curve.a in (3, 5) for each in made)
@@ -196,16 +197,16 @@ def test_a_shift_changes_its_draws_alone():
     [
         ({"curves": {}}, r"draw must name one of .*did you mean curve\?"),
         ({"curve": {"half_hight": 1.0}}, r"curve.half_hight.*did you mean curve.half_height\?"),
-        ({"curve": {"half_height": {"low": 2.0}}}, r"draw.curve.half_height must be a value, \{low, high\}"),
-        ({"curve": {"half_height": {"low": 2.0, "high": 1.0}}}, "low <= high, got 2.0 and 1.0"),
-        ({"curve": {"half_height": {"low": 0.0, "high": 1.0, "log": True}}}, "low must be above 0 with log"),
-        ({"curve": {"half_height": {"low": -2.0, "high": -1.0}}}, "seed 0 of space: curve.half_height must be from"),
-        ({"curve": {"half_height": {"choices": []}}}, "choices must be a list of at least one value"),
-        ({"curve": {"half_height": {"choices": [1.0], "weights": [1, 2]}}}, "weights must be 1 numbers"),
-        ({"curve": {"half_height": {"formula": "__import__('os')"}}}, "formula must be an expression"),
-        ({"curve": {"half_height": {"formula": "robot.nothing"}}}, "no number of a scenario"),
-        ({"curve": {"half_height": {"formula": "1 / 0"}}}, "formula '1 / 0' must have a value"),
-        ({"curve": {"half_height": {"formula": "curve.half_width"}, "half_width": {"formula": "curve.half_height"}}},
+        ({"curve": {"half_height": "uniform(2.0)"}}, r"formula 'uniform\(2.0\)' must have a value, got"),
+        ({"curve": {"half_height": "log_uniform(0.0, 1.0)"}}, "must have a value, got float division by zero"),
+        ({"curve": {"half_height": "uniform(-2.0, -1.0)"}}, "seed 0 of space: curve.half_height must be from"),
+        ({"curve": {"half_height": "choice()"}}, "must have a value"),
+        ({"curve": {"choices": []}}, "draw.curve.choices must be a list of at least one value"),
+        ({"curve": {"choices": [{"a": 1}], "weights": [1, 2]}}, "draw.curve.weights must be 1 numbers"),
+        ({"curve": {"half_height": "__import__('os')"}}, "formula must be an expression of .*, uniform, log_uniform"),
+        ({"curve": {"half_height": "robot.nothing"}}, "no number of a scenario"),
+        ({"curve": {"half_height": "1 / 0"}}, "formula '1 / 0' must have a value"),
+        ({"curve": {"half_height": "curve.half_width", "half_width": "curve.half_height"}},
          "curve.half_height, which depends on itself"),
         ({"scale": {"depth": 2.0}}, "draw.scale must contain length or time, got 'depth'"),
         ({"curve": 3}, "draw.curve must be a mapping"),
@@ -218,10 +219,10 @@ def test_an_invalid_draw_is_refused_by_name(draw, words):
 
 def test_the_order_of_the_draws_changes_nothing():
     draw = {
-        "robot": {"wheelbase": {"formula": "robot.radius + noise.heading"}, "radius": {"low": 0.05, "high": 0.1}},
+        "robot": {"wheelbase": "robot.radius + noise.heading", "radius": "uniform(0.05, 0.1)"},
         "noise": {
             "choices": [{"heading": 0.01}, {"speed": 0.2}],
-            "position": {"low": 0.1, "high": 0.2, "times": "robot.radius"},
+            "position": "uniform(0.1, 0.2) * robot.radius",
         },
     }
     made = [space(draw=draw).sample(seed) for seed in range(20)]
@@ -248,14 +249,13 @@ def test_a_space_in_a_file_and_the_names_of_its_scenarios(tmp_path, monkeypatch)
     assert names[0] == "evaders"
     assert names[4:] == ("mine.toml:wide-0", "mine.toml:wide-1")
     assert [scenario(name) for name in names[1:4]] == first(of, "test", 3)
-    with pytest.raises(ValueError, match=r"must be followed by a number from 1 to 10000, got '0'"):
+    with pytest.raises(ValueError, match=r"must end in a number from 1 to 10000, got '0'"):
         expanded(["mine.toml:test:0"])
     with pytest.raises(ValueError, match=r"split must be one of .*did you mean test\?"):
         expanded(["mine.toml:tset"])
 
 
-def test_a_registered_space_is_known_by_name(monkeypatch):
-    monkeypatch.setattr("lissajous_env.parameters.named._SPACES", {})
+def test_a_registered_space_is_known_by_name():
     of = register_scenario_space(space("of-mine"))
     assert scenario("of-mine-4") == of.sample(4)
     assert "of-mine" in lissajous_env.scenario_spaces()

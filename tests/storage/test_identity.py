@@ -53,7 +53,7 @@ def command(folder, *arguments, seed="0"):
 def benchmark(folder, episodes, *more, seed="0"):
     given = ["benchmark", "--scenarios", "failure", "--policies", "my_module:Mine", "--episodes", str(episodes)]
     changed = [f"{name}={value}" for name, value in SHORT.items()]
-    return command(folder, *given, "--out", "out", "--replays", "none", "--quiet", "--set", *changed, *more, seed=seed)
+    return command(folder, *given, "--out", "out", "--replays", "0", "--quiet", "--set", *changed, *more, seed=seed)
 
 
 @pytest.mark.long
@@ -107,7 +107,7 @@ def test_whatever_makes_a_policy_is_identified_by_its_module():
 
 def test_a_folder_contains_one_version_of_a_model_of_robots(tmp_path, monkeypatch):
     # Oracle: a model of the same name with another kernel is refused.
-    settings = Benchmark(("failure",), (), 1, batch=1, out=tmp_path, replays=("none",))
+    settings = Benchmark(("failure",), (), 1, batch=1, out=tmp_path, replays=0)
     still = {"still": lambda observation: np.zeros((*observation.shape[:2], 1), dtype=np.float32)}
     scenario = lambda: lissajous_env.scenario("ideal", **{"robot.kind": "mine", "task.duration": 1.0})  # noqa: E731
     monkeypatch.setattr(robot_models, "_MODELS", dict(robot_models._MODELS))

@@ -10,6 +10,7 @@ import pytest
 
 import lissajous_env
 from lissajous_env.episodes import recording as recordings
+from lissajous_env.episodes import recording_checks
 from lissajous_env.render import film
 
 
@@ -86,7 +87,7 @@ def test_arrays_that_claim_too_much_are_refused_by_name(recording, tmp_path, dat
 
 def test_a_small_file_that_would_unpack_to_much_is_refused(recording, tmp_path, monkeypatch):
     # Zeros, packed to a thousandth, in the place of the cells.
-    monkeypatch.setattr(recordings.archive, "MOST_BYTES", 10**8)
+    monkeypatch.setattr(recording_checks, "MOST_BYTES", 10**8)
     path = tmp_path / "bad.npz"
     recording.save(path)
     with zipfile.ZipFile(path) as file:

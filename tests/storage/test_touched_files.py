@@ -61,22 +61,6 @@ def halve_speeds(w: int, i: int, clock: Clock, robots: Robots):
     robots.speed[w, i] = 0.5 * robots.speed[w, i]
 """
 
-EXTRA = """
-import lissajous_env
-
-
-@lissajous_env.{door}
-def mine(world):
-    return {value}
-"""
-
-EXTENDED = """
-made = lissajous_env.scenario("failure", extensions=["lissajous_env.mine:mine"], **{"targets.custom": 0.0})
-simulation = lissajous_env.Simulation(made)
-simulation.advance()
-assert "mine" in (*simulation.reward_term_names, *simulation.score()[0], "mine" * ("TargetMotion" in str(made)))
-"""
-
 
 def evaluated(policy, kind="curve"):
     return f"""
@@ -85,105 +69,95 @@ assert len(lissajous_env.evaluate(baselines.make("{policy}", made, 2), made, see
 """
 
 
-@pytest.mark.parametrize(
-    ("files", "lines", "program"),
-    [
-        ({"baselines/policies/half.py": POLICY}, {}, evaluated("half")),
-        pytest.param(
-            {"lissajous_env/world/robots/post.py": ROBOT},
-            {
-                "lissajous_env/world/robots/__init__.py": [("import car, ", "import post, car, ")],
-            },
-            evaluated("still", "post"),
-            marks=pytest.mark.long,
-        ),
-        (
-            {"lissajous_env/world/robots/halving.py": STAGE},
-            {
-                "lissajous_env/world/stages.py": [
-                    (
-                        '        Stage("end", end_episodes),',
-                        '        Stage("end", end_episodes),\n        Stage("halving", halve_speeds),',
-                    ),
-                    (
-                        "from lissajous_env.world.robots.faults",
-                        "from lissajous_env.world.robots.halving import halve_speeds\n"
-                        "from lissajous_env.world.robots.faults",
-                    ),
-                ]
-            },
-            """
+CASES = {
+    "policy": ({"baselines/policies/half.py": POLICY}, {}, evaluated("half")),
+    "scenario": (
+        {},
+        {"lissajous_env/parameters/shipped.toml": [("[ideal]", "[mine]")]},
+        'assert lissajous_env.parallel_env("mine").reset(seed=1)',
+    ),
+    "stage": (
+        {"lissajous_env/world/robots/halving.py": STAGE},
+        {
+            "lissajous_env/world/stages.py": [
+                (
+                    '        Stage("end", end_episodes),',
+                    '        Stage("end", end_episodes),\n        Stage("halving", halve_speeds),',
+                ),
+                (
+                    "from lissajous_env.world.robots.faults",
+                    "from lissajous_env.world.robots.halving import halve_speeds\n"
+                    "from lissajous_env.world.robots.faults",
+                ),
+            ]
+        },
+        """
 simulation = lissajous_env.Simulation("failure")
 simulation.advance()
 assert "halving" in str(simulation.stages)
 """,
-        ),
-        (
-            {},
-            {"lissajous_env/parameters/shipped.toml": [("[ideal]", "[mine]")]},
-            'assert lissajous_env.parallel_env("mine").reset(seed=1)',
-        ),
-        (
-            {},
-            {
-                "lissajous_env/world/tally.py": [
-                    ("    speed_max: wp", "    speed_min: wp.array(dtype=wp.float32)\n    speed_max: wp"),
-                    (
-                        "    tally.speed_max[w] = 0.0\n",
-                        "    tally.speed_max[w] = 0.0\n    tally.speed_min[w] = 1.0e30\n",
-                    ),
-                    (
-                        "    if now > 0:\n        tally.distance",
-                        "    tally.speed_min[w] = wp.min(tally.speed_min[w], "
-                        "fastest)\n    if now > 0:\n        tally.distance",
-                    ),
-                ],
-                "lissajous_env/world/columns.py": [
-                    (
-                        "_SMOOTHNESS = Column(",
-                        'SLOWEST = Column("speed_min", "least speed of the fastest robot", lambda '
-                        'e: e.totals["speed_min"], "m/s", title="least speed", place=14)\n_SMOOTHNESS = Column(',
-                    ),
-                ],
-            },
-            COLUMN,
-        ),
-        *(
-            ({"lissajous_env/mine.py": EXTRA.format(door=door, value=value)}, {}, EXTENDED)
-            for door, value in [
-                ("reward_term()", "world.robots.speed"),
-                ("score_column()", "world.robots.speed.mean(axis=1)"),
-                ("target_motion", "world.targets.position"),
-            ]
-        ),
+    ),
+    "robot model": (
+        {"lissajous_env/world/robots/post.py": ROBOT},
+        {"lissajous_env/world/robots/__init__.py": [("import car, ", "import post, car, ")]},
+        evaluated("still", "post"),
+    ),
+    "core score column": (
+        {},
+        {
+            "lissajous_env/world/tally.py": [
+                ("    speed_max: wp", "    speed_min: wp.array(dtype=wp.float32)\n    speed_max: wp"),
+                (
+                    '    "tally.min_separation": 1.0e30,\n',
+                    '    "tally.min_separation": 1.0e30,\n    "tally.speed_min": 1.0e30,\n',
+                ),
+                (
+                    "    if now > 0:\n        tally.distance",
+                    "    tally.speed_min[w] = wp.min(tally.speed_min[w], "
+                    "fastest)\n    if now > 0:\n        tally.distance",
+                ),
+            ],
+            "lissajous_env/world/columns.py": [
+                (
+                    "_SMOOTHNESS = Column(",
+                    'SLOWEST = Column("speed_min", "least speed of the fastest robot", lambda '
+                    'e: e.totals["speed_min"], "m/s", title="least speed", place=14)\n_SMOOTHNESS = Column(',
+                ),
+            ],
+        },
+        COLUMN,
+    ),
+}
+"""New files, lines changed in others, and a program that uses the new thing, by what is added."""
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("policy", "scenario", "stage"),
+        *(pytest.param((name,), marks=pytest.mark.long) for name in ("robot model", "core score column")),
     ],
-    ids=[
-        "policy",
-        "robot model",
-        "stage",
-        "scenario",
-        "core score column",
-        "reward term",
-        "score column",
-        "target motion",
-    ],
+    ids=" and ".join,
 )
-def test_files_to_touch(files, lines, program, tmp_path):
+def test_files_to_touch(names, tmp_path):
     # Oracle: two for what the kernels of the world are a part of, one for each of the others.
     for package in PACKAGES:
         # With the times of the files, so that what Python compiled of unchanged ones is good for the copy as well.
         shutil.copytree(ROOT / package, tmp_path / package)
-    for name, text in files.items():
-        (tmp_path / name).write_text(text)
-    for name, changes in lines.items():
-        text = (tmp_path / name).read_text()
-        for old, new in changes:
-            assert text.count(old) == 1, old
-            text = text.replace(old, new)
-        (tmp_path / name).write_text(text)
-    assert len(files) + len(lines) <= (2 if "world" in "".join([*files, *lines]) else 1)
-    here = f"import lissajous_env, baselines\nassert {str(tmp_path)!r} in baselines.__file__\n"
+    for name in names:
+        files, lines, _ = CASES[name]
+        assert len(files) + len(lines) <= (2 if "world" in "".join([*files, *lines]) else 1)
+        for path, text in files.items():
+            (tmp_path / path).write_text(text)
+        for path, changes in lines.items():
+            text = (tmp_path / path).read_text()
+            for old, new in changes:
+                assert text.count(old) == 1, old
+                text = text.replace(old, new)
+            (tmp_path / path).write_text(text)
+    program = f"import lissajous_env, baselines\nassert {str(tmp_path)!r} in baselines.__file__\n"
+    program += "".join(CASES[name][2] + "\n" for name in names)
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
-    command = [sys.executable, "-c", here + program]
+    command = [sys.executable, "-c", program]
     ended = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment)
     assert ended.returncode == 0, ended.stderr

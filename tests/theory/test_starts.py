@@ -7,7 +7,7 @@ import pytest
 
 import baselines
 import lissajous_env
-from lissajous_env.parameters import named as named_scenarios
+from lissajous_env.parameters import assumptions
 from lissajous_env.parameters.assumptions import AssumptionWarning, violations
 from lissajous_env.theory import starts
 
@@ -76,7 +76,7 @@ def test_from_a_start_that_is_called_unavoidable_every_policy_collides(name, cha
 
 
 def test_a_scenario_with_such_starts_warns_when_it_is_made(monkeypatch):
-    monkeypatch.setattr(named_scenarios, "_reported", set())
+    monkeypatch.setattr(assumptions, "_reported", set())
     with pytest.warns(AssumptionWarning, match=r"no policy can avoid a collision in about \d+% of the episodes"):
         lissajous_env.scenario("hall", **CROWDED)
     # Two cars on one place, from a start without any chance.

@@ -37,8 +37,6 @@ def curves(draw, largest=9):
         (Curve(5, 5, 7, 3), 0.2029, 0.3170),
         (Curve(5, 5, 7, 8), 0.0978, 0.1533),
         (Curve(5, 3, 3, 4), 0.3388, 0.5257),
-        (Curve(5, 5, 5, 6), 0.1804, 0.2823),
-        (Curve(10, 10, 3, 8), 0.3297, 0.5157),
     ],
 )
 def test_robot_radius_table(curve, bound, measured):
@@ -82,11 +80,6 @@ def test_coverage_table(curve, bound, covering):
     assert closed_forms.coverage_radius(curve) == pytest.approx(bound, abs=5e-4)
     assert geometry.measured_coverage_radius(curve) == pytest.approx(covering, abs=1e-3)
     assert geometry.measured_coverage_radius(curve, precision=1e-5) == pytest.approx(covering, abs=1e-4)
-
-
-def test_coverage_of_an_ellipse_is_exact():
-    # Oracle: a = b = 1, A = B is a circle; its centre is R away, and the corner (sqrt 2 - 1) R.
-    assert geometry.measured_coverage_radius(Curve(2, 2, 1, 1)) == pytest.approx(2, abs=1e-3)
 
 
 @settings(max_examples=30, deadline=None)
@@ -166,30 +159,6 @@ def test_curve_16_length_curvature_and_speed():
     assert speed.mean() == pytest.approx(1.11, abs=5e-3)
 
 
-@settings(max_examples=30, deadline=None)
-@given(curves(), st.floats(0, 2 * np.pi))
-def test_speed_is_the_derivative_of_the_position(curve, gamma):
-    step = 1e-5
-    difference = closed_forms.curve_point(curve, gamma + step) - closed_forms.curve_point(curve, gamma - step)
-    scale = max(curve.half_width, curve.half_height) * max(curve.a, curve.b)
-    assert np.linalg.norm(difference) / (2 * step) == pytest.approx(
-        closed_forms.curve_speed(curve, gamma), abs=1e-6 * scale
-    )
-
-
-@settings(max_examples=30, deadline=None)
-@given(curves())
-def test_self_crossings(curve):
-    # Oracle: both phases give the same point; a curve (3) has 2ab - a - b double points, all of them different pairs.
-    crossings = closed_forms.self_crossings(curve)
-    assert len(crossings) == 2 * curve.a * curve.b - curve.a - curve.b
-    points = closed_forms.curve_point(curve, crossings)
-    assert points[:, 0] == pytest.approx(points[:, 1], abs=1e-9 * max(curve.half_width, curve.half_height))
-    turns = np.sort(np.round(crossings / (2 * np.pi) % 1, 9) % 1, axis=1)
-    assert len(np.unique(turns, axis=0)) == len(crossings)
-    assert np.all(turns[:, 1] - turns[:, 0] > 1e-6)
-
-
 # (10): three dimensions.
 
 
@@ -215,16 +184,3 @@ def test_formation_lies_on_the_ellipse(curve, shift):
     assert closed_forms.ellipse_residual(curve, positions * 1.1, shift) == pytest.approx(off, abs=1e-9)
     # Any robot of the formation names the same ellipse.
     assert closed_forms.ellipse_residual(curve, positions, shift + 2 * np.pi / n) == pytest.approx(0, abs=1e-9)
-
-
-@settings(max_examples=60, deadline=None)
-@given(curves(), st.floats(0, 2 * np.pi))
-def test_outline_is_the_ellipse_through_the_formation(curve, shift):
-    n = curve.a + curve.b
-    outline = closed_forms.ellipse_outline(curve, shift, points=n + 1)
-    assert closed_forms.ellipse_residual(curve, outline, shift) == pytest.approx(0, abs=1e-9)
-    assert outline[0] == pytest.approx(outline[-1])
-    # With N points the outline is the formation itself: the robot at gamma + 2 pi k / N has phi = -2 pi a k / N.
-    order = -curve.a * np.arange(n) % n
-    scale = max(curve.half_width, curve.half_height)
-    assert formation(curve, n, shift)[:, :2] == pytest.approx(outline[order], abs=1e-9 * scale)

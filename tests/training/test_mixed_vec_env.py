@@ -15,7 +15,7 @@ from training.sb3 import MixedVecEnv
 from training.sb3.vec_env import RobotVecEnv
 
 DRAW = {
-    "curve": {"choices": [{"a": 1, "b": 2}, {"a": 3, "b": 2}], "half_height": {"low": 0.8, "high": 1.0}},
+    "curve": {"choices": [{"a": 1, "b": 2}, {"a": 3, "b": 2}], "half_height": "uniform(0.8, 1.0)"},
     "task": {"duration": 1.0, "contamination": None},
 }
 SPACE = ScenarioSpace("small", scenario("evaders"), DRAW)
@@ -50,7 +50,7 @@ def test_each_group_is_as_if_alone_until_it_changes_its_scenario():
 
 
 def test_rows_that_a_scenario_lacks_and_wrong_actions_are_refused():
-    space = ScenarioSpace("sizes", scenario("evaders"), {"sensing": {"targets_seen": {"low": 0, "high": 8}}})
+    space = ScenarioSpace("sizes", scenario("evaders"), {"sensing": {"targets_seen": "whole(0, 8)"}})
     with pytest.raises(ValueError, match=r"observation of .* must contain 54 entries"):
         MixedVecEnv(space, num_groups=4, card=Card.of(scenario("evaders", **{"sensing.targets_seen": 8})))
     env = MixedVecEnv(SPACE, num_groups=1, group_size=1)

@@ -83,7 +83,7 @@ def test_every_command_plays_it(here, capsys):
     command("evaluate", "run/best", "--episodes", 2, "--json")
     assert json.loads(capsys.readouterr().out)["episodes"] == named
     two = ("--policies", "run/best", "kuramoto")
-    command("benchmark", "--scenarios", "other.toml", *two, "--episodes", 1, "--replays", "none", "--out", "results")
+    command("benchmark", "--scenarios", "other.toml", *two, "--episodes", 1, "--replays", "0", "--out", "results")
     publish(here / "run" / "best", "published", "how", folder=here)
     text = checkpoint.read_text(here / "policies" / "published")
     assert text["made_for"] == ["mine"]
@@ -93,7 +93,7 @@ def test_every_command_plays_it(here, capsys):
 def test_a_benchmark_leaves_out_scenarios_of_other_robots(here, capsys):
     # Story: a policy of points, on scenarios of points and of cars.
     trained()
-    less = ("--episodes", 1, "--replays", "none", "--set", "task.duration=2", "--out", "results", "--json")
+    less = ("--episodes", 1, "--replays", "0", "--set", "task.duration=2", "--out", "results", "--json")
     command("benchmark", "--scenarios", "mine.toml", "rough", "--policies", "run/best", *less)
     assert {row["scenario"] for row in json.loads(capsys.readouterr().out)["episodes"]} == {"mine"}
 

@@ -172,12 +172,12 @@ def test_a_training_learns_the_same_at_another_scale(tmp_path, base, monkeypatch
     # Oracle: the training itself. Lengths times 2 and times times 4 move exponents alone.
     from test_train import weights_of
 
-    from lissajous_env.parameters import named
+    from lissajous_env.parameters.registry import SCENARIOS
 
     scenario = lissajous_env.scenario("intruders", **{"task.duration": 6.0})
     learned = []
     for k, made in enumerate((scenario, scenario.scaled(2.0, 4.0))):
-        monkeypatch.setitem(named._REGISTERED, "scaled", made)
+        monkeypatch.setitem(SCENARIOS, "scaled", made)
         settings = TrainingSettings(**SMALL | {
             "scenario": "scaled", "overrides": {}, "base": base, "imitation_steps": 640, "steps": 2560,
             "evaluate_every": 1280, "out": tmp_path / f"{k}",

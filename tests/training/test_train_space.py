@@ -14,7 +14,6 @@ import lissajous_env
 import training
 from baselines.policies.registry import make
 from lissajous_env import ScenarioSpace, Simulation
-from lissajous_env.parameters.named import is_space
 from training import scenarios
 from training.learned import checkpoint
 from training.learned.card import CONSTANTS, Card, constants_of
@@ -31,14 +30,14 @@ base = "intruders"
 require = ["clusters == 1"]
 [draw.curve]
 choices = [{a = 1, b = 2}, {a = 3, b = 2}]
-half_height = {low = 0.8, high = 1.6}
+half_height = "uniform(0.8, 1.6)"
 [draw.targets]
 count = 3
 [draw.task]
 duration = 0.5
 [draw.scale]
-length = {low = 0.5, high = 2.0}
-time = {low = 0.5, high = 2.0}
+length = "uniform(0.5, 2.0)"
+time = "uniform(0.5, 2.0)"
 """
 SMALL = {
     "worlds": 4, "groups": 2, "rollout": 4, "batch_size": 64, "steps": 300, "evaluate_every": 100, "layers": (4,),
@@ -60,9 +59,9 @@ def small(file, tmp_path, **changes):
 def test_a_space_is_told_from_a_scenario(file, tmp_path):
     other = tmp_path / "one.toml"
     other.write_text('base = "evaders"\n[curve]\nhalf_width = 3.0\n')
-    assert [is_space(name) for name in ("monitoring-v1", "monitoring-v1-larger", file)] == [True, True, True]
-    assert [is_space(name) for name in ("evaders", "monitoring-v1-3", str(other))] == [False, False, False]
-    assert TrainingSettings("evaders").space is None
+    names = {"monitoring-v1": "monitoring-v1", "monitoring-v1-larger": "monitoring-v1-larger", file: "small"}
+    assert {name: scenarios.space_of(name).name for name in names} == names
+    assert [scenarios.space_of(name) for name in ("evaders", "monitoring-v1-3", str(other))] == [None, None, None]
 
 
 @pytest.mark.parametrize("name", ["monitoring-v1", "FILE"])
@@ -228,13 +227,9 @@ def test_waiting_counts_relative_to_the_reference():
     assert scenarios.in_units_of("sweep", unpaid, "cpu") is unpaid
 
 
-def test_a_space_of_points_has_the_papers_method_as_its_base(monkeypatch):
-    from lissajous_env.parameters import named
-
-    space = ScenarioSpace(
-        "points", lissajous_env.scenario("failure"), {"curve": {"half_width": {"low": 1.0, "high": 2.0}}}
-    )
-    monkeypatch.setitem(named._SPACES, "points", space)
+def test_a_space_of_points_has_the_papers_method_as_its_base():
+    space = ScenarioSpace("points", lissajous_env.scenario("failure"), {"curve": {"half_width": "uniform(1.0, 2.0)"}})
+    lissajous_env.register_scenario_space(space)
     settings = TrainingSettings("points")
     assert (settings.chosen_base, settings.chosen_rivals, settings.imitated) == ("kuramoto", ("kuramoto",), None)
     cars = TrainingSettings("monitoring-v1", evaluation_scenarios=1)

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-import reference_motion
 import warp as wp
 
 import baselines
 import lissajous_env
-from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.theory import closed_forms
 from lissajous_env.world import stages
 from lissajous_env.world.robots import bin_sizes
 
@@ -17,51 +14,6 @@ wp.set_module_options(OPTIONS)
 
 RADIUS = 0.1
 TOUCH = 2 * RADIUS
-
-
-@wp.kernel
-def approach(before: wp.array(dtype=wp.vec3), after: wp.array(dtype=wp.vec3), out: wp.array(dtype=float)):
-    out[wp.tid()] = closest_approach(before[wp.tid()], after[wp.tid()])
-
-
-@wp.kernel
-def approach_in_plane(before: wp.array(dtype=wp.vec2), after: wp.array(dtype=wp.vec2), out: wp.array(dtype=float)):
-    out[wp.tid()] = closest_approach(before[wp.tid()], after[wp.tid()])
-
-
-def approaches(before, after):
-    """Distances [m] by the device, of offsets before and after, (K, 3) or (K, 2)."""
-    out = wp.empty(len(before), dtype=float, device="cpu")
-    kernel, dtype = (approach, wp.vec3) if np.shape(before)[1] == 3 else (approach_in_plane, wp.vec2)
-    inputs = [wp.array(np.array(each, dtype=np.float32), dtype=dtype, device="cpu") for each in (before, after)]
-    wp.launch(kernel, dim=len(before), inputs=[*inputs, out], device="cpu")
-    return np.sqrt(out.numpy())  # the device compares squares
-
-
-def test_closest_approach_is_the_distance_of_a_segment_from_the_origin():
-    # Oracle: closed form in float64, itself held against the least of 10,001 points on the way.
-    draw = np.random.default_rng(0)
-    before, after = draw.normal(size=(2, 500, 3)).astype(np.float32)
-    after[:50] = before[:50]  # robots that do not move
-    after[50:100] = before[50:100] * 3  # robots that part
-    expected = np.array(
-        [reference_motion.closest_approach(*way) for way in zip(before.astype(float), after, strict=True)]
-    )
-    dense = [
-        np.linalg.norm(a + np.linspace(0, 1, 10_001)[:, None] * (b - a), axis=1).min()
-        for a, b in zip(before, after, strict=True)
-    ]
-    np.testing.assert_allclose(expected, dense, atol=2e-4)
-    np.testing.assert_allclose(approaches(before, after), expected, atol=2e-6)
-
-
-def test_closest_approach_by_hand():
-    # Oracle: drawings. Through each other, past at 0.5, towards, away, not at all.
-    before = [[-1, 0, 0], [-1, 0.5, 0], [-2, 0, 0], [1, 0, 0], [0, 0.3, 0.4]]
-    after = [[1, 0, 0], [1, 0.5, 0], [-1, 0, 0], [2, 0, 0], [0, 0.3, 0.4]]
-    assert approaches(before, after) == pytest.approx([0, 0.5, 1, 1, 0.5], abs=1e-6)
-    flat = [each[:2] for each in before[:4]], [each[:2] for each in after[:4]]
-    assert approaches(*flat) == pytest.approx([0, 0.5, 1, 1], abs=1e-6)
 
 
 def parked(positions, seed=0, **overrides):
@@ -125,22 +77,6 @@ def test_a_collision_is_counted_once_until_the_pair_has_parted_by_five_percent()
     # Time in contact counts what is closer than the radii, not what has yet to part.
     assert np.diff(contacts, prepend=0) == pytest.approx([0, 0.1, 0.1, 0, 0, 0.1, 0, 0.1, 0, 0])
     assert simulation.score()[0]["min_separation"] == pytest.approx(0.9 * TOUCH, abs=1e-6)
-
-
-@pytest.mark.parametrize(("depth", "collisions"), [(0.0, 1), (0.5, 0)])
-def test_points_at_different_heights_do_not_collide(depth, collisions):
-    # Story: two points stand where the curve crosses itself; a third dimension keeps them apart. Oracle: (10).
-    overrides = {"robot.count": 2, "formation.p": 1, "faults.schedule": (), "robot.radius": 0.05}
-    scenario = lissajous_env.scenario("failure", **overrides, **{"curve.half_depth": depth, "curve.c": 5})
-    crossing = closed_forms.self_crossings(scenario.curve)[0]
-    heights = depth * np.sin(5 * crossing)
-    simulation = lissajous_env.Simulation(scenario)
-    simulation.robots.phase.assign(crossing[None] % (2 * np.pi) / scenario.alpha)
-    simulation.robots.position.assign(closed_forms.curve_point_3d(scenario.curve, crossing)[None].astype(np.float32))
-    simulation.step(np.zeros(simulation.action_shape))
-    (row,) = simulation.score()
-    assert row["collisions"] == collisions
-    assert row["min_separation"] == pytest.approx(abs(heights[0] - heights[1]), abs=1e-5)
 
 
 def test_points_of_one_place_overlap_by_design_and_are_no_collision():

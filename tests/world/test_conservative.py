@@ -84,22 +84,21 @@ def unseen_behind_a_convoy(angle, step, grid, gap):
 
 
 @pytest.mark.parametrize(
-    ("step", "grid"), [(0.1, (40, 40)), (0.05, (60, 60)), (0.02, (80, 80)), (0.02, (80, 60)), (0.3, (80, 80))]
-)
-@pytest.mark.parametrize(
-    "degrees", [22.5, "any", *(pytest.param(each, marks=pytest.mark.long) for each in (0.0, 13.0, 26.6, 31.0))]
-)
+    ("degrees", "step", "grid"),
+    [
+        (22.5, 0.1, (40, 40)), (114.0, 0.05, (60, 45)), (22.5, 0.3, (80, 80)),
+        *(pytest.param(each, 0.02, (80, 80), marks=pytest.mark.long) for each in (0.0, 13.0, 26.6, 31.0)),
+    ],
+)  # fmt: skip
 def test_a_rogue_in_a_gap_of_a_formation_that_moves_is_not_unseen_for_longer_than_the_figure(degrees, step, grid):
     # Oracle: where the rogue and the discs are, in float64. The gap is far smaller than a cell.
-    if degrees == "any":
-        degrees = np.random.default_rng(grid[1]).uniform(0, 360)
     unseen, figure = unseen_behind_a_convoy(np.radians(degrees), step, grid, 0.02 * 2 * HALF / max(grid))
     assert unseen > 7.0
     assert figure >= unseen - 1e-9
 
 
 @pytest.mark.parametrize("sides", [(0.1, 0.1), (0.1, 0.14)])
-@pytest.mark.parametrize("moved", [1e-4, 0.013, 0.05, 0.0999, 0.1, 0.17, 0.9])
+@pytest.mark.parametrize("moved", [1e-4, 0.0999, 0.17])
 def test_reaches_are_what_two_points_of_two_cells_allow(sides, moved):
     # Oracle: many pairs of points. No pair is missed, and every reach is that of some pair.
     rng = np.random.default_rng(3)
@@ -136,13 +135,12 @@ def played(policy, watch, duration=8.0, **overrides):
     return simulation.score()[0]
 
 
-@pytest.mark.parametrize("speed", [0.2, 0.5, 0.9])
-def test_a_smaller_sensor_makes_no_label_younger(speed):
+def test_a_smaller_sensor_makes_no_label_younger():
     # Law: what a smaller disc covers, a larger one does as well; the cars drive the same.
     labels, rows = [], []
-    for radius in (0.5, 0.6, 0.8, 1.1):
+    for radius in (0.5, 0.6, 0.8):
         labels.append([])
-        overrides = {"sensing.radius": radius, "targets.speed_limit": speed, "sensing.robots_seen": 0}
+        overrides = {"sensing.radius": radius, "targets.speed_limit": 0.5, "sensing.robots_seen": 0}
         rows.append(played("open-loop-mpcc", labels[-1], **overrides))
     for small, large in pairwise(labels):
         assert all((mine <= other).all() for mine, other in zip(small, large, strict=True))
@@ -167,14 +165,13 @@ def test_rogues_that_come_over_the_edge_walk_inward_no_slower_than_they_can():
             assert labels[0, 0] == 0
 
 
-@pytest.mark.parametrize(("radius", "speed"), [(0.75, 0.6), (0.8, 0.5)])
-def test_the_figure_is_not_far_above_the_plain_one(radius, speed):
+def test_the_figure_is_not_far_above_the_plain_one():
     # Against the figure of the plain field, whose error is known; both are of a finite time here.
     figures = []
     for conservative in (False, True):
         scenario = lissajous_env.scenario("evaders", **{
-            "sensing.radius": radius, "targets.speed_limit": speed, "targets.flee_speed": speed,
-            "task.duration": 20.0, "task.conservative": conservative,
+            "sensing.radius": 0.75, "targets.speed_limit": 0.6, "targets.flee_speed": 0.6, "task.duration": 15.0,
+            "task.conservative": conservative,
         })  # fmt: skip
         (row,) = lissajous_env.evaluate(baselines.make("kuramoto-mpcc", scenario, 1), scenario, seeds=[1])
         figures.append(row["guaranteed_detection_time"])

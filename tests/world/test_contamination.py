@@ -11,14 +11,9 @@ from lissajous_env.world.contamination.labels import introduced_at
 from lissajous_env.world.state import NEVER
 
 POINTS = {
-    "robot.kind": "curve",
-    "formation.start_noise": 0.0,
-    "formation.ring": None,
-    "faults.schedule": (),
-    "noise.wheelbase_spread": 0.0,
-    "noise.drive_spread": 0.0,
-    "robot.model_offset": None,
-}
+    "robot.kind": "curve", "formation.start_noise": 0.0, "formation.ring": None, "faults.schedule": (),
+    "noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0, "robot.model_offset": None,
+}  # fmt: skip
 ALWAYS = {"targets.count": 1, "targets.arrival_rate": 1.0, "task.grid": None}
 HALF = 1.8, 0.8
 
@@ -59,7 +54,7 @@ def go(simulation, steps):
         simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
 
 
-@pytest.mark.parametrize("speed", [0.03, 0.1, 0.23, 0.4, 0.9, 3.0])
+@pytest.mark.parametrize("speed", [0.1, 0.9, 3.0])
 def test_a_front_advances_at_the_rogues_speed_in_every_direction(speed):
     # Story: nobody is anywhere but in one cell in the middle; after some time rogues may be in the disc around it.
     columns = 121
@@ -124,84 +119,14 @@ def test_without_rogues_there_is_nothing_to_guarantee():
     assert np.isnan(simulation.score()[0]["guaranteed_detection_time"])
 
 
-@pytest.mark.parametrize(("policy", "radius", "speed"), [("kuramoto-mpcc", 0.75, 0.8), ("random", 0.7, 0.6)])
-def test_the_field_is_that_of_brute_force(policy, radius, speed):
-    setting = {"sensing.radius": radius, "targets.speed_limit": speed, "task.duration": 12.0}
+def test_the_field_is_that_of_brute_force():
+    policy, radius, speed = "kuramoto-mpcc", 0.75, 0.8
+    setting = {"sensing.radius": radius, "targets.speed_limit": speed, "task.duration": 8.0}
     simulation, ages, sensors = played(policy, 3, slices=2, **setting, **{"task.contamination": (180, 80)})
     brute = Field(sensors, HALF, radius, speed, 0.1).run()
     assert abs(ages.max() - brute.max()) <= 2.0  # steps
     assert np.mean(np.abs(ages - brute) <= 1.0) > 0.9
     assert simulation.score()[0]["guaranteed_detection_time"] == pytest.approx(0.1 * ages.max())
-
-
-def test_the_error_of_the_grid_becomes_smaller_with_its_cells():
-    # Five points in equilibrium, r_s = 0.55 m, 0.3 m/s: 5.1 s by exact discs on cells of a tenth of a step's motion.
-    setting = {**POINTS, "sensing.radius": 0.55, "targets.speed_limit": 0.3}
-    errors = []
-    for columns, rows in ((36, 16), (90, 40), (180, 80)):
-        _, ages, _ = played("kuramoto", **setting, **{"task.contamination": (columns, rows)})
-        errors.append(abs(0.1 * ages.max() - 5.1))
-    assert errors[0] > max(errors[1:])
-    assert max(errors[1:]) < 0.11
-
-
-@pytest.mark.long
-def test_a_rogue_that_knows_the_future_never_beats_the_conservative_figure():
-    # A rogue that slips between two discs with millimetres to spare makes some of the figures differ; most do not.
-    shares = []
-    for policy in ("kuramoto-mpcc", "random"):
-        for radius, speed in ((0.8, 0.5), (0.7, 0.7)):
-            setting = {"sensing.radius": radius, "targets.speed_limit": speed, "task.duration": 8.0}
-            setting["task.contamination"] = (180, 80)
-            _, ages, sensors = played(policy, 1, slices=2, **setting)
-            _, safe, _ = played(policy, 1, **setting, **{"task.conservative": True})
-            known = Field(sensors, HALF, radius, speed, 0.1, finer=4).run()
-            assert (known <= safe).all(), policy
-            shares.append(known.max() / ages.max())
-    assert np.median(shares) > 0.9
-    assert min(shares) > 0.7
-    assert max(shares) < 1.1
-
-
-def test_a_simulated_rogue_that_knows_the_future_is_unseen_for_as_long_as_the_field_says():
-    # The search's rogue is put into the world as a target, and the world's own detection decides.
-    setting = {"sensing.radius": 0.75, "targets.speed_limit": 0.8, "task.duration": 8.0}
-    setting["task.contamination"] = (180, 80)
-    _, ages, sensors = played("kuramoto-mpcc", 5, slices=2, **setting)
-    field = Field(sensors, HALF, 0.755, 0.8, 0.1)  # it keeps half a centimetre away from the discs
-    known, fields = field.run(keep=True)
-    until = 2 * int(known.argmax())
-    way = field.rogue(fields, until)
-    born = until - len(way) + 1
-    steps = np.clip(np.arange(0, 2 * 80 + 1, 2) - born, 0, len(way) - 1)
-
-    @lissajous_env.target_motion
-    def known_way(world):
-        places = world.targets.position.copy()
-        places[:, 0] = way[steps[int(world.clock.step[0])]]
-        return places
-
-    moved = {**setting, "targets.custom": 1.0, "targets.wandering": 0.0, "targets.count": 1}
-    scenario = lissajous_env.scenario("experiment", **{"faults.schedule": (), **moved, "targets.arrival_rate": 0.0})
-    scenario = lissajous_env.scenario(scenario, extensions=[known_way])
-    simulation = lissajous_env.Simulation(scenario, seed=5)
-    seen = []
-    EpisodeRunner(baselines.make("kuramoto-mpcc", scenario, 1), simulation).play(
-        [5], lambda taken: seen.append(int(simulation.targets.in_sight.numpy()[0, 0]))
-    )
-    unseen = seen[born // 2 + 1 : until // 2 + 1]
-    assert not any(unseen)
-    assert 0.9 * ages.max() <= len(unseen) + 1 <= ages.max() + 2
-
-
-def test_no_target_of_the_world_is_unseen_for_longer_than_the_figure():
-    # 200 rogues that wander and flee, at most at the speed limit.
-    setting = {"sensing.radius": 0.7, "targets.count": 100, "targets.arrival_rate": 3.0, "task.contamination": (90, 40)}
-    setting |= {"targets.wandering": 0.5, "targets.fleeing": 0.5, "targets.flee_speed": 0.3, "task.conservative": True}
-    for seed in range(2):
-        simulation, _, _ = played("open-loop-mpcc", seed, **setting)
-        row = simulation.score()[0]
-        assert row["detection_time_max"] <= row["guaranteed_detection_time"] + 1e-9
 
 
 @pytest.mark.parametrize(
@@ -210,15 +135,9 @@ def test_no_target_of_the_world_is_unseen_for_longer_than_the_figure():
         ({"task.contamination": (90, 10)}, "sides differ by 1.5 times at most"),
         ({"task.contamination": (90, 0)}, "each from 1 to 4096"),
         ({"task.contamination": (90,)}, "must be .columns, rows. or None"),
-        (
-            {"task.contamination": (900, 400), "targets.speed_limit": 9.0},
-            "of an evading target's motion in a step",
-        ),
+        ({"task.contamination": (900, 400), "targets.speed_limit": 9.0}, "of an evading target's motion in a step"),
         ({"targets.speed_limit": 0.1}, "at least the speed of these targets, 0.2 m/s"),
-        (
-            {"task.contamination": (90, 40), "targets.custom": 0.5, "targets.wandering": 0.5},
-            "speed_limit must be given",
-        ),
+        ({"task.contamination": (90, 40), "targets.custom": 0.5, "targets.wandering": 0.5}, "must be given"),
     ],
 )
 def test_what_cannot_be_followed_is_refused_by_name(overrides, words):

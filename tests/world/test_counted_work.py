@@ -55,7 +55,7 @@ BASES = {
     "none moves": {"targets.wandering": 0.0},
     "one in a hundred flees": {"targets.wandering": 0.99, "targets.fleeing": 0.01},
 }
-VALUES = (0, 1e-6, 1e-3, 0.01, 0.1, 0.3, 1, 5, 50, 1000, 1e5, None, True, False, "unseen", "boundary")
+VALUES = (0, 1e-3, 0.1, 1, 50, 1e5, None, True, False, "unseen", "boundary")
 PARTS = ("targets", "sensing", "noise", "faults")
 WITH_REASON = {
     "targets.speed", "targets.fleeing", "targets.count", "sensing.radius", "sensing.sight", "noise.actuator",
@@ -108,11 +108,12 @@ def test_a_target_is_compared_with_few_of_many_robots(base, counting):
 
 
 @pytest.mark.parametrize("base", BASES)
-@pytest.mark.parametrize("name", fields())
-def test_a_field_alone_does_not_multiply_the_work(name, base, counting):
-    # Oracle: the work before the field was changed.
-    for overrides in accepted(name, BASES[base]):
-        assert comparisons(overrides) < MOST * counting[base] + 0.5, overrides
+def test_a_field_alone_does_not_multiply_the_work(base, counting):
+    # Oracle: the work before the field was changed. Fields of other parts than targets act alike on all of these.
+    for name in fields():
+        if name.startswith("targets.") or base == "all wander":
+            for overrides in accepted(name, BASES[base]):
+                assert comparisons(overrides, 2) < MOST * counting[base] + 0.5, overrides
 
 
 @pytest.mark.parametrize("name", ["targets.speed", "targets.flee_speed", "targets.flee_radius"])

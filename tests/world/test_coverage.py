@@ -59,8 +59,8 @@ def forget(simulation):
     tally.covered_each_at.fill_(2**30)
 
 
-@pytest.mark.parametrize("grid", [(1, 1), (31, 5), (33, 16), (63, 3), (64, 17), (65, 4), (130, 9)])
-@pytest.mark.parametrize("radius", [0.01, 0.35, 1.0, 5.0])
+@pytest.mark.parametrize("grid", [(1, 1), (64, 17), (65, 4), (130, 9)])
+@pytest.mark.parametrize("radius", [0.35, 5.0])
 def test_the_cells_sensed_are_those_whose_centre_is_in_a_disc(grid, radius):
     # Oracle: distance of every centre from every robot; robots also outside the rectangle. 60 worlds of 3 robots.
     places = np.random.default_rng(1).uniform([-2.5, -1.5], [2.5, 1.5], (60, 3, 2)).astype(np.float32)
@@ -95,15 +95,3 @@ def test_the_formation_covers_the_rectangle_within_a_lap():
     assert row["coverage_time"] <= 21 / 5 + 0.1
     assert row["coverage_time_each"] <= 2 * math.pi / 0.3 + 0.1
     assert row["coverage_time"] < row["coverage_time_each"]
-
-
-def test_without_a_grid_nothing_is_covered():
-    scenario = lissajous_env.scenario("failure", **QUIET, **{"task.grid": None, "task.reward_idleness": 1.0})
-    simulation = lissajous_env.Simulation(scenario)
-    for _ in range(10):
-        simulation.step(np.zeros(simulation.action_shape))
-    (row,) = simulation.score()
-    assert all(
-        math.isnan(row[name]) for name in ("coverage_time", "coverage_time_each", "idleness_mean", "idleness_max")
-    )
-    assert (simulation.reward_terms.numpy()[..., 3] == 0).all()

@@ -33,8 +33,7 @@ def by_kernel(curve, places):
 
 
 BOUNDS = {
-    Curve(1.8, 0.8, 3, 2): 2e-3, Curve(5.4, 2.4, 3, 2): 5e-3, Curve(5, 5, 7, 8): 0.02, Curve(20, 12.5, 3, 4): 0.02,
-    Curve(1, 1, 1, 1): 1e-4, Curve(10, 0.5, 7, 1): 0.2,
+    Curve(1.8, 0.8, 3, 2): 2e-3, Curve(20, 12.5, 3, 4): 0.02, Curve(10, 0.5, 7, 1): 0.2,
 }  # fmt: skip
 """Largest error in the rectangle [m]."""
 
@@ -59,15 +58,6 @@ def test_who_goes_around_the_rectangle_is_near_the_curve_and_far_from_its_own_po
     assert row["lateral_error_max"] < row["tracking_error_max"]
 
 
-def test_points_of_the_curve_are_on_it():
-    simulation = lissajous_env.Simulation("knot")
-    for _ in range(20):
-        simulation.step(np.ones(simulation.action_shape))
-    (row,) = simulation.score()
-    assert row["lateral_error_mean"] == row["lateral_error_max"] == 0
-    assert row["tracking_error_max"] < 1e-4
-
-
 def harmonics(count, decay, size, rng, flat=1.0):
     """Rows of a random closed curve that stays within `size` [m] of the middle."""
     rows = rng.normal(size=(count, 4)) / np.arange(1, count + 1)[:, None] ** decay * [1, 1, flat, flat]
@@ -75,9 +65,7 @@ def harmonics(count, decay, size, rng, flat=1.0):
 
 
 RANDOM = {
-    "circle": (1, 1.0, 1.0, 1.0), "flat": (1, 1.0, 1.0, 0.05), "small": (3, 2.0, 1e-3, 1.0),
-    "large": (3, 2.0, 0.9, 1.0), "aside": (6, 1.0, 0.02, 1.0), "tangled": (12, 1.0, 0.1, 1.0),
-    "fine": (40, 2.0, 0.5, 1.0),
+    "flat": (1, 1.0, 1.0, 0.05), "small": (3, 2.0, 1e-3, 1.0), "tangled": (12, 1.0, 0.1, 1.0),
 }  # fmt: skip
 
 

@@ -75,18 +75,3 @@ def test_lost_robots_are_drawn_evenly_and_go_in_the_middle_half(lost):
     assert first.max() < 75
     assert abs(first.mean() - 49.5) < 4 * 50 / math.sqrt(12 * len(first))
     assert (np.diff(removed.astype(int), axis=0) >= 0).all()
-
-
-def test_a_world_with_every_robot_lost_runs_on():
-    # Story: nobody is left, yet only time ends the episode, and nothing is NaN that could be a number.
-    overrides = {"faults.schedule": (), "faults.lost": 5, "task.duration": 5.0}
-    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides), 3)
-    run(simulation, 50)
-    assert simulation.over.all()
-    assert simulation.truncated.numpy().all()
-    assert not simulation.terminated.numpy().any()
-    assert np.isfinite(simulation.observation.numpy()).all()
-    for row in simulation.score():
-        assert math.isnan(row["recovery_time"])
-        assert math.isfinite(row["idleness_mean"])
-        assert math.isfinite(row["phase_error"])

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from lissajous_env.episodes.recording import Recorder
 
 FIELD = {
     "curve.half_width": 20.0, "curve.half_height": 12.5, "robot.count": 5, "robot.radius": 0.4, "robot.wheelbase": 0.8,
@@ -118,22 +117,6 @@ def test_a_detected_target_appears_anew_and_every_life_counts():
         assert row["targets"] == detected + undetected.sum()
 
 
-def test_each_life_is_a_target_of_a_recording():
-    # Story: a target that was detected stays there, and another one appears elsewhere in the next step.
-    simulation = field(1, **{"targets.respawn": True})
-    recorder = Recorder(simulation)
-    recorder.take()
-    for _ in drive(simulation, 119):
-        recorder.take()
-    recording = recorder.recording()
-    assert len(recording.motion) == recording.score["targets"]
-    assert (recording.found_at < 2**30).sum() == round(recording.score["detected_fraction"] * len(recording.motion))
-    for moment in (0, 40, 119):
-        assert recording.snapshot(moment).present.sum() + (recording.found_at == moment).sum() == 12
-    waited = (np.minimum(recording.found_at - recording.found_early, 119) - recording.appears_at) * 0.5
-    assert waited.mean() == pytest.approx(recording.score["detection_time_mean"], rel=1e-5)
-
-
 # Hotspots.
 
 
@@ -198,16 +181,3 @@ def test_a_target_flees_from_all_robots_and_walls():
         tested += sure.sum()
         before = after.astype(float)
     assert tested > 500
-
-
-@pytest.mark.parametrize("scale", [(2.0, 4.0), (1 / 8, 1.0)])
-def test_worlds_with_feedback_keep_their_bits_at_another_scale(scale):
-    overrides = {
-        "sensing.sight": 8.0, "targets.respawn": True, "targets.entry": "hotspots", "targets.hotspot_spread": 2.5,
-        "targets.speed_min": 0.25, "targets.flight": "all",
-    }  # fmt: skip
-    scenario = lissajous_env.scenario("intruders", **FIELD | overrides)
-    one, other = (lissajous_env.Simulation(each, 2, seed=1) for each in (scenario, scenario.scaled(*scale)))
-    for _ in zip(drive(one), drive(other), strict=True):
-        assert one.observation.numpy().tobytes() == other.observation.numpy().tobytes()
-    assert one.score()[0]["detection_rate"] == pytest.approx(other.score()[0]["detection_rate"] * scale[1], rel=1e-6)

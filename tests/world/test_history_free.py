@@ -27,6 +27,7 @@ CASES = {
     "stopped by collisions": ("rough", {**SHORT, "task.on_collision": "stop", "robot.radius": 0.3}),
     "removed by the edge": ("intruders", {**SHORT, "task.boundary": "remove"}),
     "in space": ("knot", SHORT),
+    "tracks": ("intruders", {**SHORT, "sensing.tracks_seen": 4, "sensing.teammates_seen": 2, "sensing.shared": "team"}),
     "scripted rogues": ("evaders", {**SHORT, "rogues": "hide"}),
     "rogues as agents": ("evaders", {**SHORT, "rogues": "agents"}),
     "a mixture of rogues": ("evaders", {**SHORT, "rogues": "flee+wander+follow-gap", "task.conservative": True}),
@@ -34,7 +35,7 @@ CASES = {
     "bins, targets enter and flee": ("swarm", {**CROWD, **ENTERING}),
     "bins, removed by collisions": ("swarm", {**CROWD, "task.on_collision": "remove", "faults.rate": 0.3}),
 }  # fmt: skip
-POISONS = {"nan": (np.nan, 77_777), "large": (1e30, -1), "negative": (-3.7, 2**30 + 5)}
+POISONS = {"nan": (np.nan, 77_777), "large": (1e30, -1)}
 
 
 @lissajous_env.reward_term(weight=0.5)
@@ -73,7 +74,7 @@ def arrays_in(values):
 
 def state_of(simulation):
     """Every array that kernels write: all that they are given, but what is made of the scenario alone."""
-    constants = constants_of(simulation.scenario, simulation.device)
+    constants = {"initial", *constants_of(simulation.scenario, simulation.device)}
     for each in (simulation._reset, simulation._step):
         yield from arrays_in({name: value for name, value in each._values.items() if name not in constants})
         for stage in each.stages:

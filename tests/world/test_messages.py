@@ -5,9 +5,6 @@ import pytest
 
 import lissajous_env
 from lissajous_env.envs.actions import action_table
-from lissajous_env.envs.true_state import state_names, state_rows
-from lissajous_env.episodes import recording as recordings
-from lissajous_env.replay import Replay
 from lissajous_env.world.observation import layout, message_start
 
 QUIET = {"targets.count": 4, "targets.arrival_rate": 0.0, "task.grid": None, "task.duration": 8.0}
@@ -76,7 +73,7 @@ class Ring:
         self.expected = np.where(there[..., None, None], self.last, 0)
 
 
-@pytest.mark.parametrize(("robots", "targets", "k"), [(2, 4, 3), (0, 0, 1), (3, 1, 32), (2, 4, 0)])
+@pytest.mark.parametrize(("robots", "targets", "k"), [(2, 4, 3), (0, 0, 1)])
 def test_the_layout_is_the_one_that_is_promised(robots, targets, k):
     # Oracle: names, places and ranges by hand; the entries before them are those without messages.
     counts = {"sensing.robots_seen": robots, "sensing.targets_seen": targets}
@@ -98,19 +95,8 @@ def noughts(world):
 @pytest.mark.parametrize(
     ("name", "overrides"),
     [
-        ("failure", LOSSY),
         ("failure", {**LOSSY, "faults.rate": 0.3, "faults.mean_duration": 0.5, "faults.lost": 2}),
-        ("failure", {**LOSSY, "formation.ring": (3, 0, 4, 1, 2)}),
-        (
-            "experiment",
-            {
-                "task.on_collision": "remove",
-                "robot.radius": 0.1,
-                "formation.start": "random",
-                "faults.schedule": (),
-                "noise.message_delay": 0.3,
-            },
-        ),
+        ("experiment", {"task.on_collision": "remove", "robot.radius": 0.1, "noise.message_delay": 0.3}),
         ("failure", {"robot.count": 7, "formation.p": 3, "noise.message_delay": 0.7}),
     ],
 )
@@ -130,7 +116,7 @@ def test_the_ring_in_numpy_hears_the_same(name, overrides):
         assert (simulation.robots.status.numpy() == 2).any()
 
 
-@pytest.mark.parametrize("name", ["failure", "rough", "team"])
+@pytest.mark.parametrize("name", ["rough"])
 def test_messages_change_nothing_else(name):
     # Oracle: the same scenario without them, bit for bit: entries, reward and every column of the score.
     overrides = {"noise.actuator": 0.2, "task.reward_effort": -0.3, "task.duration": 4.0}
@@ -162,54 +148,6 @@ def test_a_message_that_is_not_finite_zeroes_the_whole_action_and_flags_its_worl
     silent = heard(simulation)[1][simulation.scenario.neighbours == 3]
     assert (silent == 0).all()
     assert np.isfinite(simulation.observation.numpy()).all()
-
-
-@pytest.mark.parametrize("count", [1, 2])
-def test_few_robots(count):
-    # Oracle: two robots hear each other on one side only; one hears nobody.
-    alone = {"robot.count": count, "formation.p": 0, "faults.schedule": ()}
-    simulation = lissajous_env.Simulation(made(k=1, **alone), 2)
-    (action,) = draws(simulation, 1)
-    simulation.step(action)
-    expected = np.zeros((2, count, 2, 1))
-    if count == 2:
-        expected[:, :, 0] = action[:, ::-1, -1:]
-    np.testing.assert_array_equal(heard(simulation), expected)
-
-
-def test_a_recording_replays_with_its_messages(tmp_path):
-    # Oracle: the stored actions, played again: the stored observations.
-    scenario = made("experiment", 2, **LOSSY)
-    simulation = lissajous_env.Simulation(scenario, seed=4)
-    recorder = recordings.Recorder(simulation)
-    recorder.take()
-    for action in draws(simulation, 15, most=1.1):
-        simulation.step(action)
-        recorder.take()
-    recorder.recording("talk").save(tmp_path / "talk.npz")
-    kept = recordings.load(tmp_path / "talk.npz")
-    again = lissajous_env.Simulation(kept.scenario, seed=4)
-    assert kept.action.shape == (16, 5, 4)
-    for action, row in zip(kept.action[1:], kept.observation[1:], strict=True):
-        again.step(action[None])
-        np.testing.assert_array_equal(again.observation.numpy()[0], row)
-    assert kept.scenario.action_names == ("steering", "throttle", "message_0", "message_1")
-    assert '"throttle", "message_0", "message_1"]' in Replay(kept).html().replace('","', '", "')
-
-
-def test_the_true_state_holds_what_robots_send_and_none_of_one_that_is_removed():
-    overrides = {"noise.message_loss": 1.0, "faults.rate": 0.0, "faults.removed": ((4, 0.1),)}
-    simulation = lissajous_env.Simulation(made("rough", 2, **overrides), 3)
-    for action in draws(simulation, 3):
-        simulation.step(action)
-    names, rows = state_names(simulation.scenario), state_rows(simulation)
-    plain = state_names(made("rough", 0))
-    assert rows.shape == (3, len(names))
-    assert [name for name in names if "message" not in name] == list(plain)
-    for i in range(5):
-        for m in range(2):
-            sent = action[:, i, 2 + m] if i < 4 else np.zeros(3)
-            np.testing.assert_array_equal(rows[:, names.index(f"robot_{i}_message_{m}")], sent)
 
 
 def test_the_table_of_discrete_actions_has_one_word_or_none():

@@ -12,12 +12,9 @@ from lissajous_env.world import observation
 
 OWN, LINK = 8, 6
 QUIET = {
-    "targets.count": 0,
-    "targets.arrival_rate": 0.0,
-    "task.grid": None,
-    "formation.start_noise": 0.0,
+    "targets.count": 0, "targets.arrival_rate": 0.0, "task.grid": None, "formation.start_noise": 0.0,
     "faults.schedule": (),
-}
+}  # fmt: skip
 
 
 def rows_of(simulation):
@@ -32,7 +29,7 @@ def step(simulation, value=0.3):
     simulation.step(np.full(simulation.action_shape, value, dtype=np.float32))
 
 
-@pytest.mark.parametrize(("robots", "targets"), [(2, 4), (0, 0), (3, 1), (0, 5), (4, 0)])
+@pytest.mark.parametrize(("robots", "targets"), [(2, 4), (0, 5)])
 def test_the_layout_is_the_one_that_is_promised(robots, targets):
     # Oracle: places, names and ranges written down by hand.
     scenario = lissajous_env.scenario("failure", **{"sensing.robots_seen": robots, "sensing.targets_seen": targets})
@@ -91,13 +88,6 @@ def test_lost_messages_are_lost_at_their_rate_and_age():
     assert twice.mean() == pytest.approx(0.09, abs=deviation)
     assert (lost[1:] & lost[:-1]).mean() == pytest.approx(0.09, abs=deviation)
     assert abs(np.corrcoef(lost[..., 0].ravel(), lost[..., 1].ravel())[0, 1]) < 0.02
-
-
-def test_with_every_message_lost_nothing_is_heard():
-    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **QUIET, **{"noise.message_loss": 1.0}))
-    for _ in range(5):
-        step(simulation)
-        assert (rows_of(simulation)[..., OWN : OWN + 2 * LINK] == 0).all()
 
 
 @pytest.mark.parametrize("field", ["position", "heading", "speed"])
@@ -165,55 +155,3 @@ def test_actuator_noise_is_added_to_the_action():
     step(simulation, 100.0)
     moved = np.angle(np.exp(1j * (simulation.robots.phase.numpy() - before)))
     assert (moved / 0.1 / simulation.scenario.robot.phase_rate_max < 0.99).mean() == pytest.approx(0.46, abs=0.05)
-
-
-def lists_of(simulation):
-    """Nearest robots (W, N, R, 5) and targets (W, N, T, 3) of the observation."""
-    sensing, rows = simulation.scenario.sensing, rows_of(simulation)
-    middle = OWN + 2 * LINK + 5 * sensing.robots_seen
-    shape = rows.shape[:2]
-    robots = rows[..., OWN + 2 * LINK : middle].reshape(*shape, sensing.robots_seen, 5)
-    return robots, rows[..., middle:].reshape(*shape, sensing.targets_seen, 3)
-
-
-@pytest.mark.parametrize(("robots_seen", "targets_seen"), [(4, 32), (2, 4), (1, 1), (0, 3), (3, 0)])
-def test_the_lists_are_of_the_nearest_in_the_disc_nearest_first(robots_seen, targets_seen):
-    # Oracle: sorting all offsets with NumPy.
-    overrides = {"sensing.robots_seen": robots_seen, "sensing.targets_seen": targets_seen, "targets.leave": False}
-    scenario = lissajous_env.scenario("failure", **{**QUIET, "targets.count": 40}, **overrides)
-    scenario = lissajous_env.scenario(scenario, **{"formation.start": "random", "sensing.radius": 0.7})
-    simulation = lissajous_env.Simulation(scenario, 6)
-    draw = np.random.default_rng(3)
-    for _ in range(5):
-        simulation.step(draw.uniform(-1, 1, simulation.action_shape).astype(np.float32))
-    robots, targets = lists_of(simulation)
-    places = simulation.robots.position.numpy()[..., :2].astype(float)
-    others = np.broadcast_to(places[:, None], (6, 5, 5, 2)) - places[:, :, None]
-    places_seen = simulation.targets.position.numpy()[:, None] - places[:, :, None]
-    for listed, offsets, room, first in [(robots, others, robots_seen, 1), (targets, places_seen, targets_seen, 0)]:
-        for w in range(6):
-            for i in range(5):
-                distance = np.linalg.norm(offsets[w, i], axis=-1)
-                nearest = [k for k in np.argsort(distance)[first:] if distance[k] < 0.7][:room]
-                assert listed[w, i, :, 0].tolist() == [1] * len(nearest) + [0] * (room - len(nearest))
-                np.testing.assert_allclose(listed[w, i, : len(nearest), 1:3], offsets[w, i, nearest] / 0.7, atol=1e-5)
-                assert (listed[w, i, len(nearest) :] == 0).all()
-    if robots_seen:
-        heading, speed = simulation.robots.heading.numpy(), simulation.robots.speed.numpy()
-        velocity = speed[..., None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-        nearest = np.argsort(np.linalg.norm(others, axis=-1), axis=-1)[..., 1]
-        relative = (np.take_along_axis(velocity, nearest[..., None], axis=1) - velocity) / (2 * simulation.speed_unit)
-        there = robots[:, :, 0, 0] == 1
-        assert there.any()
-        np.testing.assert_allclose(robots[:, :, 0, 3:][there], np.clip(relative, -1, 1)[there], atol=1e-5)
-
-
-def test_a_robot_far_outside_is_at_the_end_of_its_range():
-    # Story: a car leaves; its row stays within the space.
-    simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment-printed"))
-    for _ in range(100):
-        simulation.step(np.broadcast_to(np.array([0.0, 1.0], dtype=np.float32), simulation.action_shape))
-    rows = rows_of(simulation)
-    assert np.abs(simulation.robots.position.numpy()).max() > 4 * 1.8
-    assert np.abs(rows[..., :2]).max() == 4
-    assert ((rows >= simulation.layout.low) & (rows <= simulation.layout.high)).all()

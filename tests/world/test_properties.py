@@ -11,16 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import lissajous_env
-from lissajous_env.world.columns import NAMES
+from lissajous_env.world.columns import COLUMNS
 from lissajous_env.world.state import NEVER
 
 STEPS = 40
 WORLDS = 3
-FRACTIONS = ("detected_fraction", "detected_within_bound")
-TIMES = (
-    "detection_time_mean", "detection_time_p95", "detection_time_max", "coverage_time", "coverage_time_each",
-    "idleness_mean", "idleness_max", "recovery_time",
-)  # fmt: skip
 
 
 @st.composite
@@ -141,47 +136,32 @@ def test_every_world_keeps_its_promises(scenario, seed):
 
 
 def assert_score_in_range(scenario, simulation):
+    """Compare the score with the rules of its columns, and columns with each other."""
     duration, longest = scenario.task.duration, max(scenario.curve.half_width, scenario.curve.half_height)
-    gone = simulation.terminated.numpy().all(axis=1)
-    for row, all_gone in zip(simulation.score(), gone, strict=True):
-        assert set(row) == set(NAMES) - {"policy", "episode"}
-        guarantee = row["guaranteed_detection_time"]
+    for row in simulation.score():
+        for name, column in COLUMNS.items():
+            value = row[name]
+            assert not column.refusal(None if math.isnan(value) else value), name
+            assert not name.endswith("time") or math.isnan(value) or value <= duration * simulation.num_robots**2, name
+        guarantee, again = row["guaranteed_detection_time"], scenario.targets.respawn
         assert math.isnan(guarantee) == (scenario.task.contamination is None)
         if not math.isnan(guarantee):
-            assert 0 <= row["contaminated_age_mean"] <= guarantee <= duration + 1e-6
-            assert 0 <= row["unseen_at_end"] <= guarantee
-        for name in FRACTIONS:
-            assert math.isnan(row[name]) or 0 <= row[name] <= 1
+            assert row["contaminated_age_mean"] <= guarantee <= duration + 1e-6
+            assert row["unseen_at_end"] <= guarantee
         assert math.isnan(row["detected_fraction"]) == (row["targets"] == 0)
-        again = scenario.targets.respawn
         assert again or not (math.isnan(row["detected_within_bound"]) and row["detected_fraction"] > 0)
         assert math.isnan(row["observed_fraction"]) == (scenario.targets.leave or row["targets"] == 0)
         assert math.isnan(row["detection_rate"]) != again
-        for name in TIMES:
-            assert math.isnan(row[name]) or 0 <= row[name] <= duration + 1e-6, name
-        assert 0 <= row["targets"] <= scenario.target_capacity * (STEPS + 1 if again else 1)
-        assert row["collisions"] >= 0
-        assert 0 <= row["contact_time"] <= duration * math.comb(simulation.num_robots, 2) + 1e-6
-        assert math.isnan(row["min_separation"]) or row["min_separation"] >= 0
-        if row["collisions"] > 0:
-            assert row["min_separation"] < 2 * scenario.robot.radius + 1e-6
-        elif simulation.num_robots > 1 and not math.isnan(row["min_separation"]):
-            assert row["min_separation"] > 2 * scenario.robot.radius - 1e-6
-        assert 0 <= row["phase_error"] <= math.pi + 1e-6
-        assert row["lateral_error_max"] >= row["lateral_error_mean"] - 1e-3 * abs(row["lateral_error_max"]) >= -1e-6
-        assert row["spacing_factor"] >= 0
-        assert math.isfinite(row["return_mean"])
-        assert 0 <= row["distance_mean"] <= 1.01 * row["speed_max"] * duration + 1e-4 or scenario.robot.kind == "curve"
-        assert math.isnan(row["smoothness"]) or 0 <= row["smoothness"] <= 4
-        assert math.isnan(row["sensed_fraction"]) or 0 <= row["sensed_fraction"] <= 1
-        assert 0 <= row["outside_time"] <= duration * simulation.num_robots + 1e-6
+        assert row["targets"] <= scenario.target_capacity * (STEPS + 1 if again else 1)
+        if simulation.num_robots > 1 and not math.isnan(row["min_separation"]):
+            assert (row["collisions"] > 0) == (row["min_separation"] < 2 * scenario.robot.radius)
+        assert row["phase_error"] <= math.pi + 1e-6
+        assert row["distance_mean"] <= 1.01 * row["speed_max"] * duration + 1e-4 or scenario.robot.kind == "curve"
         if scenario.robot.kind == "curve" or scenario.task.boundary == "wall":
             assert row["outside_time"] == 0
         # The nearest point of the curve is no farther than that of the robot's own phase.
         for part in ("mean", "max"):
             assert row[f"lateral_error_{part}"] <= 1.001 * row[f"tracking_error_{part}"] + 0.01 * longest
-        if scenario.task.on_collision != "remove" and scenario.task.boundary != "remove":
-            assert not all_gone
     found = simulation.targets.found_at.numpy() < NEVER
     early = simulation.targets.found_early.numpy()
     assert ((early >= 0) & (early <= 1)).all()
@@ -191,19 +171,3 @@ def assert_score_in_range(scenario, simulation):
     cells = math.prod(scenario.task.grid or (0,))
     assert (simulation.tally.covered.numpy() <= cells).all()
     assert (simulation.tally.covered_each.numpy() <= cells * simulation.num_robots).all()
-
-
-@settings(max_examples=25, deadline=None, derandomize=True)
-@given(scenario=scenarios(), seed=st.integers(0, 2**20))
-def test_every_world_alone_is_the_world_in_the_batch(scenario, seed):
-    # Oracle: the batch law, in scenarios that nobody picked.
-    batch = lissajous_env.Simulation(scenario, WORLDS, seed=seed)
-    alone = lissajous_env.Simulation(scenario, 1, seed=seed + 1)
-    draw = np.random.default_rng(seed)
-    for _ in range(STEPS):
-        action = draw.uniform(-1.3, 1.3, batch.action_shape).astype(np.float32)
-        batch.step(action)
-        alone.step(action[[1]])
-        assert alone.observation.numpy()[0].tobytes() == batch.observation.numpy()[1].tobytes()
-        assert alone.reward_terms.numpy()[0].tobytes() == batch.reward_terms.numpy()[1].tobytes()
-    assert str(alone.score()) == str(batch.score([1]))

@@ -54,7 +54,7 @@ def found_times(simulation):
     return np.where(targets.found_at.numpy()[0] == 2**30, np.inf, times)
 
 
-@pytest.mark.parametrize("step", [1.0, 0.35, 0.1, 0.01])
+@pytest.mark.parametrize("step", [1.0, 0.1])
 def test_a_car_that_passes_a_target_sees_it_when_its_disc_arrives(step):
     # Oracle: closed form. At speed v from x = 0, the disc of radius r reaches a target at (x, y) at
     # (x - sqrt(r^2 - y^2)) / v; beside it by r or more, never. So it is whatever the step, one of 1 s included, in
@@ -67,48 +67,6 @@ def test_a_car_that_passes_a_target_sees_it_when_its_disc_arrives(step):
     (row,) = simulation.score()
     assert row["detected_fraction"] == pytest.approx(4 / 6)
     assert simulation.latest.waiting.numpy()[0] == 2
-
-
-@pytest.mark.parametrize("name", ["failure", "experiment"])
-def test_times_of_detection_do_not_depend_on_the_control_step(name):
-    # Oracle: the same worlds in steps of 1 ms, sampled at their ends. What a robot drives in a step of 0.1 s is 0.17 m.
-    overrides = {
-        "sensing.radius": 0.3, "targets.count": 400, "targets.arrival_rate": 0.0, "targets.wandering": 0.0,
-        "targets.drifting": 0.5, "targets.speed": 0.3, "task.grid": None, "faults.schedule": (), "task.duration": 6.0,
-        "formation.start": "equilibrium", "formation.start_noise": 0.0, "task.substeps": 4,
-    }  # fmt: skip
-    times = {}
-    for step in (0.1, 1e-3):
-        made = lissajous_env.scenario(name, **overrides, **{"task.step": step})
-        simulation = lissajous_env.Simulation(made, seed=4)
-        action = np.zeros(simulation.action_shape, dtype=np.float32)
-        if name == "failure":
-            action[:] = 0.3 / made.resolve().robot.phase_rate_max
-        else:  # wheels turned a little, at the throttle that keeps about 1 m/s
-            action[..., 0], action[..., 1] = 0.2, -0.6
-        for _ in range(made.task.steps):
-            simulation.step(action)
-        times[step] = found_times(simulation)
-    late, early = times[0.1], times[1e-3]
-    seen = np.isfinite(early) & np.isfinite(late)
-    assert seen.sum() > 200
-    assert (np.isfinite(early) != np.isfinite(late)).sum() <= 3, "those that a disc only just grazes"
-    off = late[seen] - early[seen]
-    assert np.median(np.abs(off)) < 2e-3
-    assert np.quantile(np.abs(off), 0.97) < 0.02
-    assert abs(off.mean()) < 5e-3, "no step is lost on average"
-
-
-def test_a_target_that_runs_through_a_standing_disc_is_seen():
-    # Oracle: closed form: 30 m/s over 0.6 m of a disc: it enters at x = -0.3 after 1.7 m, and is out at the step's end.
-    fast = {"targets.drifting": 1.0, "targets.speed": 30.0, "sensing.radius": 0.3}
-    simulation = coasting((0.0, 0.0), [(-2.0, 0.0), (-2.0, 0.5)], speed=0.0, **fast)
-    simulation.targets.heading.zero_()
-    roll(simulation, 1)
-    assert found_times(simulation) == pytest.approx([1.7 / 30, math.inf], abs=1e-5)
-    assert simulation.targets.in_sight.numpy().tolist() == [[0, 0]], "in sight is who is there at the end"
-    assert simulation.latest.detections.numpy().tolist() == [[1]]
-    assert simulation.latest.waiting.numpy().tolist() == [1]
 
 
 def test_a_target_that_is_moved_by_ones_own_rule_is_seen_on_its_way():
@@ -126,41 +84,10 @@ def test_a_target_that_is_moved_by_ones_own_rule_is_seen_on_its_way():
     assert found_times(simulation) == pytest.approx([0.1 + 0.0375], abs=1e-6)
 
 
-def test_the_first_to_see_a_target_gets_the_credit_though_another_ends_nearer():
-    # Oracle: geometry. Robot 0 passes the target and is gone; robot 1 arrives at it at the end of the step.
-    made = lissajous_env.scenario("experiment", **{**COASTING, "robot.count": 2, "targets.count": 1, "task.step": 1.0})
-    simulation = lissajous_env.Simulation(made)
-    simulation.targets.stage.fill_(1)
-    simulation.targets.found_at.fill_(2**30)
-    simulation.targets.position.zero_()
-    simulation.robots.position.assign(np.array([[[-1.0, 0.1, 0.0], [-2.2, -0.1, 0.0]]], dtype=np.float32))
-    simulation.robots.heading.zero_()
-    simulation.robots.speed.fill_(2.0)
-    roll(simulation, 1)
-    assert simulation.latest.detections.numpy().tolist() == [[1, 0]]
-    assert found_times(simulation) == pytest.approx([(1 - math.sqrt(0.15)) / 2], abs=1e-3)
-    assert simulation.targets.in_sight.numpy().tolist() == [[1]]
-
-
-def test_a_robot_senses_from_the_moment_it_resumes_and_not_before():
-    # Story: the only robot stands beside a target, failed, for 1 s; it sees the target when it resumes, at 1 s.
-    overrides = {"robot.count": 1, "formation.p": 0, "targets.count": 1, "targets.arrival_rate": 0.0, "task.grid": None}
-    made = lissajous_env.scenario("failure", **overrides, **{"faults.schedule": ((0, 0.0, 1.0),)})
-    simulation = lissajous_env.Simulation(made)
-    simulation.targets.stage.fill_(1)
-    simulation.targets.found_at.fill_(2**30)
-    simulation.targets.position.assign(simulation.robots.position.numpy()[:, :, :2] + np.float32([0.1, 0.0]))
-    for _ in range(12):
-        simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
-    assert simulation.targets.found_at.numpy().tolist() == [[11]]
-    assert found_times(simulation) == pytest.approx([1.0])
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_swarm_detects_every_target_within_the_bound(seed):
+def test_a_swarm_detects_every_target_within_the_bound():
     # Oracle: T_max = (2 pi / omega) / (N / kappa). Robots go up to 2.4 m in a control step, with discs of 0.73 m:
     # sampled at the ends of the steps, about one and a half in a hundred targets are missed for longer than that.
-    simulation = lissajous_env.Simulation(lissajous_env.scenario("swarm", **{"task.grid": None}), 2, seed=10 * seed)
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("swarm", **{"task.grid": None}), 2)
     scenario = simulation.scenario
     rate = scenario.formation.phase_rate / scenario.alpha
     for _ in range(math.ceil(scenario.detection_time_bound / scenario.task.step) + 1):
@@ -208,15 +135,3 @@ def test_an_unseen_target_appears_in_no_disc():
     assert np.abs(y).max() <= 0.8
     assert abs((x > 0).mean() - 0.5) < 0.06
     assert abs((y > 0).mean() - 0.5) < 0.06
-
-
-def test_where_all_is_seen_an_unseen_target_appears_anywhere():
-    # Story: a disc that covers the rectangle, so it is seen at once; and a failed robot has no disc to avoid.
-    covered = lissajous_env.Simulation(lissajous_env.scenario("failure", **UNSEEN, **{"sensing.radius": 9.0}), 5)
-    assert [row["detected_fraction"] for row in covered.score()] == [1] * 5
-    assert covered.score()[0]["detection_time_max"] == 0
-    blind = {**UNSEEN, "faults.schedule": ((0, 0.0, 3.0),), "sensing.radius": 9.0, "targets.count": 0}
-    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **blind), 5)
-    for _ in range(30):
-        simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
-    assert [row["detected_fraction"] for row in simulation.score()] == [0] * 5

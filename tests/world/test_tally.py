@@ -47,15 +47,6 @@ def test_the_idleness_that_a_step_ends():
     assert simulation.reward_terms.numpy()[0, 0, 3] == pytest.approx(0.1 * 2**21)
 
 
-def test_the_squares_of_the_idleness():
-    # Oracle: 16 rows whose sums are 2^62, over 2 x 36 x 16 cells, one step and 0.1 s.
-    simulation = simulation_of()
-    stand(simulation)
-    simulation.cells.idle_squares.fill_(2**62)
-    mean = simulation.score()[0]["idleness_mean"]
-    assert mean == pytest.approx(16 * 2.0**62 * 0.1 / (2 * 36 * 16), rel=1e-6)
-
-
 def test_the_cells_that_every_robot_has_sensed():
     # Oracle: 200 robots and 4096 x 4096 cells are 3.4e9 of them; the score is kept as if the grid were as large.
     simulation = simulation_of()

@@ -9,15 +9,9 @@ import lissajous_env
 
 # One robot that sees next to nothing, and targets that stay: nothing disturbs them.
 ALONE = {
-    "robot.count": 1,
-    "formation.p": 0,
-    "formation.ring": None,
-    "faults.schedule": (),
-    "sensing.radius": 1e-3,
-    "targets.leave": False,
-    "task.grid": None,
-    "targets.arrival_rate": 0.0,
-}
+    "robot.count": 1, "formation.p": 0, "formation.ring": None, "faults.schedule": (), "sensing.radius": 1e-3,
+    "targets.leave": False, "task.grid": None, "targets.arrival_rate": 0.0,
+}  # fmt: skip
 WIDE = {"curve.half_width": 40.0, "curve.half_height": 30.0}
 
 
@@ -38,17 +32,10 @@ def places(simulation):
     return simulation.targets.position.numpy().astype(float)
 
 
-def put(simulation, robots, targets):
-    """Place robots, at rest, and targets of the only world [m]."""
-    simulation.robots.position.assign(np.pad(np.array(robots, dtype=np.float32), ((0, 0), (0, 1)))[None])
-    simulation.robots.speed.zero_()
-    simulation.targets.position.assign(np.array(targets, dtype=np.float32)[None])
-
-
 # Appearance.
 
 
-@pytest.mark.parametrize("rate", [0.05, 0.5, 3.0])
+@pytest.mark.parametrize("rate", [0.05, 3.0])
 def test_arrivals_are_a_poisson_process(rate):
     # Oracle: mean and variance of a Poisson count are rate x time, and the times are spread evenly over the episode.
     duration = 20.0
@@ -115,20 +102,6 @@ def test_motions_have_their_shares():
 # Motion.
 
 
-def test_a_drifting_target_goes_straight_on_and_bounces():
-    # Oracle: unfolded in mirrors, the path is a straight line; folded back it is a triangle wave in each coordinate.
-    overrides = {"targets.wandering": 0.0, "targets.drifting": 1.0, "targets.speed": 0.7, "task.duration": 60.0}
-    simulation = undisturbed(4, **overrides)
-    start, heading = places(simulation), simulation.targets.heading.numpy().astype(float)
-    half = np.array([1.8, 0.8])
-    ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-    for k in range(1, 301):
-        stand(simulation)
-        straight = start + 0.7 * 0.1 * k * ahead
-        folded = half - np.abs((straight + half) % (4 * half) - 2 * half)
-        np.testing.assert_allclose(places(simulation), folded, atol=2e-4)
-
-
 def test_a_wandering_heading_walks_at_random():
     # Oracle: a random walk of independent steps has variance turn_rate^2 time; after a second it is normal (kurtosis).
     overrides = {"targets.turn_rate": 0.8, "targets.speed": 0.3, "targets.count": 200}
@@ -157,33 +130,7 @@ def test_a_wandering_heading_walks_at_random():
     assert abs(np.corrcoef(turns[3, :-1], turns[3, 1:])[0, 1]) < 4 / math.sqrt(turns.shape[1])
 
 
-def test_a_wall_turns_the_flight_along_itself():
-    # Story: a robot comes at a target in front of the right wall, from the left and below: it is driven up the wall.
-    overrides = {"targets.count": 1, "targets.wandering": 0.0, "targets.fleeing": 1.0}
-    simulation = undisturbed(1, **overrides)
-    put(simulation, [[1.6, -0.1]], [[1.79, 0.0]])
-    ys = []
-    for _ in range(5):
-        stand(simulation)
-        x, y = places(simulation)[0, 0]
-        assert x == pytest.approx(1.8, abs=1e-6)
-        ys.append(y)
-    assert (np.diff(ys) > 0).all()
-    assert ys[-1] > 0.1
-
-
-def test_a_stuck_robot_frightens_nobody():
-    # What runs from robots runs from those that work, as the sensor of a stuck one is off.
-    overrides = {"targets.count": 1, "targets.wandering": 0.0, "targets.fleeing": 1.0, "targets.speed": 0.0}
-    simulation = lissajous_env.Simulation(
-        lissajous_env.scenario("experiment", **{**ALONE, **overrides, "faults.schedule": ((0, 0.0, 5.0),)})
-    )
-    put(simulation, [[0.0, 0.0]], [[0.3, 0.0]])
-    stand(simulation, 10)
-    np.testing.assert_allclose(places(simulation)[0, 0], [0.3, 0.0], atol=1e-6)
-
-
-@pytest.mark.parametrize("speed", [0.2, 5.0, 100.0])
+@pytest.mark.parametrize("speed", [0.2, 100.0])
 def test_targets_stay_inside(speed):
     # Story: however fast, whatever their motion, none ever leaves the rectangle. A robot chases those that flee.
     overrides = {"targets.drifting": 0.3, "targets.wandering": 0.3, "targets.fleeing": 0.4, "sensing.radius": 0.05}
@@ -198,11 +145,12 @@ def test_targets_stay_inside(speed):
 # Detection.
 
 
-@pytest.mark.parametrize("start", ["equilibrium", "rotated"])
-def test_all_ten_thousand_targets_are_found_in_time(start):
+def test_all_ten_thousand_targets_are_found_in_time():
     # Oracle: T_max = (2 pi / omega) / (N / kappa) = 8.38 s of the paper; simulated independently with theta_0 = 0, 56 %
-    # are seen at the start and the last one after 4.6 to 4.8 s (the paper says 4.5 s). Other theta_0 are not slower.
-    simulation = lissajous_env.Simulation(lissajous_env.scenario("ideal", **{"formation.start": start}), 2, seed=1)
+    # are seen at the start and the last one after 4.6 to 4.8 s (the paper says 4.5 s).
+    simulation = lissajous_env.Simulation(
+        lissajous_env.scenario("ideal", **{"formation.start": "equilibrium"}), 2, seed=1
+    )
     scenario = simulation.scenario
     assert scenario.detection_time_bound == pytest.approx(8.378, abs=1e-3)
     at_start = [row["detected_fraction"] for row in simulation.score()]
@@ -214,6 +162,5 @@ def test_all_ten_thousand_targets_are_found_in_time(start):
         assert row["detected_fraction"] == 1
         assert row["detected_within_bound"] == 1
         assert row["detection_time_max"] <= 4.9
-    if start == "equilibrium":
-        assert at_start == pytest.approx([0.56, 0.56], abs=0.015)
-        assert min(row["detection_time_max"] for row in simulation.score()) >= 4.5
+        assert row["detection_time_max"] >= 4.5
+    assert at_start == pytest.approx([0.56, 0.56], abs=0.015)

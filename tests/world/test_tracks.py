@@ -1,6 +1,5 @@
 """Tracks: what robots remember of the targets that they had in sight, and what they tell each other."""
 
-import math
 from itertools import chain
 
 import numpy as np
@@ -122,33 +121,6 @@ def test_a_track_ends_when_its_target_was_detected_and_left(shared):
         assert left % 5 == 0
 
 
-def test_what_is_known_does_not_depend_on_the_numbers_of_the_robots():
-    # Law: with robots renumbered, and the ring with them, each has the same tracks and teammates.
-    order = np.array([3, 0, 4, 2, 1])
-    ring = np.array([0, 1, 2, 3, 4])
-    shared = {"sensing.shared": "ring", "noise.message_delay": 0.5, "task.substeps": 1}
-    one = made(1, **shared, **{"formation.ring": tuple(ring)})
-    other = made(1, **shared, **{"formation.ring": tuple(np.argsort(order)[ring].tolist())})
-    for name in ("position", "heading", "speed"):
-        getattr(other.robots, name).assign(getattr(one.robots, name).numpy()[:, order])
-    draw, start = np.random.default_rng(2), one.layout.names.index("track_0_present")
-    for step in range(60):
-        action = draw.uniform(-1, 1, one.action_shape).astype(np.float32)
-        one.step(action)
-        other.step(action[:, order])
-        if step > 30:  # what was in sight at the reset is forgotten by now
-            rows, renumbered = one.observation.numpy()[:, order, start:], other.observation.numpy()[..., start:]
-            np.testing.assert_allclose(renumbered, rows, atol=2e-5)
-
-
-@pytest.mark.parametrize("scale", [(2.0, 4.0), (1 / 8, 1.0)])
-def test_tracks_keep_their_bits_at_another_scale(scale):
-    scenario = lissajous_env.scenario("intruders", **FIELD | STAY | MESSY | {"sensing.shared": "team"})
-    one, other = (lissajous_env.Simulation(each, 2, seed=1) for each in (scenario, scenario.scaled(*scale)))
-    for _ in zip(drive(one), drive(other), strict=True):
-        assert one.observation.numpy().tobytes() == other.observation.numpy().tobytes()
-
-
 def test_no_tracks_cost_nothing():
     # Story: without tracks there is no stage, no memory and no entry of theirs.
     plain = lissajous_env.Simulation("intruders")
@@ -156,12 +128,3 @@ def test_no_tracks_cost_nothing():
     assert plain.tracks.sighted.size == plain.tracks.heard_at.size == 0
     assert not [name for name in plain.layout.names if name.startswith(("track", "teammate"))]
     assert not [name for name in plain.save_state() if name.startswith("Tracks")]
-
-
-def test_a_state_with_tracks_can_be_restored():
-    simulation, other = made(**{"sensing.shared": "team"}), made(seed=9, **{"sensing.shared": "team"})
-    assert len(list(drive(simulation, 20))) == 20
-    other.load_state(simulation.save_state())
-    for _ in zip(drive(simulation, 20), drive(other, 20), strict=True):
-        assert simulation.observation.numpy().tobytes() == other.observation.numpy().tobytes()
-    assert math.isfinite(other.score()[0]["observed_fraction"])

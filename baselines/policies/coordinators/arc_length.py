@@ -28,12 +28,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from baselines.policies.coordinators.base import Coordinator
 from baselines.policies.own_row import hears, lead, message_age, own_phase
 from baselines.policies.patrol_path import cruising_speed
 from baselines.similarity import motion_scale
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import TWO_PI
-from lissajous_env.device.program import launcher
 from lissajous_env.parameters.scenario import Curve, Scenario
 from lissajous_env.settings.checks import Checked, number
 from lissajous_env.theory import closed_forms
@@ -94,25 +94,19 @@ def kuramoto_by_arc(
     phase_rate_out[w, i] = (soon + interpolate(loss, soon) - gamma) / (preview * alpha)
 
 
-class KuramotoByArc:
+class KuramotoByArc(Coordinator):
     """Coordinator: phase rates (W, N) [rad/s] by (1) on arc phases."""
 
-    def __init__(self, scenario: Scenario, num_worlds: int, device: Any, parameters: ArcParameters | None = None):
-        self._parameters = parameters or ArcParameters()
-        self._alpha, self._coupling = float(scenario.alpha), scenario.coupling
-        self._preview = self._parameters.preview or PREVIEW * motion_scale(scenario).time
-        self._age_unit = scenario.time_unit
-        speed = self._parameters.speed or ground_speed(scenario)
-        self._rate = 2 * math.pi * speed / (lap_length(scenario.driven) * scenario.alpha)
-        self._tables = [wp.array(table, dtype=wp.float32, device=device) for table in arc_tables(scenario.driven)]
-        self.phase_rate = wp.zeros((num_worlds, scenario.num_robots), dtype=wp.float32, device=device)
-        self._launch = launcher(device)
+    kernel = kuramoto_by_arc
 
-    def coordinate(self, observation: wp.array) -> None:
-        """Write `phase_rate`."""
-        inputs = [self._alpha, self._rate, self._coupling, self._preview, self._age_unit]
-        inputs += [*self._tables, observation]
-        self._launch(kuramoto_by_arc, self.phase_rate.shape, inputs, [self.phase_rate])
+    def __init__(self, scenario: Scenario, num_worlds: int, device: Any, parameters: ArcParameters | None = None):
+        super().__init__(scenario, num_worlds, device)
+        parameters = parameters or ArcParameters()
+        preview = parameters.preview or PREVIEW * motion_scale(scenario).time
+        speed = parameters.speed or ground_speed(scenario)
+        rate = 2 * math.pi * speed / (lap_length(scenario.driven) * scenario.alpha)
+        tables = [wp.array(table, dtype=wp.float32, device=device) for table in arc_tables(scenario.driven)]
+        self.inputs = [float(scenario.alpha), rate, scenario.coupling, preview, scenario.time_unit, *tables]
 
 
 def arc_tables(curve: Curve) -> tuple[np.ndarray, np.ndarray]:

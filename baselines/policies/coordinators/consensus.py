@@ -18,10 +18,10 @@ from typing import Any
 
 import warp as wp
 
+from baselines.policies.coordinators.base import Coordinator
 from baselines.policies.own_row import hears, lead, message_age
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
-from lissajous_env.device.program import launcher
 from lissajous_env.parameters.scenario import Scenario
 
 wp.set_module_options(OPTIONS)
@@ -50,17 +50,12 @@ def consensus_rates(
     phase_rate_out[w, i] = rate + gain * off
 
 
-class Consensus:
+class Consensus(Coordinator):
     """Coordinator: phase rates (W, N) [rad/s] by linear consensus towards equilibrium (2) of known N and p."""
 
-    def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
-        self._rate, self._gain = scenario.formation.phase_rate / scenario.alpha, scenario.coupling
-        self._age_unit = scenario.time_unit
-        self._spacing = 2 * math.pi * scenario.p / scenario.num_robots
-        self.phase_rate = wp.zeros((num_worlds, scenario.num_robots), dtype=wp.float32, device=device)
-        self._launch = launcher(device)
+    kernel = consensus_rates
 
-    def coordinate(self, observation: wp.array) -> None:
-        """Write `phase_rate`."""
-        inputs = [self._rate, self._gain, self._spacing, self._age_unit, observation]
-        self._launch(consensus_rates, self.phase_rate.shape, inputs, [self.phase_rate])
+    def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
+        super().__init__(scenario, num_worlds, device)
+        spacing = 2 * math.pi * scenario.p / scenario.num_robots
+        self.inputs = [self.natural_rate, scenario.coupling, spacing, scenario.time_unit]

@@ -4,9 +4,9 @@ from typing import Any
 
 import warp as wp
 
+from baselines.policies.coordinators.base import Coordinator
 from baselines.policies.own_row import sine_ahead
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.program import launcher
 from lissajous_env.parameters.scenario import Scenario
 
 wp.set_module_options(OPTIONS)
@@ -26,21 +26,15 @@ def kuramoto_rates(
     phase_rate_out[w, i] = rate - coupling * pull
 
 
-class Kuramoto:
+class Kuramoto(Coordinator):
     """Coordinator: phase rates (W, N) [rad/s] by (1).
 
     Differs from the paper: the natural rate is omega / alpha, so that with alpha of Lemma 2 the rate along the curve
     is still omega; and a neighbour's phase is carried on at that rate for the time its message was under way.
     """
 
-    def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
-        shape = (num_worlds, scenario.num_robots)
-        self._rate, self._coupling = scenario.formation.phase_rate / scenario.alpha, scenario.coupling
-        self._age_unit = scenario.time_unit
-        self.phase_rate = wp.zeros(shape, dtype=wp.float32, device=device)
-        self._launch = launcher(device)
+    kernel = kuramoto_rates
 
-    def coordinate(self, observation: wp.array) -> None:
-        """Write `phase_rate`."""
-        inputs = [self._rate, self._coupling, self._age_unit, observation]
-        self._launch(kuramoto_rates, self.phase_rate.shape, inputs, [self.phase_rate])
+    def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
+        super().__init__(scenario, num_worlds, device)
+        self.inputs = [self.natural_rate, scenario.coupling, scenario.time_unit]

@@ -5,7 +5,7 @@
 
 import warp as wp
 
-from baselines.policies.inside import Walls, is_safe
+from baselines.policies.inside import is_safe
 from baselines.policies.own_row import has_heard, own_heading, own_key, own_position, own_speed, own_works
 from baselines.policies.safety.compatibility import (
     FAILED,
@@ -15,7 +15,7 @@ from baselines.policies.safety.compatibility import (
     OLD,
     THERE,
     UNHEARD,
-    Plans,
+    Memory,
     is_compatible,
     room_of,
 )
@@ -34,37 +34,8 @@ from baselines.policies.safety.tails import arc_end, lay_out, roll_on
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import RobotStruct
 
 wp.set_module_options(OPTIONS)
-
-
-@wp.struct
-class Memory:
-    """Memory of robots (W, N) and worlds (W,) from step to step; zeros before the first step of an episode."""
-
-    tail: wp.array2d(dtype=wp.vec4)
-    """Committed tail at the beginning of the step: `baselines.policies.safety.tails`."""
-    tube: wp.array2d(dtype=wp.vec4)
-    """Its tube."""
-    old_tail: wp.array2d(dtype=wp.vec4)
-    """The rest of the previous tail, or the place at which a robot stands, if it failed in the latest step."""
-    old_tube: wp.array2d(dtype=wp.vec4)
-    """Its tube."""
-    steering: wp.array2d(dtype=wp.vec2)
-    """Action of the steering on the tail, and on the previous tail."""
-    known: wp.array2d(dtype=wp.vec4)
-    """Bounds of the robot's own curvature and drive as factors of the nominal: least, most; least, most."""
-    sums: wp.array2d(dtype=wp.vec4)
-    """Sums from which these bounds follow where commands are noisy: `baselines.policies.safety.own_motion.average`."""
-    last: wp.array2d(dtype=wp.vec4)
-    """Measured heading [rad], speed [m/s] and the action of the latest step."""
-    presence: wp.array2d(dtype=wp.int32)
-    """UNHEARD, THERE, FAILED or GONE."""
-    steps: wp.array(dtype=wp.int32)
-    """Steps decided in this episode."""
-    holds: wp.array(dtype=wp.int32)
-    """1 where all committed tails are compatible: from then on, by the theorem, no two robots collide."""
 
 
 @wp.func
@@ -100,16 +71,21 @@ def may_stand(w: int, i: int, before: int, bounds: Bounds, car: wp.vec4, memory:
 
 
 @wp.func
-def begin(
-    w: int,
-    i: int,
-    bounds: Bounds,
-    robot: RobotStruct,
-    widest: wp.vec4,
-    car: wp.vec4,
-    memory: Memory,
-    observation: wp.array3d(dtype=float),
-) -> bool:
+def learn_of(w: int, i: int, bounds: Bounds, car: wp.vec4, memory: Memory):
+    """Narrow the bounds of a robot's own curvature and drive by its latest step."""
+    widest = bounds.widest[i]
+    if bounds.wobble == 0.0:
+        memory.known[w, i] = learn(bounds, memory.known[w, i], widest, memory.last[w, i], car[2], car[3])
+    else:
+        sums = average(bounds, memory.sums[w, i], memory.last[w, i], car[2], car[3])
+        curvature = averaged(sums[0], sums[1], wp.vec2(widest[0], widest[1]))
+        pull = averaged(sums[2], sums[3], wp.vec2(widest[2], widest[3]))
+        memory.sums[w, i] = sums
+        memory.known[w, i] = wp.vec4(curvature[0], curvature[1], pull[0], pull[1])
+
+
+@wp.func
+def begin(w: int, i: int, bounds: Bounds, car: wp.vec4, memory: Memory, observation: wp.array3d(dtype=float)) -> bool:
     """Advance a robot's memory to the step that begins; return whether the robot is on its tail (condition 6).
 
     A robot that is elsewhere, as at the beginning of an episode, begins a tail at its position. So does one that comes
@@ -121,27 +97,20 @@ def begin(
     memory.presence[w, i] = now
     is_known = memory.steps[w] > 0 and (before != GONE or now == GONE) and not is_clipped(bounds, car[3])
     if memory.steps[w] == 0:
-        memory.known[w, i] = widest
+        memory.known[w, i] = bounds.widest[i]
     elif not works:
         memory.tail[w, i] = memory.old_tail[w, i]
         memory.tube[w, i] = memory.old_tube[w, i]
         memory.steering[w, i] = wp.vec2(memory.steering[w, i][1], memory.steering[w, i][1])
     elif is_off_the_wall(bounds, car, memory.last[w, i][1]) and not is_clipped(bounds, memory.last[w, i][1]):
-        if bounds.wobble == 0.0:
-            memory.known[w, i] = learn(bounds, robot, memory.known[w, i], widest, memory.last[w, i], car[2], car[3])
-        else:
-            sums = average(bounds, robot, memory.sums[w, i], memory.last[w, i], car[2], car[3])
-            curvature = averaged(sums[0], sums[1], wp.vec2(widest[0], widest[1]))
-            pull = averaged(sums[2], sums[3], wp.vec2(widest[2], widest[3]))
-            memory.sums[w, i] = sums
-            memory.known[w, i] = wp.vec4(curvature[0], curvature[1], pull[0], pull[1])
+        learn_of(w, i, bounds, car, memory)
     memory.last[w, i] = wp.vec4(car[2], car[3], 0.0, 0.0)
     tail = memory.tail[w, i]
     away = wp.length(wp.vec2(car[0] - tail[0], car[1] - tail[1]))
     if is_known and away <= memory.tube[w, i][1] + bounds.place:
         return True
     errors = wp.vec3(bounds.place, bounds.heading, bounds.speed)
-    tail, tube = tail_from(bounds, robot, memory.known[w, i], car, errors, memory.steering[w, i][0])
+    tail, tube = tail_from(bounds, memory.known[w, i], car, errors, memory.steering[w, i][0])
     memory.tail[w, i] = tail
     memory.tube[w, i] = tube
     return memory.presence[w, i] == GONE
@@ -155,27 +124,28 @@ def stand(w: int, i: int, place: wp.vec4, error: float, memory: Memory):
 
 
 @wp.func
-def let_roll(w: int, i: int, bounds: Bounds, robot: RobotStruct, stops: int, memory: Memory, plans: Plans):
+def let_roll(w: int, i: int, bounds: Bounds, memory: Memory):
     """Lay out a robot's old plan, in which it continues its tail, and commit to it until the robot decides.
 
-    A robot that `stops` dead in this step stands where the step begins.
+    A robot that can stop dead in this step stands where the step begins.
     """
     before = memory.tail[w, i]
     before_tube = memory.tube[w, i]
     curvature = before_tube[0]
-    speed = before[3] * robot.drag
-    rate = speed * (robot.drag + speed * wp.abs(curvature))
+    drag = bounds.robot.drag
+    speed = before[3] * drag
+    rate = speed * (drag + speed * wp.abs(curvature))
     bulge = rate * (bounds.step * bounds.step / 32.0 + bounds.chord)
     middle = arc_end(before[0], before[1], before[2], (1.0 - wp.sqrt(bounds.left)) * before[3], curvature)
     tail, tube = roll_on(before, before_tube, bounds.left)
     start = wp.vec2(before[0], before[1])
-    slack = chord_slack(bounds, robot, tail, tube)
-    lay_out(w, i, OLD, start, wp.vec3(middle[0], middle[1], bulge), tail, tube, slack, plans.points, plans.reach)
+    slack = chord_slack(bounds, tail, tube)
+    lay_out(memory.plans[w, i, OLD], start, wp.vec3(middle[0], middle[1], bulge), tail, tube, slack)
     memory.tail[w, i] = tail
     memory.tube[w, i] = tube
     memory.old_tail[w, i] = tail
     memory.old_tube[w, i] = tube
-    if stops == 1:
+    if bounds.stops[i] == 1:
         stand(w, i, before, before_tube[1], memory)
     memory.steering[w, i] = wp.vec2(memory.steering[w, i][0], memory.steering[w, i][0])
 
@@ -194,28 +164,19 @@ def hears_all(w: int, i: int, step: int, bounds: Bounds, observation: wp.array3d
 
 @wp.func
 def propose(
-    w: int,
-    i: int,
-    bounds: Bounds,
-    robot: RobotStruct,
-    car: wp.vec4,
-    action: wp.vec2,
-    turn: float,
-    memory: Memory,
-    plans: Plans,
+    w: int, i: int, bounds: Bounds, car: wp.vec4, action: wp.vec2, turn: float, memory: Memory
 ) -> tuple[wp.vec4, wp.vec4]:
     """Lay out the new plan of a robot, an action and a tail with the steering `turn`; return tail and tube."""
     known = memory.known[w, i]
-    after, errors, middle = drive(bounds, robot, known, car, action)
-    tail, tube = tail_from(bounds, robot, known, after, errors, turn)
-    slack = chord_slack(bounds, robot, tail, tube)
-    here = wp.vec2(car[0], car[1])
-    lay_out(w, i, NEW, here, middle, tail, tube, slack, plans.points, plans.reach)
+    after, errors, middle = drive(bounds, known, car, action)
+    tail, tube = tail_from(bounds, known, after, errors, turn)
+    slack = chord_slack(bounds, tail, tube)
+    lay_out(memory.plans[w, i, NEW], wp.vec2(car[0], car[1]), middle, tail, tube, slack)
     return tail, tube
 
 
 @wp.func
-def turn_after(k: int, bounds: Bounds, robot: RobotStruct, known: wp.vec4, speed: float, action: wp.vec2) -> float:
+def turn_after(k: int, bounds: Bounds, known: wp.vec4, speed: float, action: wp.vec2) -> float:
     """Return the steering of the k-th tail after an action: that of the action, the most to either side, or none.
 
     Grip limits the steering also at `speed`, that before the action [m/s], and within the step.
@@ -224,32 +185,20 @@ def turn_after(k: int, bounds: Bounds, robot: RobotStruct, known: wp.vec4, speed
         return action[0]
     if k == 3:
         return 0.0
-    return within_limits(bounds, robot, known, speed, wp.vec2(wp.where(k == 1, 1.0, -1.0), action[1]))[0]
+    return within_limits(bounds, known, speed, wp.vec2(wp.where(k == 1, 1.0, -1.0), action[1]))[0]
 
 
 @wp.func
-def leads_out(walls: Walls, robot: RobotStruct, tail: wp.vec4, tube: wp.vec4) -> bool:
+def leads_out(bounds: Bounds, tail: wp.vec4, tube: wp.vec4) -> bool:
     """Return whether a car at the end of its tail has a way out of the walls; always without walls."""
-    if walls.turning == 0.0:
+    if bounds.walls.turning == 0.0:
         return True
     end = arc_end(tail[0], tail[1], tail[2], tail[3], tube[0])
-    return is_safe(walls, robot, wp.vec4(end[0], end[1], end[2], 0.0))
+    return is_safe(bounds.walls, bounds.robot, wp.vec4(end[0], end[1], end[2], 0.0))
 
 
 @wp.func
-def decide(
-    w: int,
-    i: int,
-    bounds: Bounds,
-    walls: Walls,
-    robot: RobotStruct,
-    car: wp.vec4,
-    want: wp.vec2,
-    changes: wp.array(dtype=wp.vec2),
-    stops: wp.array(dtype=int),
-    memory: Memory,
-    plans: Plans,
-) -> wp.vec3:
+def decide(w: int, i: int, bounds: Bounds, car: wp.vec4, want: wp.vec2, memory: Memory) -> wp.vec3:
     """Take the first of the changed actions after which a tail has room, or continue the old tail.
 
     A tail whose end leaves the car no way out of the walls is not taken, unless that of the old one does not either.
@@ -261,51 +210,45 @@ def decide(
     chosen = wp.vec3(held, -1.0, held)
     enough = float(0.0)
     if memory.holds[w] == 0:
-        enough = wp.min(room_of(w, i, OLD, -FAR, -1, bounds, stops, memory.presence, plans)[0], 0.0)
+        enough = wp.min(room_of(w, i, OLD, -FAR, -1, bounds, memory)[0], 0.0)
     room = wp.vec2(-FAR, -1.0)
-    ends_well = leads_out(walls, robot, memory.tail[w, i], memory.tube[w, i])
-    for k in range(changes.shape[0] * bounds.tails):
-        change = changes[k / bounds.tails]
-        action = within_limits(bounds, robot, known, car[3], want + change)
+    ends_well = leads_out(bounds, memory.tail[w, i], memory.tube[w, i])
+    for k in range(bounds.changes.shape[0] * bounds.tails):
+        change = bounds.changes[k / bounds.tails]
+        action = within_limits(bounds, known, car[3], want + change)
         if k % bounds.tails > 0 and change[0] != 0.0:
             continue  # before a tail with another steering, only actions with the wanted steering are tried
         if (change[0] != 0.0 and action[0] == want[0]) or (change[1] != 0.0 and action[1] == want[1]):
             continue  # the box or grip undoes the change
-        turn = turn_after(k % bounds.tails, bounds, robot, known, car[3], action)
-        tail, tube = propose(w, i, bounds, robot, car, action, turn, memory, plans)
-        if ends_well and not leads_out(walls, robot, tail, tube):
+        turn = turn_after(k % bounds.tails, bounds, known, car[3], action)
+        tail, tube = propose(w, i, bounds, car, action, turn, memory)
+        if ends_well and not leads_out(bounds, tail, tube):
             room = wp.vec2(-FAR, -1.0)  # not this one
             continue
-        room = room_of(w, i, NEW, enough, int(room[1]), bounds, stops, memory.presence, plans)
+        room = room_of(w, i, NEW, enough, int(room[1]), bounds, memory)
         if room[0] >= enough:
-            plans.decided[w, i] = 1
+            memory.decided[w, i] = 1
             memory.tail[w, i] = tail
             memory.tube[w, i] = tube
             chosen = wp.vec3(action[0], action[1], turn)
-            if stops[i] == 1:
+            if bounds.stops[i] == 1:
                 stand(w, i, wp.vec4(car[0], car[1], car[2], 0.0), bounds.place, memory)
             enough = room[0]
             if enough >= 0.0:
                 break
-    if room[0] < enough and plans.decided[w, i] == 1:
+    if room[0] < enough and memory.decided[w, i] == 1:
         # The plan that was laid out last is not the chosen one.
-        propose(w, i, bounds, robot, car, wp.vec2(chosen[0], chosen[1]), chosen[2], memory, plans)
+        propose(w, i, bounds, car, wp.vec2(chosen[0], chosen[1]), chosen[2], memory)
     return chosen
 
 
 @wp.kernel
 def commit(
     bounds: Bounds,
-    walls: Walls,
-    robot: RobotStruct,
     curve: CurveStruct,
-    widest: wp.array(dtype=wp.vec4),
-    changes: wp.array(dtype=wp.vec2),
-    stops: wp.array(dtype=int),
     observation: wp.array3d(dtype=float),
     wanted: wp.array3d(dtype=float),
     memory: Memory,
-    plans: Plans,
     action_out: wp.array3d(dtype=float),
 ):
     """Decide on the actions of a world's robots, one after another, in an order that shifts by one in each step."""
@@ -317,15 +260,15 @@ def commit(
         here = own_position(w, i, curve, observation)
         speed = wp.max(own_speed(w, i, bounds.speed_unit, observation), 0.0)
         car = wp.vec4(here[0], here[1], own_heading(w, i, observation), speed)
-        plans.decided[w, i] = 0
+        memory.decided[w, i] = 0
         before = memory.presence[w, i]
-        if not begin(w, i, bounds, robot, widest[i], car, memory, observation):
+        if not begin(w, i, bounds, car, memory, observation):
             memory.holds[w] = 0
         if is_clipped(bounds, speed) or may_stand(w, i, before, bounds, car, memory):
             is_clear = False
-        let_roll(w, i, bounds, robot, stops[i], memory, plans)
+        let_roll(w, i, bounds, memory)
     if memory.holds[w] == 0 and is_clear:
-        memory.holds[w] = is_compatible(w, bounds, stops, memory.presence, plans)
+        memory.holds[w] = is_compatible(w, bounds, memory)
     for turn in range(n):
         i = (turn + step) % n
         chosen = wp.vec3(memory.steering[w, i][0], -1.0, memory.steering[w, i][0])
@@ -334,7 +277,7 @@ def commit(
         if able and hears_all(w, i, step, bounds, observation):
             here = own_position(w, i, curve, observation)
             car = wp.vec4(here[0], here[1], memory.last[w, i][0], memory.last[w, i][1])
-            chosen = decide(w, i, bounds, walls, robot, car, want, changes, stops, memory, plans)
+            chosen = decide(w, i, bounds, car, want, memory)
         memory.steering[w, i] = wp.vec2(chosen[2], memory.steering[w, i][1])
         action_out[w, i, 0] = chosen[0]
         action_out[w, i, 1] = chosen[1]

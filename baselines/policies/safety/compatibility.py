@@ -23,91 +23,90 @@ FAR = wp.constant(1.0e30)
 
 
 @wp.struct
-class Plans:
-    """Plans of the robots (W, N, PLANS) for one step."""
+class Memory:
+    """Memory of robots (W, N) and worlds (W,) from step to step; zeros before the first step of an episode."""
 
-    points: wp.array4d(dtype=wp.vec3)
-    """(W, N, PLANS, POINTS) as `baselines.policies.safety.tails.lay_out` writes them."""
-    reach: wp.array3d(dtype=wp.float32)
-    """Largest distance of the plan from the position of the robot [m]."""
+    tail: wp.array2d(dtype=wp.vec4)
+    """Committed tail at the beginning of the step: `baselines.policies.safety.tails`."""
+    tube: wp.array2d(dtype=wp.vec4)
+    """Its tube."""
+    old_tail: wp.array2d(dtype=wp.vec4)
+    """The rest of the previous tail, or the place at which a robot stands, if it failed in the latest step."""
+    old_tube: wp.array2d(dtype=wp.vec4)
+    """Its tube."""
+    steering: wp.array2d(dtype=wp.vec2)
+    """Action of the steering on the tail, and on the previous tail."""
+    known: wp.array2d(dtype=wp.vec4)
+    """Bounds of the robot's own curvature and drive as factors of the nominal: least, most; least, most."""
+    sums: wp.array2d(dtype=wp.vec4)
+    """Sums from which these bounds follow where commands are noisy: `baselines.policies.safety.own_motion.average`."""
+    last: wp.array2d(dtype=wp.vec4)
+    """Measured heading [rad], speed [m/s] and the action of the latest step."""
+    presence: wp.array2d(dtype=wp.int32)
+    """UNHEARD, THERE, FAILED or GONE."""
+    steps: wp.array(dtype=wp.int32)
+    """Steps decided in this episode."""
+    holds: wp.array(dtype=wp.int32)
+    """1 where all committed tails are compatible: from then on, by the theorem, no two robots collide."""
     decided: wp.array2d(dtype=wp.int32)
-    """(W, N) 1 where the robot has taken a new action, in its turn of this step; its old tail is void."""
+    """1 where the robot has taken a new action, in its turn of this step; its old tail is void."""
+    plans: wp.array4d(dtype=wp.vec3)
+    """(W, N, PLANS, POINTS) plans for this step, as `baselines.policies.safety.tails.lay_out` writes them."""
 
 
 @wp.func
-def room_inside(w: int, i: int, plan: int, bounds: Bounds, plans: Plans) -> float:
+def room_inside(plan: wp.array(dtype=wp.vec3), bounds: Bounds) -> float:
     """Return the least distance of a plan from the edge of the rectangle that tails stay in [m] (condition 1)."""
     least = float(FAR)
     for k in range(1, POINTS):
-        place = plans.points[w, i, plan, k]
+        place = plan[k]
         inside = wp.min(bounds.half_width - wp.abs(place[0]), bounds.half_height - wp.abs(place[1]))
         least = wp.min(least, inside - place[2])
     return least
 
 
 @wp.func
-def room_rolling(w: int, i: int, plan: int, j: int, enough: float, bounds: Bounds, plans: Plans) -> float:
-    """Return the least distance at equal times of a plan from all plans of robot j in this step [m].
+def room_to(w: int, i: int, plan: int, j: int, enough: float, bounds: Bounds, memory: Memory) -> float:
+    """Return the least distance of a plan from all plans of robot j in this step, at the times that matter [m].
 
-    A value below `enough` is only a bound. A robot that has decided continues its old tail if its motor fails in this
-    step and it coasts (condition 5).
+    A value below `enough` is only a bound. These are equal times, unless a robot of the two can stop dead (condition
+    5). A robot that has decided continues its old tail if its motor fails in this step and it coasts (condition 5).
     """
+    one = memory.plans[w, i, plan]
+    has_decided = memory.decided[w, j] == 1
+    if bounds.stops[i] == 1 or bounds.stops[j] == 1:
+        other = memory.plans[w, j, wp.where(has_decided, NEW, OLD)]
+        return swept_room(one, other, bounds.stops[i] == 1, bounds.stops[j] == 1, bounds.touch, enough)
     least = float(FAR)
-    if plans.decided[w, j] == 1:
-        least = room_between(w, i, plan, j, NEW, bounds.touch, enough, plans.points, plans.reach)
-    if least >= enough and (plans.decided[w, j] == 0 or bounds.coasts == 1):
-        old = room_between(w, i, plan, j, OLD, bounds.touch, enough, plans.points, plans.reach)
-        least = wp.min(least, old)
+    if has_decided:
+        least = room_between(one, memory.plans[w, j, NEW], bounds.touch, enough)
+    if least >= enough and (not has_decided or bounds.coasts == 1):
+        least = wp.min(least, room_between(one, memory.plans[w, j, OLD], bounds.touch, enough))
     return least
 
 
 @wp.func
-def room_to(
-    w: int, i: int, plan: int, j: int, enough: float, bounds: Bounds, stops: wp.array(dtype=int), plans: Plans
-) -> float:
-    """Return `room_rolling`, or the same at all times that matter if a robot of the two can stop dead (condition 5)."""
-    if stops[i] == 0 and stops[j] == 0:
-        return room_rolling(w, i, plan, j, enough, bounds, plans)
-    other = wp.where(plans.decided[w, j] == 1, NEW, OLD)
-    return swept_room(
-        w, i, plan, j, other, stops[i] == 1, stops[j] == 1, bounds.touch, enough, plans.points, plans.reach
-    )
-
-
-@wp.func
-def room_of(
-    w: int,
-    i: int,
-    plan: int,
-    enough: float,
-    first: int,
-    bounds: Bounds,
-    stops: wp.array(dtype=int),
-    presence: wp.array2d(dtype=int),
-    plans: Plans,
-) -> wp.vec2:
+def room_of(w: int, i: int, plan: int, enough: float, first: int, bounds: Bounds, memory: Memory) -> wp.vec2:
     """Return the least distance of a plan from the committed tails of the others [m], and the robot (condition 4).
 
     The search begins with robot `first` and ends at a value below `enough`.
     """
-    least = wp.vec2(room_inside(w, i, plan, bounds, plans), -1.0)
-    for k in range(-1, presence.shape[1]):
+    least = wp.vec2(room_inside(memory.plans[w, i, plan], bounds), -1.0)
+    for k in range(-1, memory.presence.shape[1]):
         if least[0] < enough:
             return least
         j = wp.where(k < 0, first, k)
-        if j >= 0 and j != i and presence[w, j] != GONE:
-            room = room_to(w, i, plan, j, enough, bounds, stops, plans)
+        if j >= 0 and j != i and memory.presence[w, j] != GONE:
+            room = room_to(w, i, plan, j, enough, bounds, memory)
             if room < least[0]:
                 least = wp.vec2(room, float(j))
     return least
 
 
 @wp.func
-def is_compatible(
-    w: int, bounds: Bounds, stops: wp.array(dtype=int), presence: wp.array2d(dtype=int), plans: Plans
-) -> int:
+def is_compatible(w: int, bounds: Bounds, memory: Memory) -> int:
     """Return 1 if the tails of all robots are compatible, with which the induction begins (condition 6)."""
-    for i in range(presence.shape[1]):
-        if presence[w, i] != GONE and room_of(w, i, OLD, 0.0, -1, bounds, stops, presence, plans)[0] < 0.0:
+    for i in range(memory.presence.shape[1]):
+        if memory.presence[w, i] != GONE and room_of(w, i, OLD, 0.0, -1, bounds, memory)[0] < 0.0:
             return 0
     return 1

@@ -43,7 +43,7 @@ from typing import Any
 import warp as wp
 
 from baselines.policies.base import Filter
-from baselines.policies.safety.kernel import MANOEUVRES, NEAREST, Scales, keep_clear
+from baselines.policies.safety.kernel import MANOEUVRES, NEAREST, Constants, keep_clear
 from baselines.policies.safety.parameters import SafetyParameters, SafetyStruct
 from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.part_structs import RobotStruct
@@ -60,9 +60,6 @@ formation, and with it the bound on the detection time, is lost."""
 
 class Safe(Filter):
     """The collision filter, which stores the positions of ring neighbours.
-
-    After a call, the last program of each robot can be read: `rows` (W, N, 8) of g_0, g_1, c for g.u >= c, `count`
-    (W, N), the number of these rows (0 where there was no program), and `top` (W, N).
 
     Args:
         scenario: The scenario, of cars.
@@ -93,19 +90,13 @@ class Safe(Filter):
         if self.parameters.speed_max is None:
             limit = speed_limit(self.scenario, self.parameters)
             self.parameters = dataclasses.replace(self.parameters, speed_max=limit)
-        self._safety = to_struct(SafetyStruct, self.parameters)
-        formation = top_speed(self.scenario.driven, self.scenario.formation.phase_rate)
-        self._listens = int(math.isinf(fastest) and speed_in_sight(self.scenario, self.parameters) < formation)
-        self._robot = to_struct(RobotStruct, self.scenario.robot)
-        self._seen = _scales(self.scenario, fastest)
+        self._constants = _constants(self.scenario, self.parameters, fastest)
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._memory = wp.zeros((*self.shape, 2), dtype=wp.vec3, device=self.device)
         near, paths = (int(NEAREST),), (2 * int(MANOEUVRES), self.parameters.horizon + 1)
         self._others = wp.zeros((*self.shape, *near), dtype=wp.vec4, device=self.device)
         self._paths = wp.zeros((*self.shape, *paths), dtype=wp.vec2, device=self.device)
-        self.rows = wp.zeros((*self.shape, *near), dtype=wp.vec3, device=self.device)
-        self.count = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
-        self.top = wp.zeros(self.shape, dtype=wp.float32, device=self.device)
+        self._rows = wp.zeros((*self.shape, *near), dtype=wp.vec3, device=self.device)
 
     @property
     def memory(self) -> list[wp.array]:
@@ -114,11 +105,9 @@ class Safe(Filter):
 
     def __call__(self, observation: wp.array, wanted: wp.array, out: wp.array | None = None) -> wp.array:
         """Return the actions for wanted ones, from observations."""
-        inputs = [self._safety, self._robot, self._curve, self._seen, self._listens, self._memory, observation, wanted]
-        inputs += [self._others, self._paths]
         out = self.action if out is None else out
-        outputs = [self.rows, self.count, self.top, out]
-        self.launch(keep_clear, self.shape, inputs, outputs)
+        inputs = [self._constants, self._curve, self._memory, observation, wanted, self._others, self._paths]
+        self.launch(keep_clear, self.shape, [*inputs, self._rows], [out])
         return out
 
 
@@ -146,9 +135,12 @@ def speed_in_sight(scenario: Scenario, parameters: SafetyParameters) -> float:
     return (scenario.sight - 2 * reach) / (2 * scenario.task.step)
 
 
-def _scales(scenario: Scenario, fastest: float) -> Any:
-    scales: Any = Scales()
-    scales.speed, scales.radius = scenario.robot.top_speed, scenario.sight
-    scales.step, scales.robots_seen = scenario.task.step, scenario.sensing.robots_seen
-    scales.age_unit, scales.fastest = scenario.time_unit, fastest
-    return scales
+def _constants(scenario: Scenario, parameters: SafetyParameters, fastest: float) -> Any:
+    constants: Any = Constants()
+    constants.safety, constants.robot = to_struct(SafetyStruct, parameters), to_struct(RobotStruct, scenario.robot)
+    constants.speed_unit, constants.sight = scenario.robot.top_speed, scenario.sight
+    constants.step, constants.age_unit = scenario.task.step, scenario.time_unit
+    constants.robots_seen, constants.fastest = scenario.sensing.robots_seen, fastest
+    formation = top_speed(scenario.driven, scenario.formation.phase_rate)
+    constants.listens = int(math.isinf(fastest) and speed_in_sight(scenario, parameters) < formation)
+    return constants

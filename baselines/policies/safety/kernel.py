@@ -37,25 +37,32 @@ scores = wp.types.vector(length=9, dtype=wp.float32)
 
 
 @wp.struct
-class Scales:
-    """Scales of the entries of an observation, and the number of robots that it lists.
+class Constants:
+    """Constants of the filter, and scales of the entries of an observation."""
 
-    `speed` is the top speed of a car [m/s], `radius` that of the disc [m], `step` the control step [s], `age_unit`
-    that of a message's age [s]. Robots within the sensing radius that drive at `fastest` [m/s] or faster are not
-    avoided.
-    """
-
-    speed: wp.float32
-    radius: wp.float32
+    safety: SafetyStruct
+    robot: RobotStruct
+    speed_unit: wp.float32
+    """Top speed of a car, the unit of its observed speed [m/s]."""
+    sight: wp.float32
+    """Radius within which robots are sensed [m]."""
     step: wp.float32
+    """Control step [s]."""
     age_unit: wp.float32
+    """Unit of a message's age [s]."""
     robots_seen: wp.int32
+    """Number of robots that an observation lists."""
     fastest: wp.float32
+    """Sensed robots that drive at this speed or faster are not avoided [m/s]."""
+    listens: wp.int32
+    """1 if ring neighbours beyond the sight are avoided, too."""
 
 
 @wp.func
-def drive_on(robot: RobotStruct, speed_max: float, car: wp.vec4, action: wp.vec2, h: float) -> wp.vec4:
-    """Return x, y, heading, v after h [s] at a constant action: (12) by the midpoint rule, with v up to speed_max."""
+def drive_on(c: Constants, car: wp.vec4, action: wp.vec2) -> wp.vec4:
+    """Return x, y, heading, v after a step at a constant action: (12) by the midpoint rule, with v up to speed_max."""
+    robot = c.robot
+    h = c.step
     given = steering_and_throttle(robot, action)
     steering = cos_sin(given[0])
     curvature = steering[1] / (steering[0] * robot.wheelbase)
@@ -64,7 +71,7 @@ def drive_on(robot: RobotStruct, speed_max: float, car: wp.vec4, action: wp.vec2
         push = motor_push(robot, robot.drive, given[1])
     before = car[3]
     after = before + h * (push - robot.drag * (before + 0.5 * h * (push - robot.drag * before)))
-    after = wp.clamp(after, speed_limit_below(robot), wp.max(before, speed_max))
+    after = wp.clamp(after, speed_limit_below(robot), wp.max(before, c.safety.speed_max))
     way = 0.5 * h * (before + after)
     grip = robot.lateral_acceleration_max / wp.max(before * before, 1.0e-20)
     turn = way * wp.clamp(curvature, -grip, grip)
@@ -101,112 +108,87 @@ def price(safety: SafetyStruct, k: int) -> float:
 
 
 @wp.func
-def margin(
-    safety: SafetyStruct,
-    robot: RobotStruct,
-    car: wp.vec4,
-    other: wp.vec4,
-    action: wp.vec2,
-    way_out: wp.vec2,
-    step: float,
-) -> float:
+def margin(c: Constants, car: wp.vec4, other: wp.vec4, action: wp.vec2, way_out: wp.vec2) -> float:
     """m(action; way_out) = min over the horizon of distance - (2 r + clearance + growth t) [m].
 
     The car applies the action for one step and then follows the way out; the other (x, y, x', y') goes straight on.
     """
     least = float(_NONE)
     now = car
-    keep = 2.0 * robot.radius + safety.clearance
-    for t in range(safety.horizon):
-        then = drive_on(robot, safety.speed_max, now, wp.where(t == 0, action, way_out), step)
-        early = float(t) * step
-        late = early + step
+    keep = 2.0 * c.robot.radius + c.safety.clearance
+    for t in range(c.safety.horizon):
+        then = drive_on(c, now, wp.where(t == 0, action, way_out))
+        early = float(t) * c.step
+        late = early + c.step
         square = closest_approach(
             wp.vec2(now[0] - other[0] - early * other[2], now[1] - other[1] - early * other[3]),
             wp.vec2(then[0] - other[0] - late * other[2], then[1] - other[1] - late * other[3]),
         )
-        least = wp.min(least, wp.sqrt(square) - keep - safety.growth * early)
+        least = wp.min(least, wp.sqrt(square) - keep - c.safety.growth * early)
         now = then
     return least
 
 
 @wp.func
 def barrier(
-    safety: SafetyStruct,
-    robot: RobotStruct,
-    car: wp.vec4,
-    w: int,
-    i: int,
-    n: int,
-    others: wp.array3d(dtype=wp.vec4),
-    action: wp.vec2,
-    way_out: wp.vec2,
-    step: float,
+    c: Constants, car: wp.vec4, n: int, others: wp.array(dtype=wp.vec4), action: wp.vec2, way_out: wp.vec2
 ) -> float:
     """Return the least margin to the n others."""
     least = float(_NONE)
     for k in range(n):
-        least = wp.min(least, margin(safety, robot, car, others[w, i, k], action, way_out, step))
+        least = wp.min(least, margin(c, car, others[k], action, way_out))
     return least
 
 
 @wp.func
 def agreed_way_out(
-    safety: SafetyStruct,
-    robot: RobotStruct,
-    car: wp.vec4,
-    w: int,
-    i: int,
-    n: int,
-    others: wp.array3d(dtype=wp.vec4),
-    step: float,
-    path: wp.array4d(dtype=wp.vec2),
+    c: Constants, car: wp.vec4, n: int, others: wp.array(dtype=wp.vec4), path: wp.array2d(dtype=wp.vec2)
 ) -> int:
     """Return the manoeuvre b that two cars agree on if both compute the best pair of manoeuvres.
 
     b = argmax min_k max_{b'} min(m_k(b, b'), ample) - price(b) - price(b'), where m_k(b, b') is the margin if this car
     follows b and the other b' from now on. Both cars of a pair observe the same two states, so they compute the same
-    pair.
+    pair. `path` is working memory: places on the manoeuvres of this car, then on those of another.
     """
-    keep = 2.0 * robot.radius + safety.clearance
+    keep = 2.0 * c.robot.radius + c.safety.clearance
     score = scores()
     for b in range(MANOEUVRES):
         score[b] = _NONE
         now = car
-        action = manoeuvre(robot, b, car[3])
-        for t in range(safety.horizon + 1):
-            path[w, i, b, t] = wp.vec2(now[0], now[1])
-            now = drive_on(robot, safety.speed_max, now, action, step)
+        action = manoeuvre(c.robot, b, car[3])
+        for t in range(c.safety.horizon + 1):
+            path[b, t] = wp.vec2(now[0], now[1])
+            now = drive_on(c, now, action)
     for k in range(n):
-        other = others[w, i, k]
+        other = others[k]
         speed = wp.sqrt(other[2] * other[2] + other[3] * other[3])
-        answers = wp.where(speed < safety.resting, 1, MANOEUVRES)
+        answers = wp.where(speed < c.safety.resting, 1, MANOEUVRES)
         for b in range(answers):
             now = wp.vec4(other[0], other[1], wp.atan2(other[3], other[2]), speed)
-            action = manoeuvre(robot, b, speed)
-            for t in range(safety.horizon + 1):
-                path[w, i, MANOEUVRES + b, t] = wp.vec2(now[0], now[1])
-                if speed >= safety.resting:
-                    now = drive_on(robot, safety.speed_max, now, action, step)
+            action = manoeuvre(c.robot, b, speed)
+            for t in range(c.safety.horizon + 1):
+                path[MANOEUVRES + b, t] = wp.vec2(now[0], now[1])
+                if speed >= c.safety.resting:
+                    now = drive_on(c, now, action)
         for b in range(MANOEUVRES):
             best = float(-_NONE)
             for answer in range(answers):
                 least = float(_NONE)
-                before = path[w, i, b, 0] - path[w, i, MANOEUVRES + answer, 0]
-                for t in range(safety.horizon):
-                    after = path[w, i, b, t + 1] - path[w, i, MANOEUVRES + answer, t + 1]
-                    apart = wp.sqrt(closest_approach(before, after)) - keep - safety.growth * float(t) * step
+                before = path[b, 0] - path[MANOEUVRES + answer, 0]
+                for t in range(c.safety.horizon):
+                    after = path[b, t + 1] - path[MANOEUVRES + answer, t + 1]
+                    apart = wp.sqrt(closest_approach(before, after)) - keep - c.safety.growth * float(t) * c.step
                     least = wp.min(least, apart)
                     before = after
-                worth = wp.min(least, safety.ample)
+                worth = wp.min(least, c.safety.ample)
                 if answers > 1:
-                    worth -= price(safety, answer)
+                    worth -= price(c.safety, answer)
                 best = wp.max(best, worth)
             score[b] = wp.min(score[b], best)
     chosen = int(0)
     best = float(-_NONE)
     for b in range(MANOEUVRES):
-        worth = score[b] - price(safety, b)
+        worth = score[b] - price(c.safety, b)
         if worth > best:
             best = worth
             chosen = b
@@ -215,17 +197,13 @@ def agreed_way_out(
 
 @wp.func
 def linearise(
-    safety: SafetyStruct,
-    robot: RobotStruct,
+    c: Constants,
     car: wp.vec4,
-    w: int,
-    i: int,
     n: int,
-    others: wp.array3d(dtype=wp.vec4),
+    others: wp.array(dtype=wp.vec4),
     at: wp.vec2,
     way_out: wp.vec2,
-    step: float,
-    rows_out: wp.array3d(dtype=wp.vec3),
+    rows_out: wp.array(dtype=wp.vec3),
 ):
     """Write row k, g.u >= c: m_k(at) + g.(u - at) >= 0, with g by differences towards the middle of the box.
 
@@ -235,33 +213,30 @@ def linearise(
         wp.where(at[0] > 0.0, -_DIFFERENCE, _DIFFERENCE), wp.where(at[1] > 0.0, -_DIFFERENCE, _DIFFERENCE)
     )
     for k in range(n):
-        other = others[w, i, k]
-        here = margin(safety, robot, car, other, at, way_out, step) / safety.unit
-        steered = margin(safety, robot, car, other, at + wp.vec2(towards[0], 0.0), way_out, step) / safety.unit
-        driven = margin(safety, robot, car, other, at + wp.vec2(0.0, towards[1]), way_out, step) / safety.unit
+        here = margin(c, car, others[k], at, way_out) / c.safety.unit
+        steered = margin(c, car, others[k], at + wp.vec2(towards[0], 0.0), way_out) / c.safety.unit
+        driven = margin(c, car, others[k], at + wp.vec2(0.0, towards[1]), way_out) / c.safety.unit
         g = wp.vec2((steered - here) / towards[0], (driven - here) / towards[1])
-        rows_out[w, i, k] = wp.vec3(g[0], g[1], wp.dot(g, at) - here)
+        rows_out[k] = wp.vec3(g[0], g[1], wp.dot(g, at) - here)
 
 
 @wp.func
 def see(
     w: int,
     i: int,
-    scales: Scales,
-    heading: float,
-    speed: float,
+    c: Constants,
+    own: wp.vec2,
     observation: wp.array3d(dtype=float),
-    others_out: wp.array3d(dtype=wp.vec4),
+    others_out: wp.array(dtype=wp.vec4),
 ) -> int:
-    """Write relative x, y [m] and velocity [m/s] of the robots within the sensing radius, and return their number."""
-    own = speed * cos_sin(heading)
+    """Write relative x, y [m] and velocity [m/s] of the robots in sight of one with a velocity; return their number."""
     n = int(0)
-    for k in range(wp.min(scales.robots_seen, NEAREST)):
+    for k in range(wp.min(c.robots_seen, NEAREST)):
         if sees(w, i, k, observation):
-            away = offset_seen(w, i, k, scales.radius, observation)
-            velocity = velocity_seen(w, i, k, scales.speed, observation) + own
-            if wp.length(velocity) < scales.fastest:
-                others_out[w, i, n] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
+            away = offset_seen(w, i, k, c.sight, observation)
+            velocity = velocity_seen(w, i, k, c.speed_unit, observation) + own
+            if wp.length(velocity) < c.fastest:
+                others_out[n] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
                 n += 1
     return n
 
@@ -271,91 +246,91 @@ def hear(
     w: int,
     i: int,
     n: int,
+    c: Constants,
     curve: CurveStruct,
-    scales: Scales,
     memory: wp.array3d(dtype=wp.vec3),
     observation: wp.array3d(dtype=float),
-    others_out: wp.array3d(dtype=wp.vec4),
+    others_out: wp.array(dtype=wp.vec4),
 ) -> int:
-    """Add the ring neighbours beyond the sensing radius that sent in this step and the one before; return the number.
+    """Add the ring neighbours beyond the sight that sent in this step and the one before; return the number.
 
     Their velocity is the difference of the two positions that they sent. The memory is the latest position, and 1 if
     there is one.
     """
     own = own_position(w, i, curve, observation)
-    found = int(n)
+    count = int(n)
     for side in range(2):
         before = memory[w, i, side]
         memory[w, i, side] = wp.vec3(0.0, 0.0, 0.0)
-        if hears(w, i, side, observation) and message_age(w, i, side, scales.age_unit, observation) < 0.5 * scales.step:
+        if hears(w, i, side, observation) and message_age(w, i, side, c.age_unit, observation) < 0.5 * c.step:
             away = offset_heard(w, i, side, curve, observation)
             place = own + away
             memory[w, i, side] = wp.vec3(place[0], place[1], 1.0)
-            if before[2] > 0.0 and wp.length(away) >= scales.radius and found < NEAREST:
-                velocity = (place - wp.vec2(before[0], before[1])) / scales.step
-                others_out[w, i, found] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
-                found += 1
-    return found
+            if before[2] > 0.0 and wp.length(away) >= c.sight and count < NEAREST:
+                velocity = (place - wp.vec2(before[0], before[1])) / c.step
+                others_out[count] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
+                count += 1
+    return count
+
+
+@wp.func
+def avoid(
+    c: Constants,
+    car: wp.vec4,
+    n: int,
+    others: wp.array(dtype=wp.vec4),
+    wanted: wp.vec2,
+    top: float,
+    path: wp.array2d(dtype=wp.vec2),
+    rows: wp.array(dtype=wp.vec3),
+) -> wp.vec2:
+    """Return the wanted action in the box if a way out remains after it, or else the nearest one that leaves one."""
+    u = into_box(wanted, top)
+    for b in range(MANOEUVRES):
+        if barrier(c, car, n, others, u, manoeuvre(c.robot, b, car[3])) >= 0.0:
+            return u
+    way_out = manoeuvre(c.robot, agreed_way_out(c, car, n, others, path), car[3])
+    way_out[1] = wp.min(way_out[1], top)
+    at = u
+    for turn in range(c.safety.passes):
+        linearise(c, car, n, others, at, way_out, rows)
+        solution = solve_quadratic_program(n, rows, c.safety.throttle_weight, top, wanted)
+        u = wp.vec2(solution[0], solution[1])
+        at = u
+        if turn == 0 and solution[2] > 0.0:
+            # The linearised rows contradict one another there: begin again at the way out itself.
+            at = way_out
+        elif barrier(c, car, n, others, u, way_out) >= -TOLERANCE * c.safety.unit:
+            break
+    return u
 
 
 @wp.kernel
 def keep_clear(
-    safety: SafetyStruct,
-    robot: RobotStruct,
+    c: Constants,
     curve: CurveStruct,
-    scales: Scales,
-    listens: int,
     memory: wp.array3d(dtype=wp.vec3),
     observation: wp.array3d(dtype=float),
     wanted: wp.array3d(dtype=float),
     others: wp.array3d(dtype=wp.vec4),
     path: wp.array4d(dtype=wp.vec2),
-    rows_out: wp.array3d(dtype=wp.vec3),
-    count_out: wp.array2d(dtype=int),
-    top_out: wp.array2d(dtype=float),
+    rows: wp.array3d(dtype=wp.vec3),
     action_out: wp.array3d(dtype=float),
 ):
-    """Write the wanted action, or the nearest one that avoids the other robots."""
+    """Write the wanted action, or the nearest one that avoids the other robots; the last arrays are working memory."""
     w, i = wp.tid()
     u = wp.vec2(wanted[w, i, 0], wanted[w, i, 1])
-    count_out[w, i] = 0
-    top_out[w, i] = 1.0
     for k in range(action_out.shape[2]):
         action_out[w, i, k] = wanted[w, i, k]  # beyond the first two, a message
-    step = scales.step
-    speed = wp.max(own_speed(w, i, scales.speed, observation), speed_limit_below(robot))
+    speed = wp.max(own_speed(w, i, c.speed_unit, observation), speed_limit_below(c.robot))
     heading = own_heading(w, i, observation)
-    n = see(w, i, scales, heading, speed, observation, others)
-    if listens == 1:
-        n = hear(w, i, n, curve, scales, memory, observation, others)
+    n = see(w, i, c, speed * cos_sin(heading), observation, others[w, i])
+    if c.listens == 1:
+        n = hear(w, i, n, c, curve, memory, observation, others[w, i])
     if not own_works(w, i, observation) or not wp.isfinite(u[0]) or not wp.isfinite(u[1]):
         return
     car = wp.vec4(0.0, 0.0, heading, speed)
-    top = throttle_action(robot, (safety.speed_max - speed) / step + robot.drag * speed)
-    top_out[w, i] = top
-    u = into_box(u, top)
-    action_out[w, i, 0] = u[0]
-    action_out[w, i, 1] = u[1]
-    if n == 0:
-        return
-    for b in range(MANOEUVRES):
-        if barrier(safety, robot, car, w, i, n, others, u, manoeuvre(robot, b, speed), step) >= 0.0:
-            return
-    chosen = agreed_way_out(safety, robot, car, w, i, n, others, step, path)
-    way_out = manoeuvre(robot, chosen, speed)
-    way_out[1] = wp.min(way_out[1], top)
-    at = u
-    count_out[w, i] = n
-    nominal = wp.vec2(wanted[w, i, 0], wanted[w, i, 1])
-    for turn in range(safety.passes):
-        linearise(safety, robot, car, w, i, n, others, at, way_out, step, rows_out)
-        found = solve_quadratic_program(w, i, n, rows_out, safety.throttle_weight, top, nominal)
-        u = wp.vec2(found[0], found[1])
-        at = u
-        if turn == 0 and found[2] > 0.0:
-            # The linearised rows contradict one another there: begin again at the way out itself.
-            at = way_out
-        elif barrier(safety, robot, car, w, i, n, others, u, way_out, step) >= -TOLERANCE * safety.unit:
-            break
+    top = throttle_action(c.robot, (c.safety.speed_max - speed) / c.step + c.robot.drag * speed)
+    u = avoid(c, car, n, others[w, i], u, top, path[w, i], rows[w, i])
     action_out[w, i, 0] = u[0]
     action_out[w, i, 1] = u[1]

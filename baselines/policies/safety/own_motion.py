@@ -7,6 +7,7 @@ each step: to what the step allows (`learn`) or, where commands are noisy, to th
 
 import warp as wp
 
+from baselines.policies.inside import Walls
 from baselines.policies.safety.tails import arc_end, error_tube
 from lissajous_env.device.car_input import steering_angle, throttle
 from lissajous_env.device.compilation import OPTIONS
@@ -65,6 +66,17 @@ class Bounds:
     """1 where a robot's motor may fail in any step, and the robot coasts."""
     tails: wp.int32
     """Number of tails that are tried after an action: with its steering, the most to either side, and none."""
+    robot: RobotStruct
+    """The cars."""
+    walls: Walls
+    """The walls, zeros without any."""
+    widest: wp.array(dtype=wp.vec4)
+    """(N,) bounds of curvature and drive of a car before it has learned: `baselines.policies.safety.proved.widest_of`.
+    """
+    changes: wp.array(dtype=wp.vec2)
+    """(K,) changes of an action that are tried, in this order."""
+    stops: wp.array(dtype=wp.int32)
+    """(N,) 1 where a robot can stop dead."""
 
 
 @wp.func
@@ -82,9 +94,10 @@ def curvature_of(robot: RobotStruct, steering: float) -> float:
 
 @wp.func
 def tail_from(
-    bounds: Bounds, robot: RobotStruct, known: wp.vec4, car: wp.vec4, errors: wp.vec3, steering: float
+    bounds: Bounds, known: wp.vec4, car: wp.vec4, errors: wp.vec3, steering: float
 ) -> tuple[wp.vec4, wp.vec4]:
     """Return tail and tube for x, y, heading, speed and the errors of position [m], heading [rad] and speed [m/s]."""
+    robot = bounds.robot
     nominal = curvature_of(robot, steering)
     curvature = 0.5 * (known[0] + known[1]) * nominal
     bend = 0.5 * (known[1] - known[0]) * wp.abs(nominal)
@@ -95,21 +108,21 @@ def tail_from(
 
 
 @wp.func
-def chord_slack(bounds: Bounds, robot: RobotStruct, tail: wp.vec4, tube: wp.vec4) -> float:
+def chord_slack(bounds: Bounds, tail: wp.vec4, tube: wp.vec4) -> float:
     """Return the largest distance of the simulation's straight sub-steps from a tail [m]."""
+    robot = bounds.robot
     speed = tail[3] * robot.drag
     return bounds.chord * speed * (robot.drag + speed * wp.abs(tube[0]))
 
 
 @wp.func
-def drive(
-    bounds: Bounds, robot: RobotStruct, known: wp.vec4, car: wp.vec4, action: wp.vec2
-) -> tuple[wp.vec4, wp.vec3, wp.vec3]:
+def drive(bounds: Bounds, known: wp.vec4, car: wp.vec4, action: wp.vec2) -> tuple[wp.vec4, wp.vec3, wp.vec3]:
     """Return the car after an action of one step, the bounds of its errors, and the middle of the step.
 
     `car` is the measured x, y, heading, speed. The middle is x, y and the bound by which either half of the step leaves
     the straight line [m]. v(t) = v e^(-ct) + (push / c) (1 - e^(-ct)).
     """
+    robot = bounds.robot
     nominal = curvature_of(robot, action[0])
     curvature = 0.5 * (known[0] + known[1]) * nominal
     bend = 0.5 * (known[1] - known[0]) * wp.abs(nominal)
@@ -158,24 +171,23 @@ def narrowed(low: float, high: float, value: float, error: float, widest: wp.vec
 
 
 @wp.func
-def learn(
-    bounds: Bounds, robot: RobotStruct, known: wp.vec4, widest: wp.vec4, last: wp.vec4, heading: float, speed: float
-) -> wp.vec4:
+def learn(bounds: Bounds, known: wp.vec4, widest: wp.vec4, last: wp.vec4, heading: float, speed: float) -> wp.vec4:
     """Narrow the bounds of curvature and drive by the motion of the latest step (condition 2 of the theorem).
 
     push = c (v_1 - v_0 e^(-ch)) / (1 - e^(-ch)), way = (v_0 - v_1 + push h) / c, kappa = turn / way.
     """
+    robot = bounds.robot
     gone = 1.0 - bounds.left
     push = robot.drag * (speed - last[1] * bounds.left) / gone
     push_error = robot.drag * bounds.speed * (1.0 + bounds.left) / gone
     tau = throttle(robot, last[3])
-    found = known
+    narrow = known
     if tau > robot.dead_zone and speed > 0.0:
         unit = robot.drive * tau
         value = (push + robot.offset) / unit
         span = narrowed(known[2], known[3], value, push_error / unit, wp.vec2(widest[2], widest[3]))
-        found[2] = span[0]
-        found[3] = span[1]
+        narrow[2] = span[0]
+        narrow[3] = span[1]
     way = (last[1] - speed + push * bounds.step) / robot.drag
     way_error = (2.0 * bounds.speed + push_error * bounds.step) / robot.drag
     unit = way * curvature_of(robot, last[2])
@@ -187,9 +199,9 @@ def learn(
         value = turned / unit
         error = (2.0 * bounds.heading / wp.abs(unit) + wp.abs(value) * way_error / way) * way / (way - way_error)
         span = narrowed(known[0], known[1], value, error, wp.vec2(widest[0], widest[1]))
-        found[0] = span[0]
-        found[1] = span[1]
-    return found
+        narrow[0] = span[0]
+        narrow[1] = span[1]
+    return narrow
 
 
 @wp.func
@@ -207,24 +219,25 @@ def felt(action: float, wobble: float) -> wp.vec2:
 
 
 @wp.func
-def average(bounds: Bounds, robot: RobotStruct, sums: wp.vec4, last: wp.vec4, heading: float, speed: float) -> wp.vec4:
+def average(bounds: Bounds, sums: wp.vec4, last: wp.vec4, heading: float, speed: float) -> wp.vec4:
     """Add the latest step to the sums of weights, and of weighted factors less 1, of curvature and of drive.
 
     The motion of a step with a noisy command shows a factor with a standard deviation; the weight is 1 over its square.
     Steps in which noise may turn off the motor, or grip may limit the turn, do not count.
     """
+    robot = bounds.robot
     gone = 1.0 - bounds.left
     push = robot.drag * (speed - last[1] * bounds.left) / gone
     push_blur = robot.drag * bounds.speed_noise * (1.0 + bounds.left) / gone
-    found = sums
+    summed = sums
     pull = felt(last[3], bounds.wobble)
     tau = throttle(robot, pull[0])
     tau_blur = 0.5 * (robot.throttle_max - robot.throttle_min) * pull[1]
     if tau - 3.0 * tau_blur > robot.dead_zone and pull[1] > 0.0 and speed > 0.0:
         unit = robot.drive * tau
         weight = 1.0 / (tau_blur * tau_blur / (tau * tau) + push_blur * push_blur / (unit * unit))
-        found[2] += weight
-        found[3] += weight * ((push + robot.offset) / unit - 1.0)
+        summed[2] += weight
+        summed[3] += weight * ((push + robot.offset) / unit - 1.0)
     way = 0.5 * (last[1] + speed) * bounds.step
     way_blur = 0.7071 * bounds.speed_noise * bounds.step
     turn = felt(last[2], bounds.wobble)
@@ -244,9 +257,9 @@ def average(bounds: Bounds, robot: RobotStruct, sums: wp.vec4, last: wp.vec4, he
         turn_blur = bounds.heading_noise / unit
         steering_blur = turn[1] * robot.steering_max * (1.0 + slope * slope) / slope
         variance = 2.0 * turn_blur * turn_blur + steering_blur * steering_blur + way_blur * way_blur / (way * way)
-        found[0] += 1.0 / variance
-        found[1] += (turned / unit - 1.0) / variance
-    return found
+        summed[0] += 1.0 / variance
+        summed[1] += (turned / unit - 1.0) / variance
+    return summed
 
 
 @wp.func
@@ -258,11 +271,12 @@ def averaged(weight: float, weighted: float, widest: wp.vec2) -> wp.vec2:
 
 
 @wp.func
-def within_limits(bounds: Bounds, robot: RobotStruct, known: wp.vec4, speed: float, wanted: wp.vec2) -> wp.vec2:
+def within_limits(bounds: Bounds, known: wp.vec4, speed: float, wanted: wp.vec2) -> wp.vec2:
     """Clip an action to the box, and so that two things hold in the step and after it.
 
     Grip never limits the yaw rate (condition 1), and the speed stays in the range of the observation (condition 2).
     """
+    robot = bounds.robot
     throttling = wp.clamp(wanted[1], -1.0, 1.0)
     if wp.isfinite(bounds.fastest):
         push = (bounds.fastest - (speed + bounds.speed) * bounds.left) * robot.drag / (1.0 - bounds.left)

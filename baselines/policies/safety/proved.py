@@ -46,8 +46,8 @@ import warp as wp
 
 from baselines.policies.base import Filter
 from baselines.policies.inside import Inside, Walls, walls_of
-from baselines.policies.safety.commitment import Memory, commit
-from baselines.policies.safety.compatibility import PLANS, Plans
+from baselines.policies.safety.commitment import commit
+from baselines.policies.safety.compatibility import PLANS, Memory
 from baselines.policies.safety.own_motion import Bounds
 from baselines.policies.safety.tails import POINTS
 from baselines.similarity import motion_scale
@@ -127,18 +127,13 @@ class Proved(Filter):
             rule = f"must be 0 for cars behind {self.suffix}, whose tails end at rest [m/s]"
             raise ValueError(f"robot.speed_min {rule}, got {self.scenario.robot.lowest_speed:g}")
         self.parameters = parameters or ProvedParameters().of(self.scenario)
-        self._bounds = bounds_of(self.scenario, self.parameters)
-        self._walls = walls_of(self.scenario) if Inside.suits(self.scenario) else Walls()
-        self._robot = to_struct(RobotStruct, self.scenario.robot)
+        self._bounds = bounds_of(self.scenario, self.parameters, self.device)
         self._curve = curve_struct(self.scenario.curve, self.device)
-        self._widest = wp.array(widest_of(self.scenario), dtype=wp.vec4, device=self.device)
-        self._changes = wp.array(changes_of(self.parameters), dtype=wp.vec2, device=self.device)
-        self._stops = wp.array(stops_of(self.scenario), dtype=wp.int32, device=self.device)
-        worlds, plans = (self.num_worlds,), (*self.shape, int(PLANS))
-        self._memory = allocate(Memory, {"steps": worlds, "holds": worlds}, self.shape, self.device)
+        worlds = (self.num_worlds,)
+        shapes = {"steps": worlds, "holds": worlds, "plans": (*self.shape, int(PLANS), int(POINTS))}
+        self._memory = allocate(Memory, shapes, self.shape, self.device)
         # A struct of Warp cannot be copied; its arrays, stored by name, are copied with the filter.
         self._arrays = fields_of(self._memory)
-        self._plans = allocate(Plans, {"points": (*plans, int(POINTS)), "reach": plans}, self.shape, self.device)
 
     @property
     def holds(self) -> np.ndarray:
@@ -150,18 +145,17 @@ class Proved(Filter):
 
     @property
     def memory(self) -> list[wp.array]:
-        """Tails, and what robots learned of themselves."""
-        return [*self._arrays.values()]
+        """Tails, and what robots learned of themselves; plans are laid out anew in every step."""
+        return [array for name, array in self._arrays.items() if name != "plans"]
 
     def __call__(self, observation: wp.array, wanted: wp.array, out: wp.array | None = None) -> wp.array:
         """Return the actions for wanted ones; a robot whose wanted action is not finite keeps its old tail."""
         out = self.action if out is None else out
-        inputs = [self._bounds, self._walls, self._robot, self._curve, self._widest, self._changes, self._stops]
-        self.launch(commit, self.num_worlds, [*inputs, observation, wanted, self._memory], [self._plans, out])
+        self.launch(commit, self.num_worlds, [self._bounds, self._curve, observation, wanted, self._memory], [out])
         return out
 
 
-def bounds_of(scenario: Scenario, parameters: ProvedParameters) -> Any:
+def bounds_of(scenario: Scenario, parameters: ProvedParameters, device: Any = "cpu") -> Any:
     """Return the constants of the theorem for a scenario (conditions 1 to 3)."""
     curve, robot, noise, task = scenario.curve, scenario.robot, scenario.noise, scenario.task
     bounds: Any = Bounds()
@@ -190,6 +184,11 @@ def bounds_of(scenario: Scenario, parameters: ProvedParameters) -> Any:
     # Within walls, a car could hardly drive straight on if it had to coast straight on.
     turns = any(stops_of(scenario)) or task.boundary == "wall"
     bounds.tails = 1 if bounds.coasts else 4 if noise.actuator > 0 else 3 if turns else 1
+    bounds.robot = to_struct(RobotStruct, robot)
+    bounds.walls = walls_of(scenario) if Inside.suits(scenario) else Walls()
+    bounds.widest = wp.array(widest_of(scenario), dtype=wp.vec4, device=device)
+    bounds.changes = wp.array(changes_of(parameters), dtype=wp.vec2, device=device)
+    bounds.stops = wp.array(stops_of(scenario), dtype=wp.int32, device=device)
     return bounds
 
 

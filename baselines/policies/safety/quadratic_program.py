@@ -8,10 +8,10 @@ _NONE = wp.constant(1.0e30)
 
 
 @wp.func
-def line(w: int, i: int, n: int, k: int, rows: wp.array3d(dtype=wp.vec3), top: float) -> wp.vec3:
-    """Return row k of n, or a side of the box [-1, 1] x [-1, top] for the next four k, as g.u >= c."""
+def line(k: int, n: int, rows: wp.array(dtype=wp.vec3), top: float, relaxed: float) -> wp.vec3:
+    """Return row k of n, relaxed, or a side of the box [-1, 1] x [-1, top] for the next four k, as g.u >= c."""
     if k < n:
-        return rows[w, i, k]
+        return wp.vec3(rows[k][0], rows[k][1], rows[k][2] - relaxed)
     if k == n:
         return wp.vec3(1.0, 0.0, -1.0)
     if k == n + 1:
@@ -22,11 +22,11 @@ def line(w: int, i: int, n: int, k: int, rows: wp.array3d(dtype=wp.vec3), top: f
 
 
 @wp.func
-def violation(w: int, i: int, n: int, rows: wp.array3d(dtype=wp.vec3), u: wp.vec2) -> float:
+def violation(n: int, rows: wp.array(dtype=wp.vec3), u: wp.vec2) -> float:
     """Return max_k c - g.u, and at least 0."""
     most = float(0.0)
     for k in range(n):
-        row = rows[w, i, k]
+        row = rows[k]
         most = wp.max(most, row[2] - row[0] * u[0] - row[1] * u[1])
     return most
 
@@ -44,16 +44,16 @@ def into_box(u: wp.vec2, top: float) -> wp.vec2:
 
 
 @wp.func
-def least_violation(w: int, i: int, n: int, rows: wp.array3d(dtype=wp.vec3), top: float) -> float:
+def least_violation(n: int, rows: wp.array(dtype=wp.vec3), top: float) -> float:
     """Return the smallest s >= 0 for which g.u >= c - s has a solution in the box, by its vertices."""
-    least = violation(w, i, n, rows, wp.vec2(-1.0, -1.0))
+    least = violation(n, rows, wp.vec2(-1.0, -1.0))
     for a in range(n):
-        first = line(w, i, n, a, rows, top)
+        first = line(a, n, rows, top, 0.0)
         for b in range(a + 1, n + 4):
-            second = line(w, i, n, b, rows, top)
+            second = line(b, n, rows, top, 0.0)
             slack = wp.where(b < n, 1.0, 0.0)
             for c in range(b + 1, n + 4):
-                third = line(w, i, n, c, rows, top)
+                third = line(c, n, rows, top, 0.0)
                 m = wp.mat33(
                     first[0], first[1], 1.0,
                     second[0], second[1], slack,
@@ -63,78 +63,56 @@ def least_violation(w: int, i: int, n: int, rows: wp.array3d(dtype=wp.vec3), top
                     x = wp.inverse(m) * wp.vec3(first[2], second[2], third[2])
                     u = wp.vec2(x[0], x[1])
                     if in_box(u, top):
-                        least = wp.min(least, violation(w, i, n, rows, into_box(u, top)))
+                        least = wp.min(least, violation(n, rows, into_box(u, top)))
     return least
 
 
 @wp.func
-def nearer(
-    w: int,
-    i: int,
-    n: int,
-    rows: wp.array3d(dtype=wp.vec3),
-    allowed: float,
-    weight: float,
-    top: float,
-    wanted: wp.vec2,
-    u: wp.vec2,
-    best: wp.vec3,
-) -> wp.vec3:
-    """Return the better of an action within the rows and the box, and the best so far (steering, throttle, cost)."""
-    chosen = best
-    if in_box(u, top):
-        inside = into_box(u, top)
-        away = inside - wanted
-        cost = away[0] * away[0] + weight * away[1] * away[1]
-        if cost < best[2] and violation(w, i, n, rows, inside) <= allowed:
-            chosen = wp.vec3(inside[0], inside[1], cost)
-    return chosen
-
-
-@wp.func
 def nearest_action(
-    w: int,
-    i: int,
-    n: int,
-    rows: wp.array3d(dtype=wp.vec3),
-    allowed: float,
-    weight: float,
-    top: float,
-    wanted: wp.vec2,
+    n: int, rows: wp.array(dtype=wp.vec3), allowed: float, weight: float, top: float, wanted: wp.vec2
 ) -> wp.vec3:
     """Solve the program by trying every active set: none, one line, or two; (steering, throttle, cost)."""
-    best = nearer(w, i, n, rows, allowed, weight, top, wanted, wanted, wp.vec3(0.0, 0.0, _NONE))
-    if best[2] == 0.0:
-        return best
-    for a in range(n + 4):
-        first = line(w, i, n, a, rows, top)
-        c1 = first[2] - wp.where(a < n, allowed - TOLERANCE, 0.0)
+    best = wp.vec3(0.0, 0.0, _NONE)
+    relaxed = allowed - TOLERANCE
+    for a in range(-1, n + 4):
+        first = line(wp.max(a, 0), n, rows, top, relaxed)
         square = first[0] * first[0] + first[1] * first[1] / weight
-        if square > 1.0e-10:
-            along = (c1 - first[0] * wanted[0] - first[1] * wanted[1]) / square
-            u = wanted + along * wp.vec2(first[0], first[1] / weight)
-            best = nearer(w, i, n, rows, allowed, weight, top, wanted, u, best)
-        for b in range(a + 1, n + 4):
-            second = line(w, i, n, b, rows, top)
-            c2 = second[2] - wp.where(b < n, allowed - TOLERANCE, 0.0)
-            determinant = first[0] * second[1] - first[1] * second[0]
-            if wp.abs(determinant) > 1.0e-8:
-                u = wp.vec2(c1 * second[1] - first[1] * c2, first[0] * c2 - c1 * second[0]) / determinant
-                best = nearer(w, i, n, rows, allowed, weight, top, wanted, u, best)
+        for b in range(a, wp.where(a < 0, 0, n + 4)):
+            u = wanted
+            if a >= 0 and b == a and square > 1.0e-10:
+                along = (first[2] - first[0] * wanted[0] - first[1] * wanted[1]) / square
+                u = wanted + along * wp.vec2(first[0], first[1] / weight)
+            elif b > a:
+                second = line(b, n, rows, top, relaxed)
+                determinant = first[0] * second[1] - first[1] * second[0]
+                if wp.abs(determinant) > 1.0e-8:
+                    u = (
+                        wp.vec2(
+                            first[2] * second[1] - first[1] * second[2], first[0] * second[2] - first[2] * second[0]
+                        )
+                        / determinant
+                    )
+            inside = into_box(u, top)
+            away = inside - wanted
+            cost = away[0] * away[0] + weight * away[1] * away[1]
+            if in_box(u, top) and cost < best[2] and violation(n, rows, inside) <= allowed:
+                best = wp.vec3(inside[0], inside[1], cost)
+        if a < 0 and best[2] == 0.0:
+            return best
     return best
 
 
 @wp.func
 def solve_quadratic_program(
-    w: int, i: int, n: int, rows: wp.array3d(dtype=wp.vec3), weight: float, top: float, wanted: wp.vec2
+    n: int, rows: wp.array(dtype=wp.vec3), weight: float, top: float, wanted: wp.vec2
 ) -> wp.vec3:
     """Minimise (u0 - w0)^2 + weight (u1 - w1)^2 over the box with g.u >= c for n rows; (steering, throttle, s).
 
     If the rows contradict one another or the box, all are relaxed by the same least s > 0.
     """
-    best = nearest_action(w, i, n, rows, TOLERANCE, weight, top, wanted)
+    best = nearest_action(n, rows, TOLERANCE, weight, top, wanted)
     missing = float(0.0)
     if best[2] == _NONE:
-        missing = least_violation(w, i, n, rows, top)
-        best = nearest_action(w, i, n, rows, missing + TOLERANCE, weight, top, wanted)
+        missing = least_violation(n, rows, top)
+        best = nearest_action(n, rows, missing + TOLERANCE, weight, top, wanted)
     return wp.vec3(best[0], best[1], missing)

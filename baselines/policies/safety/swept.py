@@ -6,7 +6,7 @@ its plan is compared with the places of the other one's plan at the same time an
 
 import warp as wp
 
-from baselines.policies.safety.tails import PIECES
+from baselines.policies.safety.tails import PIECES, room_of_reaches
 from lissajous_env.device.approach import closest_approach
 
 BLOCK = wp.constant(4)
@@ -41,47 +41,41 @@ def block_start(block: int) -> int:
 
 
 @wp.func
-def chord_bound(w: int, i: int, plan: int, block: int, points: wp.array4d(dtype=wp.vec3)) -> float:
+def chord_bound(plan: wp.array(dtype=wp.vec3), block: int) -> float:
     """Return a bound on the distance of the car from a block's chord [m]: that of the points, and their own bound."""
     begin = block_start(block)
     end = block_start(block + 1)
-    along = points[w, i, plan, end] - points[w, i, plan, begin]
+    along = plan[end] - plan[begin]
     away = float(0.0)
     for k in range(begin + 1, end):
-        offset = points[w, i, plan, k] - points[w, i, plan, begin]
+        offset = plan[k] - plan[begin]
         share = (offset[0] * along[0] + offset[1] * along[1]) / wp.max(
             along[0] * along[0] + along[1] * along[1], 1.0e-30
         )
         share = wp.clamp(share, 0.0, 1.0)
         away = wp.max(away, wp.length(wp.vec2(offset[0] - share * along[0], offset[1] - share * along[1])))
-    return away + wp.max(points[w, i, plan, begin + 1][2], points[w, i, plan, end][2])
+    return away + wp.max(plan[begin + 1][2], plan[end][2])
 
 
 @wp.func
 def room_of_blocks(
-    w: int,
-    i: int,
-    one: int,
-    j: int,
-    other: int,
+    one: wp.array(dtype=wp.vec3),
+    other: wp.array(dtype=wp.vec3),
     block: int,
     other_block: int,
     stops: bool,
     other_stops: bool,
     touch: float,
     enough: float,
-    points: wp.array4d(dtype=wp.vec3),
 ) -> float:
     """Return `swept_room` of two blocks."""
     least = float(1.0e30)
     for k in range(block_start(block), block_start(block + 1)):
-        a = points[w, i, one, k]
-        a_end = points[w, i, one, k + 1]
+        a_end = one[k + 1]
         for m in range(block_start(other_block), block_start(other_block + 1)):
             if (stops or k >= m) and (other_stops or m >= k):
-                b = points[w, j, other, m]
-                b_end = points[w, j, other, m + 1]
-                least = wp.min(least, gap(a, a_end, b, b_end) - a_end[2] - b_end[2] - touch)
+                b_end = other[m + 1]
+                least = wp.min(least, gap(one[k], a_end, other[m], b_end) - a_end[2] - b_end[2] - touch)
                 if least < enough:
                     return least
     return least
@@ -89,17 +83,12 @@ def room_of_blocks(
 
 @wp.func
 def swept_room(
-    w: int,
-    i: int,
-    one: int,
-    j: int,
-    other: int,
+    one: wp.array(dtype=wp.vec3),
+    other: wp.array(dtype=wp.vec3),
     stops: bool,
     other_stops: bool,
     touch: float,
     enough: float,
-    points: wp.array4d(dtype=wp.vec3),
-    reach: wp.array3d(dtype=float),
 ) -> float:
     """Return a lower bound of the distance of two cars, of which either may stop dead, less `touch` [m].
 
@@ -107,32 +96,27 @@ def swept_room(
     of its plan than at equal times: the places of piece k are compared with those of all pieces m >= k of the other
     plan, with those of k >= m if the other one stops, and with all if both do.
     """
-    a = points[w, i, one, 0]
-    b = points[w, j, other, 0]
-    apart = wp.length(wp.vec2(a[0] - b[0], a[1] - b[1]))
-    least = apart - reach[w, i, one] - reach[w, j, other] - touch
+    least = room_of_reaches(one, other, touch)
     if least >= 0.0:
         return least
     least = float(1.0e30)
     for block in range(BLOCKS):
-        begin = points[w, i, one, block_start(block)]
-        end = points[w, i, one, block_start(block + 1)]
-        to_end = wp.length(wp.vec2(end[0] - b[0], end[1] - b[1]))
-        wide = chord_bound(w, i, one, block, points)
+        begin = one[block_start(block)]
+        end = one[block_start(block + 1)]
+        to_end = wp.length(wp.vec2(end[0] - other[0][0], end[1] - other[0][1]))
+        wide = chord_bound(one, block)
         length = wp.length(wp.vec2(end[0] - begin[0], end[1] - begin[1]))
-        away = to_end - length - wide - reach[w, j, other] - touch
+        away = to_end - length - wide - other[0][2] - touch
         if away >= wp.max(enough, 0.0):
             least = wp.min(least, away)
             continue
         for other_block in range(BLOCKS):
             if (stops or block >= other_block) and (other_stops or other_block >= block):
-                start = points[w, j, other, block_start(other_block)]
-                finish = points[w, j, other, block_start(other_block + 1)]
-                room = gap(begin, end, start, finish) - wide - chord_bound(w, j, other, other_block, points) - touch
+                start = other[block_start(other_block)]
+                finish = other[block_start(other_block + 1)]
+                room = gap(begin, end, start, finish) - wide - chord_bound(other, other_block) - touch
                 if room < 0.0:
-                    room = room_of_blocks(
-                        w, i, one, j, other, block, other_block, stops, other_stops, touch, enough, points
-                    )
+                    room = room_of_blocks(one, other, block, other_block, stops, other_stops, touch, enough)
                 least = wp.min(least, room)
                 if least < enough:
                     return least

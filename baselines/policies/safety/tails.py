@@ -58,28 +58,18 @@ def error_tube(curvature: float, length: float, place: float, heading: float, al
 
 @wp.func
 def lay_out(
-    w: int,
-    i: int,
-    slot: int,
-    now: wp.vec2,
-    middle: wp.vec3,
-    tail: wp.vec4,
-    tube: wp.vec4,
-    slack: float,
-    points_out: wp.array4d(dtype=wp.vec3),
-    reach_out: wp.array3d(dtype=float),
+    plan_out: wp.array(dtype=wp.vec3), now: wp.vec2, middle: wp.vec3, tail: wp.vec4, tube: wp.vec4, slack: float
 ):
     """Sample a plan: points x, y, each with a bound on the deviation from the straight line before it [m].
 
     `middle` is that of the step before the tail, x, y and the bound for either half of it. Along a piece of the tail an
-    arc leaves its chord by at most kappa (L / pieces)^2 / 8; `slack` is added to this. `reach` bounds the distance of
-    the whole plan from where the car is now.
+    arc leaves its chord by at most kappa (L / pieces)^2 / 8; `slack` is added to this. The third coordinate of the
+    first point is the reach, a bound on the distance of the whole plan from where the car is now.
     """
     part = 1.0 / float(PIECES)
     length = tail[3] * part
-    points_out[w, i, slot, 0] = wp.vec3(now[0], now[1], 0.0)
-    points_out[w, i, slot, 1] = wp.vec3(middle[0], middle[1], middle[2] + tube[1])
-    points_out[w, i, slot, 2] = wp.vec3(tail[0], tail[1], middle[2] + tube[1])
+    plan_out[1] = wp.vec3(middle[0], middle[1], middle[2] + tube[1])
+    plan_out[2] = wp.vec3(tail[0], tail[1], middle[2] + tube[1])
     sagitta = wp.abs(tube[0]) * length * length / 8.0 + slack
     half = 0.5 * length * tube[0]
     end = arc_end(0.0, 0.0, tail[2], length, tube[0])
@@ -90,39 +80,35 @@ def lay_out(
         place += way
         way = wp.vec2(turn[0] * way[0] - turn[1] * way[1], turn[1] * way[0] + turn[0] * way[1])
         q = float(k + 1) * part
-        points_out[w, i, slot, k + 3] = wp.vec3(place[0], place[1], sagitta + tube[1] + q * (tube[2] + q * tube[3]))
+        plan_out[k + 3] = wp.vec3(place[0], place[1], sagitta + tube[1] + q * (tube[2] + q * tube[3]))
     widest = wp.max(middle[2], sagitta) + tube[1] + tube[2] + tube[3]
-    reach_out[w, i, slot] = wp.length(wp.vec2(tail[0], tail[1]) - now) + tail[3] + widest
+    reach = wp.length(wp.vec2(tail[0], tail[1]) - now) + tail[3] + widest
+    plan_out[0] = wp.vec3(now[0], now[1], reach)
 
 
 @wp.func
-def room_between(
-    w: int,
-    i: int,
-    one: int,
-    j: int,
-    other: int,
-    touch: float,
-    enough: float,
-    points: wp.array4d(dtype=wp.vec3),
-    reach: wp.array3d(dtype=float),
-) -> float:
+def room_of_reaches(one: wp.array(dtype=wp.vec3), other: wp.array(dtype=wp.vec3), touch: float) -> float:
+    """Return a lower bound of the distance of two plans from their reaches, less `touch` [m]."""
+    apart = wp.length(wp.vec2(one[0][0] - other[0][0], one[0][1] - other[0][1]))
+    return apart - one[0][2] - other[0][2] - touch
+
+
+@wp.func
+def room_between(one: wp.array(dtype=wp.vec3), other: wp.array(dtype=wp.vec3), touch: float, enough: float) -> float:
     """Return a lower bound of the distance of two cars at equal times on two plans, less `touch` [m].
 
     If the bound is below `enough`, any value below `enough` is returned. Along each piece it is the closest approach of
     the chords at equal times, less the bounds on both deviations. For two plans that are too far apart to meet, their
     reaches suffice.
     """
-    a = points[w, i, one, 0]
-    b = points[w, j, other, 0]
-    before = wp.vec2(a[0] - b[0], a[1] - b[1])
-    least = wp.length(before) - reach[w, i, one] - reach[w, j, other] - touch
+    least = room_of_reaches(one, other, touch)
     if least >= 0.0:
         return least
     least = float(1.0e30)
+    before = wp.vec2(one[0][0] - other[0][0], one[0][1] - other[0][1])
     for k in range(1, POINTS):
-        a = points[w, i, one, k]
-        b = points[w, j, other, k]
+        a = one[k]
+        b = other[k]
         after = wp.vec2(a[0] - b[0], a[1] - b[1])
         least = wp.min(least, wp.sqrt(closest_approach(before, after)) - a[2] - b[2] - touch)
         if least < enough:

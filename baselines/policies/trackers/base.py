@@ -1,41 +1,21 @@
 """A coordinator over a tracker: one decides the phase rates, the other makes a robot follow them; points do exactly."""
 
 from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 from baselines.policies.base import Policy
+from baselines.policies.coordinators.base import PHASES, Coordinator
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
-from lissajous_env.parameters.named import warn_of_violations
+from lissajous_env.parameters.assumptions import warn_of_violations
 from lissajous_env.parameters.scenario import Scenario
 
 wp.set_module_options(OPTIONS)
-
-PHASES = "phases of ring neighbours"
-"""Content of the messages of a coordinator that defines none."""
-
-
-class Coordinator(Protocol):
-    """Decides phase rates from observations."""
-
-    phase_rate: wp.array
-    """(W, N) theta' of each robot from now on [rad/s]."""
-
-    def coordinate(self, observation: wp.array) -> None:
-        """Write `phase_rate`."""
-
-
-@runtime_checkable
-class Remembering(Protocol):
-    """A coordinator with a memory of the episode."""
-
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the memory of the worlds in a mask (W,)."""
 
 
 class Coordinated(Policy):
@@ -68,7 +48,7 @@ class Coordinated(Policy):
     def forget(self, mask: np.ndarray) -> None:
         """Reset the memory of these worlds."""
         super().forget(mask)
-        if isinstance(self.coordinator, Remembering):
+        if hasattr(self.coordinator, "forget"):
             self.coordinator.forget(mask)
 
 

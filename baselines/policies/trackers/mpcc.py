@@ -8,8 +8,9 @@ import warp as wp
 
 from baselines.mpcc.parameters import MpccParameters
 from baselines.mpcc.solver import Mpcc
+from baselines.policies.coordinators.base import Coordinator
 from baselines.policies.own_row import own_heading, own_phase, own_position, own_speed
-from baselines.policies.trackers.base import Coordinated, Coordinator
+from baselines.policies.trackers.base import Coordinated
 from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct

@@ -9,26 +9,22 @@ after it, from the recorded tracks of the sensors:
 3. The path is replayed in the same world as an ordinary target. The time at which the simulation detects it is the
    result: a lower bound of the worst case, whatever the search assumed.
 
-The replay can compute the bound of `task.conservative`, too, which no rogue exceeds. The worst case lies between the
-two. Rogues that observe the present alone learn from the same knowledge of the future (`foresight`).
+The replay also computes the bound of `task.conservative`, which no rogue exceeds. The worst case lies between the two.
+Rogues that observe the present alone learn from the same knowledge of the future (`foresight`).
 """
 
-import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner, name_of
-from lissajous_env.episodes.guarantee import check_follows
-from lissajous_env.episodes.missed.played import Played, Watcher
+from lissajous_env.episodes.evaluation import ActingPolicy, name_of
+from lissajous_env.episodes.missed.played import Played, play
 from lissajous_env.episodes.missed.replayed import Replayed, replay
 from lissajous_env.episodes.missed.search import Path, longest_path
-from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import WORST_CASE
-from lissajous_env.world.simulation import Simulation, fold_seed
 
-__all__ = ["MissedRogue", "Path", "Played", "Replayed", "Watcher", "missed_in", "missed_rogue", "missed_rogues"]
+__all__ = ["MissedRogue", "Path", "Played", "Replayed", "missed_rogue", "missed_rogues", "play"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,52 +62,31 @@ class MissedRogue:
 
 
 def missed_rogue(
-    policy: ActingPolicy, scenario: str | Scenario, seed: int = 0, device: Any = "cpu", prove: bool = True
+    policy: ActingPolicy, scenario: str | Scenario, seed: int = 0, device: Any = "cpu"
 ) -> MissedRogue | None:
     """Return the rogue that a policy misses for longest in an episode; None if no rogue is undetected at any moment.
 
     Args:
-        policy: The policy, for one world.
+        policy: The policy.
         scenario: The scenario, with `task.contamination`.
         seed: Seed of the episode.
         device: Warp device of the simulation.
-        prove: True to compute the bound of `task.conservative`, too.
 
     Raises:
         ValueError: `task.contamination` of the scenario is None.
     """
-    return missed_rogues(policy, scenario, [seed] * policy.num_worlds, device, prove)[0]
+    return missed_rogues(policy, scenario, [seed] * policy.num_worlds, device)[0]
 
 
 def missed_rogues(
-    policy: ActingPolicy, scenario: str | Scenario, seeds: Sequence[int], device: Any = "cpu", prove: bool = True
+    policy: ActingPolicy, scenario: str | Scenario, seeds: Sequence[int], device: Any = "cpu"
 ) -> list[MissedRogue | None]:
     """Return the rogue of `missed_rogue` for each seed; the policy has as many worlds as there are seeds."""
-    return missed_in(play(policy, scenario, seeds, device), name_of(policy), device, prove)
-
-
-def play(policy: ActingPolicy, scenario: str | Scenario, seeds: Sequence[int], device: Any = "cpu") -> list[Played]:
-    """Play an episode in each world of a policy and copy the tracks of the sensors.
-
-    Raises:
-        ValueError: `task.contamination` of the scenario is None.
-    """
-    scenario = named.build(scenario)
-    check_follows(scenario)
-    scenario = dataclasses.replace(scenario, task=dataclasses.replace(scenario.task, conservative=False))
-    watcher, folded = Watcher(Simulation(scenario, policy.num_worlds, device=device)), [fold_seed(k) for k in seeds]
-    EpisodeRunner(policy, watcher.simulation).play(folded, watcher.keep)
-    return watcher.episodes(folded)
-
-
-def missed_in(
-    episodes: Sequence[Played], policy: str, device: Any = "cpu", prove: bool = True
-) -> list[MissedRogue | None]:
-    """Return the rogue of `missed_rogue` in each of some episodes of a scenario, which a policy of this name played."""
+    episodes = play(policy, scenario, seeds, device)
     paths = [longest_path(played) for played in episodes]
     pairs = [(played, path) for played, path in zip(episodes, paths, strict=True) if path is not None]
-    replays = iter(replay(pairs, device, prove) if pairs else [])
+    replays = iter(replay(pairs, device) if pairs else [])
     return [
-        None if path is None else MissedRogue(policy, played, path, next(replays))
+        None if path is None else MissedRogue(name_of(policy), played, path, next(replays))
         for played, path in zip(episodes, paths, strict=True)
     ]

@@ -2,13 +2,16 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
+from lissajous_env.episodes.guarantee import check_follows
+from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.simulation import Simulation
+from lissajous_env.world.simulation import Simulation, fold_seed
 from lissajous_env.world.state import NEVER, NOWHERE
 
 
@@ -42,40 +45,36 @@ class Played:
         return sorted(last.items(), key=lambda rogue: rogue[0] - rogue[1])
 
 
-class Watcher:
-    """Recorder of the data that a rogue with knowledge of the future requires, from the episodes of a simulation.
+def play(policy: ActingPolicy, scenario: str | Scenario, seeds: Sequence[int], device: Any = "cpu") -> list[Played]:
+    """Play an episode in each world of a policy and copy the tracks of the sensors.
 
-    Args:
-        simulation: The simulation, with `task.contamination` and without `task.conservative`.
+    Raises:
+        ValueError: `task.contamination` of the scenario is None.
     """
+    scenario = named.build(scenario)
+    check_follows(scenario)
+    scenario = replace(scenario, task=replace(scenario.task, conservative=False))
+    simulation, folded = Simulation(scenario, policy.num_worlds, device=device), [fold_seed(seed) for seed in seeds]
+    moments: list[tuple[np.ndarray, ...]] = []
 
-    def __init__(self, simulation: Simulation):
-        self.simulation = simulation
-        self._moments: list[tuple[np.ndarray, ...]] = []
-
-    def keep(self, taken: int) -> None:
-        """Copy a moment of all worlds, at the beginning of the episodes and after each step."""
-        if taken == 0:
-            self._moments.clear()
-        robots, action = self.simulation.robots, self.simulation.action.numpy()
-        self._moments.append(
+    def copy(taken: int) -> None:
+        robots, action = simulation.robots, simulation.action.numpy()
+        moments.append(
             (
                 robots.track.numpy()[..., :2].copy(),
                 robots.sensor.numpy()[..., 0] < 0.5 * NOWHERE,
                 action.copy() if taken else np.zeros_like(action),
-                self.simulation.contamination.oldest.numpy().copy(),
+                simulation.contamination.oldest.numpy().copy(),
             )
         )
 
-    def episodes(self, seeds: Sequence[int]) -> list[Played]:
-        """Return the ended episodes of the first worlds, with their seeds, and delete them here."""
-        steps, rows = self.simulation.clock.step.numpy(), self.simulation.score(np.arange(len(seeds)))
-        arrays = [np.stack(array, axis=1) for array in zip(*self._moments, strict=True)]
-        self._moments.clear()
-        return [
-            Played(self.simulation.scenario, seed, row, *(array[w, : steps[w] + 1] for array in arrays))
-            for w, (seed, row) in enumerate(zip(seeds, rows, strict=True))
-        ]
+    EpisodeRunner(policy, simulation).play(folded, copy)
+    steps, rows = simulation.clock.step.numpy(), simulation.score()
+    arrays = [np.stack(array, axis=1) for array in zip(*moments, strict=True)]
+    return [
+        Played(scenario, seed, row, *(array[w, : steps[w] + 1] for array in arrays))
+        for w, (seed, row) in enumerate(zip(folded, rows, strict=True))
+    ]
 
 
 def resolution(scenario: Scenario) -> int:

@@ -26,16 +26,15 @@ class Replayed(NamedTuple):
     """Time from its appearance to its detection, or to the end of the episode [s]."""
     detected: bool
     proved: float
-    """Worst-case undetected time of `task.conservative`, which no rogue exceeds [s]; NaN if it was not computed."""
+    """Worst-case undetected time of `task.conservative`, which no rogue exceeds [s]."""
 
 
-def replay(pairs: Sequence[tuple[Played, Path]], device: Any = "cpu", prove: bool = True) -> list[Replayed]:
+def replay(pairs: Sequence[tuple[Played, Path]], device: Any = "cpu") -> list[Replayed]:
     """Repeat episodes of one scenario by their actions, each with its rogue as the only target.
 
     Args:
         pairs: Episodes and the path of the rogue in each of them; after its end the rogue does not move.
         device: Warp device of the simulation.
-        prove: True to compute the bound of `task.conservative`, too, which takes longer than all the rest.
 
     Raises:
         RuntimeError: the robots do not move as they did.
@@ -50,7 +49,7 @@ def replay(pairs: Sequence[tuple[Played, Path]], device: Any = "cpu", prove: boo
         places[:, 0] = table[np.arange(len(table)), np.minimum(world.clock.step, steps)]
         return places
 
-    scenario = _with_rogue(episodes[0].scenario, target_motion(follow), prove)
+    scenario = _with_rogue(episodes[0].scenario, target_motion(follow))
     simulation = Simulation(scenario, len(episodes), device=device)
     simulation.reset(seeds=[each.seed for each in episodes])
     _introduce(simulation, paths)
@@ -92,14 +91,12 @@ def record_again(played: Played, policy: str) -> Recording:
     return recorder.recording(policy)
 
 
-def _with_rogue(scenario: Scenario, motion: TargetMotion, prove: bool) -> Scenario:
-    """Return a scenario whose targets move along a table, with the proved bound of its worst case or with none."""
+def _with_rogue(scenario: Scenario, motion: TargetMotion) -> Scenario:
+    """Return a scenario whose targets move along a table, with the proved bound of its worst case."""
     inside = scenario.targets.entry if scenario.targets.entry == "boundary" else "inside"
     moved = {"drifting": 0.0, "wandering": 0.0, "fleeing": 0.0, "custom": 1.0, "speed_limit": scenario.rogue_speed}
     targets = replace(scenario.targets, entry=inside, rogues=None, **moved)
-    grid = scenario.task.contamination if prove else None
-    task = replace(scenario.task, conservative=prove, contamination=grid)
-    return replace(scenario, targets=targets, task=task, extensions=(motion,))
+    return replace(scenario, targets=targets, task=replace(scenario.task, conservative=True), extensions=(motion,))
 
 
 def _places(path: Path, steps: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-// The table of all episodes, which can be sorted and filtered; each has a replay or the command for one.
+// The table of all episodes, which can be sorted and filtered; some have a replay.
 
 import { badge } from "./svg.js";
 import { fill, heading, heads, ordered } from "./tables.js";
@@ -94,7 +94,7 @@ export class Episodes {
       element("td", "number", String(episodes.seed[k])),
       element("td", "chips", ...kinds),
       ...values,
-      element("td", "actions", ...this.actions(k, scenario, policy)),
+      element("td", "actions", ...this.actions(k)),
     );
   }
 
@@ -104,17 +104,12 @@ export class Episodes {
     return this.replays.get(`${scenario[k]} ${policy[k]} ${seed[k]}`);
   }
 
-  actions(k, scenario, policy) {
-    const replay = this.replayOf(k),
-      command = commandOf(this.report, scenario, policy, this.report.episodes.seed[k]);
-    if (!replay) return command ? [button("", "Command", (event) => tell(event.target.closest("tr"), command))] : [];
-    const play = button("play", "Replay", () => this.onReplay(replay)),
-      appears = this.report.replays[replay][4];
+  actions(k) {
+    const replay = this.replayOf(k);
+    if (!replay) return [];
+    const play = button("play", "Replay", () => this.onReplay(replay));
     play.dataset.replay = replay;
-    if (appears === null) return [play];
-    const rogue = button("play rogue", "Rogue", () => this.onReplay(replay, `t=${appears.toFixed(1)}`));
-    rogue.title = "Replay from where the rogue appears that this policy misses";
-    return [play, rogue];
+    return [play];
   }
 }
 
@@ -123,30 +118,4 @@ export function chip(kind, words) {
   const made = element("span", `kind ${kind.name}`, words);
   made.title = kind.about;
   return made;
-}
-
-// Return the command that replays an episode beside the reference, if a command can name it.
-function commandOf(report, scenario, policy, seed) {
-  if (!scenario.command || !policy.named) return null;
-  const [name, ...changes] = scenario.command.split(" --set "),
-    reference = report.policies[scenario.reference];
-  const against = reference && reference.named && reference !== policy ? ` --against ${quoted(reference.name)}` : "";
-  const file = `${scenario.name}-${policy.name}-${seed}.html`.replaceAll(/[^\w.-]+/g, "-");
-  const set = changes.length ? ` --set ${changes.join(" --set ")}` : "";
-  return `lissajous replay ${name} ${quoted(policy.name)} --seed ${seed}${against} --out ${file}${set}`;
-}
-
-function quoted(word) {
-  return /^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\"'\"'")}'`;
-}
-
-// Show a command in a row of its own, selected; a second click removes it.
-function tell(row, command) {
-  const next = row.nextElementSibling;
-  if (next && next.classList.contains("told")) return next.remove();
-  const code = element("code", "", command),
-    wide = element("td", "", code);
-  wide.colSpan = row.cells.length;
-  row.after(element("tr", "told", wide));
-  getSelection().selectAllChildren(code);
 }

@@ -1,8 +1,8 @@
-// The report of a benchmark: the ranking first, then what failed, each scenario, and all episodes.
+// The report of a benchmark: all scenarios together, then what failed, each scenario, and all episodes.
 
 import { Episodes } from "./episodes.js";
 import { showFailures } from "./failures.js";
-import { showRankings } from "./ranking.js";
+import { showOverall } from "./overall.js";
 import { scenarioSection } from "./scenario.js";
 import { start } from "./start.js";
 import { facts } from "./tables.js";
@@ -11,8 +11,8 @@ import { byId, element } from "./words.js";
 
 function begin(report) {
   const viewer = new Viewer(...replaysOf(report));
-  const episodes = new Episodes(report, (id, place) => viewer.open(id, place));
-  showRankings(report);
+  const episodes = new Episodes(report, (id) => viewer.open(id));
+  showOverall(report);
   showFailures(report, (wanted) => episodes.narrow(wanted));
   const sections = report.scenarios.map((scenario, s) =>
     scenarioSection(report, scenario, s, (place) => pick(report, viewer, episodes, place)),
@@ -51,7 +51,7 @@ function pick(report, viewer, episodes, place) {
 
 function contents(report) {
   const links = [
-    ...(report.rankings.length ? [["ranking", "Ranking"]] : []),
+    ...(report.overall.length ? [["overall", "All scenarios"]] : []),
     ["failures", "Failures"],
     ...report.scenarios.map((scenario, s) => [`scenario-${s}`, scenario.name]),
     ["episodes", "All episodes"],
@@ -63,4 +63,4 @@ function contents(report) {
   }
 }
 
-start("lissajous report 2", begin);
+start("lissajous report 3", begin);

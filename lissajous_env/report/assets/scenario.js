@@ -1,6 +1,5 @@
-// A scenario: its policies with their distributions, best first, and the undetected share over time.
+// A scenario: its policies with their distributions, best first, and detection against collisions.
 
-import { comparison } from "./against.js";
 import { chip } from "./episodes.js";
 import { figure, pictures } from "./figures.js";
 import { scaleOf } from "./scales.js";
@@ -19,7 +18,6 @@ export function scenarioSection(report, scenario, s, onPick) {
   fillPolicies(report, scenario, s, box.querySelector("table"));
   box.querySelector(".scroll").after(...scenario.notes.map((words) => element("p", "muted note", words)));
   box.querySelector(".plots").replaceWith(pictures(...plotsOf(report, scenario)));
-  if (scenario.against) box.append(comparison(report, scenario));
   box.addEventListener("click", (event) => {
     const dot = event.target.closest("[data-episode]");
     if (dot) onPick(Number(dot.dataset.episode));
@@ -102,7 +100,7 @@ function measured(report, s, policy, { measure, scale, best }) {
   const of = policy.cells[measure.column],
     look = report.policies[policy.policy];
   const words = reading(of.words, of.between, of.words === best ? "best" : "");
-  if (of.known < policy.episodes) words.append(element("small", "muted", `(${of.known}/${policy.episodes})`));
+  if (of.known && of.known < policy.episodes) words.append(element("small", "muted", `(${of.known}/${policy.episodes})`));
   const value = of.value !== null && of.words.startsWith(">") ? Number.MAX_VALUE : of.value;
   const made = cell(measure.strip ? "wide" : "", value, words);
   if (measure.strip) {
@@ -113,45 +111,11 @@ function measured(report, s, policy, { measure, scale, best }) {
 }
 
 function plotsOf(report, scenario) {
-  const found = [];
-  if (scenario.times.length) found.push(survival(report, scenario));
   const both = report.tradeoff.map((column) => scenario.measures.find((measure) => measure.column === column));
-  if (both.every((measure) => measure)) found.push(against(report, scenario, ...both));
-  return found;
+  return both.every((measure) => measure) ? [tradeoff(report, scenario, ...both)] : [];
 }
 
-function survival(report, scenario) {
-  // Choose the range where most curves fall.
-  const end = scenario.times.at(-1);
-  const halves = scenario.policies.map(
-    (of) => scenario.times[of.curve ? of.curve.findIndex((share) => share !== null && share < 0.5) : -1] ?? end,
-  );
-  const axes = {
-    x: {
-      scale: scaleOf([...halves, end]),
-      title: "time since the target appeared [s]",
-      lines: [[scenario.bound, scenario.bound_name]],
-    },
-    y: { scale: scaleOf([1]), title: "" },
-  };
-  return figure("Undetected targets", "share of the targets, Kaplan-Meier estimate", axes, (plot) => {
-    for (const of of scenario.policies) {
-      if (!of.curve) continue;
-      const policy = report.policies[of.policy],
-        group = svg("g", { "data-policy": of.policy, class: "series" });
-      const line = plot.path(
-        scenario.times,
-        of.curve,
-        { class: `curve${policy.hollow ? " hollow" : ""}`, ...coloured(policy) },
-        { stepped: true },
-      );
-      group.append(svg("title", {}, policy.name), line);
-      plot.picture.append(group);
-    }
-  });
-}
-
-function against(report, scenario, across, up) {
+function tradeoff(report, scenario, across, up) {
   const of = (policy, measure) => policy.cells[measure.column],
     shown = scenario.policies.filter((policy) => of(policy, across).value !== null);
   const ends = (measure) => shown.flatMap((policy) => [of(policy, measure).value, ...of(policy, measure).interval]);

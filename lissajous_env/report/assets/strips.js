@@ -1,4 +1,4 @@
-// Distributions in the cells of tables: strips of episodes with quartile box and theoretical lines, and intervals of means.
+// Distributions in the cells of tables: strips of episodes with quartile box and theoretical lines.
 
 import { roundOf } from "./scales.js";
 import { coloured, svg } from "./svg.js";
@@ -50,14 +50,4 @@ export function stripAxis(scale) {
     return svg("text", { x: percent(share), y: 10, "text-anchor": anchor }, mark(value));
   });
   return strip("strip axis", 14, ...ticks);
-}
-
-// A mean and its interval on a line from `least` to `most`, optionally with a mark in the middle.
-export function interval(policy, [mean, low, high], least, most, middle = null) {
-  const at = (value) => 0.03 + (0.94 * (value - least)) / (most - least || 1);
-  const parts = [across(0.03, 0.97, 6, { class: "grid" })];
-  if (middle !== null) parts.push(upright(at(middle), 0, 12, { class: "limit" }));
-  if (low !== null) parts.push(across(at(low), at(high), 6, { class: "range", ...coloured(policy) }));
-  if (mean !== null) parts.push(svg("circle", { cx: percent(at(mean)), cy: 6, r: 3.2, ...coloured(policy) }));
-  return strip("strip", 12, ...parts);
 }

@@ -172,24 +172,20 @@ def forget_covered(
 
 
 @stage(FIELD_ROW, writes="contamination: labels")
-def reset_bounds(
-    w: int, lane: int, lanes: int, target: TargetStruct, hops: Hops, clock: Clock, contamination: Contamination
-):
+def reset_bounds(w: int, row: int, target: TargetStruct, hops: Hops, clock: Clock, contamination: Contamination):
     """Contaminate the cells in which targets are introduced, where targets are present from the start."""
     rows = contamination.row_ages.shape[1]
-    for row in range(lane, rows, lanes):
-        for column in range(hops.columns):
-            is_edge = row == 0 or row == rows - 1 or column == 0 or column == hops.columns - 1
-            there = target.count > 0 and (is_edge or target.entry != BOUNDARY)
-            for k in range(hops.history_length):
-                contamination.labels[w, k, row + MARGIN, column + MARGIN] = wp.where(there, 0, NONE)
+    for column in range(hops.columns):
+        is_edge = row == 0 or row == rows - 1 or column == 0 or column == hops.columns - 1
+        there = target.count > 0 and (is_edge or target.entry != BOUNDARY)
+        for k in range(hops.history_length):
+            contamination.labels[w, k, row + MARGIN, column + MARGIN] = wp.where(there, 0, NONE)
 
 
 @stage(FIELD_ROW, writes="contamination: labels, row_ages, row_oldest")
 def bound_labels(
     w: int,
-    lane: int,
-    lanes: int,
+    row: int,
     curve: CurveStruct,
     target: TargetStruct,
     hops: Hops,
@@ -204,23 +200,20 @@ def bound_labels(
     since = now - tick * reach.period
     slot = tick % hops.history_length
     rows = contamination.row_ages.shape[1]
-    for row in range(lane, rows, lanes):
-        for column in range(hops.columns):
-            if now > 0 and since == 0:
-                label = bound(
-                    w, tick, row, column, rows, hops.columns, hops.history_length, target, reach, contamination
-                )
-                contamination.labels[w, slot, row + MARGIN, column + MARGIN] = label
-            elif now > 0 and is_near_entry(row, column, 0, 0, rows, hops.columns, target):
-                label = contamination.labels[w, slot, row + MARGIN, column + MARGIN]
-                contamination.labels[w, slot, row + MARGIN, column + MARGIN] = wp.min(label, (now - 1) * 256)
-        forget_covered(w, slot, row, rows, float(since) * reach.moved, curve, hops, robots, contamination)
-        oldest = int(NEVER)
-        ages = wp.int64(0)
-        for column in range(hops.columns):
+    for column in range(hops.columns):
+        if now > 0 and since == 0:
+            label = bound(w, tick, row, column, rows, hops.columns, hops.history_length, target, reach, contamination)
+            contamination.labels[w, slot, row + MARGIN, column + MARGIN] = label
+        elif now > 0 and is_near_entry(row, column, 0, 0, rows, hops.columns, target):
             label = contamination.labels[w, slot, row + MARGIN, column + MARGIN]
-            if label < NONE:
-                oldest = wp.min(oldest, label / 256)
-                ages += wp.int64(now - label / 256)
-        contamination.row_oldest[w, row] = oldest
-        contamination.row_ages[w, row] = ages
+            contamination.labels[w, slot, row + MARGIN, column + MARGIN] = wp.min(label, (now - 1) * 256)
+    forget_covered(w, slot, row, rows, float(since) * reach.moved, curve, hops, robots, contamination)
+    oldest = int(NEVER)
+    ages = wp.int64(0)
+    for column in range(hops.columns):
+        label = contamination.labels[w, slot, row + MARGIN, column + MARGIN]
+        if label < NONE:
+            oldest = wp.min(oldest, label / 256)
+            ages += wp.int64(now - label / 256)
+    contamination.row_oldest[w, row] = oldest
+    contamination.row_ages[w, row] = ages

@@ -93,34 +93,15 @@ def clear_cells(
                     start = end
 
 
-@stage(FIELD_ROW, writes="contamination: labels, oldest, row_ages, row_oldest, sensed, settled, swept, there")
-def reset_labels(
-    w: int, lane: int, lanes: int, target: TargetStruct, hops: Hops, clock: Clock, contamination: Contamination
-):
+@stage(FIELD_ROW, writes="contamination: oldest, there")
+def reset_labels(w: int, row: int, target: TargetStruct, hops: Hops, clock: Clock, contamination: Contamination):
     """Contaminate the cells in which targets are introduced, where targets are present from the start."""
-    rows = contamination.sensed.shape[2]
-    for row in range(lane, rows, lanes):
-        for word in range(contamination.sensed.shape[1]):
-            contamination.sensed[w, word, row] = wp.uint64(0)
-            contamination.swept[w, word, row] = wp.uint64(0)
+    if target.count > 0:
+        contamination.oldest[w] = 0
         for word in range(contamination.settled.shape[2]):
-            contamination.settled[w, row, word] = wp.uint32(0)
-        contamination.row_oldest[w, row] = NEVER
-        contamination.row_ages[w, row] = wp.int64(0)
-    for line in range(lane, contamination.there.shape[1], lanes):
-        row = line - MARGIN
-        for place in range(contamination.there.shape[2]):
-            there = wp.uint32(0)
-            is_inside = row >= 0 and row < rows and place > 0 and place < contamination.there.shape[2] - 1
-            if is_inside and target.count > 0:
-                there = entries(target.entry, place - 1, row, rows, hops.columns)
             for k in range(hops.history_length):
-                contamination.there[w, line, place, k] = there
-        for k in range(hops.history_length):
-            for column in range(contamination.labels.shape[3]):
-                contamination.labels[w, k, line, column] = 0
-    if lane == 0:
-        contamination.oldest[w] = wp.where(target.count > 0, 0, NEVER)
+                there = entries(target.entry, word, row, contamination.sensed.shape[2], hops.columns)
+                contamination.there[w, row + MARGIN, word + 1, k] = there
 
 
 @stage(FIELD_ROW, writes="contamination: labels, row_ages, row_oldest, settled, there", idle=True)
@@ -163,22 +144,6 @@ def spread(
             contamination.settled[w, row, word] = settled
         contamination.row_oldest[w, row] = row_oldest
         contamination.row_ages[w, row] = ages
-
-
-@stage(
-    WORLD,
-    writes=("contamination: age, age_before, age_max, age_reduction, cleared_at, high_at, mean_age, mean_age_sum"),
-)
-def reset_guarantee(w: int, clock: Clock, contamination: Contamination):
-    """Reset the undetected times of a new episode."""
-    contamination.cleared_at[w] = NEVER
-    contamination.age[w] = 0
-    contamination.age_max[w] = 0
-    contamination.age_reduction[w] = 0.0
-    contamination.mean_age[w] = 0.0
-    contamination.mean_age_sum[w] = wp.float64(0.0)
-    contamination.age_before[w] = 0
-    contamination.high_at[w] = -1
 
 
 @stage(

@@ -16,13 +16,12 @@ from lissajous_env.device.abreast import (
     is_in,
     put_floats,
     put_places,
-    put_vectors,
     where_equal,
     width,
 )
 from lissajous_env.device.car_input import steering_angle, throttle
 from lissajous_env.device.compilation import MOTION
-from lissajous_env.device.curve import CurveStruct, wrap
+from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import FaultsStruct, RobotStruct, TaskStruct
 from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.trig import cos_sin
@@ -31,7 +30,8 @@ from lissajous_env.settings.parts import Curve, Formation, Noise
 from lissajous_env.settings.robot import Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.world.robots.faults import COAST, rolling
-from lissajous_env.world.robots.walls import WALL, stop_at_wall
+from lissajous_env.world.robots.moving import begin_track, end_motion, stop_at_walls
+from lissajous_env.world.robots.walls import WALL
 from lissajous_env.world.state import WORKING, Clock, Robots
 
 wp.set_module_options(MOTION)
@@ -121,12 +121,7 @@ def move_cars(
     working = block.active_mask & where_equal(block, robots.status, WORKING)
     rolls = block.active_mask & rolling(block, faults, robots)
     moving = working | rolls
-    standing = block.active_mask & ~moving
-    if standing != 0:
-        put_floats(block, standing, Floats(), robots.speed)
-        for s in range(1, substeps + 1):
-            put_places(block, standing, x, y, s, robots.track)
-    put_places(block, block.active_mask, x, y, 0, robots.track)
+    begin_track(block, block.active_mask & ~moving, x, y, robots)
     curvature, push = take_input(block, robot, command, robots)
     if faults.stop == COAST:
         put_floats(block, working, curvature, robots.curvature)
@@ -145,19 +140,9 @@ def move_cars(
                 heading[k] = car[2]
                 speed[k] = car[3]
         if task.boundary == WALL:
-            for k in range(ABREAST):
-                if k < width():
-                    car = stop_at_wall(curve, robot.radius, wp.vec4(x[k], y[k], heading[k], speed[k]))
-                    x[k] = car[0]
-                    y[k] = car[1]
-                    speed[k] = car[3]
+            x, y, speed = stop_at_walls(curve, robot.radius, x, y, heading, speed)
         put_places(block, moving, x, y, s + 1, robots.track)
-    for k in range(ABREAST):
-        if k < width():
-            heading[k] = wrap(heading[k])
-    put_vectors(block, moving, x, y, Floats(), robots.position)
-    put_floats(block, moving, heading, robots.heading)
-    put_floats(block, moving, speed, robots.speed)
+    end_motion(block, moving, x, y, heading, speed, robots)
 
 
 def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: Task) -> None:

@@ -15,12 +15,11 @@ from lissajous_env.device.abreast import (
     floats,
     put_floats,
     put_places,
-    put_vectors,
     where_equal,
     width,
 )
 from lissajous_env.device.compilation import MOTION, OPTIONS, module_apart
-from lissajous_env.device.curve import CurveStruct, wrap
+from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
 from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.trig import cos_sin
@@ -28,7 +27,8 @@ from lissajous_env.parameters.robot_models import AsCar, RobotModel, register_ro
 from lissajous_env.settings.parts import Curve, Formation, Noise
 from lissajous_env.settings.robot import Robot
 from lissajous_env.settings.task import Task
-from lissajous_env.world.robots.walls import WALL, stop_at_wall
+from lissajous_env.world.robots.moving import begin_track, end_motion, stop_at_walls
+from lissajous_env.world.robots.walls import WALL
 from lissajous_env.world.state import WORKING, Clock, Robots
 
 wp.set_module_options(MOTION)
@@ -125,12 +125,8 @@ def move_drives(
     yaw_rate = floats(block, robots.yaw_rate)
     moving = block.active_mask & where_equal(block, robots.status, WORKING)
     standing = block.active_mask & ~moving
-    if standing != 0:
-        put_floats(block, standing, Floats(), robots.speed)
-        put_floats(block, standing, Floats(), robots.yaw_rate)
-        for s in range(1, substeps + 1):
-            put_places(block, standing, x, y, s, robots.track)
-    put_places(block, block.active_mask, x, y, 0, robots.track)
+    put_floats(block, standing, Floats(), robots.yaw_rate)
+    begin_track(block, standing, x, y, robots)
     wanted, turning, push = take_twist(block, robot, command, robots)
     for s in range(substeps):
         for k in range(ABREAST):
@@ -147,19 +143,9 @@ def move_drives(
                 speed[k] = pose[3]
                 yaw_rate[k] = ramp(turned, towards, robot.yaw_acceleration_max * h)
         if task.boundary == WALL:
-            for k in range(ABREAST):
-                if k < width():
-                    pose = stop_at_wall(curve, robot.radius, wp.vec4(x[k], y[k], heading[k], speed[k]))
-                    x[k] = pose[0]
-                    y[k] = pose[1]
-                    speed[k] = pose[3]
+            x, y, speed = stop_at_walls(curve, robot.radius, x, y, heading, speed)
         put_places(block, moving, x, y, s + 1, robots.track)
-    for k in range(ABREAST):
-        if k < width():
-            heading[k] = wrap(heading[k])
-    put_vectors(block, moving, x, y, Floats(), robots.position)
-    put_floats(block, moving, heading, robots.heading)
-    put_floats(block, moving, speed, robots.speed)
+    end_motion(block, moving, x, y, heading, speed, robots)
     put_floats(block, moving, yaw_rate, robots.yaw_rate)
 
 

@@ -86,8 +86,7 @@ def turned_inside(
 @stage(ROBOT, writes="robots: heading")
 def turn_inside(
     w: int,
-    lane: int,
-    lanes: int,
+    i: int,
     curve: CurveStruct,
     robot: RobotStruct,
     turning: float,
@@ -95,9 +94,8 @@ def turn_inside(
     robots: Robots,
 ):
     """Turn the robots that begin without room to turn within the walls."""
-    for i in range(lane, robots.heading.shape[1], lanes):
-        place = planar(robots.position[w, i])
-        robots.heading[w, i] = turned_inside(place, robots.heading[w, i], robots.speed[w, i], turning, curve, robot)
+    place = planar(robots.position[w, i])
+    robots.heading[w, i] = turned_inside(place, robots.heading[w, i], robots.speed[w, i], turning, curve, robot)
 
 
 @wp.kernel

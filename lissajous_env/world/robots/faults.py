@@ -34,8 +34,7 @@ def chance(rate: float, time: float) -> float:
 @stage(ROBOT, writes="robots: resumed_at, status, stuck_until")
 def update_status(
     w: int,
-    lane: int,
-    lanes: int,
+    i: int,
     faults: FaultsStruct,
     task: TaskStruct,
     schedule: wp.array2d(dtype=int),
@@ -44,33 +43,31 @@ def update_status(
 ):
     """Update which robots fail, resume and are removed in the step that ends now."""
     now = clock.step[w]
-    for i in range(lane, robots.status.shape[1], lanes):
-        if robots.status[w, i] == REMOVED or robots.removed_at[w, i] < now:
-            robots.status[w, i] = REMOVED
-        else:
-            stuck = int(0)
-            for row in range(schedule.shape[0]):
-                if schedule[row, 0] == i and schedule[row, 1] < now and now <= schedule[row, 2]:
-                    stuck = 1
-            if faults.rate > 0.0 and robots.stuck_until[w, i] < now:
-                draw = randomness.stream(randomness.step_key(clock.seed[w], now), i, randomness.FAULT)
-                if wp.randf(draw) < chance(faults.rate, task.step):
-                    duration = -wp.log(1.0 - wp.randf(draw)) * faults.mean_duration
-                    robots.stuck_until[w, i] = now + int(wp.min(duration / task.step, 1.0e9))
-            status = wp.where(stuck == 1 or now <= robots.stuck_until[w, i], STUCK, WORKING)
-            if status == WORKING and robots.status[w, i] == STUCK:
-                robots.resumed_at[w, i] = now - 1
-            robots.status[w, i] = status
+    if robots.status[w, i] == REMOVED or robots.removed_at[w, i] < now:
+        robots.status[w, i] = REMOVED
+    else:
+        stuck = int(0)
+        for row in range(schedule.shape[0]):
+            if schedule[row, 0] == i and schedule[row, 1] < now and now <= schedule[row, 2]:
+                stuck = 1
+        if faults.rate > 0.0 and robots.stuck_until[w, i] < now:
+            draw = randomness.stream(randomness.step_key(clock.seed[w], now), i, randomness.FAULT)
+            if wp.randf(draw) < chance(faults.rate, task.step):
+                duration = -wp.log(1.0 - wp.randf(draw)) * faults.mean_duration
+                robots.stuck_until[w, i] = now + int(wp.min(duration / task.step, 1.0e9))
+        status = wp.where(stuck == 1 or now <= robots.stuck_until[w, i], STUCK, WORKING)
+        if status == WORKING and robots.status[w, i] == STUCK:
+            robots.resumed_at[w, i] = now - 1
+        robots.status[w, i] = status
 
 
-@stage(WORLD, writes="robots: removed_at, stuck_until")
+@stage(WORLD, writes="robots: removed_at")
 def reset_losses(w: int, faults: FaultsStruct, removals: wp.array(dtype=int), steps: int, clock: Clock, robots: Robots):
     """Draw which robots are removed in this episode, and when: those of the schedule, then `lost` more at random."""
     n = robots.status.shape[1]
     draw = randomness.stream(randomness.step_key(clock.seed[w], 0), 0, randomness.LOSS)
     for i in range(n):
         robots.removed_at[w, i] = removals[i]
-        robots.stuck_until[w, i] = 0
     to_lose = int(faults.lost)
     for i in range(n):
         # Selection sampling: each of the robots left is as likely as any other to be among those still to be lost.

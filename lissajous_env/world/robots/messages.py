@@ -14,15 +14,6 @@ from lissajous_env.world.state import REMOVED, WORKING, Clock, Links, Messages, 
 wp.set_module_options(OPTIONS)
 
 
-@stage(ROBOT, writes="links: heard_at, sending")
-def reset_messages(w: int, i: int, clock: Clock, links: Links):
-    """Clear every message."""
-    for slot in range(links.sending.shape[2]):
-        links.sending[w, i, slot] = 0
-    for side in range(2):
-        links.heard_at[w, i, side] = -1
-
-
 @stage(ROBOT, writes="links: sending, sent")
 def send(w: int, lane: int, lanes: int, clock: Clock, robots: Robots, links: Links):
     """Send measured phase and position to both neighbours; a removed robot sends nothing."""
@@ -59,40 +50,27 @@ def hear(
                 links.heard_at[w, i, side] = sent_at
 
 
-@stage(ROBOT, writes="messages: heard, sending, sent")
-def reset_policy_messages(w: int, i: int, clock: Clock, messages: Messages):
-    """Set every message to zeros."""
-    for m in range(messages.sending.shape[2]):
-        messages.sending[w, i, m] = 0.0
-        for slot in range(messages.sent.shape[2]):
-            messages.sent[w, i, slot, m] = 0.0
-        for side in range(2):
-            messages.heard[w, i, side, m] = 0.0
-
-
 @stage(ROBOT, writes="messages: sending, sent")
 def send_policy_messages(
-    w: int, lane: int, lanes: int, taken: wp.array3d(dtype=float), clock: Clock, robots: Robots, messages: Messages
+    w: int, i: int, taken: wp.array3d(dtype=float), clock: Clock, robots: Robots, messages: Messages
 ):
     """Send the last components of each action; a failed robot repeats its last message, a removed one is silent."""
     size = messages.sending.shape[2]
     moving = taken.shape[2] - size
     slot = clock.step[w] % messages.sent.shape[2]
-    for i in range(lane, robots.status.shape[1], lanes):
-        status = robots.status[w, i]
-        for m in range(size):
-            if status == WORKING:
-                messages.sending[w, i, m] = taken[w, i, moving + m]
-            elif status == REMOVED:
-                messages.sending[w, i, m] = 0.0
-            messages.sent[w, i, slot, m] = messages.sending[w, i, m]
+    status = robots.status[w, i]
+    for m in range(size):
+        if status == WORKING:
+            messages.sending[w, i, m] = taken[w, i, moving + m]
+        elif status == REMOVED:
+            messages.sending[w, i, m] = 0.0
+        messages.sent[w, i, slot, m] = messages.sending[w, i, m]
 
 
 @stage(ROBOT, writes="messages: heard; observation_out")
 def hear_policy_messages(
     w: int,
-    lane: int,
-    lanes: int,
+    i: int,
     start: int,
     neighbours: wp.array2d(dtype=int),
     clock: Clock,
@@ -105,11 +83,10 @@ def hear_policy_messages(
     size = messages.heard.shape[3]
     slots = messages.sent.shape[2]
     sent_at = clock.step[w] - (slots - 1)
-    for i in range(lane, messages.heard.shape[1], lanes):
-        present = robots.status[w, i] != REMOVED
-        for side in range(2):
-            arrives = sent_at >= 0 and links.heard_at[w, i, side] == sent_at
-            for m in range(size):
-                if arrives:
-                    messages.heard[w, i, side, m] = messages.sent[w, neighbours[i, side], sent_at % slots, m]
-                observation_out[w, i, start + side * size + m] = wp.where(present, messages.heard[w, i, side, m], 0.0)
+    present = robots.status[w, i] != REMOVED
+    for side in range(2):
+        arrives = sent_at >= 0 and links.heard_at[w, i, side] == sent_at
+        for m in range(size):
+            if arrives:
+                messages.heard[w, i, side, m] = messages.sent[w, neighbours[i, side], sent_at % slots, m]
+            observation_out[w, i, start + side * size + m] = wp.where(present, messages.heard[w, i, side, m], 0.0)

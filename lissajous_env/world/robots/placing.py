@@ -130,12 +130,11 @@ def follow_curve(
 
 @stage(
     ROBOT,
-    writes="robots: curvature, drive, heading, phase, position, resumed_at, speed, status, track, wheelbase, yaw_rate",
+    writes="robots: drive, heading, phase, position, speed, status, track, wheelbase",
 )
 def reset_robots(
     w: int,
-    lane: int,
-    lanes: int,
+    i: int,
     curve: CurveStruct,
     formation: FormationStruct,
     robot: RobotStruct,
@@ -149,18 +148,14 @@ def reset_robots(
 ):
     """Place the robots on the curve at the formation's speed or their top speed, and draw each one's own constants."""
     key = randomness.step_key(clock.seed[w], 0)
-    for i in range(lane, robots.status.shape[1], lanes):
-        phase = start_phase(w, i, 0, formation, equilibrium, displaced, clock)
-        begin_on_curve(w, i, phase, curve, formation, top_speeds, robots)
-        robots.status[w, i] = wp.where(robots.removed_at[w, i] < 1, REMOVED, WORKING)
-        robots.resumed_at[w, i] = -1
-        robots.curvature[w, i] = 0.0
-        robots.yaw_rate[w, i] = 0.0
-        body = randomness.stream(key, i, randomness.BODY)
-        # A spread is clipped at three deviations, so that no car has a wheelbase of zero.
-        robots.wheelbase[w, i] = robot.wheelbase * (1.0 + noise.wheelbase_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
-        drive = robot.drive * drive_factors[i]
-        robots.drive[w, i] = drive * (1.0 + noise.drive_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
+    phase = start_phase(w, i, 0, formation, equilibrium, displaced, clock)
+    begin_on_curve(w, i, phase, curve, formation, top_speeds, robots)
+    robots.status[w, i] = wp.where(robots.removed_at[w, i] < 1, REMOVED, WORKING)
+    body = randomness.stream(key, i, randomness.BODY)
+    # A spread is clipped at three deviations, so that no car has a wheelbase of zero.
+    robots.wheelbase[w, i] = robot.wheelbase * (1.0 + noise.wheelbase_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
+    drive = robot.drive * drive_factors[i]
+    robots.drive[w, i] = drive * (1.0 + noise.drive_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
 
 
 @wp.func

@@ -14,13 +14,10 @@ from lissajous_env.world.state import WORKING, Clock, Robots
 wp.set_module_options(MOTION)
 
 
-@stage(ROBOT, writes="robots: heading, phase, position, speed, track")
+@stage(ROBOT, writes="robots: heading, phase, position, speed, track", split=True)
 def move_points(
     w: int,
-    lane: int,
-    lanes: int,
-    begin: int,
-    end: int,
+    i: int,
     curve: CurveStruct,
     formation: FormationStruct,
     robot: RobotStruct,
@@ -35,16 +32,15 @@ def move_points(
     """
     alpha = float(formation.alpha)
     substeps = robots.track.shape[2] - 1
-    for i in range(begin + lane, end, lanes):
-        rate = wp.where(robots.status[w, i] == WORKING, command[w, i, 0] * robot.phase_rate_max, 0.0)
-        start = robots.phase[w, i]
-        robots.track[w, i, 0] = robots.position[w, i]
-        for s in range(1, substeps):
-            passed = start + wp.float64(rate * task.step * float(s) / float(substeps))
-            robots.track[w, i, s] = point(curve, curve_parameter(alpha, passed))
-        robots.phase[w, i] = wrap_phase(start + wp.float64(rate * task.step))
-        place_on_curve(w, i, rate, curve, alpha, robots)
-        robots.track[w, i, substeps] = robots.position[w, i]
+    rate = wp.where(robots.status[w, i] == WORKING, command[w, i, 0] * robot.phase_rate_max, 0.0)
+    start = robots.phase[w, i]
+    robots.track[w, i, 0] = robots.position[w, i]
+    for s in range(1, substeps):
+        passed = start + wp.float64(rate * task.step * float(s) / float(substeps))
+        robots.track[w, i, s] = point(curve, curve_parameter(alpha, passed))
+    robots.phase[w, i] = wrap_phase(start + wp.float64(rate * task.step))
+    place_on_curve(w, i, rate, curve, alpha, robots)
+    robots.track[w, i, substeps] = robots.position[w, i]
 
 
 POINT = register_robot_model(

@@ -82,13 +82,10 @@ def move_rogues(
     rogues.velocity[w, t] = moved / task.step
 
 
-@stage(TARGET, writes="rogues: action")
+@stage(TARGET, writes="rogues: action", split=True)
 def choose_action(
     w: int,
-    lane: int,
-    lanes: int,
-    begin: int,
-    end: int,
+    t: int,
     low: float,
     high: float,
     decided: wp.array3d(dtype=wp.float32),
@@ -97,48 +94,35 @@ def choose_action(
 ):
     """Let a member of a mixture move the rogues whose draw, which depends on the world's seed alone, is its own."""
     key = randomness.step_key(clock.seed[w], 0)
-    for t in range(begin + lane, end, lanes):
-        draw = randomness.uniform(key, t, randomness.MEMBER)
-        if draw >= low and draw < high:
-            for k in range(2):
-                rogues.action[w, t, k] = decided[w, t, k]
+    draw = randomness.uniform(key, t, randomness.MEMBER)
+    if draw >= low and draw < high:
+        for k in range(2):
+            rogues.action[w, t, k] = decided[w, t, k]
 
 
-@stage(TARGET, writes="rogues: present, reward, terminated, truncated", idle=True)
+@stage(TARGET, writes="rogues: present, reward, terminated, truncated", idle=True, split=True)
 def reward_rogues(
     w: int,
-    lane: int,
-    lanes: int,
-    begin: int,
-    end: int,
+    t: int,
     task: TaskStruct,
     clock: Clock,
     targets: Targets,
     rogues: Rogues,
 ):
     """Reward each rogue with the time of this step for which it was undetected [s]; a detection terminates it."""
-    for t in range(begin + lane, end, lanes):
-        reward = float(0.0)
-        stage = targets.stage[w, t]
-        now = clock.step[w]
-        if clock.active[w] == 1:
-            if targets.appears_at[w, t] < now:
-                if stage == PRESENT:
-                    reward = task.step
-                elif stage == FOUND and targets.found_at[w, t] == now:
-                    reward = (1.0 - targets.found_early[w, t]) * task.step
-            rogues.present[w, t] = stage == PRESENT and clock.stage[w] == RUNNING
-            rogues.terminated[w, t] = stage != PRESENT and stage != HIDDEN
-            rogues.truncated[w, t] = stage == PRESENT and clock.stage[w] == ENDED
-        rogues.reward[w, t] = reward
-
-
-@stage(TARGET, writes="rogues: action, velocity")
-def reset_rogues(w: int, t: int, clock: Clock, rogues: Rogues):
-    """Let the rogues of a new episode be at rest."""
-    rogues.velocity[w, t] = wp.vec2(0.0, 0.0)
-    for k in range(2):
-        rogues.action[w, t, k] = 0.0
+    reward = float(0.0)
+    stage = targets.stage[w, t]
+    now = clock.step[w]
+    if clock.active[w] == 1:
+        if targets.appears_at[w, t] < now:
+            if stage == PRESENT:
+                reward = task.step
+            elif stage == FOUND and targets.found_at[w, t] == now:
+                reward = (1.0 - targets.found_early[w, t]) * task.step
+        rogues.present[w, t] = stage == PRESENT and clock.stage[w] == RUNNING
+        rogues.terminated[w, t] = stage != PRESENT and stage != HIDDEN
+        rogues.truncated[w, t] = stage == PRESENT and clock.stage[w] == ENDED
+    rogues.reward[w, t] = reward
 
 
 @wp.func
@@ -207,13 +191,10 @@ def observe_robot(
     rogues.observation[w, t, start + 6] = wp.clamp(wp.length(away) / radius - 1.0, -1.0, _FAR)
 
 
-@stage(TARGET, writes="rogues: observation")
+@stage(TARGET, writes="rogues: observation", split=True)
 def fill_rows(
     w: int,
-    lane: int,
-    lanes: int,
-    begin: int,
-    end: int,
+    t: int,
     curve: CurveStruct,
     sensing: SensingStruct,
     target: TargetStruct,
@@ -227,20 +208,19 @@ def fill_rows(
     """Fill the row of each rogue, in the step of its detection for the last time."""
     size = rogues.observation.shape[2]
     now = clock.step[w]
-    for t in range(begin + lane, end, lanes):
-        entry = int(0)
-        is_new = targets.stage[w, t] == FOUND and targets.found_at[w, t] == now
-        if targets.stage[w, t] == PRESENT or is_new:
-            place = targets.position[w, t]
-            age = float(now - targets.appears_at[w, t]) * bounds_per_step
-            observe_itself(w, t, place, curve, target, sensing.radius, age, targets, rogues)
-            entry = ROBOTS
-            nearest = next_robot(w, place, wp.vec2(-1.0, -1.0), target.sight, robots)
-            while nearest[1] >= 0.0:
-                i = int(nearest[1])
-                away = planar(robots.position[w, i]) - place
-                observe_robot(w, t, i, entry, away, curve, sensing.radius, speed_unit, robots, rogues)
-                entry += ROBOT
-                nearest = next_robot(w, place, nearest, target.sight, robots)
-        for k in range(entry, size):
-            rogues.observation[w, t, k] = 0.0
+    entry = int(0)
+    is_new = targets.stage[w, t] == FOUND and targets.found_at[w, t] == now
+    if targets.stage[w, t] == PRESENT or is_new:
+        place = targets.position[w, t]
+        age = float(now - targets.appears_at[w, t]) * bounds_per_step
+        observe_itself(w, t, place, curve, target, sensing.radius, age, targets, rogues)
+        entry = ROBOTS
+        nearest = next_robot(w, place, wp.vec2(-1.0, -1.0), target.sight, robots)
+        while nearest[1] >= 0.0:
+            i = int(nearest[1])
+            away = planar(robots.position[w, i]) - place
+            observe_robot(w, t, i, entry, away, curve, sensing.radius, speed_unit, robots, rogues)
+            entry += ROBOT
+            nearest = next_robot(w, place, nearest, target.sight, robots)
+    for k in range(entry, size):
+        rogues.observation[w, t, k] = 0.0

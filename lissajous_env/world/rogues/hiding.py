@@ -5,6 +5,7 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
+from lissajous_env.device.stage import TARGET, stage
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.rogues import Rogue, register_rogue
 from lissajous_env.world.contamination.labels import MARGIN, NONE, Hops, slot_of
@@ -96,12 +97,10 @@ def around(w: int, t: int, wanted: wp.vec2, rules: Rules, rogues: Rogues) -> wp.
     return best
 
 
-@wp.kernel
+@stage(TARGET, writes="rogues: action", split=True)
 def hide(
-    first: int,
-    lanes: int,
-    begin: int,
-    end: int,
+    w: int,
+    t: int,
     curve: CurveStruct,
     sensing: SensingStruct,
     target: TargetStruct,
@@ -113,10 +112,6 @@ def hide(
     rogues: Rogues,
 ):
     """Go to the cell clear of all discs in which a target can be undetected for longest when the rogue arrives."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
     rules = rules_of(curve, sensing, target, task, speed_unit)
     rows = contamination.row_ages.shape[1]
     now = clock.step[w] - 1  # the labels and the rows are of the end of the step before
@@ -124,28 +119,27 @@ def hide(
     cell = wp.vec2(2.0 * curve.half_width / float(hops.columns), 2.0 * curve.half_height / float(rows))
     aside = int(_DEPTH * sensing.radius / cell[0])
     up = int(_DEPTH * sensing.radius / cell[1])
-    for t in range(begin + lane, end, lanes):
-        if rogues.observation[w, t, 0] > 0.0:
-            here = own_place(w, t, rules, rogues)
-            best = wp.vec2(0.0, 0.0)
-            most = float(-1.0e30)
-            for row in range(rows):
-                for column in range(hops.columns):
-                    x = (float(column) + 0.5) * cell[0] - curve.half_width - here[0]
-                    offset = wp.vec2(x, (float(row) + 0.5) * cell[1] - curve.half_height - here[1])
-                    takes = wp.length(offset) / rules.speed
-                    age = age_of(w, row, column, slot, now, task.conservative, contamination)
-                    if float(age) * task.step - takes > most:
-                        age = age_around(
-                            w, row, column, aside, up, hops.columns, slot, now, task.conservative, contamination
-                        )
-                        value = float(age) * task.step - takes
-                        if value > most and is_clear(w, t, offset, rules, rogues):
-                            most = value
-                            best = offset
-            ahead = around(w, t, best / wp.max(wp.length(best), rules.speed * rules.step), rules, rogues)
-            rogues.action[w, t, 0] = ahead[0]
-            rogues.action[w, t, 1] = ahead[1]
+    if rogues.observation[w, t, 0] > 0.0:
+        here = own_place(w, t, rules, rogues)
+        best = wp.vec2(0.0, 0.0)
+        most = float(-1.0e30)
+        for row in range(rows):
+            for column in range(hops.columns):
+                x = (float(column) + 0.5) * cell[0] - curve.half_width - here[0]
+                offset = wp.vec2(x, (float(row) + 0.5) * cell[1] - curve.half_height - here[1])
+                takes = wp.length(offset) / rules.speed
+                age = age_of(w, row, column, slot, now, task.conservative, contamination)
+                if float(age) * task.step - takes > most:
+                    age = age_around(
+                        w, row, column, aside, up, hops.columns, slot, now, task.conservative, contamination
+                    )
+                    value = float(age) * task.step - takes
+                    if value > most and is_clear(w, t, offset, rules, rogues):
+                        most = value
+                        best = offset
+        ahead = around(w, t, best / wp.max(wp.length(best), rules.speed * rules.step), rules, rogues)
+        rogues.action[w, t, 0] = ahead[0]
+        rogues.action[w, t, 1] = ahead[1]
 
 
 register_rogue(

@@ -170,13 +170,10 @@ def follow_gap(w: int, t: int, key: int, rules: Rules, rogues: Rogues) -> wp.vec
 def _deciding(rule: Any) -> Any:
     """Make the kernel of a rule."""
 
-    @stage(TARGET, writes="rogues: action")
+    @stage(TARGET, writes="rogues: action", split=True)
     def decide(
         w: int,
-        lane: int,
-        lanes: int,
-        begin: int,
-        end: int,
+        t: int,
         curve: CurveStruct,
         sensing: SensingStruct,
         target: TargetStruct,
@@ -186,13 +183,11 @@ def _deciding(rule: Any) -> Any:
         rogues: Rogues,
     ):
         """Decide for each rogue by its row."""
-        rules = rules_of(curve, sensing, target, task, speed_unit)
-        key = randomness.step_key(clock.seed[w], clock.step[w])
-        for t in range(begin + lane, end, lanes):
-            if rogues.observation[w, t, 0] > 0.0:
-                velocity = rule(w, t, key, rules, rogues)
-                rogues.action[w, t, 0] = velocity[0]
-                rogues.action[w, t, 1] = velocity[1]
+        if rogues.observation[w, t, 0] > 0.0:
+            key = randomness.step_key(clock.seed[w], clock.step[w])
+            velocity = rule(w, t, key, rules_of(curve, sensing, target, task, speed_unit), rogues)
+            rogues.action[w, t, 0] = velocity[0]
+            rogues.action[w, t, 1] = velocity[1]
 
     return decide
 

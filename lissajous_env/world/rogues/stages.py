@@ -13,7 +13,7 @@ from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.rogues import Rogue, rogue_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
-from lissajous_env.world.rogues.acting import choose_action, fill_rows, move_rogues, reset_rogues, reward_rogues
+from lissajous_env.world.rogues.acting import choose_action, fill_rows, move_rogues, reward_rogues
 from lissajous_env.world.state import Rogues
 
 
@@ -68,12 +68,11 @@ def _decision(rogue: Rogue, scenario: Scenario, rogues: Any) -> Stage:
     return Stage(name, decide)
 
 
-def rogue_results(scenario: Scenario, resets: bool = False) -> list[Stage]:
-    """Return the stages in which rogues are rewarded and observe, in a reset after they are set to rest."""
+def rogue_results(scenario: Scenario) -> list[Stage]:
+    """Return the stages in which rogues are rewarded and observe."""
     own = {"bounds_per_step": scenario.task.step / scenario.detection_time_bound}
     is_on = scenario.targets.rogues is not None
     return [
-        Stage("rogue rest", reset_rogues, when=is_on and resets),
         Stage("rogue reward", reward_rogues, when=is_on),
         Stage("rogue observation", fill_rows, barrier=False, when=is_on, own=own),
     ]

@@ -92,55 +92,30 @@ def entry_place(key: int, draw: wp.uint32, curve: CurveStruct, target: TargetStr
     return place, draw
 
 
-@stage(
-    TARGET,
-    writes=(
-        "targets: appears_at, before, earlier, earlier_longest, earlier_time, found_at, found_early, heading, "
-        "in_sight, motion, position, speed, stage"
-    ),
-)
-def reset_targets(
-    w: int,
-    lane: int,
-    lanes: int,
-    begin: int,
-    end: int,
-    curve: CurveStruct,
-    target: TargetStruct,
-    clock: Clock,
-    targets: Targets,
-):
+@stage(TARGET, writes="targets: before, heading, motion, position, speed", split=True)
+def reset_targets(w: int, t: int, curve: CurveStruct, target: TargetStruct, clock: Clock, targets: Targets):
     """Draw position, heading and motion of every target; those of the start appear at step 0.
 
     The place of a target that appears outside all discs is drawn anew at that moment.
     """
     key = randomness.step_key(clock.seed[w], 0)
-    for t in range(begin + lane, end, lanes):
-        place, draw = entry_place(key, randomness.stream(key, t, randomness.ENTRY), curve, target)
-        targets.position[w, t] = place
-        targets.before[w, t] = place
-        targets.heading[w, t] = 6.2831853 * wp.randf(draw)
-        share = wp.randf(draw)
-        motion = int(STILL)
-        if share < target.drifting:
-            motion = DRIFTING
-        elif share < target.drifting + target.wandering:
-            motion = WANDERING
-        elif share < target.drifting + target.wandering + target.fleeing:
-            motion = FLEEING
-        elif share < target.drifting + target.wandering + target.fleeing + target.custom:
-            motion = CUSTOM
-        targets.motion[w, t] = motion
-        targets.stage[w, t] = HIDDEN
-        targets.appears_at[w, t] = 0
-        targets.found_at[w, t] = NEVER
-        targets.found_early[w, t] = 0.0
-        targets.in_sight[w, t] = 0
-        spread = (target.speed - target.speed_min) * randomness.uniform(key, t, randomness.SPEED)
-        targets.speed[w, t] = target.speed_min + spread
-        targets.earlier[w, t] = 0
-        targets.earlier_time[w, t] = wp.float64(0.0)
-        targets.earlier_longest[w, t] = 0.0
+    place, draw = entry_place(key, randomness.stream(key, t, randomness.ENTRY), curve, target)
+    targets.position[w, t] = place
+    targets.before[w, t] = place
+    targets.heading[w, t] = 6.2831853 * wp.randf(draw)
+    share = wp.randf(draw)
+    motion = int(STILL)
+    if share < target.drifting:
+        motion = DRIFTING
+    elif share < target.drifting + target.wandering:
+        motion = WANDERING
+    elif share < target.drifting + target.wandering + target.fleeing:
+        motion = FLEEING
+    elif share < target.drifting + target.wandering + target.fleeing + target.custom:
+        motion = CUSTOM
+    targets.motion[w, t] = motion
+    spread = (target.speed - target.speed_min) * randomness.uniform(key, t, randomness.SPEED)
+    targets.speed[w, t] = target.speed_min + spread
 
 
 @stage(

@@ -1,8 +1,16 @@
-"""Estimates of the states of a robot's ring neighbours, from the messages that it receives from them.
+"""What a robot knows of failed robots, from the messages of its ring neighbours and from its sensing disc.
 
 A robot that has failed still sends its place, which does not move; a robot that has been removed sends nothing, so the
-age of its last message grows. A robot receives nothing else: it has no information about robots that are not its ring
-neighbours unless they are in its disc.
+age of its last message grows. A robot receives nothing else: without news it has no information about robots that are
+not its ring neighbours unless they are in its disc.
+
+News of failures travel along the ring in the messages that policies define. A message has a component for each robot k
+(`messages.size` of at least N): the last control step in which robot k is known to have worked, or, negative, the one
+in which its failure was noticed. Each robot sends the present step for itself, so a neighbour whose messages still
+arrive with an old step, as those of a failed robot do, or arrive no more, has failed. Of two steps for the same robot
+the later one counts. So the news pass a robot that has itself failed by the other way around the ring: of any two
+failures all working robots learn. If three failures cut the ring into three parts, each part learns of the two
+failures at its ends.
 """
 
 import warp as wp
@@ -10,14 +18,17 @@ import warp as wp
 from baselines.policies.own_row import (
     hears,
     message_age,
+    message_heard,
     offset_heard,
     offset_seen,
     own_heading,
     own_position,
     own_speed,
+    own_works,
     sees,
     velocity_seen,
 )
+from baselines.policies.timed_paths import STEPS
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.trig import cos_sin
@@ -31,6 +42,8 @@ STATE, HEARD_X, HEARD_Y, AGE, STILL = (wp.constant(k) for k in range(5))
 WATCH = 5
 PLACES = wp.constant(4)
 """Places of robots that have stopped: of the two ring neighbours, then of two that were sensed."""
+_RANGE = wp.constant(1048576.0)
+"""Number of control steps that messages in [-1, 1] can distinguish, in exact float32: 29 hours of 0.1 s."""
 
 
 @wp.struct
@@ -127,3 +140,49 @@ def watch_disc(
                     room = k
             if wp.length(velocity) * watch.step < watch.still and not is_known and room > 0:
                 standing[w, i, room] = wp.vec3(place[0], place[1], 1.0)
+
+
+@wp.kernel
+def exchange_news(
+    start: int,
+    step: float,
+    time_unit: float,
+    neighbours: wp.array2d(dtype=int),
+    memory: wp.array3d(dtype=float),
+    observation: wp.array3d(dtype=float),
+    watched: wp.array4d(dtype=float),
+    news: wp.array3d(dtype=float),
+    standing: wp.array3d(dtype=wp.vec3),
+    action_out: wp.array3d(dtype=float),
+):
+    """Update robot i's news of all robots, the places of its ring neighbours, and its message.
+
+    `start` is `lissajous_env.world.observation.message_start` of the scenario.
+    """
+    w, i = wp.tid()
+    known = news[w, i]
+    now = memory[w, i, STEPS] + 1.0
+    size = action_out.shape[2] - 2
+    for side in range(2):
+        j = neighbours[i, side]
+        if j >= 0:
+            seen = watched[w, i, side]
+            stands = float(0.0)
+            if hears(w, i, side, observation):
+                for k in range(known.shape[0]):
+                    told = _RANGE * message_heard(w, i, side, k, start, size, observation)
+                    if wp.abs(told) > wp.abs(known[k]):
+                        known[k] = told
+                sent = _RANGE * message_heard(w, i, side, j, start, size, observation)
+                due = now - 1.0 - message_age(w, i, side, time_unit, observation) / step
+                if sent < due - 0.5:
+                    stands = 1.0
+                    if known[j] >= 0.0:
+                        known[j] = -now
+            elif seen[AGE] > 0.0 and known[j] >= 0.0:
+                known[j] = -now
+            standing[w, i, side] = wp.vec3(seen[HEARD_X], seen[HEARD_Y], stands)
+    if own_works(w, i, observation):
+        known[i] = now
+    for k in range(known.shape[0]):
+        action_out[w, i, 2 + k] = known[k] / _RANGE

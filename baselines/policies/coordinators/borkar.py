@@ -1,7 +1,11 @@
-"""Borkar et al. [15]: every robot tracks its own reference point, and the points are generated in open loop.
+"""Borkar et al.: [14] drive along the curve without feedback, [15] track a reference point for each robot.
 
-A. V. Borkar et al., as the paper describes it: a distributed and robust tracking of reference points that are computed
-in open loop and centrally. The planner places the references in the formation, each with the rate omega:
+[14] A. V. Borkar, A. Sinha, L. Vachhani, H. Arya, "Application of Lissajous curves in trajectory planning of multiple
+agents", Autonomous Robots 44 (2020). Every robot goes along the curve with gamma' = omega, so its speed is the profile
+V(gamma) = omega ||r'(gamma)||. It assumes that the robots start in the formation and that nothing disturbs them.
+
+[15] A. V. Borkar et al., as the paper describes it: a distributed and robust tracking of reference points that are
+computed in open loop and centrally. The planner places the references in the formation, each with the rate omega:
 
     gamma_ref(t) = gamma_ref(0) + omega t_on                 t_on: time for which the robot has worked [s]
     theta_i' = omega / alpha + k wrap(theta_ref - theta_i)   gamma = alpha theta, k = `tracking` [1/s]
@@ -26,14 +30,27 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import clear_worlds
+from baselines.policies.coordinators.base import Coordinator
 from baselines.policies.own_row import own_phase, own_works
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
-from lissajous_env.device.program import launcher
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, flag, number
 
 wp.set_module_options(OPTIONS)
+
+
+class OpenLoop(Coordinator):
+    """Coordinator: the phase rate of every robot is omega / alpha."""
+
+    communicates = "nothing"
+
+    def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
+        super().__init__(scenario, num_worlds, device)
+        self.phase_rate.fill_(self.natural_rate)
+
+    def coordinate(self, observation: wp.array) -> None:
+        """Leave `phase_rate` as it is."""
 
 
 @dataclass(frozen=True)
@@ -80,26 +97,19 @@ def track_reference(
     phase_rate_out[w, i] = rate + wp.clamp(tracking * behind, -rate, most)
 
 
-class TrackedReference:
+class TrackedReference(Coordinator):
     """Coordinator: phase rates (W, N) [rad/s] by which each robot tracks its own reference point."""
 
+    kernel = track_reference
     communicates = "nothing"
 
     def __init__(self, scenario: Scenario, num_worlds: int, device: Any, parameters: ReferenceParameters | None = None):
-        shape = (num_worlds, scenario.num_robots)
-        self._parameters = parameters or ReferenceParameters()
-        self._tracking = self._parameters.tracking or 1 / scenario.time_unit
-        self._rate, self._step = scenario.formation.phase_rate / scenario.alpha, scenario.task.step
-        self._memory = wp.zeros(shape, dtype=wp.vec2, device=device)
-        self.phase_rate = wp.zeros(shape, dtype=wp.float32, device=device)
-        self._launch = launcher(device)
-
-    def coordinate(self, observation: wp.array) -> None:
-        """Write `phase_rate`."""
-        given = self._parameters
-        inputs = [self._rate, self._step, given.runs_on, self._tracking, given.catch_up * self._rate]
-        inputs += [self._memory, observation]
-        self._launch(track_reference, self.phase_rate.shape, inputs, [self.phase_rate])
+        super().__init__(scenario, num_worlds, device)
+        self.parameters = parameters or ReferenceParameters()
+        rate, tracking = self.natural_rate, self.parameters.tracking or 1 / scenario.time_unit
+        self._memory = wp.zeros(self.phase_rate.shape, dtype=wp.vec2, device=device)
+        most = self.parameters.catch_up * rate
+        self.inputs = [rate, scenario.task.step, self.parameters.runs_on, tracking, most, self._memory]
 
     def forget(self, mask: np.ndarray) -> None:
         """Reset the references of the worlds in a mask (W,)."""

@@ -1,0 +1,86 @@
+"""Whether the theorem of the proved filter applies to the episodes of a policy, in words below tables."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from baselines.benchmark.types import Cell
+from baselines.policies import registry
+from baselines.policies.safety.filtered import Filtered
+from baselines.policies.safety.proved import Proved, ProvedParameters, unmet_conditions
+from lissajous_env.device.devices import compile_quietly
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.simulation import Simulation
+
+SUFFIX = "-proved"
+_MOST_SEEDS = 1024
+"""Limit on the episodes whose starts are checked."""
+_TOGETHER = 64
+"""Starts that are checked at the same time."""
+
+
+def about_theorem(
+    cells: Iterable[Cell], rows: Iterable[Mapping[str, Any]], device: Any = "cpu"
+) -> dict[str, list[str]]:
+    """Return by scenario sentences on the theorem of the proved filter, one for all policies to which the same applies.
+
+    Args:
+        cells: Policies on scenarios.
+        rows: Score rows of their episodes; a policy without any is left out.
+        device: Warp device.
+    """
+    seeds: dict[tuple[str, str], dict[int, None]] = {}
+    for row in rows:
+        seeds.setdefault((row["scenario"], row["policy"]), {})[row["seed"]] = None
+    policies: dict[tuple[str, str], list[str]] = {}
+    for cell in cells:
+        begun = [*seeds.get((cell.scenario.name, cell.policy), ())]
+        if begun and (words := _theorem_of(cell, begun[:_MOST_SEEDS], device)):
+            policies.setdefault((cell.scenario.name, words), []).append(cell.policy)
+    sentences: dict[str, list[str]] = {}
+    for (scenario, words), names in policies.items():
+        sentences.setdefault(scenario, []).append(f"The theorem of the proved filter {words} ({', '.join(names)}).")
+    return sentences
+
+
+def _theorem_of(cell: Cell, seeds: Sequence[int], device: Any) -> str:
+    """Return whether the theorem applies to a policy, in words; "" for a policy without the filter."""
+    scenario, parameters = cell.scenario, ProvedParameters().of(cell.scenario)
+    if registry.unwrapped(cell.policy)[1] != SUFFIX:
+        if registry.ships(cell.policy) and registry.is_classical(cell.policy):
+            return ""
+        try:
+            policy = cell.factory(scenario, 1, device)
+        except Exception:  # a policy of a user that can be made only once, which its replays report
+            return ""
+        if not isinstance(policy, Filtered) or not isinstance(policy.filter, Proved):
+            return ""
+        parameters = policy.filter.parameters
+    if unmet := unmet_conditions(scenario):
+        return f"does not apply: {'; '.join(unmet)}"
+    apart = compatible_starts(scenario, parameters, seeds, device)
+    counted = "1 episode" if len(seeds) == 1 else f"{len(seeds):,} episodes"
+    if apart.all():
+        return f"applies from the start of {counted}: no robots collide"
+    rule = "robots start too close in the others, and may collide until all can come to rest apart"
+    return f"applies from the start of {apart.sum():,} of {counted} only; 6: {rule}"
+
+
+def compatible_starts(
+    scenario: Scenario, parameters: ProvedParameters, seeds: Sequence[int], device: Any = "cpu"
+) -> np.ndarray:
+    """Return for each seed whether the tails of all robots are compatible at the start of its episode (condition 6)."""
+    worlds = min(len(seeds), _TOGETHER)
+    proved = Proved(scenario, worlds, device, parameters)
+    simulation, compatible = Simulation(scenario, worlds, device=device), []
+    wanted = wp.zeros_like(proved.action)
+    for begin in range(0, len(seeds), worlds):
+        batch = [*seeds[begin : begin + worlds]]
+        proved.reset()
+        simulation.reset(seeds=batch + batch[:1] * (worlds - len(batch)))
+        with compile_quietly():
+            proved(simulation.observation, wanted)
+        compatible.append(proved.holds[: len(batch)])
+    return np.concatenate(compatible)

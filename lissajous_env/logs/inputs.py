@@ -1,0 +1,68 @@
+"""Actions of cars and differential drives as commands in physical units, and the way back, for whole logs."""
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device.car_input import action_of_input, steering_and_throttle
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.devices import as_device, compile_quietly
+from lissajous_env.device.part_structs import RobotStruct
+from lissajous_env.device.structs import to_struct
+from lissajous_env.settings.robot import Robot
+from lissajous_env.world.robots.differential import commanded_speed
+
+wp.set_module_options(OPTIONS)
+
+INPUTS = {"car": ("steering", "throttle"), "differential": ("speed", "yaw rate")}
+"""Names of the commands by `robot.kind`: steering angle [rad] and throttle, or speed [m/s] and yaw rate [rad/s]."""
+LARGEST_STEERING = np.pi / 2
+"""Steering angle that no car reaches [rad]."""
+
+
+@wp.func
+def input_of(robot: RobotStruct, is_car: int, action: wp.vec2) -> wp.vec2:
+    """Return the command of an action."""
+    if is_car == 1:
+        return steering_and_throttle(robot, action)
+    return wp.vec2(commanded_speed(robot, action[0]), action[1] * robot.yaw_rate_max)
+
+
+@wp.func
+def action_of(robot: RobotStruct, is_car: int, given: wp.vec2) -> wp.vec2:
+    """Return the action in [-1, 1] of a command, clipped to what the robot can do."""
+    if is_car == 1:
+        return action_of_input(robot, given[0], given[1])
+    end = wp.where(given[0] < 0.0, -robot.speed_min, robot.speed_max)
+    speed = wp.where(end > 0.0, given[0] / wp.max(end, 1.0e-6), 0.0)
+    return wp.vec2(wp.clamp(speed, -1.0, 1.0), wp.clamp(given[1] / robot.yaw_rate_max, -1.0, 1.0))
+
+
+@wp.kernel
+def convert(
+    robot: RobotStruct, is_car: int, is_action: int, given: wp.array(dtype=wp.vec2), out: wp.array(dtype=wp.vec2)
+):
+    """Write the commands of actions, or the actions of commands."""
+    k = wp.tid()
+    if is_action == 1:
+        out[k] = input_of(robot, is_car, given[k])
+    else:
+        out[k] = action_of(robot, is_car, given[k])
+
+
+def inputs_of(robot: Robot, actions: np.ndarray) -> np.ndarray:
+    """Return the commands (..., 2) of actions (..., 2), those of `INPUTS`."""
+    return _converted(robot, actions, 1)
+
+
+def actions_of(robot: Robot, inputs: np.ndarray) -> np.ndarray:
+    """Return the actions (..., 2) in [-1, 1] of commands (..., 2), clipped to what the robot can do."""
+    return _converted(robot, inputs, 0)
+
+
+def _converted(robot: Robot, values: np.ndarray, is_action: int) -> np.ndarray:
+    given = wp.array(values.reshape(-1, 2), dtype=wp.vec2, device=as_device("cpu"))
+    converted = wp.zeros_like(given)
+    settings = [to_struct(RobotStruct, robot), int(robot.kind == "car"), is_action]
+    with compile_quietly():
+        wp.launch(convert, len(given), [*settings, given], [converted], device="cpu")
+    return converted.numpy().reshape(values.shape)

@@ -1,0 +1,28 @@
+"""Small benchmarks and score rows, for tests."""
+
+from rich.console import Console
+
+from baselines.benchmark.types import Benchmark
+from lissajous_env.world.columns import COLUMNS
+
+QUIET = Console(quiet=True)
+SHORT = {"task.duration": 2.0}
+
+
+def small(out, **changes):
+    """Settings of a benchmark that takes a fraction of a second."""
+    given = {"scenarios": ("failure",), "policies": ("kuramoto", "open-loop"), "episodes": 5, "batch": 2, "replays": 0}
+    return Benchmark(**given | {"out": out, "overrides": SHORT} | changes)
+
+
+def lines(folder):
+    """Lines of the journal."""
+    return (folder / "episodes.jsonl").read_text().splitlines()
+
+
+def rows(policy, scenario="intruders", first=0, **columns):
+    """Score rows with these columns, one for each seed from `first` on; other columns are 1, and no episode is open."""
+    for k, values in enumerate(zip(*columns.values(), strict=True)):
+        numbers = dict.fromkeys(COLUMNS, 1.0) | {"unseen_at_end": 0.5, "guarantee_open": 0.0}
+        numbers |= dict(zip(columns, values, strict=True))
+        yield {"scenario": scenario, "policy": policy, "episode": first + k, "seed": first + k} | numbers
