@@ -9,7 +9,7 @@ LINES = 49_469
 """Lines of the packages."""
 MODULES = 355
 """Files of the packages."""
-TESTS = 29_204
+TESTS = 29_207
 """Lines of the tests."""
 
 
