@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 
 _FILE = Path(__file__).with_name("feedback.json")
@@ -15,7 +16,7 @@ _FILE = Path(__file__).with_name("feedback.json")
 def measured() -> dict[str, dict[str, Any]]:
     """Return for each measured scenario its `value` of feedback, its 95 % interval, and the policy that reaches it.
 
-    `sees_all` is the ratio for a rule that sees all targets, which is no bound, and `digest` that of the scenario.
+    `sees_all` is the ratio for a rule that sees all targets, which is no bound.
     """
     values: dict[str, dict[str, Any]] = json.loads(_FILE.read_text(encoding="utf-8"))
     return values
@@ -28,7 +29,7 @@ def value_of_feedback(scenario: Scenario) -> float | None:
     observation says where an undetected target is. It is None where it has not been measured.
     """
     entry = measured().get(scenario.name)
-    if entry is not None and entry["digest"] == scenario.resolve().digest():
+    if entry is not None and scenario.resolve() == named.build(scenario.name).resolve():
         return float(entry["value"])
     targets = scenario.targets
     leaves_at_sight = targets.leave and not targets.respawn and scenario.sight <= scenario.sensing_radius
