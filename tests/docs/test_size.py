@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 49_470
+LINES = 49_448
 """Lines of the packages."""
 MODULES = 355
 """Files of the packages."""
-TESTS = 29_187
+TESTS = 29_179
 """Lines of the tests."""
 
 
