@@ -13,7 +13,7 @@ import tyro
 from baselines.benchmark.statistics import summarize
 from lissajous_env import evaluate
 from lissajous_env.parameters import named
-from lissajous_env.world.columns import COLLISIONS
+from lissajous_env.world.columns import COLLISIONS, MEAN
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.network import Network
@@ -67,8 +67,8 @@ def _scores_of(network: Network | TeamNetwork, card: Card, made_for: tuple[str, 
         kind = LearnedTeam if isinstance(network, TeamNetwork) else Learned
         rows = evaluate(kind(network, card, scenario, len(HELD_OUT)), scenario, HELD_OUT)  # type: ignore[arg-type]
         for name in (score_of(scenario), COLLISIONS.name):
-            of = summarize([row[name] for row in rows])
-            scores.setdefault(played, {})[name] = [round(value, 4) for value in (of.mean, of.mean_low, of.mean_high)]
+            of = summarize([row[name] for row in rows], MEAN)
+            scores.setdefault(played, {})[name] = [round(value, 4) for value in (of.value, of.low, of.high)]
         print(played, scores[played])
     return {"made_for": made_for, "held_out_scores": scores}
 
