@@ -86,6 +86,8 @@ def test_the_undetected_time_of_a_sweep_is_its_closed_form():
     # The end is sensed at the turn alone, so once in 6 s.
     assert worst_undetected_time(loop, (2.0, 0.1), 0.51, 0.0, 0.1) == pytest.approx(6.0, abs=0.25)
     assert worst_undetected_time(loop, (2.0, 0.1), 0.51, 1.5, 0.1) == pytest.approx(6.0, abs=0.25), "no way past it"
+    later = np.roll(loop, -15, axis=1)  # targets of the start are detected sooner than later ones
+    assert worst_undetected_time(later, (2.0, 0.1), 0.51, 0.0, 0.1) == pytest.approx(6.0, abs=0.25)
     assert worst_undetected_time(loop, (2.0, 0.6), 0.51, 0.0, 0.1) == math.inf, "above it nothing is sensed"
 
 
