@@ -78,10 +78,10 @@ class PartitionRepair(TimedPaths):
     loop until its reference comes by. If the robots have no information on each other's starts, the transit uses the
     collision filter, as in `partition`.
 
-    If the loops of different cells do not overlap, collision filters move cars around stopped robots, and a car that is
-    off its place around all others; a loop moves slowly to another place. If loops cross, as in `evaders`, only their
-    common phase separates the cars. A filter that expects the others to drive straight on does not account for this:
-    there a robot that stops dead at once before another one is not always avoided in time.
+    If the loops of different cells do not overlap, a collision filter moves a car that is off its place around others,
+    and a loop moves slowly to another place. If loops cross, as in `evaders`, only their common phase separates the
+    cars. A filter that expects the others to drive straight on does not account for this: there a robot that stops dead
+    at once before another one is not always avoided in time.
 
     A robot learns of failures only from its own row (`baselines.policies.failures`): the row shows only those of
     its ring neighbours. So a cell may remain uncovered if the ring neighbours of its robot have failed too, or are in
@@ -135,10 +135,7 @@ class PartitionRepair(TimedPaths):
         if loops_lie_apart(self.partition.loop, required_distance(scenario, self.parameters)):
             if not lines:
                 _warn_of_silence(scenario)
-            arriving = ARRIVING.of(scenario)
-            free, still = replace(arriving, speed_max=2 * scenario.robot.top_speed), self._watch.still
-            self._filter = self._filter or Safe(scenario, num_worlds, self.device, arriving)
-            self._avoidance = Safe(scenario, num_worlds, self.device, free, fastest=still / scenario.task.step)
+            self._filter = self._filter or Safe(scenario, num_worlds, self.device, ARRIVING.of(scenario))
             self._tolerance, self._repair.back = scenario.robot.radius, drift
             middle = middle_of(self.takeover.loop)
             shifted = math.sqrt(2) * int(SIDE) * self._repair.spacing

@@ -88,7 +88,7 @@ def slowed(plan: Plan, reserve: float) -> Plan:
     """Return a plan whose loops last longer by a factor, so that the cars can drive longer loops in the same time."""
     count = math.ceil(plan.loop.shape[1] * reserve - 1e-9)
     loop = np.stack([_at_even_distances(loop, count) for loop in plan.loop])
-    return replace(plan, loop=loop, speed=plan.speed * plan.loop.shape[1] / count, worst=math.nan)
+    return replace(plan, loop=loop, speed=plan.speed * plan.loop.shape[1] / count)
 
 
 def _at_even_distances(loop: np.ndarray, count: int) -> np.ndarray:

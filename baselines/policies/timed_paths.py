@@ -251,7 +251,7 @@ def follow_paths(
 
 
 @wp.kernel
-def take_clear(
+def take_filtered(
     until: float,
     tolerance: float,
     tracking: Tracking,
@@ -261,14 +261,13 @@ def take_clear(
     shift: wp.array2d(dtype=wp.vec2),
     memory: wp.array3d(dtype=float),
     observation: wp.array3d(dtype=float),
-    clear_of_all: wp.array3d(dtype=float),
-    clear_of_standing: wp.array3d(dtype=float),
+    filtered: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
-    """Take the actions of collision filters instead: of one for all robots, or only for stopped ones.
+    """Take the actions of the collision filter up to control step `until`.
 
-    The first counts up to control step `until`, and for a robot that is farther from its reference than `tolerance`
-    [m], for others do not expect it there.
+    Later on, take them for a robot that is farther from its reference than `tolerance` [m], for others do not expect it
+    there.
     """
     w, i = wp.tid()
     steps = memory[w, i, STEPS]  # already those after this control step
@@ -277,11 +276,8 @@ def take_clear(
     at = path[first + wp.max(_FINE * (int(steps) - 1) - first, 0) % (path.shape[0] - first)]
     off = own_position(w, i, curve, observation) - shift[w, i] - wp.vec2(at[0], at[1])
     if steps <= until or wp.length(off) > tolerance:
-        action_out[w, i, 0] = clear_of_all[w, i, 0]
-        action_out[w, i, 1] = clear_of_all[w, i, 1]
-    else:
-        action_out[w, i, 0] = clear_of_standing[w, i, 0]
-        action_out[w, i, 1] = clear_of_standing[w, i, 1]
+        action_out[w, i, 0] = filtered[w, i, 0]
+        action_out[w, i, 1] = filtered[w, i, 1]
 
 
 class TimedPaths(Policy):
@@ -338,8 +334,7 @@ class TimedPaths(Policy):
         self.plan = wp.array(self._first_plan, dtype=wp.int32, device=self.device)
         self.shift = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
         self._memory = wp.zeros((*self.shape, MEMORY), dtype=wp.float32, device=self.device)
-        self._filtered_until, self._tolerance = filtered_until, math.inf
-        self._filter, self._avoidance = None, None
+        self._filtered_until, self._tolerance, self._filter = filtered_until, math.inf, None
         if filtered_until > 0:
             self._filter = Safe(self.scenario, num_worlds, self.device, ARRIVING.of(self.scenario))
             if self.communicates == "nothing":
@@ -358,8 +353,7 @@ class TimedPaths(Policy):
         if self._filter is not None:
             inputs = [self._filtered_until, self._tolerance, self._tracking, self._curve, self._pose, self.plan]
             inputs += [self.shift, self._memory, observation, self._filter(observation, self.action)]
-            inputs += [self.action if self._avoidance is None else self._avoidance(observation, self.action)]
-            self.launch(take_clear, self.shape, inputs, [self.action])
+            self.launch(take_filtered, self.shape, inputs, [self.action])
 
     def follow(self, observation: wp.array) -> None:
         """Write the `action` that follows the paths of `plan`."""

@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 49_884
+LINES = 49_835
 """Lines of the packages."""
 MODULES = 358
 """Files of the packages."""
-TESTS = 29_360
+TESTS = 29_389
 """Lines of the tests."""
 
 

@@ -118,6 +118,12 @@ def test_rogues_pass_lines_that_turn_inside_only_above_the_speed_limit():
         assert bool(words) == bool(what_fails(faster, 1, plan.speed, plan.aside))
 
 
+def test_lines_far_from_the_end_of_the_rectangle_leave_places_unsensed():
+    """Oracle: by hand, from half circles of 0.2 m that end 1.2 m from the wall, 3.2 m apart: hypot(1.4, 1.6) - 0.2."""
+    far = lissajous_env.scenario("intruders", **{"curve.inset": 1.2, "sensing.radius": 1.7}).resolve()
+    assert "end of the rectangle would be 1.93 m from sensors of 1.7 m" in what_fails(far, 1, 1.0, 0.2)
+
+
 def test_all_starts_have_the_same_guarantee_and_no_cars_collide():
     """Oracle: the contamination of the simulated world, with exact discs on a grid, and its count of collisions."""
     policy = LineAbreast(INTRUDERS, 8)
