@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 49_698
+LINES = 49_688
 """Lines of the packages."""
 MODULES = 356
 """Files of the packages."""
-TESTS = 29_221
+TESTS = 29_219
 """Lines of the tests."""
 
 
