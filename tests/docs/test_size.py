@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 49_447
+LINES = 49_438
 """Lines of the packages."""
 MODULES = 355
 """Files of the packages."""
-TESTS = 29_199
+TESTS = 29_177
 """Lines of the tests."""
 
 
