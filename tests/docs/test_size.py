@@ -9,7 +9,7 @@ LINES = 49_389
 """Lines of the packages."""
 MODULES = 355
 """Files of the packages."""
-TESTS = 29_206
+TESTS = 29_172
 """Lines of the tests."""
 
 
