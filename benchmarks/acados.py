@@ -103,7 +103,7 @@ class Ours:
         self.mpcc.launch()
         seconds = time.perf_counter() - begin
         control, trajectory = (each.numpy()[0].astype(float) for each in (self.mpcc.control, self.mpcc.trajectory))
-        return control, trajectory, seconds, self.mpcc.failed.numpy()[0] != 0
+        return control, trajectory, seconds, self.mpcc.cost.numpy()[0] > 1e38
 
 
 class Acados:

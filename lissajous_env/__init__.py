@@ -14,8 +14,7 @@ from lissajous_env.world import rogues as _rogues  # noqa: F401
 from lissajous_env.envs.batch import Batch
 from lissajous_env.envs.gymnasium_env import LissajousEnv
 from lissajous_env.envs.gymnasium_vector import LissajousVectorEnv, vector_env
-from lissajous_env.envs.making import env, parallel_env
-from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
+from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv, env
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.episodes.policies import BASES as _BASES
 from lissajous_env.episodes.policies import base as _base
@@ -82,6 +81,8 @@ __all__ = [
     "target_motion",
     "vector_env",
 ]
+
+parallel_env = LissajousParallelEnv
 
 
 def __getattr__(name: str) -> _Any:

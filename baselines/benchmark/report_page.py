@@ -1,7 +1,6 @@
 """The page of a benchmark, `report.html`: all scenarios together, then the failures, each scenario and all episodes."""
 
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -32,7 +31,7 @@ from lissajous_env.world.columns import COLLISIONS, COLUMNS, DETECTION_TIME, LAR
 
 FORMAT = "lissajous report 3"
 MOST_EPISODES = 20_000
-"""Largest number of episodes that are listed; of more, the worst of each policy on each scenario."""
+"""Largest number of episodes that are listed, the worst first."""
 _KINDS = {"car": "cars", "curve": "points on the curve"}
 _DIGITS = 5
 
@@ -88,7 +87,7 @@ class Report:
             "columns": columns,
             "tradeoff": [DETECTION_TIME.name, COLLISIONS.name],
             "total": len(ranked),
-            "episodes": _episodes(_listed(ranked), columns, scenario_of, number_of),
+            "episodes": _episodes(ranked[:MOST_EPISODES], columns, scenario_of, number_of),
             "replays": {
                 name: [scenario_of[s], number_of[p], seed, played.same]
                 for name, ((s, p, seed), played) in replayed.items()
@@ -218,21 +217,6 @@ def _cell(of: Estimate, column: Column, rows: Rows) -> dict[str, Any]:
         "known": of.known,
         "quartiles": _rounded(np.quantile(known, (0, 0.25, 0.5, 0.75, 1)).tolist()) if len(known) else None,
     }
-
-
-def _listed(ranked: Sequence[Row]) -> list[Row]:
-    """Return the episodes that the page lists, the worst first."""
-    if len(ranked) <= MOST_EPISODES:
-        return list(ranked)
-    most = max(MOST_EPISODES // len({(row["scenario"], row["policy"]) for row in ranked}), 1)
-    counted: Counter[tuple[str, str]] = Counter()
-    worst = []
-    for row in ranked:
-        place = row["scenario"], row["policy"]
-        counted[place] += 1
-        if counted[place] <= most:
-            worst.append(row)
-    return worst[:MOST_EPISODES]
 
 
 def _columns(rows: Sequence[Row]) -> list[dict[str, Any]]:

@@ -26,7 +26,7 @@ from baselines.benchmark.statistics import Estimate
 from baselines.benchmark.table import Table
 from baselines.benchmark.types import Outcome
 from lissajous_env.console import terminal
-from lissajous_env.console.terminal import print_left_out, print_line, print_table
+from lissajous_env.console.terminal import print_line, print_table
 from lissajous_env.world.columns import WORST_CASE, Column
 
 _MOST_NAMED = 12
@@ -42,20 +42,19 @@ def print_tables(console: Console, outcome: Outcome, table: Table, said: str = "
         table: Table of the rows that this call requested.
         said: Line about replays.
     """
-    left_out: list[str] = []
+    out = outcome.settings.out
+    where = f"They are in {out}/summary.json"
     for name, scenario in outcome.scenarios.items():
         policies, bounds = table.estimates.get(name, {}), table.bounds[name]
         shown = shown_columns(scenario, policies)
         failed = [failure.policy for failure in outcome.failures if failure.scenario == name]
         words = f"  N = {scenario.num_robots}, {scenario.detection_time_label} = {scenario.detection_time_bound:.3g} s"
         title = Text.assemble((name, "bold"), words, bounds_in_words(bounds))
-        left_out += print_lines(console, title, shown, lines_of(policies, shown, bounds.best_known, failed))
+        print_lines(console, title, shown, lines_of(policies, shown, bounds.best_known, failed), where)
     for of in table.overall:
         count, shown = len(of.scenarios), with_numbers(of.policies, OVERALL)
         title = Text(f"over {', '.join(of.scenarios) if count <= _MOST_NAMED else f'all {count} scenarios'}", "bold")
-        left_out += print_lines(console, title, shown, lines_of(of.policies, shown))
-    out = outcome.settings.out
-    print_left_out(console, left_out, f"They are in {out}/summary.json, and a wider terminal shows them.")
+        print_lines(console, title, shown, lines_of(of.policies, shown), where)
     for words in legend(table, outcome.settings.episodes):
         print_line(console, words, "dim")
     print_theorem(console, {name: outcome.theorem.get(name, []) for name in outcome.scenarios})
@@ -80,8 +79,10 @@ def print_tables(console: Console, outcome: Outcome, table: Table, said: str = "
         print_line(console, said)
 
 
-def print_lines(console: Console, title: Text, columns: Sequence[Column], lines: Sequence[Line]) -> list[str]:
-    """Print a table, the references below a rule; return the columns for which there was no room."""
+def print_lines(
+    console: Console, title: Text, columns: Sequence[Column], lines: Sequence[Line], where: str = "--json has them"
+) -> None:
+    """Print a table, the references below a rule; `where` tells the place of columns for which there is no room."""
     rows = []
     for line in lines:
         label = Text(line.name, "italic" if line.is_reference else "")
@@ -91,9 +92,8 @@ def print_lines(console: Console, title: Text, columns: Sequence[Column], lines:
     head += [terminal.Column(_broken(column.heading), name=column.name) for column in columns]
     rivals = sum(not line.is_reference for line in lines)
     _print_title(console, title)
-    left_out = print_table(console, head, rows, [rivals - 1] if 0 < rivals < len(rows) else [])
+    print_table(console, head, rows, [rivals - 1] if 0 < rivals < len(rows) else [], where)
     console.print()
-    return left_out
 
 
 def _in_two_lines(entry: Entry) -> Text:
@@ -101,8 +101,8 @@ def _in_two_lines(entry: Entry) -> Text:
     return Text.assemble(value, (f"\n{entry.beside} ", "dim") if entry.beside else "")
 
 
-def print_scores(console: Console, policy: str, scenario: str, columns: Mapping[str, Estimate]) -> list[str]:
-    """Print every score of one policy on one scenario as a row; return the columns for which there was no room."""
+def print_scores(console: Console, policy: str, scenario: str, columns: Mapping[str, Estimate]) -> None:
+    """Print every score of one policy on one scenario as a row."""
     _print_title(console, Text.assemble((policy, "bold"), " on ", (scenario, "bold")))
     names = ("summary", "value", "95 % interval", "n", "worst seed", "median", "min", "max")
     rows = []
@@ -112,11 +112,8 @@ def print_scores(console: Console, policy: str, scenario: str, columns: Mapping[
         worst = DASH if of.worst is None else str(of.worst)
         others = (between(of.low, of.high) or DASH, counted, worst, *map(number, (of.median, of.min, of.max)))
         rows.append([name, of.summary, Text(in_words(of)[0], "bold"), *others])
-    left_out = print_table(
-        console, [terminal.Column("score", left=True, style="cyan"), *map(terminal.Column, names)], rows
-    )
+    print_table(console, [terminal.Column("score", left=True, style="cyan"), *map(terminal.Column, names)], rows)
     console.print()
-    return left_out
 
 
 def print_row(console: Console, row: dict[str, Any]) -> None:

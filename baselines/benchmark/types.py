@@ -11,6 +11,7 @@ from baselines.benchmark.table import Table
 from baselines.policies.factories import Factory
 from lissajous_env.parameters import named_spaces
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import few_of
 
 SCENARIOS = (
@@ -75,20 +76,15 @@ class Benchmark:
 
     def check(self) -> None:
         """Raise ValueError for a value that a rule forbids."""
-        for name, most in (("episodes", _MOST_EPISODES), ("batch", _MOST_WORLDS)):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
-            if getattr(self, name) > most:
-                raise ValueError(f"{name} must be at most {most:,}, got {getattr(self, name)}")
-        if not 0 <= self.seed <= 2**31 - self.episodes:
-            raise ValueError(f"seed must be from 0 to 2147483647 for all episodes, got {self.seed}")
+        whole_number("episodes", self.episodes, 1, _MOST_EPISODES)
+        whole_number("batch", self.batch, 1, _MOST_WORLDS)
+        whole_number("seed", self.seed, 0, 2**31 - self.episodes)
+        whole_number("replays", self.replays, 0, _MOST_EPISODES)
         for name in ("scenarios", "policies"):
             if len(set(getattr(self, name))) < len(getattr(self, name)):
                 raise ValueError(f"{name} must contain each entry once, got {few_of(getattr(self, name))}")
         if not self.scenarios:
             raise ValueError("scenarios must contain at least one name, got none")
-        if self.replays < 0:
-            raise ValueError(f"replays must be at least 0, got {self.replays}")
         if self.engine not in ("local", "ray"):
             raise ValueError(f"engine must be local or ray, got {self.engine!r}")
         if self.address is not None and self.engine != "ray":

@@ -10,7 +10,7 @@ from baselines.benchmark.progress import Progress
 from baselines.benchmark.running import Benchmark, plan
 from baselines.commands.playing import made, naming, progress_console, scenarios_and_policy
 from lissajous_env.console.recordings import check_file
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, print_left_out
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions
 from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
 
 _Names = Annotated[
@@ -72,11 +72,9 @@ def evaluate(
                     progress.finished(cell, len(finished))
     table = Table.of(rows, {cell.scenario.name: cell.scenario for cell in cells}, simulates=False)
     console = output.console()
-    left_out: list[str] = []
     for name, policies in table.estimates.items():
-        left_out += tables.print_scores(console, policy, name, policies[policy])
+        tables.print_scores(console, policy, name, policies[policy])
     tables.print_theorem(console, about_theorem(cells, rows, device))
-    print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     if out is not None:
         written.write_csv(out, rows)
         output.print(f"wrote {out}")

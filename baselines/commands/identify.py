@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from lissajous_env.console.recordings import check_file
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutFile, OutputOptions, print_left_out, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutFile, OutputOptions, print_table
 from lissajous_env.logs.poses import TOPICS
 from lissajous_env.logs.reading import COMMAND
 from lissajous_env.parameters.scenario_file import as_toml
@@ -89,9 +89,7 @@ def _print(output: OutputOptions, cars: "dict[str, Identified]", units: dict[str
     rows = [
         [robot, *(_with_error(car.values[name], car.errors[name]) for name in units)] for robot, car in cars.items()
     ]
-    console = output.console()
-    left_out = print_table(console, columns, rows)
-    print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
+    print_table(output.console(), columns, rows)
     if any(math.isnan(error) for car in cars.values() for error in car.errors.values()):
         why = (
             "no throttle in it lies within the dead zone" if "dead_zone" in units else "no command is beyond the limit"

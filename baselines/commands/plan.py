@@ -16,7 +16,7 @@ from baselines.planning.planner import Outcome
 from baselines.planning.plans import top_speed
 from baselines.planning.request import Request
 from baselines.planning.search import Search
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out, print_line
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_line
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import shown
 
@@ -139,18 +139,16 @@ def _search(outcome: Outcome, budget: Budget, optimise: bool, fixed_start: bool,
 
 
 def _print(console: Any, outcome: Outcome, plans: list) -> None:
-    left_out: list[str] = []
     if untried := report.untried_in_words(outcome):
         print_line(console, untried, "bold")
     if plans:
         title = f"Plans for {_asked(outcome)}: {len(plans)} that no other dominates"
         print_line(console, title, "italic")
-        left_out += report.print_plans(console, outcome, plans)
+        report.print_plans(console, outcome, plans)
         console.print()
-        left_out += report.print_formations(console, plans)
+        report.print_formations(console, plans)
     else:
         print_line(console, f"No plan without collisions was found for {_asked(outcome)}.")
-    print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     for line in report.sentences(outcome):
         print_line(console, line)
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import tyro
 
 from baselines.policies import registry
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_left_out, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_table
 
 _ScenarioOrNone = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]")]
 
@@ -33,8 +33,7 @@ def policies(scenario: _ScenarioOrNone = None, output: OutputOptions = DEFAULT_O
         Column("description", prose=True),
     ]
     rows = [_described(**each) for each in listed]
-    left_out = print_table(console, columns, rows)
-    print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
+    print_table(console, columns, rows)
     if here := [f"{name} ({module}.py)" for name, module in registry.registered_here()]:
         console.print(
             f"\nRegistered by modules of the current folder: {', '.join(here)}", markup=False, highlight=False

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from baselines.benchmark.running import Benchmark, plan
+from baselines.benchmark.types import Benchmark
 from baselines.commands.playing import FORMATS, record_one, scenarios_and_policy
 from baselines.policies import registry
 from lissajous_env.console.recordings import check_file, check_pace, has_display, show
@@ -69,9 +69,6 @@ def replay(
         raise ValueError(f"out must end in .html beside --against, got {out or 'none'}")
     if out is None and not has_display():
         raise ValueError(f"out must be given ({', '.join(FORMATS)}): there is no display for a window")
-    if against is not None and len(names) > 1:  # refused before the other has been played
-        scenarios, *_ = scenarios_and_policy(names)
-        plan(Benchmark(scenarios, (against,), 1, seed, 1, device, overrides=parse_overrides(overrides, rogues)))
     recording = _recorded(names, seed, device, output, parse_overrides(overrides, rogues))
     other = None
     if against is not None:

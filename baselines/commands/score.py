@@ -9,7 +9,7 @@ from rich import progress as bars
 from baselines.benchmark.progress import bar
 from baselines.commands.playing import FORMATS, progress_console
 from lissajous_env.console.recordings import check_file, show
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
 from lissajous_env.logs.poses import TOPICS
 from lissajous_env.logs.scoring import GAP, own_scenario
 from lissajous_env.logs.scoring import score as score_log
@@ -77,8 +77,7 @@ def score(
     else:
         table = Table.of(scored.rows, {scored.scenario.name: scored.scenario}, simulates=False)
         for scenario_name, policies in table.estimates.items():
-            left_out = tables.print_scores(console, name, scenario_name, policies[name])
-            print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
+            tables.print_scores(console, name, scenario_name, policies[name])
     for note in scored.notes:
         output.print(f"note: {note}", "yellow")
     for file in out:

@@ -311,8 +311,6 @@ def solve(
     trajectory_out: wp.array3d(dtype=float),
     cost_out: wp.array(dtype=float),
     iterations_out: wp.array(dtype=int),
-    failed_out: wp.array(dtype=int),
-    failures_out: wp.array(dtype=int),
 ):
     """Solve problem `first` + thread from up to three starts, and store the best solution."""
     k = first + wp.tid()
@@ -378,9 +376,7 @@ def solve(
     iterations_out[k] = iterations
     failed = not best < WORST
     begin[k] = wp.where(failed, EARLY, SHIFT)
-    failed_out[k] = wp.where(failed, 1, 0)
     if failed:
-        failures_out[k] = failures_out[k] + 1
         for i in range(M):
             control_out[k, i, 0] = 0.0
             control_out[k, i, 1] = p.throttle_min

@@ -45,23 +45,20 @@ class Solution(NamedTuple):
     trajectory: Any
     """(K, M + 1, 5) predicted x, y [m], heading [rad], speed [m/s], gamma [rad]."""
     cost: Any
-    """(K,) value of (11a); 3e38 where the solve failed."""
+    """(K,) value of (11a); 3e38 where the solve failed, because the state or the cost of every start was not finite."""
     iterations: Any
     """(K,) iterations, summed over the starts."""
-    failed: Any
-    """(K,) 1 where the state or the cost of every start was not finite, and the control brakes straight on; else 0."""
 
 
 class Mpcc(Copyable):
     """K problems (11)-(15) on one device, each warm-started from its last solution.
 
     `solve` is the convenient method. In a control loop, write to the Warp arrays `state` (K, 5) and `phase_rate` (K,),
-    call `launch()`, and read `control` (K, M, 2), `trajectory` (K, M + 1, 5), `cost`, `iterations`, `failed` and
-    `failures` (K,), all on the device; no data passes through the host. `threads` limits the threads of a CPU; by
-    default, all cores are used.
+    call `launch()`, and read `control` (K, M, 2), `trajectory` (K, M + 1, 5), `cost` and `iterations` (K,), all on the
+    device; no data passes through the host. `threads` limits the threads of a CPU; by default, all cores are used.
 
-    If a solve fails, the control brakes (steering 0, smallest throttle), the failure is counted in `failures`, and the
-    next solve starts without a guess.
+    If a solve fails, the control brakes (steering 0, smallest throttle), the cost is 3e38, and the next solve starts
+    without a guess.
     """
 
     def __init__(
@@ -90,8 +87,6 @@ class Mpcc(Copyable):
         self.trajectory = self._zeros((batch, M + 1, 5))
         self.cost = self._zeros((batch,))
         self.iterations = self._zeros((batch,), wp.int32)
-        self.failed = self._zeros((batch,), wp.int32)
-        self.failures = self._zeros((batch,), wp.int32)
         self._begin = self._zeros((batch,), wp.int32)
         self._work = self._record(0, batch)
 
@@ -110,7 +105,7 @@ class Mpcc(Copyable):
             copy_in("guess", guess, self.control)
             self._begin.fill_(KEEP)
         self.launch()
-        results = (self.control, self.trajectory, self.cost, self.iterations, self.failed)
+        results = (self.control, self.trajectory, self.cost, self.iterations)
         if _is_on_host(state):
             return Solution(*(array.numpy().copy() for array in results))
         return Solution(*results)
@@ -156,7 +151,7 @@ class Mpcc(Copyable):
     def _record(self, first: int, count: int) -> Work:
         p, curve = to_struct(MpccStruct, self.parameters), curve_struct(self.curve, self.device)
         table, scratch = tabulate(self.curve, self.device), self._scratch()
-        outputs = [self.control, self.trajectory, self.cost, self.iterations, self.failed, self.failures]
+        outputs = [self.control, self.trajectory, self.cost, self.iterations]
 
         def inputs(low: int) -> list[Any]:
             return [p, curve, table, first + low, self.state, self.phase_rate, scratch, self._begin]

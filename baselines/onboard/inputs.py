@@ -20,16 +20,12 @@ class Odometry(NamedTuple):
     speed: float
     """Speed over the ground, forwards [m/s]."""
     stamp: float
-    """Time at which the pose was measured [s], on the clock that all robots share."""
-    speed_stamp: float | None = None
-    """Time at which the speed was measured [s]; None means `stamp`."""
+    """Time at which they were measured [s], on the clock that all robots share."""
 
     @property
     def is_finite(self) -> bool:
         """Return whether every number is finite."""
-        stamp = self.stamp if self.speed_stamp is None else self.speed_stamp
-        # A sum is finite only if every number is; one that overflows belongs to no robot either.
-        return math.isfinite(self.x + self.y + self.heading + self.speed + self.stamp + stamp)
+        return all(map(math.isfinite, self))
 
 
 class Message(NamedTuple):

@@ -22,7 +22,7 @@ class Limits(Checked):
     """
 
     pose_age: float | None = _limit("s")
-    """Age of the pose, or of the speed [s]; None means 2.5 control steps."""
+    """Age of the pose [s]; None means 2.5 control steps."""
     fence: float | None = _limit("m")
     """Distance of the robot's centre beyond the rectangle [m]; None means the diameter of its turning circle, which
     a car needs to come back, or one like the robot."""

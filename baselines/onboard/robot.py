@@ -124,15 +124,11 @@ class Onboard:
         valid = 0 <= now - self._since <= self.limits.watchdog  # False for a time that is not a number
         return self._command if valid else self._actuation.stop
 
-    def announce(self, odometry: Odometry, phase: tuple[float, float] | None = None) -> Message | None:
+    def announce(self, odometry: Odometry) -> Message | None:
         """Return the message of a new pose for both ring neighbours, before `act` is called with this pose.
 
         A robot that sends it at once, and calls `act` when the messages of its neighbours have arrived, decides on
         messages of the same time. `Output.message` is then the same message again.
-
-        Args:
-            odometry: The new pose and speed.
-            phase: Cosine and sine of the robot's phase, if it is known.
 
         Returns:
             The message; None for a pose that is not finite.
@@ -140,7 +136,7 @@ class Onboard:
         if not odometry.is_finite:
             return None
         self._odometry = odometry
-        self._fill(True, phase)
+        self._fill(True, None)
         self._announced = odometry
         return self._message()
 
@@ -225,12 +221,11 @@ class Onboard:
             return "there is no pose"
         if not odometry.is_finite:
             return "the pose is not finite"
-        speed_stamp = odometry.stamp if odometry.speed_stamp is None else odometry.speed_stamp
-        for name, stamp in (("pose", odometry.stamp), ("speed", speed_stamp)):
-            if now - stamp > self.limits.pose_age:
-                return f"the {name} is {now - stamp:.3g} s old, the limit is {self.limits.pose_age:g} s"
-            if stamp - now > self.limits.clock_jump:
-                return f"the {name} is of {stamp - now:.3g} s from now"
+        age, limits = now - odometry.stamp, self.limits
+        if age > limits.pose_age:
+            return f"the pose is {age:.3g} s old, the limit is {limits.pose_age:g} s"
+        if -age > limits.clock_jump:
+            return f"the pose is of {-age:.3g} s from now"
         return ""
 
     def _check_fence(self, odometry: Odometry | None) -> str:

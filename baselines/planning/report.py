@@ -35,8 +35,8 @@ _SHARE = 0.3
 """Share of an episode whose paths are drawn, its end."""
 
 
-def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> list[str]:
-    """Print a table of plans; return the names of the columns that do not fit."""
+def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> None:
+    """Print a table of plans."""
     failures = outcome.request.failures
     columns = [
         Column("", name="number"),
@@ -72,7 +72,7 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> lis
             each.plan.about,
         ])  # fmt: skip
     kept = [k for k, column in enumerate(columns) if column is not None]
-    return print_table(console, [c for c in columns if c is not None], [[row[k] or "" for k in kept] for row in rows])
+    print_table(console, [c for c in columns if c is not None], [[row[k] or "" for k in kept] for row in rows])
 
 
 def _is_open(outcome: Outcome) -> bool:
@@ -80,8 +80,8 @@ def _is_open(outcome: Outcome) -> bool:
     return any(task.task.boundary != "wall" for task in outcome.tasks.values())
 
 
-def print_formations(console: Any, plans: Sequence[Planned]) -> list[str]:
-    """Print the paper's bounds of the plans that are formations on its curves; return columns that do not fit."""
+def print_formations(console: Any, plans: Sequence[Planned]) -> None:
+    """Print the paper's bounds of the plans that are formations on its curves."""
     rows = []
     for k, each in enumerate(plans, start=1):
         made = each.plan.scenario
@@ -90,10 +90,10 @@ def print_formations(console: Any, plans: Sequence[Planned]) -> list[str]:
             bounds = (made.robot_radius_bound, made.coverage_radius, made.detection_radius, made.detection_time_bound)
             rows.append([str(k), f"{made.curve.a} : {made.curve.b}", *(f"{bound:.3g}" for bound in bounds)])
     if not rows:
-        return []
+        return
     console.print("Bounds of the paper for these formations of points", style="italic", highlight=False)
     titles = "", "a : b", "r below (6)\n[m]", "r_s above (7)\n[m]", "r_s from (8)\n[m]", "T_max\n[s]"
-    return print_table(console, [Column(title) for title in titles], rows)
+    print_table(console, [Column(title) for title in titles], rows)
 
 
 def untried_in_words(outcome: Outcome) -> str:

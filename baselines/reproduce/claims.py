@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.text import Text
 
 from baselines.reproduce.drawing import Picture
-from lissajous_env.console.terminal import Column, print_left_out, print_table
+from lissajous_env.console.terminal import Column, print_table
 
 _STYLE = {"yes": "green", "no": "bold red", "-": "dim"}
 SILENT = "not stated"
@@ -113,8 +113,7 @@ def print_claims(console: Console, claims: Sequence[Claim]) -> None:
         agrees = Text(verdict(each), style=_STYLE[verdict(each)])
         rows.append([each.part if first else "", each.claim, each.paper, each.ours, each.tolerance, agrees, each.why])
     ends = [k for k in range(len(claims)) if k + 1 == len(claims) or claims[k + 1].part != claims[k].part]
-    left_out = print_table(console, columns, rows, ends)
-    print_left_out(console, left_out, "README.md has them, and a wider terminal shows them.")
+    print_table(console, columns, rows, ends, "README.md has them")
 
 
 def summary(claims: Sequence[Claim]) -> str:

@@ -76,8 +76,7 @@ class RobotNode(ros.Node):
         for field in dataclasses.fields(settings):
             default = getattr(settings, field.name)
             default = list(default) if isinstance(default, tuple) else default
-            changes = field.name == "message_loss"
-            describes = ros.ParameterDescriptor(read_only=not changes, description=field.name.replace("_", " "))
+            describes = ros.ParameterDescriptor(read_only=True, description=field.name.replace("_", " "))
             try:
                 value = self.declare_parameter(field.name, default, describes).value
             except (ros.InvalidParameterTypeException, ros.InvalidParameterValueException) as error:
@@ -109,9 +108,8 @@ class RobotNode(ros.Node):
         else:
             self.create_subscription(ros.PoseStamped, "pose", self._take_pose, measured, **changes)
         for sender in self._pilot.heard:
-            topic = settings.neighbours.replace("{}", str(sender))
-            hear = self._hearing(sender)
-            self.create_subscription(ros.JointState, topic, hear, measured, **changes)
+            topic = f"/robot_{sender}/message"
+            self.create_subscription(ros.JointState, topic, self._hearing(sender), measured, **changes)
         for name, width in (("robots", 4), ("targets", 2)):
             self.create_subscription(ros.PointCloud2, name, self._seeing(name, width), measured, **changes)
         for name in ("start", "stop", "resume"):
@@ -163,8 +161,7 @@ class RobotNode(ros.Node):
     def _hearing(self, sender: int) -> Any:
         def hear(message: Any) -> None:
             heard = messages.heard(message, sender)
-            lost = self.get_parameter("message_loss").value
-            if heard is not None and not (lost > 0 and self._random.random() < lost):
+            if heard is not None and self._random.random() >= self.settings.message_loss:
                 self._pilot.heard[sender] = heard
                 self._tick()
 

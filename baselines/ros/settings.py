@@ -45,8 +45,6 @@ class RobotSettings(Checked):
     """Frame of the poses; a pose in another frame stops the robot."""
     origin: tuple[float, float, float] = rows((0.0, 0.0, 0.0), "must be x, y [m] and heading [rad]", _coordinate)
     """x, y [m] and heading [rad] of the middle of the rectangle in this frame."""
-    neighbours: str = word("/robot_{}/message", "must be a topic in which {} stands for the index of a robot")
-    """Topic of each robot's messages, in which {} stands for its index."""
     rate: float = number(20.0, 1.0, 1000.0, "1/s")
     """Rate at which the command is published [1/s]."""
     message_wait: float = number(0.02, 0.0, _FOREVER, "s")
@@ -74,7 +72,6 @@ class RobotSettings(Checked):
 
     def _check_together(self) -> None:
         self._require(len(self.origin) == 3, "origin", "must be x, y [m] and heading [rad]")
-        self._require("{}" in self.neighbours, "neighbours", "must be a topic in which {} stands for the robot's index")
 
     def limits(self) -> Limits:
         """Return the limits beyond which the robot stops."""
@@ -90,10 +87,6 @@ class WorldSettings(Checked):
     """Kind of the robots' commands, as in `lissajous ros robot`."""
     seed: int = whole(0, 0, 2**31 - 1)
     """Seed of the episode."""
-    frame: str = word("map", "must be the name of a frame")
-    """Frame of the poses, whose origin is the middle of the rectangle."""
-    watchdog: float = number(0.0, 1e-3, _FOREVER, "s", or_zero=True)
-    """Time after which a simulated robot without a command stops [s]; 0 selects 2.5 control steps."""
     wait: float = number(60.0, 1.0, _FOREVER, "s")
     """Longest time to wait for the robots [s]."""
     patience: float = number(10.0, 0.1, _FOREVER, "s")

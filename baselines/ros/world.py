@@ -18,7 +18,7 @@ from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.logs.filling import seconds
 from lissajous_env.logs.markers import target_shape
 from lissajous_env.logs.reading import EPISODE
-from lissajous_env.logs.writing import START, episode_text
+from lissajous_env.logs.writing import FRAME, START, episode_text
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import REMOVED
@@ -65,7 +65,7 @@ class WorldNode(ros.Node):
         self.simulation.reset(seeds=[settings.seed])
         self._recorder = Recorder(self.simulation)
         count = self.scenario.num_robots
-        watchdog = settings.watchdog or float(Limits().of(self.scenario).watchdog or 0.0)
+        watchdog = float(Limits().of(self.scenario).watchdog or 0.0)
         self._vehicles = [Vehicle(self.scenario, watchdog) for _ in range(count)]
         self._status, self._yaw_rate = [-1] * count, np.zeros(count)
         self._is_there, self._is_awaited = [False] * count, [True] * count
@@ -206,7 +206,7 @@ class WorldNode(ros.Node):
 
     def _publish(self) -> None:
         """Publish the time, and the measurements and detections of each robot."""
-        time, frame = self.now, self.settings.frame
+        time, frame = self.now, FRAME
         clock = ros.Clock()
         clock.clock.sec, clock.clock.nanosec = divmod(round(time * 1e9), 10**9)
         self._send_clock(clock)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from rich.text import Text
 
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_left_out, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_table
 from lissajous_env.parameters.scenario import PARTS
 
 if TYPE_CHECKING:
@@ -75,13 +75,12 @@ def _print_designs(console: "Console", made: "list[Scenario]") -> None:
     if not narrow:
         columns.append(Column("description", prose=True))
         rows = [[*row, each.description] for row, each in zip(rows, made, strict=True)]
-    left_out = print_table(console, columns, rows)
+    print_table(console, columns, rows)
     console.print()
     if narrow:
         for each in made:
             console.print(Text.assemble((each.name, "bold cyan"), f": {each.description}"), highlight=False)
         console.print()
-    print_left_out(console, left_out, "--json prints them.")
     words = (
         "N: number of robots; r_s: sensing radius; T_max = (2 pi / omega) / (N / kappa): detection-time bound of the "
         "undisturbed formation. -: no bound, because r_s does not satisfy (8) or N is not a + b. feedback: score of "
@@ -105,8 +104,7 @@ def _print_settings(console: "Console", given: "Scenario") -> None:
         rows.append(["extensions", f"{each.kind} {each.place}{settings and f' ({settings})'}", ""])
     console.print()
     columns = [Column("field", left=True), Column(given.name, prose=True), Column("default", left=True, rank=1)]
-    left_out = print_table(console, columns, rows)
-    print_left_out(console, left_out, "--json prints all fields.")
+    print_table(console, columns, rows)
     console.print(
         f"{given.name}: fields that differ from the defaults; digest {given.digest()}.", style="dim", markup=False
     )

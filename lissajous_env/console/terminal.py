@@ -90,9 +90,13 @@ def make_console(stderr: bool = False, quiet: bool = False) -> Console:
 
 
 def print_table(
-    console: Console, columns: Sequence[Column], rows: Sequence[Sequence[str | Text]], sections: Sequence[int] = ()
-) -> list[str]:
-    """Print a table without the columns that do not fit, and return the names of these.
+    console: Console,
+    columns: Sequence[Column],
+    rows: Sequence[Sequence[str | Text]],
+    sections: Sequence[int] = (),
+    where: str = "--json has them",
+) -> None:
+    """Print a table without the columns that do not fit, and a line that names these.
 
     The first column and one more are always printed, and wrapped in a very narrow terminal.
 
@@ -101,9 +105,10 @@ def print_table(
         columns: The columns.
         rows: The cells; strings are printed without markup.
         sections: Indices of the rows that are followed by a rule.
+        where: Words on where the values of omitted columns are.
     """
     if console.quiet:
-        return []
+        return
     cells = [[column.title, *map(str, (row[k] for row in rows))] for k, column in enumerate(columns)]
     whole = [max(cell_len(line) for cell in of for line in cell.split("\n")) for of in cells]
     words = [max((cell_len(word) for cell in of for word in cell.split()), default=0) for of in cells]
@@ -111,35 +116,26 @@ def print_table(
     kept = list(range(len(columns)))
     while len(kept) > 2 and _width(least, kept) > console.width:
         kept.remove(max(kept[1:], key=lambda k: (columns[k].rank, k)))
-    widths = {k: least[k] for k in kept}
-    room = console.width - _width(least, kept)
-    while room > 0 and (growing := [k for k in kept if widths[k] < whole[k]]):
-        # The column that lacks most grows first, so that equally long texts get equal widths.
-        widths[max(growing, key=lambda k: whole[k] - widths[k])] += 1
-        room -= 1
     table = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
-    table.width = _width(widths, kept)
+    table.width = max(_width(least, kept), min(_width(whole, kept), console.width))
     for k in kept:
         column = columns[k]
         justify = "left" if column.left or column.prose else "right"
-        table.add_column(Text(column.title), justify=justify, style=column.style, width=widths[k])
+        width = None if column.prose else least[k]
+        table.add_column(Text(column.title), justify=justify, style=column.style, width=width, min_width=least[k])
     for number, row in enumerate(rows):
         shown = [Text(cell) if isinstance(cell, str) else cell for cell in row]
         table.add_row(*(shown[k] for k in kept), end_section=number in sections)
     console.print(table, crop=False)
-    return [column.name or column.title.replace("\n", " ") for k, column in enumerate(columns) if k not in kept]
+    names = [column.name or column.title.replace("\n", " ") for k, column in enumerate(columns) if k not in kept]
+    if names:
+        words = f"Columns that do not fit the terminal: {', '.join(names)}. {where}, and a wider terminal shows them."
+        print_line(console, words, "yellow")
 
 
 def print_line(console: Console, words: str | Text, style: str | None = None) -> None:
     """Print text on one line, without markup; the terminal breaks it."""
     console.print(words, style=style, markup=False, highlight=False, soft_wrap=True)
-
-
-def print_left_out(console: Console, names: Sequence[str], where: str) -> None:
-    """Print the titles of omitted columns, and `where` their values are."""
-    if names:
-        words = f"Columns that do not fit the terminal: {', '.join(dict.fromkeys(names))}. {where}"
-        print_line(console, words, "yellow")
 
 
 def plain(value: Any) -> Any:

@@ -14,9 +14,10 @@ import numpy as np
 import warp as wp
 from gymnasium.error import ResetNeeded
 
-from lissajous_env.envs.drivers import driver_of
 from lissajous_env.envs.sides import Side, sides_of
-from lissajous_env.envs.true_state import padded_rows, state_size
+from lissajous_env.envs.true_state import state_rows, state_size
+from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
+from lissajous_env.episodes.policies import policy
 from lissajous_env.parameters import named
 from lissajous_env.parameters.draws import Draws
 from lissajous_env.parameters.named_spaces import space_and_split
@@ -24,6 +25,7 @@ from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.settings.checks import whole_number
+from lissajous_env.wording import shown
 from lissajous_env.world.observation import layout
 from lissajous_env.world.selection import drawn_seeds
 from lissajous_env.world.simulation import Simulation, fold_seed
@@ -96,7 +98,9 @@ class Batch:
         num_worlds: W.
         num_groups: Number of groups of a space, which divides W.
         roles: `any`: robots act, and rogues where `targets.rogues` is `agents`; `robots` or `rogues` for one side.
-        robots: Policy that drives the robots if only the rogues act: a name, a policy, or a function; see `driver_of`.
+        robots: Policy that drives the robots if only the rogues act: the name of a policy, or folder of a checkpoint; a
+            policy for so many worlds; or a function `act(observation) -> action` on NumPy arrays (W, N, D) and
+            (W, N, action_size).
         discrete_actions: True for actions that are indices of a table.
         max_cycles: Number of steps of an episode, instead of `task.duration`.
         device: Warp device.
@@ -309,7 +313,7 @@ class Batch:
         target slots that a scenario does not have are 0.
         """
         most = self._most_robots, self._most_targets
-        parts = [padded_rows(simulation, *most, library) for simulation in self.simulations]
+        parts = [state_rows(simulation, library, *most) for simulation in self.simulations]
         return parts[0] if len(parts) == 1 else library.concatenate(parts)
 
     def save_state(self) -> dict[str, np.ndarray]:
@@ -345,6 +349,23 @@ class Batch:
         if sizes[0] != sizes[1]:
             rule = "must have rows and actions of one size"
             raise ValueError(f"scenarios of a space {rule}, got others in {self._first.name} and {made.name}")
+
+
+def driver_of(robots: Any, scenario: Scenario, num_worlds: int, device: Any = "cpu") -> ActingPolicy:
+    """Return the policy that drives the robots of some worlds, as `Batch` describes it.
+
+    Raises:
+        ValueError: the policy is unknown, or is for another number of worlds.
+    """
+    if isinstance(robots, (str, os.PathLike)):
+        return policy(robots, scenario, num_worlds, device)
+    if hasattr(robots, "act"):
+        if robots.num_worlds != num_worlds:
+            raise ValueError(f"robots must be driven by a policy for {num_worlds} worlds, got {robots.num_worlds}")
+        return robots
+    if isinstance(robots, type) or not callable(robots):
+        raise ValueError(f"robots must be the name of a policy, a policy or a function, got {shown(robots)}")
+    return FunctionPolicy(robots, num_worlds)
 
 
 def padded(array: Any, missing: int, library: Any) -> Any:

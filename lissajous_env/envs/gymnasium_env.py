@@ -33,7 +33,7 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
     Args:
         scenario: As for `LissajousParallelEnv`.
         render_mode: None, `rgb_array`, or `human` for a window.
-        robots: Policy that drives the robots: a name, a policy, or a function; see `lissajous_env.envs.drivers`. The
+        robots: Policy that drives the robots: a name, a policy, or a function; see `Batch`. The
             rogues are then the agent, and `rogues` is `agents`.
         discrete_actions: True for actions (N,) that are indices of the table in `lissajous_env.envs.actions`.
         flat_actions: True for actions (N * action_size,) instead of (N, action_size).

@@ -9,7 +9,8 @@ import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.seeding import np_random
-from pettingzoo import ParallelEnv
+from pettingzoo import AECEnv, ParallelEnv
+from pettingzoo.utils import parallel_to_aec, wrappers
 
 from lissajous_env.envs.batch import Batch
 from lissajous_env.envs.one_world import METADATA, NEEDS_RESET, OneWorld
@@ -262,3 +263,19 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         self.__dict__.update(saved)
         self._renderer = None
         self._bind()
+
+
+class _NamedAgents(wrappers.OrderEnforcingWrapper):
+    """AEC environment with a clear error for an unknown agent."""
+
+    def observe(self, agent: str) -> Any:
+        self.observation_space(agent)  # checks the name
+        return super().observe(agent)
+
+
+def env(scenario: Any = "experiment", render_mode: str | None = None, **settings: Any) -> AECEnv:
+    """Make the `AECEnv` of a scenario, in which the agents act in turn.
+
+    The arguments are those of `LissajousParallelEnv`.
+    """
+    return _NamedAgents(parallel_to_aec(LissajousParallelEnv(scenario, render_mode, **settings)))

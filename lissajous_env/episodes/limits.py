@@ -2,8 +2,8 @@
 
 After a time t, m discs of radius r that move at a speed v have swept at most m (pi r^2 + 2 r v t) of an area A, so the
 probability that a uniformly placed target is undetected is at least the remaining share; the mean time is at least the
-integral of that share over time. `mean_time_inside` and `mean_time_on_boundary` are these integrals in closed form, for
-targets that do not move and an episode without end; `mean_time_limit` is the bound for the score of a scenario.
+integral of that share over time: (A - m pi r^2)^2 / (4 m r v A) for targets that do not move and an episode without
+end. `mean_time_limit` is the bound for the score of a scenario.
 
 **On the boundary** a robot senses at most 2 r of a straight side at once and v t more by a time t. At a corner, it
 senses both sides: on its way from one to the other it passes within r of the corner, through a point (x, y) from it
@@ -40,34 +40,6 @@ once."""
 
 _Swept = Callable[[np.ndarray | float, np.ndarray | float], np.ndarray]
 """Function that returns the largest swept size for discs of a radius [m] that have each moved a distance [m]."""
-
-
-def mean_time_inside(area: float, num_robots: int, radius: float, speed: float) -> float:
-    """Return (A - m pi r^2)^2 / (4 m r v A) [s], the bound for targets that appear anywhere in an area.
-
-    Args:
-        area: A [m^2].
-        num_robots: Number of robots m.
-        radius: Sensing radius r [m].
-        speed: v, top speed of a robot, with that of a target where they move [m/s].
-    """
-    left = max(area - num_robots * math.pi * radius**2, 0.0)
-    return left**2 / (4 * num_robots * radius * speed * area)
-
-
-def mean_time_on_boundary(length: float, num_robots: int, radius: float, speed: float) -> float:
-    """Return (P - 2 m r)^2 / (2 m v P) [s], the bound for targets that appear anywhere on a closed line.
-
-    Equally spaced laps attain it. For a rectangle use P - 4 sqrt(2) r in the square, because corners can be cut.
-
-    Args:
-        length: P [m].
-        num_robots: Number of robots m.
-        radius: Sensing radius r [m].
-        speed: v, top speed of a robot, with that of a target along the boundary where they move [m/s].
-    """
-    left = max(length - 2 * num_robots * radius, 0.0)
-    return left**2 / (2 * num_robots * speed * length)
 
 
 def robot_speed_limit(scenario: str | Scenario) -> float:

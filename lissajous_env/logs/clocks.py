@@ -6,8 +6,7 @@ pace (a simulation's) changes anything.
 
 In the order of their recording, the stamps of a robot's poses rise, except for messages that arrived late. Where they
 fall and the poses in the order of their stamps would make no path, the clock went back, as when a simulator is reset;
-where they jump ahead and the recorder's times do not, it was set. The log consists of several parts then, of which the
-longest counts.
+where they jump ahead and the recorder's times do not, it was set. Such a log is refused.
 """
 
 from collections.abc import Sequence
@@ -21,8 +20,6 @@ SAME = 1e-4
 """Difference up to which two stamps of a robot's poses are the same [s]."""
 _DAY = 86_400.0
 """Difference from the other stamps from which on a stamp counts as not set [s]."""
-_TOGETHER = 2.0
-"""Difference of the recorder's times up to which clocks that go back do so together [s]."""
 _LAG = 1.0
 """Difference of two clocks from which on a note names them [s]."""
 _LEAP = 10.0
@@ -39,8 +36,11 @@ class Clock:
         log: Names of the robots.
 
     Attributes:
-        poses: The poses that count, in the order of their recording, all with stamps on this clock.
+        poses: The poses, in the order of their recording, all with stamps on this clock.
         notes: Remarks on what was left out or seems wrong.
+
+    Raises:
+        ValueError: a clock was set while the log was recorded.
     """
 
     def __init__(self, poses: Sequence[Poses], log: Log):
@@ -55,9 +55,8 @@ class Clock:
             self.notes.append(f"the poses of {called(without)} have no stamps; their times are the recorder's")
         self.poses = ordered
         self._leave_out_strays(log)
-        self._parts: dict[int, tuple[float, float]] = {}
-        for bag in np.unique(np.concatenate([robot.bag for robot in self.poses])).tolist():
-            self._choose_part(bag, stamped)
+        for k in stamped:
+            self._refuse_breaks(k, log)
         self._pairs = self._paired(self._agreeing(stamped))
         if len(without) < len(ordered):
             for k in without:
@@ -73,11 +72,6 @@ class Clock:
             converted[here] = np.interp(given, own, stamps) + np.minimum(given - own[0], 0)
             converted[here] += np.maximum(given - own[-1], 0)
         return converted
-
-    def counts(self, bag: int, logged: float) -> bool:
-        """Return whether a message was recorded in the part of its file that counts."""
-        begin, end = self._parts.get(bag, (-np.inf, np.inf))
-        return begin <= logged < end
 
     def differs(self, bag: np.ndarray, logged: np.ndarray, stamp: np.ndarray) -> float:
         """Return by how much stamps are ahead of this clock [s], 0 for less than a second; NaN if they do not rise."""
@@ -98,37 +92,21 @@ class Clock:
                 self.poses[robot] = poses.rows(~stray)
         self.notes += log.grouped(words)
 
-    def _choose_part(self, bag: int, stamped: Sequence[int]) -> None:
-        """Choose the longest part of a file between two times at which the clock goes back."""
-        own = {k: self.poses[k].rows(self.poses[k].bag == bag) for k in range(len(self.poses))}
-        broken = {k: np.array(breaks(own[k]), dtype=int) for k in stamped}
-        begins = {k: own[k].logged[rows] for k, rows in broken.items()}
-        every = np.sort(np.concatenate(list(begins.values())))
-        if not len(every):
-            return
-        cuts = every[np.append(True, np.diff(every) > _TOGETHER)]
-        part = {}
-        for k, poses in own.items():
-            mine = begins.get(k, np.zeros(0))
-            near = [mine[(mine >= cut) & (mine < cut + _TOGETHER)] for cut in cuts]
-            edges = [float(times[0]) if len(times) else float(cut) for times, cut in zip(near, cuts, strict=True)]
-            part[k] = np.searchsorted(edges, poses.logged, side="right")
-        sizes = np.bincount(np.concatenate(list(part.values())), minlength=len(cuts) + 1)
-        best = int(np.argmax(sizes))
-        edges = np.concatenate([[-np.inf], cuts, [np.inf]])
-        self._parts[bag] = float(edges[best]), float(edges[best + 1])
-        for k, poses in own.items():
-            rest = self.poses[k].rows(self.poses[k].bag != bag)
-            chosen = poses.rows(part[k] == best)
-            self.poses[k] = Poses(*(np.concatenate(pair) for pair in zip(rest, chosen, strict=True)))
-        those = [k for k, times in begins.items() if len(times)]
-        jumps = np.concatenate([own[k].stamp[rows] - own[k].stamp[rows - 1] for k, rows in broken.items()])
-        ways = [way for way, sign in (("back", -1), ("ahead", 1)) if (sign * jumps > 0).any()]
-        self.notes.append(
-            f"the stamps of {self._called(those)} jump {' and '.join(ways)} in the course of the recording, by up to "
-            f"{np.abs(jumps).max():.3g} s, as when a clock is set: the longest of {len(cuts) + 1} parts counts, and "
-            f"{int(sizes.sum() - sizes[best])} poses of the others are left out"
-        )
+    def _refuse_breaks(self, robot: int, log: Log) -> None:
+        """Refuse a log in which the clock of a robot's poses is set.
+
+        Raises:
+            ValueError: the stamps go back, or ahead without the recorder's times.
+        """
+        for bag in np.unique(self.poses[robot].bag):
+            poses = self.poses[robot].rows(self.poses[robot].bag == bag)
+            for row in breaks(poses)[:1]:
+                jump = float(poses.stamp[row] - poses.stamp[row - 1])
+                got = f"{abs(jump):.3g} s {'back' if jump < 0 else 'ahead'}, recorded at {poses.logged[row]:.3f} s"
+                rule = f"the stamps of {log.called([robot])} must rise with the recorder's times in {log.name}"
+                raise ValueError(
+                    f"{rule}, got a jump of {got}: was a clock set, or a simulation reset? Cut the log there"
+                )
 
     def _agreeing(self, stamped: Sequence[int]) -> list[int]:
         """Return the robots whose clocks agree by the recorder's times, and note the others."""

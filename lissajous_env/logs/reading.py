@@ -13,7 +13,7 @@ from lissajous_env.logs.clocks import SAME, Clock
 from lissajous_env.logs.inputs import INPUTS
 from lissajous_env.logs.log import Log, Series, Track
 from lissajous_env.logs.messages import Bags
-from lissajous_env.logs.poses import TOPICS, Poses, Robot, Sources
+from lissajous_env.logs.poses import TOPICS, Poses, Sources
 from lissajous_env.settings.checks import is_finite, is_whole
 from lissajous_env.wording import few_of, shown
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
@@ -57,8 +57,8 @@ def read(
 
     Raises:
         MissingExtraError: rosbags, of the extra `logs`, is not installed.
-        ValueError: a file is damaged or no log, has no such topic, or its poses are in several frames or of times that
-            do not overlap.
+        ValueError: a file is damaged or no log, has no such topic, its poses are in several frames or of times that do
+            not overlap, or a clock was set while it was recorded.
         OSError: a file cannot be read.
     """
     if len(origin) != 3 or not all(map(math.isfinite, origin)):
@@ -135,7 +135,7 @@ class _Reading:
     def _track(self, robot: int, poses: Poses, origin: tuple[float, float, float]) -> Track:
         """Return a track in the frame of the rectangle."""
         if len(poses.stamp) < _FEWEST:
-            words = f"must have at least {_FEWEST} poses in the part of {self._name} that counts"
+            words = f"must have at least {_FEWEST} poses in {self._name} whose stamps are set"
             raise ValueError(f"{self._called([robot])} {words}, got {len(poses.stamp)}")
         poses = poses.rows(np.argsort(poses.stamp, kind="stable"))
         poses = poses.rows(np.append(np.diff(poses.stamp) > SAME, True))
@@ -174,8 +174,8 @@ class _Reading:
             topic = pattern.replace("{}", robot.label)
             rows, times = [], []
             for message in self._bags.of(topic, kinds):
-                if not self._is_of(robot, pattern, message.bag) or not self._clock.counts(message.bag, message.logged):
-                    continue
+                if "{}" not in pattern and robot.bag not in (None, message.bag):
+                    continue  # a topic without a number is that of one robot in each file
                 values = value_of(message.content)
                 if not isinstance(values, str) and not all(map(math.isfinite, values[1])):
                     values = "they have numbers that are not finite"
@@ -195,11 +195,6 @@ class _Reading:
                 series[k] = Series(time[order], np.array([row[1] for row in rows], dtype=float)[order], rows[0][0])
         return series
 
-    @staticmethod
-    def _is_of(robot: Robot, pattern: str, bag: int) -> bool:
-        """Return whether a message in a file is of a robot; a topic without a number is that of one robot a file."""
-        return "{}" in pattern or robot.bag in (None, bag)
-
     def _times(self, topic: str, bag: np.ndarray, logged: np.ndarray, stamp: np.ndarray) -> np.ndarray:
         """Return the times of messages: of their stamps if they have any on the clock of the poses."""
         if np.isfinite(stamp).all():
@@ -213,7 +208,7 @@ class _Reading:
 
     def _episode(self, tracks: Sequence[Track]) -> tuple[dict[str, Any] | None, float | None]:
         """Return what a simulation wrote about its episode, and when it began: with a pose."""
-        messages = [m for m in self._bags.of(EPISODE, ("std_msgs/msg/String",)) if self._clock.counts(m.bag, m.logged)]
+        messages = list(self._bags.of(EPISODE, ("std_msgs/msg/String",)))
         if not messages:
             first = np.array([track.time[0] for track in tracks])
             if np.ptp(first) > _LATE:

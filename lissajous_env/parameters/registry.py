@@ -57,9 +57,10 @@ def register_ids(name: str, is_space: bool = False) -> None:
 
     Batches of a space of scenarios are made by Gymnasium itself.
     """
-    identifier, settings, making = f"lissajous/{name}-v0", {"scenario": name}, "lissajous_env.envs.making"
+    identifier, settings, module = f"lissajous/{name}-v0", {"scenario": name}, "lissajous_env.envs"
     vector = None if is_space else "lissajous_env.envs.gymnasium_vector:LissajousVectorEnv"
     if identifier not in gymnasium.registry:
-        gymnasium.register(identifier, f"{making}:gymnasium_env", kwargs=settings, vector_entry_point=vector)
-        pettingzoo.register("parallel", identifier, f"{making}:parallel_env", kwargs=settings)
-        pettingzoo.register("aec", identifier, f"{making}:env", kwargs=settings)
+        made = f"{module}.gymnasium_env:LissajousEnv"
+        gymnasium.register(identifier, made, kwargs=settings, vector_entry_point=vector)
+        pettingzoo.register("parallel", identifier, f"{module}.pettingzoo_env:LissajousParallelEnv", kwargs=settings)
+        pettingzoo.register("aec", identifier, f"{module}.pettingzoo_env:env", kwargs=settings)

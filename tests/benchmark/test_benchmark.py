@@ -236,7 +236,7 @@ def test_a_score_that_is_no_number_fails_its_policy_and_is_not_kept(tmp_path, mo
 def test_columns_that_do_not_fit_are_in_the_file_that_is_named(copied):
     console = Console(width=60, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
     run(small(copied), console=console)
-    (line,) = (each for each in console.export_text().splitlines() if each.startswith("Columns that do not fit"))
+    line = next(each for each in console.export_text().splitlines() if each.startswith("Columns that do not fit"))
     names, file = re.fullmatch(r"Columns that do not fit the terminal: (.*)\. They are in (\S+), .*", line).groups()
     of = json.loads(Path(file).read_text())["statistics"]["failure"]
     assert set(names.split(", ")) <= set(of["kuramoto"])
@@ -247,9 +247,10 @@ def test_columns_that_do_not_fit_are_in_the_file_that_is_named(copied):
     [
         ({"scenarios": ("failur",)}, "did you mean failure"),
         ({"policies": ("kuramoto", "sweep")}, "robots of kind curve"),
-        ({"episodes": 0}, "episodes must be at least 1"), ({"episodes": 10**9}, "episodes must be at most 1,000,000"),
+        ({"episodes": 0}, "episodes must be a whole number from 1 to 1000000, got 0"),
+        ({"episodes": 10**9}, "episodes must be a whole number from 1"),
         ({"address": ""}, "address must be given only with engine ray"), ({"seed": 2**31 - 2}, "seed must be"),
-        ({"scenarios": ("failure", "failure")}, "each entry once"), ({"replays": -1}, "replays must be at least 0"),
+        ({"scenarios": ("failure", "failure")}, "each entry once"), ({"replays": -1}, "replays must be a whole"),
         ({"against": "sweep"}, r"against must be one of the policies \(kuramoto, open-loop\), got sweep"),
     ],
 )  # fmt: skip

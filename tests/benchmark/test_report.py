@@ -182,8 +182,8 @@ def test_hostile_names_and_policies_that_cannot_be_played_again(tmp_path):
 
 
 def test_of_many_episodes_the_worst_are_listed(small_one, monkeypatch):
-    episodes = small_one[2]["data"]["episodes"]
+    folder, _, blocks = small_one
     monkeypatch.setattr(report_page, "MOST_EPISODES", 6)
-    rows = [{"scenario": s, "policy": p} for s, p in zip(episodes["scenario"], episodes["policy"], strict=True)]
-    listed = [(row["scenario"], row["policy"]) for row in report_page._listed(rows)]
-    assert sorted(listed) == sorted(2 * list({(row["scenario"], row["policy"]) for row in rows}))
+    run(small(folder, **GIVEN), console=QUIET)
+    data = blocks_of(folder)["data"]
+    assert (data["total"], data["episodes"]["seed"]) == (12, blocks["data"]["episodes"]["seed"][:6])

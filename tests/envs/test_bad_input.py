@@ -3,6 +3,8 @@
 Scenarios are tested in test_scenario.py; here are running environments and their constructors.
 """
 
+import functools
+
 import numpy as np
 import pytest
 import warp as wp
@@ -67,18 +69,17 @@ SHAPE = r"^action must have shape \(2, 5, 1\), got"
 NUMBERS = "^action must contain real numbers, got"
 WARP = "^action must contain float32 if it is a Warp array, got"  # its bits used to be read as float32
 ACTIONS = [
-    *((np.zeros(shape), SHAPE) for shape in [(5, 1), (2, 5), (2, 5, 2), (3, 5, 1), (2, 4, 1), (2, 5, 1, 1), ()]),
-    (np.zeros((2, 5)).tolist(), SHAPE), (None, NUMBERS), ("north", NUMBERS), ([[["a"]] * 5] * 2, NUMBERS),
-    ([[[0.0]] * 5, [[0.0]] * 4], NUMBERS),
+    *((np.zeros(shape), SHAPE) for shape in [(2, 5), (2, 4, 1), (2, 5, 1, 1), ()]),
+    (np.zeros((2, 5)).tolist(), SHAPE), (None, NUMBERS), ("north", NUMBERS), ([[[0.0]] * 5, [[0.0]] * 4], NUMBERS),
     *((np.zeros((2, 5, 1), dtype), NUMBERS) for dtype in (complex, object, bool)),
-    *((wp.zeros((2, 5, 1), dtype=dtype), WARP) for dtype in (wp.int32, wp.float64, wp.float16, wp.uint8)),
+    *((wp.zeros((2, 5, 1), dtype=dtype), WARP) for dtype in (wp.int32, wp.float16)),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("action", "words"), ACTIONS, ids=range(len(ACTIONS)))
-def test_what_is_no_action(action, words):
+def test_what_is_no_action():
     simulation = Simulation("failure", 2)
-    assert_refused(simulation, lambda: simulation.step(action), words)
+    for action, words in ACTIONS:
+        assert_refused(simulation, lambda action=action: simulation.step(action), words)
 
 
 @pytest.mark.parametrize("dtype", [np.int64, np.float16, np.float64, np.uint8])
@@ -95,20 +96,17 @@ WORLDS = r"^worlds must be (a mask of shape \(3,\)|from 0 to 2|a mask or indices
 SEED = "seed must be a whole number from 0 to 2147483647, got"
 RESETS = [
     *(((worlds, None), WORLDS) for worlds in (
-        [True, False], [[True, False, True]], [0, 3], [-1], 7, [0.9], 0.0, ["0"], [None], [[0], [1]], [1, 1],
-        [[0], [1, 2]], [2**70],
+        [True, False], [0, 3], [-1], [0.9], ["0"], [[0], [1]], [1, 1], [[0], [1, 2]],
     )),
-    *((([0, 1], seeds), SEED) for seeds in (
-        [-1, 0], [0, 2**31], [0.5, 1.0], ["a", "b"], [True, False], [None, 1], [2**70, 0], [[0], [1, 2]],
-    )),
+    *((([0, 1], seeds), SEED) for seeds in ([0, 2**31], [0.5, 1.0], ["a", "b"], [True, False], [[0], [1, 2]])),
     *((given, "seeds must be one for each of the") for given in [(None, [1]), ([0, 1], [1, 2, 3]), ([1], [[1]])]),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("given", "words"), RESETS, ids=range(len(RESETS)))
-def test_worlds_and_seeds_of_a_reset(given, words):
+def test_worlds_and_seeds_of_a_reset():
     simulation = Simulation("failure", 3)
-    assert_refused(simulation, lambda: simulation.reset(*given), words)
+    for given, words in RESETS:
+        assert_refused(simulation, lambda given=given: simulation.reset(*given), words)
 
 
 # The environments.
@@ -140,15 +138,11 @@ def good_actions(agents):
 REFUSED = {
     "missing": ({"robot_3": None}, r"missing \['robot_3'\], unknown or not live \[\]"),
     "unknown": ({"robot_9": np.zeros(2)}, r"missing \[\], unknown or not live \['robot_9'\]"),
-    "exchanged": ({"robot_3": None, "robot_9": np.zeros(2)}, r"missing \['robot_3'\], .* not live \['robot_9'\]"),
     "one number": ({"robot_1": np.zeros(1)}, r"action of robot_1 must be numbers of shape \(2,\), got array\(\[0"),
-    "a row too many": ({"robot_1": np.zeros((1, 2))}, r"action of robot_1 must be numbers of shape \(2,\)"),
     "a scalar": ({"robot_1": 0.5}, r"action of robot_1 must be numbers of shape \(2,\), got 0.5"),
     "words": ({"robot_2": ["left", "fast"]}, r"action of robot_2 must be numbers of shape \(2,\), got \['left'"),
-    "nothing": ({"robot_2": np.array([None, None])}, r"action of robot_2 must be numbers of shape \(2,\)"),
     "truth": ({"robot_2": np.array([True, False])}, "action of robot_2 must be"),
     "not a number": ({"robot_4": np.array([0.0, np.nan])}, r"action of robot_4 must be finite, got \[0.0, nan\]"),
-    "infinite": ({"robot_0": np.array([-np.inf, 0.0])}, r"action of robot_0 must be finite, got \[-inf, 0.0\]"),
 }  # fmt: skip
 
 
@@ -165,12 +159,12 @@ def test_actions_of_agents(name):
     assert str(agents.step(good_actions(agents))) == str(other.step(good_actions(other)))
 
 
-@pytest.mark.parametrize("actions", [None, np.zeros((5, 2)), [np.zeros(2)] * 5, 3])
-def test_actions_that_are_no_dict(actions):
+def test_actions_that_are_no_dict():
     agents = parallel_env("experiment")
     agents.reset(seed=1)
     words = "actions must be a dict of agents and their actions, got"
-    assert_refused(agents.simulation, lambda: agents.step(actions), words)
+    for actions in (None, np.zeros((5, 2)), [np.zeros(2)] * 5):
+        assert_refused(agents.simulation, lambda actions=actions: agents.step(actions), words)
 
 
 def test_an_agent_that_was_removed():
@@ -184,19 +178,18 @@ def test_an_agent_that_was_removed():
         agents.step(good_actions(agents) | {gone: np.zeros(2)})
 
 
-@pytest.mark.parametrize("action", [-1, 15, 1.0, np.zeros(2), "3", None, np.array([1.0]), True, np.array([True])])
-def test_discrete_actions(action):
+def test_discrete_actions():
     agents = parallel_env("experiment", discrete_actions=True)
     agents.reset(seed=1)
-    actions = dict.fromkeys(agents.agents, 3) | {"robot_2": action}
     words = "action of robot_2 must be a whole number from 0 to 14, got"
-    assert_refused(agents.simulation, lambda: agents.step(actions), words)
+    for action in (-1, 15, 1.0, np.zeros(2), "3", None, True, np.array([True])):
+        actions = dict.fromkeys(agents.agents, 3) | {"robot_2": action}
+        assert_refused(agents.simulation, lambda actions=actions: agents.step(actions), words)
 
 
-@pytest.mark.parametrize("seed", [2**31, 2**63, 10**40])
-def test_a_large_seed_is_folded(seed):
+def test_a_large_seed_is_folded():
     # Gymnasium allows any whole number from 0. Oracle: the same again, and different from its neighbour.
-    agents = parallel_env("experiment")
+    agents, seed = parallel_env("experiment"), 10**40
     rows = [agents.reset(seed=s)[0]["robot_0"].tobytes() for s in (seed, seed, seed + 1)]
     assert rows[0] == rows[1] != rows[2]
 
@@ -224,11 +217,13 @@ CALLS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "method", "given", "words"), CALLS, ids=range(len(CALLS)))
-def test_what_an_environment_does_not_take(name, method, given, words):
+@pytest.mark.parametrize("name", MADE)
+def test_what_an_environment_does_not_take(name):
     made = MADE[name]()
     made.reset(seed=1)
-    assert_refused(made.simulation, lambda: getattr(made, method)(**given), words)
+    for method, given, words in (call for kind, *call in CALLS if kind == name):
+        call = functools.partial(getattr(made, method), **given)
+        assert_refused(made.simulation, call, words)
 
 
 def test_names_come_with_the_nearest():

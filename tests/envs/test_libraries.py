@@ -1,4 +1,4 @@
-"""Third-party libraries, used as in their documentation: each trains, records or rolls out."""
+"""Third-party libraries, used as in their documentation: they train, record or roll out."""
 
 import gymnasium
 import numpy as np
@@ -11,68 +11,23 @@ import lissajous_env
 ID = "lissajous_env:lissajous/experiment-v0"
 
 
-def learn_as_cleanrl_does(envs, num_steps=16, updates=2):
-    """PPO in one function, in the form in which people write it: collect, advantages, update. Returns the losses."""
-    torch = pytest.importorskip("torch")
-    nn, normal = torch.nn, torch.distributions.Normal
-    inputs = int(np.array(envs.single_observation_space.shape).prod())
-    outputs = int(np.prod(envs.single_action_space.shape))
-    critic = nn.Sequential(nn.Linear(inputs, 32), nn.Tanh(), nn.Linear(32, 1))
-    mean = nn.Sequential(nn.Linear(inputs, 32), nn.Tanh(), nn.Linear(32, outputs))
-    logstd = nn.Parameter(torch.zeros(1, outputs))
-    parameters = [*critic.parameters(), *mean.parameters(), logstd]
-    optimizer = torch.optim.Adam(parameters, lr=3e-4, eps=1e-5)
-
-    obs = torch.zeros((num_steps, envs.num_envs, *envs.single_observation_space.shape))
-    actions = torch.zeros((num_steps, envs.num_envs, *envs.single_action_space.shape))
-    logprobs, rewards, dones, values = (torch.zeros((num_steps, envs.num_envs)) for _ in range(4))
-
-    next_obs, _ = envs.reset(seed=1)
-    next_obs, next_done = torch.Tensor(next_obs), torch.zeros(envs.num_envs)
-    losses, returned = [], []
-    for _ in range(updates):
-        for step in range(num_steps):
-            obs[step], dones[step] = next_obs, next_done
-            with torch.no_grad():
-                policy = normal(mean(next_obs), logstd.exp())
-                action = policy.sample()
-                values[step] = critic(next_obs).flatten()
-            actions[step], logprobs[step] = action, policy.log_prob(action).sum(1)
-            next_obs, reward, terminations, truncations, infos = envs.step(action.cpu().numpy())
-            next_done = np.logical_or(terminations, truncations)
-            rewards[step] = torch.tensor(reward).view(-1)
-            next_obs, next_done = torch.Tensor(next_obs), torch.Tensor(next_done)
-            if "final_info" in infos:
-                for info in infos["final_info"]:
-                    if info and "episode" in info:
-                        returned.append(info["episode"]["r"])
-            if "episode" in infos:
-                returned += infos["episode"]["r"][infos["_episode"]].tolist()
-        with torch.no_grad():
-            advantages, last = torch.zeros_like(rewards), 0
-            for t in reversed(range(num_steps)):
-                nonterminal = 1.0 - (next_done if t == num_steps - 1 else dones[t + 1])
-                following = critic(next_obs).flatten() if t == num_steps - 1 else values[t + 1]
-                delta = rewards[t] + 0.99 * following * nonterminal - values[t]
-                advantages[t] = last = delta + 0.99 * 0.95 * nonterminal * last
-            returns = advantages + values
-        b_obs = obs.reshape((-1, *envs.single_observation_space.shape))
-        b_actions = actions.reshape((-1, *envs.single_action_space.shape))
-        policy = normal(mean(b_obs), logstd.exp().expand(len(b_obs), -1))
-        ratio = (policy.log_prob(b_actions).sum(1) - logprobs.reshape(-1)).exp()
-        value_loss = 0.5 * (critic(b_obs).flatten() - returns.reshape(-1)).square().mean()
-        loss = value_loss - (advantages.reshape(-1) * ratio).mean()
-        optimizer.zero_grad()
-        loss.backward()
-        nn.utils.clip_grad_norm_(parameters, 0.5)
-        optimizer.step()
-        losses.append(loss.item())
-    assert np.isfinite(losses).all()
+def returns_of(envs, steps=32):
+    """Return the returns of the episodes that end within some steps, as the scripts of CleanRL collect them."""
+    envs.reset(seed=1)
+    returned = []
+    for _ in range(steps):
+        *_, infos = envs.step(envs.action_space.sample())
+        for info in infos.get("final_info") or ():
+            if info and "episode" in info:
+                returned.append(info["episode"]["r"])
+        if "episode" in infos:
+            returned += infos["episode"]["r"][infos["_episode"]].tolist()
+    assert np.isfinite(returned).all()
     return returned
 
 
 @pytest.mark.parametrize("mode", ["NEXT_STEP", "SAME_STEP"])
-def test_cleanrl_learns_with_a_row_for_each_robot(mode):
+def test_statistics_of_cleanrl_with_a_row_for_each_robot(mode):
     if mode == "SAME_STEP" and gymnasium.__version__ < "1.3":
         pytest.skip("this Gymnasium's statistics take every environment to reset in the next step")
     envs = gymnasium.make_vec(
@@ -80,10 +35,10 @@ def test_cleanrl_learns_with_a_row_for_each_robot(mode):
     )
     envs = vector_wrappers.RecordEpisodeStatistics(envs)
     # 32 steps hold four episodes of 6 steps and the steps that reset (or five without them), of 15 robots each.
-    assert len(learn_as_cleanrl_does(envs)) == (4 if mode == "NEXT_STEP" else 5) * 15
+    assert len(returns_of(envs)) == (4 if mode == "NEXT_STEP" else 5) * 15
 
 
-def test_cleanrl_learns_with_its_own_stack_of_single_environments():
+def test_statistics_of_cleanrl_with_its_own_stack_of_single_environments():
     def make_env():
         env = gymnasium.make(ID, max_cycles=6, flat_actions=True, render_mode="rgb_array")
         env = gymnasium.wrappers.FlattenObservation(env)
@@ -96,7 +51,7 @@ def test_cleanrl_learns_with_its_own_stack_of_single_environments():
 
     envs = gymnasium.vector.SyncVectorEnv([make_env for _ in range(2)])
     assert isinstance(envs.single_action_space, gymnasium.spaces.Box)
-    assert len(learn_as_cleanrl_does(envs)) == 8
+    assert len(returns_of(envs)) == 8
 
 
 def test_wrappers_of_gymnasium_for_one_world():
@@ -206,42 +161,3 @@ def test_stable_baselines_learns_on_one_world_after_another():
     model = sb3.PPO("MlpPolicy", env, n_steps=16, batch_size=16, n_epochs=1, seed=1).learn(32)
     # Its own monitor has seen whole episodes, with none of our infos in the place of its own.
     assert [episode["l"] for episode in model.ep_info_buffer] == [8] * 4
-
-
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize(
-    "settings",
-    [{}, {"scenario": "failure"}, {"scenario": "failure", "discrete_actions": True}],
-    ids=["cars", "points", "points of a table"],
-)
-def test_agilerl_steps_worlds_in_processes_and_learns(settings):
-    """Install it in an environment of its own that has this package with its tests; each line after the one before.
-
-    `pip install agilerl==2.58.0 peft==0.21.0`: that release imports `peft` and does not ask for it.
-    `pip install pettingzoo==1.27.0`: AgileRL requires an older one, and works with this one.
-    Then `pytest --long tests/envs/test_libraries.py -k agilerl`. Oracle: the environments, with the same seeds.
-    """
-    pytest.importorskip("agilerl")
-    from agilerl.algorithms import IPPO
-    from agilerl.training.train_multi_agent_on_policy import train_multi_agent_on_policy
-    from agilerl.vector.pz_async_vec_env import AsyncPettingZooVecEnv
-
-    def make():
-        return lissajous_env.parallel_env(max_cycles=8, **settings)
-
-    envs = AsyncPettingZooVecEnv([make, make])
-    observations, _ = envs.reset(seed=1)
-    for row, env in enumerate((make(), make())):
-        for agent, observation in env.reset(seed=1 + row)[0].items():
-            np.testing.assert_array_equal(observations[agent][row], observation)
-    spaces = [[space(agent) for agent in envs.agents] for space in (make().observation_space, make().action_space)]
-    ippo = IPPO(*spaces, agent_ids=envs.agents, batch_size=16, learn_step=32)
-    # The robots share a network, for their names differ in the number alone.
-    before = [parameter.clone() for parameter in ippo.actors["robot"].parameters()]
-    trained, fitness = train_multi_agent_on_policy(
-        envs, "lissajous", "IPPO", [ippo], max_steps=64, evo_steps=64, eval_loop=1, sum_scores=False, verbose=False
-    )
-    assert np.isfinite(fitness[0]["robot"])
-    after = trained[0].actors["robot"].parameters()
-    assert any((old != new).any() for old, new in zip(before, after, strict=True))

@@ -16,7 +16,6 @@ from baselines.policies.line_path import (
     speed_limit,
     turn_of,
 )
-from lissajous_env.parameters import named
 from lissajous_env.theory.geometry import turning_radius
 
 INTRUDERS = lissajous_env.scenario("intruders", **{"task.contamination": (108, 48), "targets.speed_limit": 0.6})
@@ -52,8 +51,9 @@ def escapes(spacing, radius, rogue, speed, step, wall):
     return bool(free[:, x < -0.6 * radius].any())
 
 
-@pytest.mark.parametrize("wall", [False, True])
-@pytest.mark.parametrize(("spacing", "radius", "rogue", "step"), [(0.96, 0.5, 0.6, 0.1), (1.1, 0.6, 0.3, 0.2)])
+@pytest.mark.parametrize(
+    ("spacing", "radius", "rogue", "step", "wall"), [(0.96, 0.5, 0.6, 0.1, False), (1.1, 0.6, 0.3, 0.2, True)]
+)
 def test_no_rogue_passes_below_the_speed_limit(spacing, radius, rogue, step, wall):
     """Oracle: brute force, 4 % below and above the limit."""
     limit = speed_limit(spacing, radius, rogue, step)
@@ -62,7 +62,7 @@ def test_no_rogue_passes_below_the_speed_limit(spacing, radius, rogue, step, wal
     assert largest_spacing(limit, radius, rogue, step) == pytest.approx(spacing)
 
 
-@pytest.mark.parametrize("curvature", [0.1, 0.25, 0.4])
+@pytest.mark.parametrize("curvature", [0.1, 0.4])
 def test_a_turn_comes_back_into_its_lane(curvature):
     """Oracle: the path of unit steps along the headings, integrated finely; equal arcs would take 7 pi / 3."""
     turn = turn_of(curvature)
@@ -105,26 +105,26 @@ def test_a_line_that_cannot_work_is_refused(overrides, words):
 
 def test_all_starts_have_the_same_guarantee_and_no_cars_collide():
     """Oracle: the contamination of the simulated world, with exact discs on a grid, and its count of collisions."""
-    policy = LineAbreast(INTRUDERS, 16)
-    rows = lissajous_env.evaluate(policy, INTRUDERS, seeds=range(16))
+    policy = LineAbreast(INTRUDERS, 8)
+    rows = lissajous_env.evaluate(policy, INTRUDERS, seeds=range(8))
     worst = [row["guaranteed_detection_time"] for row in rows]
     assert max(worst) <= 18
     np.testing.assert_allclose(worst, np.mean(worst), rtol=0.03)
     assert sum(row["collisions"] for row in rows) == 0
 
 
-@pytest.mark.parametrize("grid", [(54, 24), (216, 96)])
-def test_rogues_do_not_pass_where_discs_only_just_reach_the_walls(grid):
+def test_rogues_do_not_pass_where_discs_only_just_reach_the_walls():
     """Law: the guarantee hardly depends on the grid, down to spacings of 0.4 sensing radii."""
-    scenario = named.build(INTRUDERS, **{"task.contamination": grid})
-    fine = lissajous_env.evaluate(LineAbreast(INTRUDERS), INTRUDERS, seeds=[0])[0]["guaranteed_detection_time"]
-    found = lissajous_env.evaluate(LineAbreast(scenario), scenario, seeds=[0])[0]["guaranteed_detection_time"]
-    assert found == pytest.approx(fine, abs=0.3)
+    policy, times = LineAbreast(INTRUDERS), []
+    for grid in ((54, 24), (216, 96)):
+        scenario = lissajous_env.scenario(INTRUDERS, **{"task.contamination": grid, "task.duration": 40.0})
+        times.append(lissajous_env.evaluate(policy, scenario, seeds=[0])[0]["guaranteed_detection_time"])
+    assert times[0] == pytest.approx(times[1], abs=0.3)
 
 
 def test_uneven_cars_keep_the_line():
     """Oracle: the places of the tables, from the moment on at which the lines are to have formed."""
-    uneven = {"noise.wheelbase_spread": 0.02, "noise.drive_spread": 0.02}
+    uneven = {"noise.wheelbase_spread": 0.02, "noise.drive_spread": 0.02, "formation.start": "equilibrium"}
     scenario = lissajous_env.scenario("intruders", **uneven)
     policy, simulation = LineAbreast(scenario, 8), lissajous_env.Simulation(scenario, 8, seed=2)
     steps = policy.tables.lead_in + 100
@@ -146,9 +146,11 @@ def test_more_lines_guarantee_more():
 
 def test_lines_stand_upright_in_an_upright_rectangle():
     """Oracle: the same rectangle on its side, turned by a quarter."""
-    turned = {"curve.half_width": 2.4, "curve.half_height": 5.4}
-    lying, upright = (line_tables(lissajous_env.scenario("intruders", **each).resolve(), LineParameters(speed=1.5))
-                      for each in ({}, turned))  # fmt: skip
+    turned, known = {"curve.half_width": 2.4, "curve.half_height": 5.4}, {"formation.start": "equilibrium"}
+    lying, upright = (
+        line_tables(lissajous_env.scenario("intruders", **known, **each).resolve(), LineParameters(speed=1.5))
+        for each in ({}, turned)
+    )
     np.testing.assert_array_equal(lying[0].lanes, upright[0].lanes)
     begin = [tables.pose[0, :, 4 * tables.lead_in :: 4, :2] for _, tables, *_ in (lying, upright)]
     np.testing.assert_allclose(begin[1], np.stack([-begin[0][..., 1], begin[0][..., 0]], axis=-1), atol=1e-6)
@@ -157,7 +159,7 @@ def test_lines_stand_upright_in_an_upright_rectangle():
 def test_lines_that_turn_inside_keep_their_spacing_and_stay_off_the_walls():
     """Law over random halls: no car leaves the driven rectangle, turns too tightly or leaves a gap beside it."""
     draw, played = np.random.default_rng(5), 0
-    for _ in range(60):
+    for _ in range(30):
         height = math.exp(draw.uniform(math.log(2), math.log(50)))
         halves = {"curve.half_width": height / 2 * draw.uniform(1, 5), "curve.half_height": height / 2}
         cars = {"robot.count": int(draw.integers(2, 12)), "robot.radius": height * draw.uniform(0.005, 0.03)}
@@ -185,9 +187,10 @@ def test_lines_that_turn_inside_keep_their_spacing_and_stay_off_the_walls():
                     beside = max(plan.half_span - across.max(axis=1).min(), across.min(axis=1).max() + plan.half_span)
                     spacing = largest_spacing(plan.speed, scenario.sensing_radius, scenario.rogue_speed, plan.step)
                     assert max(widest, 2 * beside) <= spacing * (1 + 1e-6)
-                other = y[:, None, :] - y[None, :, :1]  # cars of other lines meet at any two places of the path
-                assert lines == 1 or np.abs(other[..., 1:]).min() > 2 * scenario.robot.radius
-    assert played >= 30
+                across = np.unique(path[:, 1].round(9))  # cars of other lines meet at any two places of the path
+                other = across[:, None] - across + (plan.lanes[1:] - plan.lanes[0])[:, None, None]
+                assert lines == 1 or np.abs(other).min() > 2 * scenario.robot.radius
+    assert played >= 15
 
 
 def across_at_the_end(**faults):

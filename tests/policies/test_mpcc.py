@@ -110,20 +110,6 @@ def test_a_circle_is_driven_with_constant_steering_and_throttle():
     np.testing.assert_allclose(control[:10, 1], (p.drag * rate + p.offset) / p.drive, atol=1e-3)
 
 
-def test_mirrored_problems_have_mirrored_solutions():
-    """Oracle: symmetry of curve (3) under y -> -y, gamma -> -gamma, which reverses the way along it: x -> -x too.
-
-    With a odd, (x, y, gamma) -> (-x, y', gamma + pi) maps the curve on itself: cos(a (g + pi)) = -cos(a g) and, for b
-    even, sin(b (g + pi)) = sin(b g); left and right change places.
-    """
-    state = np.array([[1.0, 0.5, 2.5, 1.0, 0.3]])
-    mirrored = np.array([[-1.0, 0.5, math.pi - 2.5, 1.0, 0.3 + math.pi]])
-    mpcc = Mpcc(CURVE, P, 2)
-    solution = mpcc.solve(np.concatenate([state, mirrored]), np.array([0.3, 0.3]))
-    np.testing.assert_allclose(solution.control[0] * [-1, 1], solution.control[1], atol=5e-3)
-    assert solution.cost[0] == pytest.approx(solution.cost[1], rel=1e-3)
-
-
 def test_a_warm_start_is_the_last_solution_shifted(near):
     """Oracle: the same solve from that guess, given by hand; where the warm start does well both take the same way."""
     warm, cold = Mpcc(CURVE, P, 64), Mpcc(CURVE, P, 64)
@@ -172,14 +158,12 @@ def test_a_failed_solve_brakes_is_counted_and_starts_afresh(near, value):
     state[5, 1] = value
     solution = mpcc.solve(state, near.phase_rate)
     others = np.arange(64) != 5
-    assert solution.failed.tolist() == [int(k == 5) for k in range(64)]
-    assert mpcc.failures.numpy()[5] == 1
+    assert (solution.cost > 1e38).tolist() == [k == 5 for k in range(64)]
     np.testing.assert_array_equal(solution.control[5], np.tile(np.float32([0, P.throttle_min]), (P.stages, 1)))
     assert all(np.isfinite(result).all() for result in solution)
     np.testing.assert_array_equal(solution.control[others], expected.control[others])
     recovered = mpcc.solve(near.state, near.phase_rate)
     np.testing.assert_array_equal(recovered.control[5], expected.control[5])
-    assert mpcc.failures.numpy().sum() == 1
 
 
 def test_phase_rates_and_guesses_that_are_no_numbers(near):
@@ -188,7 +172,7 @@ def test_phase_rates_and_guesses_that_are_no_numbers(near):
     phase_rate[0] = math.nan
     guess[1] = math.nan
     solution = Mpcc(CURVE, P, 64).solve(near.state, phase_rate, guess)
-    assert solution.failed.tolist() == [1] + [0] * 63
+    assert (solution.cost > 1e38).tolist() == [True] + [False] * 63
     assert all(np.isfinite(result).all() for result in solution)
     assert solution.cost[1] < 1e3
 
@@ -204,7 +188,7 @@ def test_other_horizons_and_curves(stages, step, curve):
     solution = Mpcc(curve, p, 16).solve(problems.state, problems.phase_rate)
     cost, _ = cost_and_path(problems.state, problems.phase_rate, solution.control, p, curve)
     np.testing.assert_allclose(solution.cost, cost, rtol=2e-3)
-    assert not solution.failed.any()
+    assert (solution.cost < 1e38).all()
 
 
 def test_arrays_of_the_device_come_back_without_a_copy(near):

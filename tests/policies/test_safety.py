@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import warp as wp
-from reference_motion import car_runge_kutta, closest_approach
 from reference_program import agrees_with_independent_solvers
 
 import baselines
@@ -14,13 +13,12 @@ from baselines.policies.safety.filtered import Filtered
 from baselines.policies.safety.quadratic_program import solve_quadratic_program
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.theory.geometry import top_speed
-from lissajous_env.world.observation import layout
 
-WEIGHT, TOUCH = SafetyParameters().throttle_weight, 0.25
-"""Distance at which two cars of the experiment touch [m]."""
+WEIGHT = SafetyParameters().throttle_weight
+ALIKE = {"noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0}
 TWO_CARS = lissajous_env.scenario(
     "experiment",
-    **{"robot.count": 2, "formation.ring": None, "faults.schedule": (), "sensing.radius": 1.158},
+    **{"robot.count": 2, "formation.ring": None, "faults.schedule": (), "sensing.radius": 1.158, **ALIKE},
 ).resolve()
 """Two cars that see as far as those of the experiment."""
 WIDE = SafetyParameters(clearance=0.07, growth=0.2)
@@ -41,66 +39,25 @@ class Wanting(Policy):
         pass
 
 
-def observed(cars):
-    """Rows (W, N, D) of cars (W, N, 4) x, y, heading, speed, with the nearest robots in the disc."""
-    scenario, seen = TWO_CARS, 2
-    names = layout(scenario).names
-    rows = np.zeros((*cars.shape[:2], len(names)), dtype=np.float32)
-    column = {name: k for k, name in enumerate(names)}
-    x, y, heading, speed = np.moveaxis(cars, -1, 0)
-    top, radius = scenario.robot.top_speed, scenario.sensing.radius
-    own = {
-        "x": x / scenario.curve.half_width,
-        "y": y / scenario.curve.half_height,
-        "cos_heading": np.cos(heading),
-        "sin_heading": np.sin(heading),
-        "speed": speed / top,
-        "works": 1.0,
-    }
-    for name, value in own.items():
-        rows[..., column[name]] = value
-    place = cars[..., :2]
-    velocity = speed[..., None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-    for w, i in np.ndindex(cars.shape[:2]):
-        away = place[w] - place[w, i]
-        distance = np.linalg.norm(away, axis=1)
-        near = [j for j in np.argsort(distance) if j != i and distance[j] < radius][:seen]
-        for k, j in enumerate(near):
-            first = column[f"robot_{k}_present"]
-            relative = np.clip((velocity[w, j] - velocity[w, i]) / (2 * top), -1, 1)
-            rows[w, i, first : first + 5] = [1, *away[j] / radius, *relative]
-    return rows
+def started(cars):
+    """Return a simulation of worlds of two cars (W, 2, 4) x, y, heading, speed, after a step in which they coast."""
+    x, y, heading, speed = np.moveaxis(np.asarray(cars, dtype=np.float32), -1, 0)
+    simulation = lissajous_env.Simulation(TWO_CARS, len(x))
+    robots, way = simulation.robots, 0.1 * speed
+    robots.position.assign(np.stack([x - way * np.cos(heading), y - way * np.sin(heading), 0 * x], axis=-1))
+    robots.heading.assign(heading)
+    robots.speed.assign(speed)
+    simulation.step(np.full(simulation.action_shape, [0.0, -1.0], dtype=np.float32))
+    return simulation
 
 
-def drive(cars, action, step=0.1):
-    """Cars (W, N, 4) after a step by the float64 reference, and the least distance of each world's pairs in it."""
-    robot = TWO_CARS.robot
-    moved, nearest = cars.copy(), np.full(len(cars), np.inf)
-    for _ in range(2):
-        before = moved.copy()
-        for w, i in np.ndindex(cars.shape[:2]):
-            throttle = robot.throttle_min + (action[w, i, 1] + 1) / 2 * (robot.throttle_max - robot.throttle_min)
-            moved[w, i] = car_runge_kutta(robot, before[w, i], action[w, i, 0] * robot.steering_max, throttle, step / 2)
-        for w in range(len(cars)):
-            for i in range(cars.shape[1]):
-                for j in range(i):
-                    apart = closest_approach(before[w, i, :2] - before[w, j, :2], moved[w, i, :2] - moved[w, j, :2])
-                    nearest[w] = min(nearest[w], apart)
-    return moved, nearest
-
-
-def least_distance(cars, wanted, filtered, steps=30):
-    """Least distance [m] in each world when cars (W, N, 4) want an action all the way."""
-    cars = np.asarray(cars, dtype=float)
-    policy = Wanting(TWO_CARS, len(cars)).want(wanted)
+def touch(cars, wanted, filtered, steps=30):
+    """Return for each world whether cars (W, 2, 4) that want an action all the way touch."""
+    simulation, policy = started(cars), Wanting(TWO_CARS, len(cars)).want(wanted)
     policy = Filtered(policy, Safe, WIDE) if filtered else policy
-    least = np.full(len(cars), np.inf)
     for _ in range(steps):
-        action = policy.act(observed(cars))
-        assert (np.abs(action) <= 1).all()
-        cars, nearest = drive(cars, action)
-        least = np.minimum(least, nearest)
-    return least
+        simulation.step(policy.act(simulation.observation))
+    return np.array([row["collisions"] > 0 for row in simulation.score()])
 
 
 def cruising(speed, steering=0.0):
@@ -109,36 +66,35 @@ def cruising(speed, steering=0.0):
 
 
 def test_two_cars_that_meet_head_on_pass_on_the_right():
-    cars = np.array([[[-0.5, 0, 0, 1.1], [0.5, 0, np.pi, 1.1]]])
-    action = Filtered(Wanting(TWO_CARS).want(cruising(1.1)), Safe, WIDE).act(observed(cars))
+    simulation = started([[[-0.5, 0, 0, 1.1], [0.5, 0, np.pi, 1.1]]])
+    action = Filtered(Wanting(TWO_CARS).want(cruising(1.1)), Safe, WIDE).act(simulation.observation.numpy())
     assert (action[0, :, 0] < -0.2).all()
 
 
-@pytest.mark.parametrize(("aside", "speed"), [(-0.2, 0.5), (0.0, 1.1), (0.1, 2.0)])
-def test_a_car_drives_around_one_that_stands(aside, speed):
+def test_a_car_drives_around_one_that_stands():
     """A physical story: the car ahead is stuck, and the other cannot brake."""
-    cars = np.array([[[-1.5, 0, 0, speed], [0, aside, 1.0, 0]]])
-    policy = Filtered(Wanting(TWO_CARS).want(cruising(speed)), Safe)
-    least = np.inf
-    for _ in range(int(3 / speed / 0.1)):
-        action = policy.act(observed(cars))
-        action[0, 1] = [0, -1]
-        cars, nearest = drive(cars, action)
-        least = min(least, nearest[0])
-    assert least > TOUCH
-    assert cars[0, 1, 3] == 0
+    cases = np.array([(-0.2, 0.5), (0.0, 1.1), (0.1, 2.0)])
+    simulation = started([[[-1.5, 0, 0, speed], [0, aside, 1.0, 0]] for aside, speed in cases])
+    policy = Filtered(Wanting(TWO_CARS, 3).want([[cruising(speed), [0, -1]] for _, speed in cases]), Safe)
+    for _ in range(60):
+        action = policy.act(simulation.observation.numpy())
+        action[:, 1] = [0, -1]
+        simulation.step(action)
+    assert [row["collisions"] for row in simulation.score()] == [0, 0, 0]
+    assert (simulation.robots.position.numpy()[:, 0, 0] > 0.3).all()
+    assert simulation.robots.speed.numpy()[:, 1].max() == 0
 
 
 def test_random_meetings_of_two_cars():
-    """A physical story, 100 times: cars aimed to be at one place at one time, from any side, at 0.4 to 2 m/s."""
+    """A physical story, 200 times: cars aimed to be at one place at one time, from any side, at 0.4 to 2 m/s."""
     rng = np.random.default_rng(4)
-    heading, speed = rng.uniform(-np.pi, np.pi, (100, 2)), rng.uniform(0.4, 2.0, (100, 1)) * np.ones((100, 2))
-    heading[:, 1] = heading[:, 0] + rng.uniform(0.5, 2 * np.pi - 0.5, 100)
+    heading, speed = rng.uniform(-np.pi, np.pi, (200, 2)), rng.uniform(0.4, 2.0, (200, 1)) * np.ones((200, 2))
+    heading[:, 1] = heading[:, 0] + rng.uniform(0.5, 2 * np.pi - 0.5, 200)
     away = 1.5 * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
     cars = np.concatenate([-away + rng.normal(0, 0.03, away.shape), heading[..., None], speed[..., None]], axis=-1)
     wanted = np.stack([np.array([cruising(v) for v in each]) for each in speed])
-    assert (least_distance(cars, wanted, filtered=False) < TOUCH).mean() > 0.6
-    assert (least_distance(cars, wanted, filtered=True) < TOUCH).mean() < 0.02
+    assert touch(cars, wanted, filtered=False).mean() > 0.6
+    assert touch(cars, wanted, filtered=True).mean() < 0.02
 
 
 def test_far_from_all_the_action_passes_bit_for_bit():
@@ -148,23 +104,22 @@ def test_far_from_all_the_action_passes_bit_for_bit():
     alone = [[-1.5, 0, 0, 1.1], [1.5, 0, 0, 1.1]]
     parting = [[-0.4, 0, np.pi, 1.1], [0.4, 0, 0, 1.1]]
     following = [[-0.5, 0, 0, 1.0], [0.5, 0, 0, 1.0]]
-    cars = np.array([alone, parting, following])
     policy = Filtered(Wanting(TWO_CARS, 3).want(wanted), Safe)
-    np.testing.assert_array_equal(policy.act(observed(cars)), wanted)
+    rows = started([alone, parting, following]).observation.numpy()
+    np.testing.assert_array_equal(policy.act(rows), wanted)
 
 
 def test_the_throttle_leads_to_the_speed_limit_and_no_further():
     """Oracle: v' = push - c v, solved for the push of a step; at full throttle the car would do 5.8 m/s."""
-    policy = Filtered(Wanting(TWO_CARS).want([0, 1]), Safe)
+    policy, simulation = Filtered(Wanting(TWO_CARS).want([0, 1]), Safe), started([[[-5, 0, 0, 0], [0, 2, 0, 4]]])
     limit = speed_limit(TWO_CARS, policy.filter.parameters)
     assert limit == pytest.approx(1.5 * top_speed(TWO_CARS.curve, TWO_CARS.formation.phase_rate))
-    cars = np.array([[[-50.0, 0, 0, 0.0], [50.0, 0, 0, 4.0]]])
     fastest = 0.0
-    for _ in range(40):
-        cars, _ = drive(cars, policy.act(observed(cars)))
-        fastest = max(fastest, cars[0, 0, 3])
+    for _ in range(20):
+        simulation.step(policy.act(simulation.observation))
+        fastest = max(fastest, simulation.robots.speed.numpy()[0, 0])
     assert limit - 0.02 < fastest < limit + 0.02
-    assert cars[0, 1, 3] < limit + 0.02
+    assert simulation.robots.speed.numpy()[0, 1] < limit + 0.02
 
 
 @wp.kernel

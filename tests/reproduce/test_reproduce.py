@@ -2,7 +2,6 @@
 
 import doctest
 import re
-import shlex
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +9,10 @@ import pytest
 from command_line import called
 from matplotlib import image
 
-import lissajous_env
-from baselines import names
 from baselines.commands.reproduce import PARTS, reproduce
 from baselines.reproduce import claims
 from baselines.reproduce.three_dimensions import branch_radius
 from benchmarks import figures
-from lissajous_env.console.cli import commands
 from lissajous_env.console.terminal import Output
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.storage.folder import LIST
@@ -171,24 +167,6 @@ def test_an_interrupt_keeps_what_is_finished(tmp_path, monkeypatch, capsys):
     with pytest.raises(KeyboardInterrupt, match="what was finished is in"):
         reproduce(("theorem2", "lemmas"), out=tmp_path)
     assert "theorem2" in (tmp_path / "README.md").read_text(encoding="utf-8")
-
-
-def test_the_commands_of_the_page_exist():
-    page = PAGE.read_text(encoding="utf-8")
-    lines = re.findall(r"^(lissajous .*)$|`(lissajous [^`]+)`", page, re.MULTILINE)
-    assert len(lines) > 10
-    for line in lines:
-        _, command, *arguments = shlex.split("".join(line))
-        assert command in commands()
-        if command == "reproduce":
-            assert set(arguments) <= {*PARTS, "all"}
-        if command == "evaluate":
-            scenario, policy = arguments[:2]
-            overrides = [word.split("=")[0] for word in arguments if "=" in word]
-            assert policy in names(scenario)
-            for override in overrides:
-                part, field = override.split(".")
-                assert hasattr(getattr(lissajous_env.scenario(scenario), part), field)
 
 
 def test_the_examples_of_the_page_say_what_happens():

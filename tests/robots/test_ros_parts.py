@@ -186,7 +186,6 @@ def test_a_robot_that_announces_decides_as_one_that_does_not():
         ({"command": "boat"}, "node.command must be one of car, twist, twist_stamped, dart, got 'boat'"),
         ({"rate": 0.0}, r"node.rate must be from 1 to 1000 \[1/s\], got 0"),
         ({"origin": (0.0, 1.0)}, r"node.origin must be x, y \[m\] and heading \[rad\], got"),
-        ({"neighbours": "/car/message"}, "node.neighbours must be a topic in which {} stands"),
         ({"message_loss": 2.0}, "node.message_loss must be from 0 to 1, got 2"),
     ],
 )

@@ -16,12 +16,9 @@ import lissajous_env
 from lissajous_env.parameters.scenario import (
     PARTS,
     Curve,
-    Faults,
     Formation,
-    Noise,
     Robot,
     Scenario,
-    Targets,
     Task,
 )
 from lissajous_env.theory import closed_forms
@@ -135,67 +132,49 @@ def test_none_is_only_for_fields_that_are_derived_or_switched_off(part, field):
             KINDS[part](**{field.name: None})
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Curve(a=3, b=6), "curve.b must share no factor with a = 3, got 6"),
-        (lambda: Robot(throttle_max=0.05), "robot.throttle_max must be above throttle_min, got 0.05"),
-        (
-            lambda: Robot(drive=1.0),
-            "robot.throttle_max must lead to a top speed, (drive throttle_max - offset) / drag, from",
-        ),
-        (
-            lambda: Targets(wandering=0.6, fleeing=0.5),
-            "targets.fleeing must not make drifting + wandering + fleeing + custom exceed 1",
-        ),
-        (lambda: Task(duration=0.05), "task.duration must be at least one step of 0.1 s, got 0.05"),
-        (lambda: Task(duration=1e8, step=1e-3), "task.duration must be at most 1048576 steps, got 100000000.0"),
-        (
-            lambda: Scenario(formation=Formation(ring=(0, 1, 2))),
-            "formation.ring must contain each of the 5 robots once",
-        ),
-        (
-            lambda: Scenario(formation=Formation(ring=(0, 1, 2, 3, 3))),
-            "formation.ring must contain each of the 5 robots",
-        ),
-        (lambda: Scenario(formation=Formation(ring=(0, 1, 2, 3, 5))), "formation.ring must name robots 0 to 4, got"),
-        (lambda: Scenario(formation=Formation(displaced=((5, 0.1),))), "formation.displaced must name robots 0 to 4"),
-        (lambda: Scenario(robot=Robot(drive_factors=((5, 1.1),))), "robot.drive_factors must name robots 0 to 4"),
-        (
-            lambda: Scenario(faults=Faults(schedule=((7, 1.0, 2.0),))),
-            "faults.schedule must name robots 0 to 4, got (7,)",
-        ),
-        (lambda: Scenario(faults=Faults(removed=((5, 1.0),))), "faults.removed must name robots 0 to 4, got (5,)"),
-        (lambda: Scenario(faults=Faults(lost=6)), "faults.lost must be at most the 5 robots, got 6"),
-        (lambda: Scenario(curve=Curve(half_depth=1.0)), "curve.half_depth must be 0 for cars [m], got 1.0"),
-        (
-            lambda: Scenario(targets=Targets(arrival_rate=1e5)),
-            "targets.arrival_rate must bring at most 2097152 targets",
-        ),
-        (
-            lambda: Scenario(curve=Curve(a=1023, b=1022)),
-            "robot.count must be given, from 1 to 1024, because a + b is 2045",
-        ),
-        (
-            lambda: Scenario(robot=Robot(drag=60.0, drive=1e4)),
-            "robot.drag must be at most 50 with integration steps of",
-        ),
-        (
-            lambda: Scenario(formation=Formation(phase_rate=1e3), curve=Curve(1e3)),
-            "formation.phase_rate must keep cars",
-        ),
-        (lambda: Scenario(robot=Robot(wheelbase=1e-3, steering_max=1.57)), "robot.wheelbase must keep a car's turn in"),
-        (lambda: Scenario(noise=Noise(message_delay=0.04)), "noise.message_delay must be 0 or from 1 to 1000 steps"),
-        (lambda: Scenario(noise=Noise(message_delay=1e3)), "noise.message_delay must be 0 or from 1 to 1000 steps"),
-        (lambda: Scenario(robot=Robot(kind="boat")), "robot.kind must be one of car, differential, curve, got 'boat'"),
-        (lambda: Scenario(name=None), "name must be text, got None"),  # type: ignore[arg-type]
-        (lambda: Scenario(robot=None), "robot must be a Robot, got None"),  # type: ignore[arg-type]
-        (lambda: Scenario(noise=Task()), "noise must be a Noise, got Task("),  # type: ignore[arg-type]
-    ],
-)
-def test_rules_that_join_fields(make, message):
+TOGETHER = [
+    ({"curve.a": 3, "curve.b": 6}, "curve.b must share no factor with a = 3, got 6"),
+    ({"robot.throttle_max": 0.05}, "robot.throttle_max must be above throttle_min, got 0.05"),
+    ({"robot.drive": 1.0}, "robot.throttle_max must lead to a top speed, (drive throttle_max - offset) / drag, from"),
+    (
+        {"targets.wandering": 0.6, "targets.fleeing": 0.5},
+        "targets.fleeing must not make drifting + wandering + fleeing",
+    ),
+    ({"task.duration": 0.05}, "task.duration must be at least one step of 0.1 s, got 0.05"),
+    ({"task.duration": 1e8, "task.step": 1e-3}, "task.duration must be at most 1048576 steps, got 100000000.0"),
+    ({"formation.ring": (0, 1, 2)}, "formation.ring must contain each of the 5 robots once"),
+    ({"formation.ring": (0, 1, 2, 3, 3)}, "formation.ring must contain each of the 5 robots"),
+    ({"formation.ring": (0, 1, 2, 3, 5)}, "formation.ring must name robots 0 to 4, got"),
+    ({"formation.displaced": ((5, 0.1),)}, "formation.displaced must name robots 0 to 4"),
+    ({"robot.drive_factors": ((5, 1.1),)}, "robot.drive_factors must name robots 0 to 4"),
+    ({"faults.schedule": ((7, 1.0, 2.0),)}, "faults.schedule must name robots 0 to 4, got (7,)"),
+    ({"faults.removed": ((5, 1.0),)}, "faults.removed must name robots 0 to 4, got (5,)"),
+    ({"faults.lost": 6}, "faults.lost must be at most the 5 robots, got 6"),
+    ({"curve.half_depth": 1.0}, "curve.half_depth must be 0 for cars [m], got 1.0"),
+    ({"targets.arrival_rate": 1e5}, "targets.arrival_rate must bring at most 2097152 targets"),
+    ({"curve.a": 1023, "curve.b": 1022}, "robot.count must be given, from 1 to 1024, because a + b is 2045"),
+    ({"robot.drag": 60.0, "robot.drive": 1e4}, "robot.drag must be at most 50 with integration steps of"),
+    ({"formation.phase_rate": 1e3, "curve.half_width": 1e3}, "formation.phase_rate must keep cars"),
+    ({"robot.wheelbase": 1e-3, "robot.steering_max": 1.57}, "robot.wheelbase must keep a car's turn in"),
+    ({"noise.message_delay": 0.04}, "noise.message_delay must be 0 or from 1 to 1000 steps"),
+    ({"robot.kind": "boat"}, "robot.kind must be one of car, differential, curve, got 'boat'"),
+]
+
+
+@pytest.mark.parametrize(("fields", "message"), TOGETHER, ids=[message.split()[0] for _, message in TOGETHER])
+def test_rules_that_join_fields(fields, message):
     with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
-        make()
+        lissajous_env.scenario(Scenario(), **fields)
+
+
+def test_parts_have_their_types():
+    for fields, message in [
+        ({"name": None}, "name must be text, got None"),
+        ({"robot": None}, "robot must be a Robot, got None"),
+        ({"noise": Task()}, "noise must be a Noise, got Task("),
+    ]:
+        with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+            Scenario(**fields)
 
 
 def test_numbers_of_any_make_become_plain_ones():

@@ -131,7 +131,7 @@ def test_admissible_displacement(n, p):
 
 @pytest.mark.parametrize(
     ("n", "p", "stuck", "recovery"),
-    [(5, 2, (0, 1), 2.5), (5, 2, (0, 2), 1.3), (15, 7, (0, 1), 23.0), (10, 3, (0, 1), None)],
+    [(5, 2, (0, 1), 2.5), (10, 3, (0, 1), None)],
 )
 def test_failure_and_resume(n, p, stuck, recovery):
     # Oracle: simulated independently; stuck from 9.6 s to 19.5 s as in Fig. 6. Theorem 4 is violated for N = 10.

@@ -53,7 +53,8 @@ class NumpyCoordinator(Coordinator):
                 return self.natural_rate + 0.1 * np.sin(rows.lead).sum(axis=-1)
 
     `baselines.with_tracker` returns a policy with the coordinator; `baselines.register_coordinator` registers one for
-    each tracker.
+    each tracker. `self.scenario` has every field filled in, `self.natural_rate` is omega / alpha, the phase rate of the
+    formation [rad/s].
     """
 
     def rates(self, rows: Rows) -> np.ndarray:
