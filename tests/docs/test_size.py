@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 49_789
+LINES = 49_743
 """Lines of the packages."""
 MODULES = 356
 """Files of the packages."""
-TESTS = 29_204
+TESTS = 29_270
 """Lines of the tests."""
 
 
