@@ -1,8 +1,4 @@
-"""The command `lissajous`, for tests: called in this process, or in one of its own."""
-
-import os
-import subprocess
-import sys
+"""The command `lissajous`, for tests: called in this process."""
 
 import pytest
 
@@ -14,9 +10,3 @@ def called(capsys, *arguments):
     with pytest.raises(SystemExit) as ended:
         main([*map(str, arguments)])
     return (ended.value.code, *capsys.readouterr())
-
-
-def lissajous(*arguments, width=120, **options):
-    environment = os.environ | {"COLUMNS": str(width)}
-    command = [sys.executable, "-m", "lissajous_env", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60, **options)

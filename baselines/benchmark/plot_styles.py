@@ -10,6 +10,7 @@ import io
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+from baselines.benchmark.types import POLICIES
 from baselines.policies.registry import unwrapped
 
 BLUE, ORANGE, GREEN, PINK, RED = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00"
@@ -18,15 +19,6 @@ VIOLET, INDIGO, BROWN, OLIVE, PLUM, LILAC = "#962DFF", "#3C2DA5", "#692D00", "#B
 COLOURS = (BLUE, ORANGE, GREEN, PINK, RED, SKY, VIOLET, DARK, INDIGO, BROWN, OLIVE, PLUM, LILAC)
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", "p", ">", "h", "d")
 _STYLES = len(COLOURS) * len(MARKS)
-
-_FIXED = (
-    "kuramoto-mpcc", "open-loop-mpcc", "consensus-mpcc", "sweep", "laps", "learned-intruders", "portfolio",
-    "random", "partition", "partition-repair", "line-abreast", "portfolio-guarantee",
-)  # fmt: skip
-"""Policies of the standard comparison for cars, without the filter, in the order of their styles."""
-
-_FIXED_POINTS = ("kuramoto", "open-loop", "consensus")
-"""Standard policies for points, in the same order; no scenario has cars and points."""
 
 STYLE: dict[Any, Any] = {
     "font.size": 9.5,
@@ -78,7 +70,6 @@ def styles_of(played: Iterable[str]) -> dict[str, PlotStyle]:
     The standard policies always have the same style; the others have the next ones, in the order of their names.
     """
     plain = {policy: unwrapped(policy)[0] for policy in played}
-    place_of = {name: place for names in (_FIXED, _FIXED_POINTS) for place, name in enumerate(names)}
-    others = sorted(set(plain.values()) - place_of.keys())
-    place_of |= {name: (len(_FIXED) + k) % _STYLES for k, name in enumerate(others)}
-    return {policy: style_at(place_of[name]) for policy, name in plain.items()}
+    standard = dict.fromkeys(unwrapped(policy)[0] for policy in POLICIES)
+    places = {name: place for place, name in enumerate([*standard, *sorted(set(plain.values()) - standard.keys())])}
+    return {policy: style_at(places[name] % _STYLES) for policy, name in plain.items()}

@@ -103,8 +103,6 @@ def _about(recording: Recording) -> dict[str, Any]:
         "equilibrium": scenario.equilibrium.tolist(),
         "delay": round(scenario.noise.message_delay / scenario.task.step),
         "leave": scenario.targets.leave,
-        "idle": scenario.task.grid is not None,
-        "unseen": scenario.task.contamination is not None,
         "actions": list(scenario.action_names),
         "shape": [[np.round(outline, 3).tolist(), fill] for outline, fill in parts],
     }

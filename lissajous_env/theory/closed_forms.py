@@ -162,22 +162,8 @@ def kuramoto_rates(phases: np.ndarray, neighbours: np.ndarray, phase_rate: float
     return phase_rate - coupling * np.sum(np.where(neighbours >= 0, np.sin(differences), 0.0), axis=-1)
 
 
-def kuramoto_jacobian(phases: np.ndarray, neighbours: np.ndarray, coupling: float = 1.0) -> np.ndarray:
-    """J of (1), proof of Theorem 3: J_ii = K sum of cos(theta_j - theta_i), J_ij = -K cos(theta_j - theta_i) [1/s].
-
-    Takes (N,) phases [rad] and (N, 2) neighbours, -1 for none; returns (N, N).
-    """
-    jacobian = np.zeros((len(phases), len(phases)))
-    for robot, others in enumerate(neighbours):
-        for other in others[others >= 0]:
-            slope = coupling * math.cos(phases[other] - phases[robot])
-            jacobian[robot, robot] += slope
-            jacobian[robot, other] -= slope
-    return jacobian
-
-
 def equilibrium_eigenvalues(num_robots: int, p: int, coupling: float = 1.0) -> np.ndarray:
-    """Return the eigenvalues of J at equilibrium (2), 2 K cos(2 pi p / N) (1 - cos(2 pi k / N)) [1/s], for N > 2.
+    """Return the eigenvalues of (1) at equilibrium (2), 2 K cos(2 pi p / N) (1 - cos(2 pi k / N)) [1/s], for N > 2.
 
     Returns (N,), k = 0 ... N - 1; that of k = 0 is the free choice of theta_0. All others are negative exactly for the
     p of Theorem 1, and the one of k = 1 is the rate at which the formation recovers.
@@ -230,26 +216,6 @@ def _series(curve: Curve, gamma: np.ndarray, order: int) -> np.ndarray:
     turn = gamma[..., None] * k + order * np.pi / 2
     rows = np.array(curve.harmonics) * (k**order)[:, None]
     return np.cos(turn) @ rows[:, ::2] + np.sin(turn) @ rows[:, 1::2]
-
-
-def self_crossings(curve: Curve) -> np.ndarray:
-    """Return the self-crossings of the plane curve (3), for gcd(a, b) = 1: the nodes of (7) inside the rectangle.
-
-    With gamma = u - v and u + v, either x and y agree at u = (2n + 1) pi / 2b, v = m pi / a, or at u = m pi / a,
-    v = n pi / b.
-
-    Returns (2ab - a - b, 2) the two phases of every crossing [rad], not wrapped.
-    """
-    a, b = curve.a, curve.b
-    m, n = np.meshgrid(np.arange(1, (a + 1) // 2), np.arange(2 * b), indexing="ij")
-    first = (2 * n + 1) * np.pi / (2 * b), m * np.pi / a
-    m, n = np.meshgrid(np.arange(2 * a), np.arange(1, b), indexing="ij")
-    # (m, n) and (m + a, b - n) are the same crossing: its two phases, in the other order.
-    once = m < a
-    second = m[once] * np.pi / a, n[once] * np.pi / b
-    middle = np.concatenate([first[0].ravel(), second[0]])
-    half = np.concatenate([first[1].ravel(), second[1]])
-    return np.stack([middle - half, middle + half], axis=-1)
 
 
 def ellipse_residual(curve: Curve, positions: np.ndarray, curve_phase: float | np.ndarray) -> np.ndarray:

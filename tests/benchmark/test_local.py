@@ -8,7 +8,9 @@ from benchmarks_in_the_small import QUIET, SHORT, small
 import baselines
 import lissajous_env
 from baselines.benchmark import results_folder, running
+from baselines.benchmark.local import may_be_shared, on_cores
 from baselines.benchmark.running import measure, run
+from baselines.benchmark.types import Cell
 
 THREE = {"policies": ("kuramoto", "random", "still"), "episodes": 3}
 
@@ -62,6 +64,38 @@ def test_an_error_of_the_disk_on_another_thread_reaches_the_caller(tmp_path, mon
     monkeypatch.setattr(results_folder.Results, "add", full)
     with pytest.raises(OSError, match="No space left"):
         run(small(tmp_path, **THREE), console=QUIET)
+
+
+@lissajous_env.score_column(reduce="max")
+def fast(world):
+    """Largest speed of a robot [m/s]."""
+    return world.robots.speed.max(axis=1)
+
+
+def test_code_of_users_is_played_by_the_main_thread():
+    scenario = lissajous_env.scenario("failure")
+    baselines.register("theirs", None, still([]))
+    assert may_be_shared(Cell(scenario, "kuramoto", None), "cpu")
+    for cell, device in (
+        (Cell(lissajous_env.scenario("failure", extensions=(fast,)), "kuramoto", None), "cpu"),
+        (Cell(scenario, "theirs", None), "cpu"),
+        (Cell(scenario, "kuramoto", None), "cuda"),
+    ):
+        assert not may_be_shared(cell, device)
+
+
+def test_an_error_stops_the_other_jobs_and_is_raised():
+    waited = []
+
+    def fail(stopped):
+        raise OSError("full")
+
+    def wait(stopped):
+        waited.append(stopped.wait(600))
+
+    with pytest.raises(OSError, match="full"):
+        on_cores([(fail, True), (wait, False)])
+    assert waited == [True]
 
 
 def test_a_policy_that_refuses_a_scenario_is_left_out_unless_it_was_asked_for(tmp_path, monkeypatch):

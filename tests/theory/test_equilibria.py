@@ -29,7 +29,6 @@ def test_stable_equilibria_are_those_of_the_dynamics(n):
         steps = 1e-6 * np.eye(n)
         above, below = (closed_forms.kuramoto_rates(phases + sign * steps, neighbours, 0.3, 1.0) for sign in (1, -1))
         jacobian = ((above - below) / 2e-6).T
-        assert closed_forms.kuramoto_jacobian(phases, neighbours) == pytest.approx(jacobian, abs=1e-8)
         eigenvalues = np.sort(np.linalg.eigvals(jacobian).real)
         assert np.sort(closed_forms.equilibrium_eigenvalues(n, p)) == pytest.approx(eigenvalues, abs=1e-6)
         stable = eigenvalues[-1] < 1e-6 and eigenvalues[-2] < -1e-4
@@ -146,12 +145,3 @@ def test_failure_and_resume(n, p, stuck, recovery):
         phases, time = integrate(phases, 0.1), time + 0.1
         assert time < 60
     assert time == pytest.approx(recovery, abs=0.15)
-
-
-def test_two_robots_have_one_neighbour_each():
-    neighbours = np.array([[1, -1], [0, -1]])
-    rates = closed_forms.kuramoto_rates(np.array([0.0, 1.0]), neighbours, 0.3, 2.0)
-    assert rates == pytest.approx([0.3 - 2 * math.sin(1), 0.3 + 2 * math.sin(1)])
-    assert closed_forms.kuramoto_jacobian(np.array([0.0, np.pi]), neighbours) == pytest.approx(
-        np.array([[-1, 1], [1, -1]])
-    )

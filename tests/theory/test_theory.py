@@ -159,19 +159,6 @@ def test_curve_16_length_curvature_and_speed():
     assert speed.mean() == pytest.approx(1.11, abs=5e-3)
 
 
-@settings(max_examples=30, deadline=None)
-@given(curves())
-def test_self_crossings(curve):
-    # Oracle: both phases give the same point; a curve (3) has 2ab - a - b double points, all of them different pairs.
-    crossings = closed_forms.self_crossings(curve)
-    assert len(crossings) == 2 * curve.a * curve.b - curve.a - curve.b
-    points = closed_forms.curve_point(curve, crossings)
-    assert points[:, 0] == pytest.approx(points[:, 1], abs=1e-9 * max(curve.half_width, curve.half_height))
-    turns = np.sort(np.round(crossings / (2 * np.pi) % 1, 9) % 1, axis=1)
-    assert len(np.unique(turns, axis=0)) == len(crossings)
-    assert np.all(turns[:, 1] - turns[:, 0] > 1e-6)
-
-
 # (10): three dimensions.
 
 

@@ -30,8 +30,8 @@ from lissajous_env.parameters import named
 from training.torchrl.env import SCORES, LissajousTorchEnv
 
 _OF_ENVIRONMENT = ("state", "threads")
-_FILM = 480, 320
-"""Width and height of the video of an evaluation [px]."""
+_FILM = 0.5
+"""Size of the video of an evaluation, as a factor of a picture's usual size."""
 
 
 class LissajousTaskClass(TaskClass):

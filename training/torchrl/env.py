@@ -257,19 +257,19 @@ class LissajousTorchEnv(EnvBase):
             return nullcontext()
         return wp.ScopedStream(wp.stream_from_torch(self.device))
 
-    def render(self, mode: str = "rgb_array", world: int = 0, size: tuple[int, int] | None = None) -> np.ndarray:
+    def render(self, mode: str = "rgb_array", world: int = 0, size: float = 1.0) -> np.ndarray:
         """Draw a world.
 
         Args:
             mode: `rgb_array`, the only mode.
             world: Index of the world.
-            size: Width and height [px]; None: fitted to the scenario's rectangle.
+            size: Factor of the usual size of the picture, which fits the scenario's rectangle.
 
         Returns:
             (height, width, 3) uint8.
 
         Raises:
-            ValueError: the mode or size is invalid.
+            ValueError: the mode is invalid.
         """
         if mode != "rgb_array":
             raise ValueError(f"mode must be rgb_array, got {mode!r}")
