@@ -44,6 +44,14 @@ def nearest(offset: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return np.take_along_axis(offset, first[..., None, None], axis=2)[:, :, 0], np.any(there, axis=-1)
 
 
+def kept_apart(wish: np.ndarray, rows: Rows) -> np.ndarray:
+    """Return wished velocities (W, N, 2) [top speed] that also lead away from robots that are near."""
+    far = np.where(rows.robots_seen, np.linalg.norm(rows.robot_offset, axis=-1), np.inf)
+    near = np.clip(_APART * rows.scenario.robot.radius / far - 1, 0.0, 3.0)
+    wish = wish - _REPULSION * (unit(rows.robot_offset) * near[..., None]).sum(axis=2)
+    return unit(wish) * np.minimum(np.linalg.norm(wish, axis=-1, keepdims=True), 1.0)
+
+
 def known_places(rows: Rows) -> np.ndarray:
     """Return x, y of each robot and of the teammates that it knows (W, N, 1 + M, 2) [m]; NaN for unknown ones."""
     mates = np.where(rows.teammates[..., None], rows.teammate_offset, np.nan)
@@ -94,12 +102,8 @@ class Reacting(Policy):
     def decide(self, observation: np.ndarray) -> np.ndarray:
         """Return the wished velocities, and away from robots that are near."""
         rows = self.rows(observation)
-        far = np.where(rows.robots_seen, np.linalg.norm(rows.robot_offset, axis=-1), np.inf)
-        near = np.clip(_APART * self.scenario.robot.radius / far - 1, 0.0, 3.0)
-        wish = self.wish(rows) - _REPULSION * (unit(rows.robot_offset) * near[..., None]).sum(axis=2)
-        wish = unit(wish) * np.minimum(np.linalg.norm(wish, axis=-1, keepdims=True), 1.0)
         action = np.zeros(self.action.shape, np.float32)
-        action[..., :2] = wish
+        action[..., :2] = kept_apart(self.wish(rows), rows)
         return action
 
 

@@ -16,7 +16,6 @@ import lissajous_env
 
 pytest.importorskip("stable_baselines3")
 
-from training.sb3 import MixedVecEnv
 from training.sb3.vec_env import RobotVecEnv
 
 SHORT = {"task.duration": 1.5}
@@ -32,9 +31,7 @@ MADE: dict[str, Callable[[int], Any]] = {
     "crowd": lambda threads: simulation("swarm", 1, threads),
     "batch": lambda threads: lissajous_env.Batch(SPACE, 6, num_groups=3, seed=2, threads=threads),
     "batch of one group": lambda threads: lissajous_env.Batch(SPACE, 2, seed=2, threads=threads),
-    "rows with all of the world": lambda threads: RobotVecEnv("intruders", 3, threads=threads, central=True, **SHORT),
-    "mixed rows": lambda threads: MixedVecEnv(SPACE, 3, 2, seed=2, threads=threads),
-    "mixed rows of one group": lambda threads: MixedVecEnv(SPACE, 1, 2, seed=2, threads=threads, central=True),
+    "rows": lambda threads: RobotVecEnv("intruders", 3, threads=threads, **SHORT),
 }  # fmt: skip
 
 

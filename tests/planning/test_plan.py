@@ -212,7 +212,7 @@ def test_the_fewest_robots_that_guarantee_a_time(capsys):
     """Story: three robots guarantee a generous time; the search ends with them."""
     hall = {name.replace("_", "-"): value for name, value in HALL.items()} | {"turning-radius": 0.5}
     line = [word for name, value in hall.items() for word in (f"--{name}", value)]
-    code, said, _ = called(capsys, "plan", *line, "--robots", "3:4", "--guarantee", 120, "--json")
+    code, said, _ = called(capsys, "plan", *line, "--robots", "3:4", "--guarantee", 120, "--plans", 24, "--json")
     found = json.loads(said)
     assert code == 0
     assert found["fewest_robots"] == 3
