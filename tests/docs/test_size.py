@@ -9,7 +9,7 @@ LINES = 49_698
 """Lines of the packages."""
 MODULES = 356
 """Files of the packages."""
-TESTS = 29_218
+TESTS = 29_221
 """Lines of the tests."""
 
 
