@@ -13,16 +13,19 @@ import tyro
 from baselines.benchmark.statistics import summarize
 from lissajous_env import evaluate
 from lissajous_env.parameters import named
-from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, RECOVERY, RETURN
+from lissajous_env.world.columns import COLLISIONS, MEAN
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.network import Network
 from training.learned.policy import Learned
 from training.learned.rogue import KIND
+from training.learned.team_network import TeamNetwork
+from training.learned.team_policy import LearnedTeam
 from training.rogue_settings import RogueTraining
 from training.rogue_trainer import undetected_times
+from training.scenarios import score_of
 
-HELD_OUT = range(10_000, 10_064)
+HELD_OUT = range(10_000, 10_256)
 SCRIPTS = "wander", "flee", "shadow", "follow-gap"
 """Scripts whose undetected times are stored beside those of a rogue."""
 _PACKAGE = Path(checkpoint.__file__).parents[1]
@@ -49,22 +52,23 @@ def publish(
         notes, kind = {"held_out_times": _times_of(source, card), "rogues": text["rogues"]}, "rogues"
     else:
         notes, kind = _scores_of(network, card, made_for or (card.scenario,)), "policies"
-        notes |= {"rivals": text.get("rivals") or {}, "curve": text["curve"]}
-        notes["counters"] = {"steps": text["curve"][-1]["steps"]}
+        notes["training"] = text["training"]
     with checkpoint.hold(folder / kind / name) as held:
         checkpoint.save(held, network, card, notes={"command": command, **notes})
     print(f"wrote {folder / kind / name}", file=sys.stderr)
 
 
-def _scores_of(network: Network, card: Card, made_for: tuple[str, ...]) -> dict[str, Any]:
-    """Return the scores of a policy on some scenarios."""
+def _scores_of(network: Network | TeamNetwork, card: Card, made_for: tuple[str, ...]) -> dict[str, Any]:
+    """Return the score and the collisions of a policy on some scenarios, each a mean with its interval."""
     scores = {}
     for played in made_for:
         # The scenario of the training is in its folder and need not be registered.
         scenario = checkpoint.home_scenario(card) if played == card.scenario else named.scenario(played)
-        rows = evaluate(Learned(network, card, scenario, len(HELD_OUT)), scenario, HELD_OUT)
-        columns = [column.name for column in (DETECTION_TIME, COLLISIONS, RECOVERY, RETURN)]
-        scores[played] = {column: _rounded(summarize([row[column] for row in rows])) for column in columns}
+        kind = LearnedTeam if isinstance(network, TeamNetwork) else Learned
+        rows = evaluate(kind(network, card, scenario, len(HELD_OUT)), scenario, HELD_OUT)  # type: ignore[arg-type]
+        for name in (score_of(scenario), COLLISIONS.name):
+            of = summarize([row[name] for row in rows], MEAN)
+            scores.setdefault(played, {})[name] = [round(value, 4) for value in (of.value, of.low, of.high)]
         print(played, scores[played])
     return {"made_for": made_for, "held_out_scores": scores}
 
@@ -80,11 +84,6 @@ def _times_of(source: Path, card: Card) -> dict[str, Any]:
         times[rogue] = {key: round(value, 4) for key, value in summary.items()}
         print(stored["against"], rogue, times[rogue])
     return {stored["against"]: times}
-
-
-def _rounded(summary: Any) -> dict[str, float | None]:
-    numbers = {"iqm": summary.value, "low": summary.low, "high": summary.high}
-    return {name: round(value, 4) if value == value else None for name, value in numbers.items()}
 
 
 if __name__ == "__main__":

@@ -33,18 +33,16 @@ from speeds import (
     controller,
     growth,
     memory,
-    mixture,
     onboard,
     rogues,
     served,
     step,
-    training,
 )
 
 from lissajous_env.device.devices import cores
 from lissajous_env.identity import cpu_model
 
-_MODULES = (step, rogues, memory, contamination, growth, controller, act, onboard, mixture, training, cluster)
+_MODULES = (step, rogues, memory, contamination, growth, controller, act, onboard, cluster)
 PARTS = {each.PART.name: each.PART for each in _MODULES}
 
 

@@ -24,6 +24,7 @@ FOLDER and options, it resumes. Use another FOLDER after a change of the code.
 
 import argparse
 import csv
+import io
 import json
 import math
 import time
@@ -296,15 +297,16 @@ def table(results: dict[str, dict[str, dict[str, Any]]]) -> list[str]:
 
 def write_csv(folder: Folder, entries: list[dict[str, Any]]) -> None:
     """Write every trial as one row."""
-    with folder.replacing("trials.csv") as temporary, open(temporary, "w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(
-            ["scenario", "policy", "first_seed", "seeds", "detection_time_iqm", "collisions", "return_mean", "settings"]
-        )
-        for entry in entries:
-            numbers = [detection(entry), collisions(entry), float(np.mean(entry["return_mean"] or -math.inf))]
-            where = [entry[key] for key in ("scenario", "policy", "first_seed", "seeds")]
-            writer.writerow([*where, *(f"{number:.5g}" for number in numbers), described(entry["settings"])])
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(
+        ["scenario", "policy", "first_seed", "seeds", "detection_time_iqm", "collisions", "return_mean", "settings"]
+    )
+    for entry in entries:
+        numbers = [detection(entry), collisions(entry), float(np.mean(entry["return_mean"] or -math.inf))]
+        where = [entry[key] for key in ("scenario", "policy", "first_seed", "seeds")]
+        writer.writerow([*where, *(f"{number:.5g}" for number in numbers), described(entry["settings"])])
+    folder.write("trials.csv", text.getvalue())
 
 
 def main():

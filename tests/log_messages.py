@@ -17,10 +17,6 @@ EPOCH = 1.7e9
 """A time of the epoch [s]."""
 CENTRES = ((-1.2, -0.4), (-0.6, 0.4), (0.0, -0.4), (0.6, 0.4), (1.2, -0.4))
 RADIUS, SPEED = 0.2, 0.5
-CHORDS = 9.993440
-"""Way of a robot in 20 s, along the sub-steps of the scenario evaders [m]."""
-SEPARATION = 0.808230
-"""Smallest distance of two robots [m]."""
 
 
 def circle(k, t):

@@ -29,13 +29,13 @@ def train(
     same command resumes it from its last checkpoint.
 
     Example:
-        lissajous train --scenario intruders --out runs/intruders
+        lissajous train --scenario watch --out runs/watch
         lissajous train --side rogues --against sweep --scenario evaders --out runs/hiding
 
     Args:
         settings: Scenario, settings and folder of the results.
         side: `robots`, or `rogues` for targets that learn to hide from robots that do not learn. Rogues accept only the
-            options scenario, set, seed, out, layers, evaluation_episodes, device, threads, against and rogue_*.
+            options scenario, set, seed, out, episodes, device, threads, against and rogue_*.
         against: policy of the robots from which rogues learn to hide: a name, or the folder of a checkpoint.
         rogue_rounds: rounds in which rogues imitate a rogue that knows the robots' future; more rounds make better
             rogues, 48 take some minutes and are the default.
@@ -53,8 +53,7 @@ def train(
         return
     if of_rogues:
         raise ValueError(f"side must be rogues if options of rogues are given ({', '.join(of_rogues)}), got robots")
-    history = _import("training.sb3.trainer").train(settings, console)
-    output.print_json({"out": settings.out, **dataclasses.asdict(history)})
+    output.print_json({"out": settings.out, **_import("training.trainer").train(settings, console)})
 
 
 def _import(module: str) -> Any:

@@ -11,12 +11,12 @@ from lissajous_env import Scenario
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device.devices import as_device
 from lissajous_env.parameters.rogues import AGENTS
-from lissajous_env.settings.checks import Checked, whole
-from training.settings import TrainingSettings, differences, sizes_of_layers
+from lissajous_env.settings.checks import Checked, is_whole, rows, whole
+from training.settings import TrainingSettings, differences
 
-CHANGES_NOTHING = ("out", "threads", "evaluation_episodes")
+CHANGES_NOTHING = ("out", "threads", "episodes")
 """Settings that may change when a training is resumed."""
-SHARED = ("scenario", "seed", "out", "layers", "evaluation_episodes", "device", "threads")
+SHARED = ("seed", "out", "episodes", "device", "threads")
 """Options of `lissajous train` that trainings of robots and of rogues have in common, with the same defaults."""
 
 
@@ -39,9 +39,11 @@ class RogueTraining(Checked):
     """Folder for the results."""
     worlds: int = whole(8, 1, 65_536)
     """Environments that are stepped together."""
-    layers: tuple[int, ...] = sizes_of_layers()
+    layers: tuple[int, ...] = rows(
+        (64, 64), "must be whole numbers of at least 1", lambda size: size if is_whole(size) and size >= 1 else None
+    )
     """Sizes of the hidden layers."""
-    evaluation_episodes: int = whole(64, 1, 65_536)
+    episodes: int = whole(64, 1, 65_536)
     """Episodes per evaluation."""
     device: str = "cpu"
     """Warp device of the worlds."""
@@ -70,10 +72,10 @@ class RogueTraining(Checked):
         """
         for option in dataclasses.fields(common):
             default = option.default if option.default is not dataclasses.MISSING else {}
-            if option.name not in (*SHARED, "overrides") and getattr(common, option.name) != default:
-                rule = f"must be omitted if rogues are trained, which share only {', '.join(SHARED)}"
+            if option.name not in (*SHARED, "scenario", "overrides") and getattr(common, option.name) != default:
+                rule = f"must be omitted if rogues are trained, which share only scenario, {', '.join(SHARED)}"
                 raise ValueError(f"{option.name} {rule}; got {getattr(common, option.name)!r}")
-        return cls(**{name: getattr(common, name) for name in (*SHARED, "overrides")}, **more)
+        return cls(**{name: getattr(common, name) for name in (*SHARED, "scenario", "overrides")}, **more)
 
     def make_scenario(self, rogues: str = AGENTS) -> Scenario:
         """Return the scenario of the games, with `starts` rogues per episode, and only the grids that they need."""

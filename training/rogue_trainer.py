@@ -26,7 +26,7 @@ from training.learned import checkpoint
 from training.learned.network import Network
 from training.learned.rogue import rogue_card
 from training.rogue_settings import RogueTraining
-from training.sb3.torch_state import load_state, network_of, save_state
+from training.torch_state import load_state, network_of, save_state
 
 FIRST_EVALUATION_SEED = 20_000
 _FIRST_SEED = 1_000_000
@@ -184,7 +184,7 @@ class RogueTrainer:
 
     def _evaluated(self, rogues: str) -> dict[str, float]:
         settings, scenario = self.settings, self.settings.make_scenario(rogues)
-        seeds = range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + settings.evaluation_episodes)
+        seeds = range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + settings.episodes)
         return undetected_times(settings.against, scenario, seeds, settings.device)
 
     def _say(self, text: str) -> None:

@@ -145,8 +145,6 @@ def _print(console: Any, outcome: Outcome, plans: list) -> None:
         title = f"Plans for {_asked(outcome)}: {len(plans)} that no other dominates"
         print_line(console, title, "italic")
         report.print_plans(console, outcome, plans)
-        console.print()
-        report.print_formations(console, plans)
     else:
         print_line(console, f"No plan without collisions was found for {_asked(outcome)}.")
     for line in report.sentences(outcome):

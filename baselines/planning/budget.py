@@ -10,10 +10,8 @@ PLANS = 200
 """Default number of plans that are tried: about a minute on two cores for five cars in a hall of 40 m x 25 m."""
 _LEAST = 1.0
 """Shortest duration of a search [s]."""
-_FINALS = 5
-"""Plans that are tried for one that is played to the end."""
-_FEWEST_FINALS = 3
-"""Plans that are played to the end at least."""
+_FINALS, _FEWEST_FINALS = 5, 3
+"""Plans that are tried for one that is played to the end, and plans that are played to the end at least."""
 
 
 @dataclass(frozen=True)
@@ -41,12 +39,7 @@ class Budget:
         return cls(PLANS if plans is None else plans, seconds)
 
     def part(self, spent: float, count: int) -> "Budget":
-        """Return the budget of the next of several searches, which share the seconds that are left.
-
-        Args:
-            spent: Time that has passed [s].
-            count: Number of searches that are left.
-        """
+        """Return the budget of the next of `count` searches, which share the seconds that are not spent [s]."""
         if self.seconds is None:
             return self
         return dataclasses.replace(self, seconds=max((self.seconds - spent) / count, _LEAST))
@@ -55,11 +48,3 @@ class Budget:
     def finals(self) -> int:
         """Return the number of plans that are played to the end, besides the defaults."""
         return max(_FEWEST_FINALS, self.plans // _FINALS)
-
-    @property
-    def populations(self) -> int:
-        """Return the number of populations of free-form paths that are simulated if these are optimised."""
-        return self.plans
-
-
-DEFAULT = Budget()

@@ -1,6 +1,5 @@
 """Work in threads whose results come in the order in which it began, the same on every machine."""
 
-import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -11,30 +10,34 @@ AHEAD = 8
 _TICK = 0.2
 """Time between two calls of `on_tick` [s]."""
 
-Call = tuple[Any, Callable[[Callable[[], bool]], Any]]
-"""Purpose of a call, and the function that is called; its argument returns True once nobody waits for the result."""
+Call = tuple[Any, Callable[[], Any]]
+"""Purpose of a call, and the function that is called."""
 
 
 def in_order(
-    threads: ThreadPoolExecutor, calls: Iterator[Call], is_over: Callable[[], bool], on_tick: Callable[[], None]
+    threads: ThreadPoolExecutor,
+    calls: Iterator[Call],
+    is_over: Callable[[], bool],
+    on_tick: Callable[[], None],
+    ahead: int = AHEAD,
 ) -> Iterator[tuple[Any, Future]]:
     """Run calls in threads, and yield what each was for with its result, in the order in which they began.
 
-    A call is taken from the iterator when the result of the one `AHEAD` before it has been used, whatever the number of
+    A call is taken from the iterator when the result of the one `ahead` before it has been used, whatever the number of
     cores and their load. So what the next call depends on is the same on every machine.
 
     Args:
         threads: The threads.
-        calls: The calls. A function returns early, by StoppedError, if its argument returns True: nobody waits for it.
+        calls: The calls.
         is_over: Returns whether no further call begins.
         on_tick: Called now and then while a result is awaited.
+        ahead: Calls that are begun before the first of them has ended.
     """
     waiting: deque[tuple[Any, Future]] = deque()
-    abandoned = threading.Event()
     try:
         while True:
-            while len(waiting) < AHEAD and not is_over() and (call := next(calls, None)) is not None:
-                waiting.append((call[0], threads.submit(call[1], abandoned.is_set)))
+            while len(waiting) < ahead and not is_over() and (call := next(calls, None)) is not None:
+                waiting.append((call[0], threads.submit(call[1])))
             if not waiting:
                 return
             while wait([waiting[0][1]], _TICK).not_done:
@@ -42,6 +45,5 @@ def in_order(
             on_tick()
             yield waiting.popleft()
     finally:
-        abandoned.set()
         for _, future in waiting:
             future.cancel()

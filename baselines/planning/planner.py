@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from baselines.planning import free_paths
-from baselines.planning.budget import DEFAULT, Budget
+from baselines.planning.budget import Budget
+from baselines.planning.families import families_apart
 from baselines.planning.plans import Planned, best_of
 from baselines.planning.rehearse import quietly
 from baselines.planning.request import Request
@@ -36,8 +37,6 @@ class Outcome:
     """Families of which no plan was tried, by number of robots."""
     looks: int = 0
     """Number of plans that were looked at."""
-    unplayed: int = 0
-    """Number of defaults that the budget left out."""
     broken: list[str] = field(default_factory=list)
     """Reasons of plans whose final episodes failed."""
     interrupted: bool = False
@@ -77,14 +76,14 @@ class Outcome:
 
     def search(
         self,
-        budget: Budget = DEFAULT,
+        budget: Budget | None = None,
         optimise: bool = False,
         fixed_start: bool = False,
         on_progress: OnProgress | None = None,
     ) -> None:
         """Search for plans on the task of each number of robots, and add them.
 
-        With a guarantee, the search begins with the fewest robots and ends when a plan meets it.
+        With a guarantee, the search begins with the fewest robots and ends with those of whom a plan meets it.
 
         Args:
             budget: Extent of the search: plans for each number of robots, or the duration of all.
@@ -97,28 +96,28 @@ class Outcome:
         """
         if optimise:
             free_paths.require_cma()
-        self.budget, begin = budget, time.monotonic()
+        self.budget, begin = budget or Budget(), time.monotonic()
         guarantee, seed = self.request.guarantee, self.request.seed
         # A team whose lower bound is above the requested time cannot meet it.
         open_ones = [number for number, limit in self.limits.items() if not (guarantee and limit > guarantee)]
         count = len(open_ones)
         while open_ones and not self.interrupted and self.fewest_robots is None:
             number = open_ones.pop(0)
-            running = Search(self.tasks[number], self.request.episodes, seed=seed, fixed_start=fixed_start)
+            families = families_apart(self.request.clearance)
+            running = Search(self.tasks[number], self.request.episodes, families, seed, fixed_start)
 
             def progress(share: float, running: Search = running, before: int = count - len(open_ones) - 1) -> None:
                 if on_progress is not None:
                     on_progress((before + min(share, 1.0)) / count, self, running)
 
-            part = budget.part(time.monotonic() - begin, len(open_ones) + 1)
+            part = self.budget.part(time.monotonic() - begin, len(open_ones) + 1)
             with quietly():
-                running.run(part, progress, optimise, self.guarantees)
+                running.run(part, progress, optimise)
             self.finals += running.finals
             self.untried[number] = running.untried()
             self.refusals[number] = running.refusals()
             self.looks += len(running.looks)
             self.broken += running.broken
-            self.unplayed += running.unplayed
             self.interrupted = running.interrupted
         self.seconds = time.monotonic() - begin
 

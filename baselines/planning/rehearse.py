@@ -16,7 +16,6 @@ import numpy as np
 
 from baselines.planning.plans import BEYOND, GROWN, LOST, SETTLED_TIME, Plan, Planned, figures_of
 from baselines.policies.base import UnsuitableScenarioError
-from baselines.policies.patience import StoppedError, patience
 from baselines.policies.settings import PolicySettings
 from lissajous_env.episodes.evaluation import EpisodeRunner, evaluate
 from lissajous_env.episodes.limits import guaranteed_time_limit
@@ -29,8 +28,9 @@ from lissajous_env.world.robots.faults import removal_steps
 from lissajous_env.world.score import is_open
 from lissajous_env.world.simulation import Simulation
 
-EPISODES, CONFIRMED, MOST_LOSSES = 4, 16, 64
-"""Final episodes of a plan without failures, those of the best plans, and most episodes with failures."""
+EPISODES, CONFIRMED, BEST, MOST_LOSSES = 4, 16, 64, 64
+"""Final episodes of a plan without failures, those of the best plans and of the first of these, and most episodes with
+failures."""
 _SCREENED, _SCREENED_LOSSES = 2, 8
 """Episodes of a first look without failures, and most of these with failures."""
 _LOST_AT = 0.25
@@ -126,20 +126,11 @@ class _Run:
         scenario: The scenario to play, which may have other grids and faults than that of the plan.
         seed: Seed of the first episode.
         losses: Robots that are removed in each episode.
-        stopped: Returns whether to stop, by raising StoppedError.
     """
 
-    def __init__(
-        self,
-        plan: Plan,
-        scenario: Scenario,
-        seed: int,
-        losses: Sequence[tuple[int, ...]],
-        stopped: Callable[[], bool],
-    ):
-        self.step, self._stopped = 0, stopped
-        with patience(stopped):
-            self.policy = plan.settings.make(scenario, len(losses))
+    def __init__(self, plan: Plan, scenario: Scenario, seed: int, losses: Sequence[tuple[int, ...]]):
+        self.step, self.plan, self._losses = 0, plan, losses
+        self.policy = plan.settings.make(scenario, len(losses))
         self.simulation = Simulation(scenario, len(losses), threads=1, seed=seed)
         remove_early(self.simulation, losses)
         self.settled = np.zeros(len(losses), dtype=int)
@@ -165,7 +156,7 @@ class _Run:
         """Return the collisions of all episodes so far."""
         return int(self.simulation.tally.collisions.numpy().sum())
 
-    def play(self, until: int, is_over: Callable[[], bool]) -> bool:
+    def play(self, until: int, is_over: Callable[[], bool] = lambda: False) -> bool:
         """Play until a step, and return True; return False where `is_over` has ended the episodes earlier."""
         runner = EpisodeRunner(self.policy, self.simulation)
         has_walls = self.simulation.scenario.task.boundary == "wall"
@@ -178,11 +169,8 @@ class _Run:
                 np.maximum(self.beyond, self._beyond_now(), out=self.beyond)
             if 2 * self.step > until:
                 np.maximum(self.settled, self.simulation.contamination.age.numpy(), out=self.settled)
-            if self.step % _EVERY == 0:
-                if self._stopped():
-                    raise StoppedError
-                if is_over():
-                    return False
+            if self.step % _EVERY == 0 and is_over():
+                return False
         return True
 
     def _beyond_now(self) -> np.ndarray:
@@ -191,40 +179,43 @@ class _Run:
         over = np.abs(robots[..., :2]) - (curve.half_width, curve.half_height)
         return over.max(axis=(1, 2)) + self.simulation.scenario.robot.radius
 
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the score rows of the episodes, with what `plans` adds to these."""
+        step, grows = self.simulation.scenario.task.step, self.longest > self.before
+        more = zip(self.simulation.score(), self._losses, self.settled, grows, self.beyond, strict=True)
+        return [
+            {"policy": self.plan.settings.policy}
+            | row
+            | {LOST: lost, SETTLED_TIME: float(age) * step, GROWN: bool(still), BEYOND: float(beyond)}
+            for row, lost, age, still, beyond in more
+        ]
 
-def look_at(plan: Plan, episodes: Episodes, cutoff: float, stopped: Callable[[], bool]) -> Look:
+
+def look_at(plan: Plan, episodes: Episodes, cutoff: float) -> Look:
     """Play a plan for half of its duration on a coarse grid; end at the first collision, or beyond a cutoff [s]."""
     try:
         task = plan.scenario.task
         scenario = named.build(plan.scenario, **{"task.contamination": coarse_grid(plan.scenario), "task.grid": (1, 1)})
         until = max(round(_SHARE * task.steps), 1)
-        look = _look(plan, scenario, episodes, [()] * _SCREENED, until, cutoff, stopped)
+        look = _look(plan, scenario, episodes, [()] * _SCREENED, until, cutoff)
         if not episodes.failures or look.collisions:
             return look
         if look.worst_case == math.inf:
             return dataclasses.replace(look, worst_case_failed=math.inf)
         scenario, losses = episodes.with_failures(scenario), episodes.losses(scenario)
         losses = losses[:: math.ceil(len(losses) / _SCREENED_LOSSES)]
-        failed = _look(plan, scenario, episodes, losses, task.steps, math.inf, stopped)
+        failed = _look(plan, scenario, episodes, losses, task.steps, math.inf)
         too_close = look.too_close or failed.too_close
         return dataclasses.replace(look, worst_case_failed=failed.worst_case, too_close=too_close)
-    except StoppedError:
-        raise
     except Exception as error:  # one policy that fails must not end the search
         return Look(plan, 0, math.inf, math.inf, refusal=reason_of(error))
 
 
 def _look(
-    plan: Plan,
-    scenario: Scenario,
-    episodes: Episodes,
-    losses: Sequence[tuple[int, ...]],
-    until: int,
-    cutoff: float,
-    stopped: Callable[[], bool],
+    plan: Plan, scenario: Scenario, episodes: Episodes, losses: Sequence[tuple[int, ...]], until: int, cutoff: float
 ) -> Look:
     """Return the collisions, the worst cases and the mean age [s] of some episodes, which may end early."""
-    run, step = _Run(plan, scenario, episodes.seed, losses, stopped), scenario.task.step
+    run, step = _Run(plan, scenario, episodes.seed, losses), scenario.task.step
     ended = run.play(until, lambda: bool(run.collisions) or run.longest.max() * step > cutoff)
     if run.collisions:
         return Look(plan, run.collisions, math.inf, 0.0)
@@ -238,63 +229,18 @@ def _look(
     return Look(plan, 0, worst_case, 0.0, settled, too_close, age)
 
 
-def play(
-    plan: Plan,
-    episodes: Episodes,
-    stopped: Callable[[], bool] = lambda: False,
-    cutoff: float = math.inf,
-) -> Planned | None:
-    """Play the final episodes of a plan, all of them to the end.
-
-    Args:
-        plan: The plan.
-        episodes: The episodes.
-        stopped: Returns whether to stop, by raising StoppedError.
-        cutoff: Worst-case undetected time [s]; for a plan that exceeds it, or collides where it is not infinite, the
-            result is None.
-    """
-    found = _played(plan, plan.scenario, episodes.seed, [()] * episodes.count, stopped, cutoff)
-    if found is None:
-        return None
-    rows, messages = found
-    failed: list[dict[str, Any]] = []
-    if episodes.failures and not any(row[COLLISIONS.name] for row in rows):
+def play(plan: Plan, episodes: Episodes) -> Planned:
+    """Play the final episodes of a plan, all of them to the end."""
+    run = _Run(plan, plan.scenario, episodes.seed, [()] * episodes.count)
+    run.play(plan.scenario.task.steps)
+    rows, failed = run.rows(), []
+    if episodes.failures and not run.collisions:
         scenario = episodes.with_failures(plan.scenario)
-        found = _played(plan, scenario, episodes.seed, episodes.losses(plan.scenario), stopped)
-        assert found is not None, "without a cutoff every episode is played to the end"
-        failed, _ = found
-    limit = guaranteed_time_limit(plan.scenario)
-    return Planned(plan, figures_of(rows, failed, plan, messages, episodes.clearance), limit, rows, failed)
-
-
-def _played(
-    plan: Plan,
-    scenario: Scenario,
-    seed: int,
-    losses: Sequence[tuple[int, ...]],
-    stopped: Callable[[], bool],
-    cutoff: float = math.inf,
-) -> tuple[list[dict[str, Any]], str] | None:
-    """Return the score rows of some episodes, with what `plans` adds to these, and the policy's messages.
-
-    Beyond the cutoff [s], the result is None.
-    """
-    run = _Run(plan, scenario, seed, losses, stopped)
-
-    def is_over() -> bool:
-        longest = float(run.longest.max()) * scenario.task.step
-        return longest > cutoff or (cutoff < math.inf and run.collisions > 0)
-
-    if not run.play(scenario.task.steps, is_over):
-        return None
-    more = zip(run.simulation.score(), losses, run.settled, run.longest > run.before, run.beyond, strict=True)
-    rows = [
-        {"policy": plan.settings.policy}
-        | row
-        | {LOST: lost, SETTLED_TIME: float(age) * scenario.task.step, GROWN: bool(grows), BEYOND: float(beyond)}
-        for row, lost, age, grows, beyond in more
-    ]
-    return rows, run.policy.communicates
+        lossy = _Run(plan, scenario, episodes.seed, episodes.losses(plan.scenario))
+        lossy.play(scenario.task.steps)
+        failed = lossy.rows()
+    figures = figures_of(rows, failed, plan, run.policy.communicates, episodes.clearance)
+    return Planned(plan, figures, guaranteed_time_limit(plan.scenario), rows, failed)
 
 
 def remove_early(simulation: Simulation, losses: Sequence[tuple[int, ...]]) -> None:

@@ -17,8 +17,6 @@ from baselines.benchmark.shown import between
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import SETTLED_TIME, Figures, Planned, bounds_of
 from baselines.planning.rehearse import Episodes, quietly
-from baselines.policies import registry
-from baselines.policies.combinations import COMBINATIONS
 from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE
 from baselines.reproduce.drawing import GREY, SERIES, Sheet
 from lissajous_env.console.terminal import Column, plain, print_table
@@ -80,22 +78,6 @@ def _is_open(outcome: Outcome) -> bool:
     return any(task.task.boundary != "wall" for task in outcome.tasks.values())
 
 
-def print_formations(console: Any, plans: Sequence[Planned]) -> None:
-    """Print the paper's bounds of the plans that are formations on its curves."""
-    rows = []
-    for k, each in enumerate(plans, start=1):
-        made = each.plan.scenario
-        coordinated = registry.unwrapped(each.plan.settings.policy)[0] in COMBINATIONS
-        if coordinated and not made.curve.harmonics and made.num_robots == made.curve.a + made.curve.b:
-            bounds = (made.robot_radius_bound, made.coverage_radius, made.detection_radius, made.detection_time_bound)
-            rows.append([str(k), f"{made.curve.a} : {made.curve.b}", *(f"{bound:.3g}" for bound in bounds)])
-    if not rows:
-        return
-    console.print("Bounds of the paper for these formations of points", style="italic", highlight=False)
-    titles = "", "a : b", "r below (6)\n[m]", "r_s above (7)\n[m]", "r_s from (8)\n[m]", "T_max\n[s]"
-    print_table(console, [Column(title) for title in titles], rows)
-
-
 def untried_in_words(outcome: Outcome) -> str:
     """Return a warning that names the families of which no plan was tried; "" if there is none."""
     names = list(dict.fromkeys(name for families in outcome.untried.values() for name in families))
@@ -125,8 +107,6 @@ def sentences(outcome: Outcome) -> list[str]:
         words[0] += f", and {_losses(outcome)} in which {lost} after a quarter of the episode ({all_or_some})"
     words[0] += f". The search took {outcome.seconds:.0f} s."
     words[0] += " A guarantee is the largest time of these episodes; the median is in brackets where it differs."
-    if outcome.unplayed:
-        words.append(f"{outcome.unplayed} defaults were not simulated: {_more(outcome)} are needed.")
     if outcome.broken:
         words.append(f"{len(outcome.broken)} plans failed when they were simulated to the end: {outcome.broken[0]}.")
     if outcome.plans and all(math.isinf(each.figures.worst_case) for each in outcome.plans):

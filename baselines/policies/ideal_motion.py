@@ -11,8 +11,6 @@ import math
 
 import numpy as np
 
-from baselines.policies.patience import check_patience
-
 _MOST_CELLS = 3000
 _CELLS_IN_RADIUS = 7
 _ROUNDS = 4
@@ -41,7 +39,6 @@ def worst_undetected_time(
     Returns:
         Infinity if the time exceeds `limit`, or if a target of the start is still undetected after four periods.
     """
-    check_patience()
     field = _Field(half, radius, speed * step)
     seen = [field.sensed(loop[:, k]) for k in range(loop.shape[1])]
     before = [] if lead_in is None else [field.sensed(place) for place in lead_in.swapaxes(0, 1)]
@@ -68,7 +65,6 @@ def coverage(loop: np.ndarray, half: tuple[float, float], radius: float, coarse:
         radius: Sensing radius [m].
         coarse: True to test only a quarter of the places, at every second control step.
     """
-    check_patience()
     field = _Field(half, radius, 0.0, field_cells=_MOST_CELLS // (4 if coarse else 1))
     every = 2 if coarse else 1
     seen = np.array([field.sensed(loop[:, k]) for k in range(0, loop.shape[1], every)])

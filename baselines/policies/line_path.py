@@ -160,11 +160,11 @@ def best_plan(scenario: Scenario, parameters: LineParameters) -> LinePlan:
         rule = "line-abreast requires N * 2 * sensing radius >= the shorter side"
         raise UnsuitableScenarioError(f"{rule}: {n} * 2 * {radius:g} < {span:g} [m]")
     counts = [parameters.lines] if parameters.lines else range(1, min(n, _LINES_MAX) + 1)
-    found = [plans_of(scenario, parameters, lines) for lines in counts]
-    plans = [plan for some, _ in found for plan in some]
+    options = [plans_of(scenario, parameters, lines) for lines in counts]
+    plans = [plan for of_count, _ in options for plan in of_count]
     if not plans:
         rule = f"line-abreast requires {counts[0]} line(s) of {n} cars to span {span:g} m with discs of {radius:g} m"
-        raise UnsuitableScenarioError(f"{rule}: {found[0][1]}")
+        raise UnsuitableScenarioError(f"{rule}: {options[0][1]}")
     if len(plans) == 1 and not turns_inside(scenario):
         return plans[0]
     times = [ideal_worst_case(scenario, plan) for plan in plans]

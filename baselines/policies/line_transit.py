@@ -106,9 +106,9 @@ def transit_inside(scenario: Scenario, loops: np.ndarray, speed: float, slots: n
     rogues = scenario.sensing_radius, scenario.rogue_speed, scenario.task.step
     turns = [(k + 1) // 2 * (-1 if k % 2 else 1) for k in range(len(slots))]  # the smallest first
     places = np.array([(slots + turn) % len(slots) for turn in turns])
-    found = [planned_transit(scenario, np.roll(loops, -round(phase * loops.shape[1]), axis=1), room, places)
+    transits = [planned_transit(scenario, np.roll(loops, -round(phase * loops.shape[1]), axis=1), room, places)
              for phase in _PHASES]  # fmt: skip
-    options = [ways for ways in found if ways is not None]
+    options = [ways for ways in transits if ways is not None]
     if not options:
         rule = "line-abreast requires ways from the start into the lines inside the walls, on which no two cars collide"
         raise UnsuitableScenarioError(f"{rule}, got none")
@@ -162,15 +162,15 @@ def _choices(begin: np.ndarray, poses: np.ndarray, radius: float) -> tuple[np.nd
     span = np.abs(begin[..., :2]).max()
     ahead = np.stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])], axis=-1)
     leads, radii = np.array([(lead * span, wide * radius) for lead, wide in _ENDS]).T
-    found = []
+    of_ends = []
     for lead, wide in zip(leads, radii, strict=True):
         entry = np.concatenate([poses[:, :2] - lead * ahead, poses[:, 2:]], axis=-1)
         pieces = dubins_lengths(begin, entry, wide)[..., :4, :]
-        found.append(np.where(np.isnan(pieces), [0.0, np.inf, 0.0], pieces))
+        of_ends.append(np.where(np.isnan(pieces), [0.0, np.inf, 0.0], pieces))
     count, words = len(_TILTS), len(_ENDS) * 4
     leads, radii = (np.tile(np.repeat(each, 4), count) for each in (leads, radii))
     turns = np.tile(TURNS[:4], (len(_ENDS) * count, 1))
-    return np.concatenate(found * count, axis=2), turns, radii, leads, np.repeat(_TILTS, words)
+    return np.concatenate(of_ends * count, axis=2), turns, radii, leads, np.repeat(_TILTS, words)
 
 
 def _times(scenario: Scenario, pace: Pace, speed: np.ndarray, shortest: np.ndarray) -> np.ndarray:

@@ -43,8 +43,6 @@ class Plan:
     """(N, K, 2) places on the loops at each control step of a period [m]."""
     speed: float
     """Speed on the longest loop [m/s]."""
-    worst: float
-    """Worst-case undetected time of the ideal motion [s]; infinite if there is none."""
 
 
 def partition_plan(scenario: Scenario, parameters: PartitionParameters | None = None) -> Plan:
@@ -73,9 +71,9 @@ def partition_plans(scenario: Scenario, parameters: PartitionParameters | None =
         rule = f"{rule}, in phase at least {room.apart * unit:.3g} m from one another"
         raise UnsuitableScenarioError(f"{rule}, got {2 * curve.half_width:g} m x {2 * curve.half_height:g} m")
     plans = []
-    for cells, loop, worst in best:
+    for shape, loop in best:
         speed = float(np.linalg.norm(np.diff(loop[:, :2], axis=1), axis=2).max()) * unit / step
-        plans.append(Plan(cells * np.array([unit, unit, unit, unit, 1, 1]), loop * unit, speed, worst * step))
+        plans.append(Plan(shape.cells * np.array([unit, unit, unit, unit, 1, 1]), loop * unit, speed))
     return plans
 
 
@@ -114,8 +112,8 @@ def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
 
 
 @lru_cache(maxsize=256)
-def _best(room: Room, parameters: PartitionParameters) -> list[tuple[np.ndarray, np.ndarray, float]]:
-    """Return the cells, loops and worst-case undetected time [control steps] of the best plans, the best first."""
+def _best(room: Room, parameters: PartitionParameters) -> list[tuple[Shape, np.ndarray]]:
+    """Return the shapes of the best plans, the best first, and their loops (N, K, 2) at the cells."""
     half = (room.half_width, 1.0)
     shapes = []
     for shape in shapes_of(room, parameters, half):
@@ -141,17 +139,7 @@ def _best(room: Room, parameters: PartitionParameters) -> list[tuple[np.ndarray,
     for phases in itertools.product(quarters, quarters):
         search.compare(shape, (turn_x, turn_y, *phases))
     leading = search.ranked[: _PLANS if room.inside else 1]
-    return [_completed(room, half, shape, pattern, score[0]) for score, shape, pattern in leading]
-
-
-def _completed(
-    room: Room, half: tuple[float, float], shape: Shape, pattern: tuple, worst: float
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return the cells, the loops and the worst-case undetected time [control steps] of a shape in a pattern."""
-    placed = shape.placed(room.driven, *pattern)
-    if math.isfinite(worst) and _thinned(placed, room)[1] > 1:
-        worst = worst_undetected_time(placed, half, room.sensing, room.target_speed, 1.0)
-    return shape.cells, placed, worst
+    return [(shape, shape.placed(room.driven, *pattern)) for _, shape, pattern in leading]
 
 
 class _Search:

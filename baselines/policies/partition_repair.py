@@ -38,10 +38,9 @@ from baselines.policies.taking_over import (
     case_of_line,
     case_of_neighbours,
     rest_after_failure,
-    take_clear,
     take_over,
 )
-from baselines.policies.timed_paths import ARRIVING, TimedPaths, take_filtered
+from baselines.policies.timed_paths import ARRIVING, TimedPaths
 from baselines.policies.transit import arrival_steps, planned_transit, required_distance, start_is_known
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
@@ -79,10 +78,10 @@ class PartitionRepair(TimedPaths):
     loop until its reference comes by. If the robots have no information on each other's starts, the transit uses the
     collision filter, as in `partition`.
 
-    If the loops of different cells do not overlap, collision filters move cars around stopped robots, and a car that is
-    off its place around all others; a loop moves slowly to another place. If loops cross, as in `evaders`, only their
-    common phase separates the cars. A filter that expects the others to drive straight on does not account for this:
-    there a robot that stops dead at once before another one is not always avoided in time.
+    If the loops of different cells do not overlap, a collision filter moves a car that is off its place around others,
+    and a loop moves slowly to another place. If loops cross, as in `evaders`, only their common phase separates the
+    cars. A filter that expects the others to drive straight on does not account for this: there a robot that stops dead
+    at once before another one is not always avoided in time.
 
     A robot learns of failures only from its own row (`baselines.policies.failures`): the row shows only those of
     its ring neighbours. So a cell may remain uncovered if the ring neighbours of its robot have failed too, or are in
@@ -132,16 +131,12 @@ class PartitionRepair(TimedPaths):
             self._line = wp.array(lines.robots, dtype=wp.int32, device=self.device)
             self._centre = wp.array(lines.centre, dtype=wp.vec2, device=self.device)
         self._repair = _repair_of(scenario, self.takeover, tables, drift, self.device)
-        self._avoidance, self._rest = None, 0.0
-        self._resting = wp.zeros(self.shape, dtype=wp.float32, device=self.device)
+        self._rest, self._resting = 0.0, wp.zeros(self.shape, dtype=wp.float32, device=self.device)
         if loops_lie_apart(self.partition.loop, required_distance(scenario, self.parameters)):
             if not lines:
                 _warn_of_silence(scenario)
-            arriving = ARRIVING.of(scenario)
-            free, still = replace(arriving, speed_max=2 * scenario.robot.top_speed), self._watch.still
-            self._filter = self._filter or Safe(scenario, num_worlds, self.device, arriving)
-            self._avoidance = Safe(scenario, num_worlds, self.device, free, fastest=still / scenario.task.step)
-            self._repair.back = drift
+            self._filter = self._filter or Safe(scenario, num_worlds, self.device, ARRIVING.of(scenario))
+            self._tolerance, self._repair.back = scenario.robot.radius, drift
             middle = middle_of(self.takeover.loop)
             shifted = math.sqrt(2) * int(SIDE) * self._repair.spacing
             self._rest = (float(np.linalg.norm(middle - middle[:1], axis=-1).max()) + shifted) / drift
@@ -157,22 +152,8 @@ class PartitionRepair(TimedPaths):
         inputs = [self._repair, self._curve, self._pose, self._case, self._home, observation, self._standing]
         inputs += [self._avoided, self._target, self.plan, self.shift]
         self.launch(take_over, self.shape, inputs, [])
-        self.follow(observation)
-        if self._filter is not None:
-            self._filter_actions(self._filter, observation)
+        super().decide(observation)
         self.launch(rest_after_failure, self.shape, [self._rest, observation], [self._resting, self.action])
-
-    def _filter_actions(self, of_all: Safe, observation: wp.array) -> None:
-        """Take the actions of the collision filters where they are needed."""
-        clear_of_all = of_all(observation, self.action)
-        if self._avoidance is None:
-            self.launch(take_filtered, self.shape, [self._filtered_until, self._memory, clear_of_all], [self.action])
-            return
-        clear_of_standing = self._avoidance(observation, self.action)
-        inputs = [self._filtered_until, self.scenario.robot.radius, FINE * self.tables.lead_in, self._curve, self._pose]
-        inputs += [self.plan, self.shift, self._memory, observation]
-        inputs += [clear_of_all, clear_of_standing]
-        self.launch(take_clear, self.shape, inputs, [self.action])
 
     def _share_lines(self, lines: Lines, observation: wp.array) -> None:
         """Exchange the news of failures, and compute each robot's share of its line."""

@@ -44,6 +44,14 @@ def nearest(offset: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return np.take_along_axis(offset, first[..., None, None], axis=2)[:, :, 0], np.any(there, axis=-1)
 
 
+def kept_apart(wish: np.ndarray, rows: Rows) -> np.ndarray:
+    """Return wished velocities (W, N, 2) [top speed] that also lead away from robots that are near."""
+    far = np.where(rows.robots_seen, np.linalg.norm(rows.robot_offset, axis=-1), np.inf)
+    near = np.clip(_APART * rows.scenario.robot.radius / far - 1, 0.0, 3.0)
+    wish = wish - _REPULSION * (unit(rows.robot_offset) * near[..., None]).sum(axis=2)
+    return unit(wish) * np.minimum(np.linalg.norm(wish, axis=-1, keepdims=True), 1.0)
+
+
 def known_places(rows: Rows) -> np.ndarray:
     """Return x, y of each robot and of the teammates that it knows (W, N, 1 + M, 2) [m]; NaN for unknown ones."""
     mates = np.where(rows.teammates[..., None], rows.teammate_offset, np.nan)
@@ -94,19 +102,15 @@ class Reacting(Policy):
     def decide(self, observation: np.ndarray) -> np.ndarray:
         """Return the wished velocities, and away from robots that are near."""
         rows = self.rows(observation)
-        far = np.where(rows.robots_seen, np.linalg.norm(rows.robot_offset, axis=-1), np.inf)
-        near = np.clip(_APART * self.scenario.robot.radius / far - 1, 0.0, 3.0)
-        wish = self.wish(rows) - _REPULSION * (unit(rows.robot_offset) * near[..., None]).sum(axis=2)
-        wish = unit(wish) * np.minimum(np.linalg.norm(wish, axis=-1, keepdims=True), 1.0)
         action = np.zeros(self.action.shape, np.float32)
-        action[..., :2] = wish
+        action[..., :2] = kept_apart(self.wish(rows), rows)
         return action
 
 
 class Lanes(Reacting):
     """Patrol in vertical lanes: robots follow each other, evenly spaced, on one closed tour; it observes no target.
 
-    Each robot takes the nearest free place on the tour at the start.
+    Each robot takes the nearest free place on the tour at the start, as soon as the first messages can have arrived.
 
     Args:
         scenario: The scenario.
@@ -133,6 +137,11 @@ class Lanes(Reacting):
         self._ahead = 0.5 * reach
         self._steps = np.zeros(self.num_worlds, int)
         self._slot = np.zeros(self.shape, int)
+        noise = self.scenario.noise
+        delay = round(noise.message_delay / self.step)
+        self._last_choice = delay + (4 if noise.message_loss > 0 else 0)
+        self._earlier = np.zeros((*self.shape, delay + 1, 2))
+        """Own places in the latest steps, the earliest last: a choice uses places of one step for the whole team."""
 
     def forget(self, mask: np.ndarray) -> None:
         """Begin the tour anew."""
@@ -146,10 +155,14 @@ class Lanes(Reacting):
     def wish(self, rows: Rows) -> np.ndarray:
         """Follow the robot's place on the tour."""
         spacing = self._along[-1] / self.num_robots
-        begins = self._steps == 0
-        if begins.any():
+        starts, chooses = self._steps == 0, self._steps <= self._last_choice
+        self._earlier = np.concatenate([rows.position[:, :, None], self._earlier[:, :, :-1]], axis=2)
+        self._earlier[starts] = rows.position[starts][:, :, None]
+        if chooses.any():
             slots = self.place(self._ahead + spacing * np.arange(self.num_robots))
-            self._slot[begins] = _nearest_slots(known_places(rows)[begins], slots)
+            places = known_places(rows)
+            places[:, :, 0] = self._earlier[:, :, -1]
+            self._slot[chooses] = _nearest_slots(places[chooses], slots)
         way = 0.95 * self.top * self.step * self._steps + self._ahead
         self._steps += 1
         return towards(self.place(way[:, None] + spacing * self._slot) - rows.position, 0.5 * self._ahead)

@@ -87,8 +87,8 @@ class _Option(NamedTuple):
 def slowed(plan: Plan, reserve: float) -> Plan:
     """Return a plan whose loops last longer by a factor, so that the cars can drive longer loops in the same time."""
     count = math.ceil(plan.loop.shape[1] * reserve - 1e-9)
-    loop = np.stack([_at_even_distances(each, count) for each in plan.loop])
-    return replace(plan, loop=loop, speed=plan.speed * plan.loop.shape[1] / count, worst=math.nan)
+    loop = np.stack([_at_even_distances(loop, count) for loop in plan.loop])
+    return replace(plan, loop=loop, speed=plan.speed * plan.loop.shape[1] / count)
 
 
 def _at_even_distances(loop: np.ndarray, count: int) -> np.ndarray:
@@ -118,7 +118,7 @@ def takeover_of_neighbours(
     count, adjacent = len(cells), are_adjacent(cells)
     search = _LoopSearch(room, own.shape[1], offset / unit)
     corners = np.zeros((4 * SHAPES, count), dtype=int)
-    options = []
+    rows = []
     for robot, case in itertools.product(range(count), range(4)):
         taken = [neighbours[robot, side] for side in range(2) if case >> side & 1]
         taken = [other for other in taken if other >= 0 and adjacent[robot, other]]
@@ -126,35 +126,35 @@ def takeover_of_neighbours(
         high = (cells[[robot, *taken], :2] + cells[[robot, *taken], 2:4]).max(axis=0)
         corners[SHAPES * case : SHAPES * (case + 1), robot] = _corners_of(low, high, room.half_width)
         half, unmoved = (high - low) / 2, _Option(own[robot], np.zeros(2), search.around(0.0))
-        found = search.alone(half, (low + high) / 2)
+        options = search.alone(half, (low + high) / 2)
         if not taken:  # the loop of the plan comes first
-            found = [unmoved, *found]
-        elif not found or found[0].cost[:2, :2].max() >= _UNKNOWN:
+            options = [unmoved, *options]
+        elif not options or options[0].cost[:2, :2].max() >= _UNKNOWN:
             towards = (cells[taken, :2] - cells[robot, :2]).sum(axis=0)
-            found = search.beside(half, middle_of(own[robot]) + _TOWARDS * towards, towards)
+            options = search.beside(half, middle_of(own[robot]) + _TOWARDS * towards, towards)
         others = own[np.delete(np.arange(count), [robot, *taken])]
-        found = [each for each in found if smallest_distance(each.loop[None], others) >= room.apart]
-        options.append(found or [unmoved])
-    return _takeover(options, 4, unit, offset, corners, None)
+        options = [option for option in options if smallest_distance(option.loop[None], others) >= room.apart]
+        rows.append(options or [unmoved])
+    return _takeover(rows, 4, unit, offset, corners, None)
 
 
 def _corners_of(low: np.ndarray, high: np.ndarray, half_width: float) -> int:
     """Return the corners of the rectangle that a part of it has, as bits (`Takeover.corners`)."""
     left, right = low[0] < -half_width + _ALIKE, high[0] > half_width - _ALIKE
     bottom, top = low[1] < -1.0 + _ALIKE, high[1] > 1.0 - _ALIKE
-    return sum(bool(each) << k for k, each in enumerate((left & bottom, right & bottom, left & top, right & top)))
+    return sum(bool(has) << k for k, has in enumerate((left & bottom, right & bottom, left & top, right & top)))
 
 
 def lines_of(plan: Plan, cell: np.ndarray) -> Lines:
     """Return the lines of a plan whose robots have some cells (N,), as long ones as there are."""
     cells = plan.cells[cell]
-    found = []
+    divisions = []
     for along in range(2):
         number = cells[:, 5 - along]  # 5 is the row of a cell, 4 its column
-        lines = [np.flatnonzero(number == each) for each in np.unique(number)]
+        lines = [np.flatnonzero(number == value) for value in np.unique(number)]
         if all(np.ptp(cells[line, 1 - along]) < 1e-9 * plan.cells[:, 2:4].max() for line in lines):
-            found.append((len(lines), along, lines))
-    _, along, lines = min(found, key=lambda each: each[:2])
+            divisions.append((len(lines), along, lines))
+    _, along, lines = min(divisions, key=lambda division: division[:2])
     robots = np.full((len(cells), max(map(len, lines))), -1)
     for line in lines:
         robots[line, : len(line)] = line[np.argsort(cells[line, along])]
@@ -172,22 +172,23 @@ def takeover_of_lines(plan: Plan, cell: np.ndarray, room: Room, unit: float, off
     count, cases = lines.robots.shape
     along, across, reach = np.eye(2)[lines.along], 1 - lines.along, (room.half_width, 1.0)[lines.along]
     search = _LoopSearch(room, own.shape[1], offset / unit)
-    options = []
+    rows = []
     for robot, case in itertools.product(range(count), range(cases)):
         line = lines.robots[robot][lines.robots[robot] >= 0]
         half, centre = cells[robot, 2:4].copy(), cells[robot, :2]
         if 0 < case < len(line):
             half[lines.along] = reach / (len(line) - case)
         unmoved = _Option(own[robot], np.zeros(2), search.around(0.0))
-        found = [each._replace(cost=search.around(float(each.cost[0, 0]))) for each in search.alone(half, centre)]
+        alone = search.alone(half, centre)
+        options = [option._replace(cost=search.around(float(option.cost[0, 0]))) for option in alone]
         if case == 0:
-            found = [unmoved, *found]
-        elif not found or found[0].cost[0, 0] >= _UNKNOWN:
-            found = [unmoved._replace(away=middle_of(own[robot]) - centre), *search.beside(half, centre, along)]
+            options = [unmoved, *options]
+        elif not options or options[0].cost[0, 0] >= _UNKNOWN:
+            options = [unmoved._replace(away=middle_of(own[robot]) - centre), *search.beside(half, centre, along)]
         others = own[np.setdiff1d(np.arange(count), line)][..., across]
-        found = [each for each in found if _distance(each.loop[:, across], others) >= room.apart]
-        options.append(found or [unmoved])
-    return _takeover(options, cases, unit, offset, np.zeros((cases * SHAPES, count), dtype=int), lines)
+        options = [option for option in options if _distance(option.loop[:, across], others) >= room.apart]
+        rows.append(options or [unmoved])
+    return _takeover(rows, cases, unit, offset, np.zeros((cases * SHAPES, count), dtype=int), lines)
 
 
 def _distance(one: np.ndarray, others: np.ndarray) -> float:
@@ -232,14 +233,14 @@ class _LoopSearch:
         The middle is the best place, whose cost grows with the distance.
         """
         room, along_x = self.room, abs(towards[0]) >= abs(towards[1])
-        found = []
+        options = []
         for share in (1.0, 0.5, 0.0):
             long = room.turning + share * max((half[1] if along_x else half[0]) - room.turning, 0)
             loop = closed_loop(*((room.turning, long) if along_x else (long, room.turning)), room.turning)
             if loop is not None and _is_drivable(loop, room.turning, room, self.count):
                 placed = self._inside(evenly_spaced(loop, self.count), middle)
-                found.append(_Option(placed, np.zeros(2), self.around(5.0 * (1.0 - share))))
-        return found
+                options.append(_Option(placed, np.zeros(2), self.around(5.0 * (1.0 - share))))
+        return options
 
     def around(self, least: float) -> np.ndarray:
         """Return costs (OFFSETS, OFFSETS) that grow with the square of the distance, in sensing radii."""
@@ -266,14 +267,14 @@ def _quality(half: np.ndarray, around: np.ndarray, room: Room, offset: float) ->
 
     They are in periods, and above `_UNKNOWN` where there is no guarantee.
     """
-    found = np.empty((OFFSETS, OFFSETS))
+    cost = np.empty((OFFSETS, OFFSETS))
     for k, m in itertools.product(range(OFFSETS), range(OFFSETS)):
-        if min(k, m) > 0 and min(found[k - 1, m], found[k, m - 1]) >= _UNKNOWN:  # farther away it is no better
-            found[k, m] = max(found[k - 1, m], found[k, m - 1]) + 0.1
+        if min(k, m) > 0 and min(cost[k - 1, m], cost[k, m - 1]) >= _UNKNOWN:  # farther away it is no better
+            cost[k, m] = max(cost[k - 1, m], cost[k, m - 1]) + 0.1
             continue
         worst, unvisited, gap = _watched(half, around + offset * np.array([k, m]), room, coarse=True)
-        found[k, m] = min(worst / len(around), _UNKNOWN + gap / len(around)) + _UNKNOWN * unvisited
-    return found
+        cost[k, m] = min(worst / len(around), _UNKNOWN + gap / len(around)) + _UNKNOWN * unvisited
+    return cost
 
 
 def _watched(half: np.ndarray, loop: np.ndarray, room: Room, coarse: bool = False) -> tuple[float, float, float]:
@@ -293,7 +294,7 @@ def _watched(half: np.ndarray, loop: np.ndarray, room: Room, coarse: bool = Fals
 
 def _loops_in(half: np.ndarray, room: Room, count: int) -> list[np.ndarray]:
     """Return loops (K, 2) around the origin that a car can drive in K control steps, the best for a rectangle first."""
-    found = []
+    rated = []
     largest = np.maximum(np.minimum(half, room.driven), room.turning)
     for share_x, share_y in itertools.product(_SHARES, _SHARES):
         size = room.turning + np.array([share_x, share_y]) * (largest - room.turning)
@@ -301,10 +302,10 @@ def _loops_in(half: np.ndarray, room: Room, count: int) -> list[np.ndarray]:
             loop = closed_loop(size[0], size[1], corner)
             if loop is not None and _is_drivable(loop, corner, room, count):
                 around = evenly_spaced(loop, count)
-                found.append((*_watched(half, around, room), len(found), around))
-    found.sort(key=lambda each: each[:4])
+                rated.append((*_watched(half, around, room), len(rated), around))
+    rated.sort(key=lambda rating: rating[:4])
     distinct: list[np.ndarray] = []
-    for *_, around in found:
+    for *_, around in rated:
         size = np.ptp(around, axis=0) / 2
         differences = [np.abs(np.ptp(other, axis=0) / 2 - size).max() for other in distinct]
         if min(differences, default=math.inf) >= _DISTINCT * room.turning:

@@ -3,15 +3,12 @@
 import warp as wp
 
 from baselines.policies.failures import PLACES, STATE, WORKS
-from baselines.policies.own_row import own_position, own_works
-from baselines.policies.path_tables import FINE as SAMPLES
-from baselines.policies.timed_paths import STEPS
+from baselines.policies.own_row import own_works
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 
 wp.set_module_options(OPTIONS)
 
-_FINE = wp.constant(SAMPLES)
 SIDE = wp.constant(12)
 """Shifts that are compared to each side, along x and y."""
 
@@ -220,39 +217,6 @@ def take_over(
     rest = wp.vec2(target[w, i][0], target[w, i][1]) - shift[w, i]
     most = wp.where(now == 0, repair.back, repair.drift)
     shift[w, i] += rest * wp.min(1.0, most / wp.max(wp.length(rest), 1.0e-9))
-
-
-@wp.kernel
-def take_clear(
-    until: float,
-    tolerance: float,
-    first: int,
-    curve: CurveStruct,
-    pose: wp.array3d(dtype=wp.vec4),
-    plan: wp.array2d(dtype=int),
-    shift: wp.array2d(dtype=wp.vec2),
-    memory: wp.array3d(dtype=float),
-    observation: wp.array3d(dtype=float),
-    clear_of_all: wp.array3d(dtype=float),
-    clear_of_standing: wp.array3d(dtype=float),
-    action_out: wp.array3d(dtype=float),
-):
-    """Take the actions of collision filters instead: of one for all robots, or only for stopped ones.
-
-    The first counts up to control step `until`, and for a robot that is farther from its reference than `tolerance`
-    [m], for others do not expect it there.
-    """
-    w, i = wp.tid()
-    steps = memory[w, i, STEPS]  # already those after this control step
-    path = pose[plan[w, i], i]
-    at = path[first + wp.max(_FINE * (int(steps) - 1) - first, 0) % (path.shape[0] - first)]
-    off = own_position(w, i, curve, observation) - shift[w, i] - wp.vec2(at[0], at[1])
-    if steps <= until or wp.length(off) > tolerance:
-        action_out[w, i, 0] = clear_of_all[w, i, 0]
-        action_out[w, i, 1] = clear_of_all[w, i, 1]
-    else:
-        action_out[w, i, 0] = clear_of_standing[w, i, 0]
-        action_out[w, i, 1] = clear_of_standing[w, i, 1]
 
 
 @wp.kernel

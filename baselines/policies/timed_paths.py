@@ -253,15 +253,31 @@ def follow_paths(
 @wp.kernel
 def take_filtered(
     until: float,
+    tolerance: float,
+    tracking: Tracking,
+    curve: CurveStruct,
+    pose: wp.array3d(dtype=wp.vec4),
+    plan: wp.array2d(dtype=int),
+    shift: wp.array2d(dtype=wp.vec2),
     memory: wp.array3d(dtype=float),
+    observation: wp.array3d(dtype=float),
     filtered: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
-    """Take the actions of the collision filter up to a control step."""
+    """Take the actions of the collision filter up to control step `until`.
+
+    Later on, take them for a robot that is farther from its reference than `tolerance` [m], for others do not expect it
+    there.
+    """
     w, i = wp.tid()
-    if memory[w, i, STEPS] <= until:
-        for k in range(action_out.shape[2]):
-            action_out[w, i, k] = filtered[w, i, k]
+    steps = memory[w, i, STEPS]  # already those after this control step
+    path = pose[plan[w, i], i]
+    first = tracking.lead_in * _FINE
+    at = path[first + wp.max(_FINE * (int(steps) - 1) - first, 0) % (path.shape[0] - first)]
+    off = own_position(w, i, curve, observation) - shift[w, i] - wp.vec2(at[0], at[1])
+    if steps <= until or wp.length(off) > tolerance:
+        action_out[w, i, 0] = filtered[w, i, 0]
+        action_out[w, i, 1] = filtered[w, i, 1]
 
 
 class TimedPaths(Policy):
@@ -318,7 +334,7 @@ class TimedPaths(Policy):
         self.plan = wp.array(self._first_plan, dtype=wp.int32, device=self.device)
         self.shift = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
         self._memory = wp.zeros((*self.shape, MEMORY), dtype=wp.float32, device=self.device)
-        self._filtered_until, self._filter = filtered_until, None
+        self._filtered_until, self._tolerance, self._filter = filtered_until, math.inf, None
         if filtered_until > 0:
             self._filter = Safe(self.scenario, num_worlds, self.device, ARRIVING.of(self.scenario))
             if self.communicates == "nothing":
@@ -335,8 +351,9 @@ class TimedPaths(Policy):
         """Write `action`."""
         self.follow(observation)
         if self._filter is not None:
-            filtered = self._filter(observation, self.action)
-            self.launch(take_filtered, self.shape, [self._filtered_until, self._memory, filtered], [self.action])
+            inputs = [self._filtered_until, self._tolerance, self._tracking, self._curve, self._pose, self.plan]
+            inputs += [self.shift, self._memory, observation, self._filter(observation, self.action)]
+            self.launch(take_filtered, self.shape, inputs, [self.action])
 
     def follow(self, observation: wp.array) -> None:
         """Write the `action` that follows the paths of `plan`."""

@@ -15,7 +15,6 @@ import numpy as np
 from baselines.policies.driving import SPREAD_MAX, slowest_top_speed
 from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses, dubins_reach
 from baselines.policies.loop_shapes import RESERVE, TURN, PartitionParameters
-from baselines.policies.patience import check_patience
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import turning_radius
@@ -176,7 +175,6 @@ class _Search:
         """Return the earliest arrival (N, N) of each robot on each loop [control step]; infinite if there is none."""
         arrival = []
         for robot in range(len(self.loop)):  # one by one: all together need gigabytes for large teams
-            check_patience()
             _, possible = self.drivable(robot, slice(None))
             arrival.append(np.where(possible.any(axis=2), self.times, np.inf).min(axis=1))
         return np.array(arrival)
@@ -228,7 +226,6 @@ class _Search:
         for _ in range(_TRIES):
             places, arrives = {}, 0
             for robot in order:
-                check_patience()
                 for way in ways[robot]:
                     tried = self.places(robot, chosen[robot], *way)
                     if _is_clear(tried, places.values(), apart):

@@ -45,6 +45,7 @@ class WorldNode(ros.Node):
     Attributes:
         simulation: The simulation.
         loop: Executor that runs this node while it plays; further nodes may be added.
+        awaited: For each robot, whether the clock waits for its decision.
         discovery: Time for which the node waits at least, so that a recorder that was there before misses nothing [s].
 
     Raises:
@@ -68,7 +69,7 @@ class WorldNode(ros.Node):
         watchdog = float(Limits().of(self.scenario).watchdog or 0.0)
         self._vehicles = [Vehicle(self.scenario, watchdog) for _ in range(count)]
         self._status, self._yaw_rate = [-1] * count, np.zeros(count)
-        self._is_there, self._is_awaited = [False] * count, [True] * count
+        self._is_there, self.awaited = [False] * count, [True] * count
         self._decided_at = [-math.inf] * count
         self.loop = ros.make_executor()
         self.loop.add_node(self)
@@ -149,7 +150,7 @@ class WorldNode(ros.Node):
         }
 
     def _decided(self, robot: int, time: float) -> None:
-        self._decided_at[robot], self._is_awaited[robot] = time, True
+        self._decided_at[robot], self.awaited[robot] = time, True
 
     def _spin(self, timeout: float) -> None:
         """Receive a message, within a time of the machine's clock [s]."""
@@ -187,12 +188,12 @@ class WorldNode(ros.Node):
 
         def missing() -> list[int]:
             late = [k for k, decided_at in enumerate(self._decided_at) if decided_at < self.now - 1e-6]
-            return [k for k in late if self._is_awaited[k] and self._status[k] != int(REMOVED)]
+            return [k for k in late if self.awaited[k] and self._status[k] != int(REMOVED)]
 
         self._publish()
         if not self._spin_until(lambda: not missing(), self.settings.patience, self._publish):
             for k in missing():
-                self._is_awaited[k] = False
+                self.awaited[k] = False
 
     def _call(self, name: str, limit: float) -> None:
         """Call a service of every robot that has not been removed."""

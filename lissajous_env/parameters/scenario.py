@@ -192,11 +192,11 @@ class Scenario(BringsRogues):
 
     @cached_property
     def start_turning(self) -> float:
-        """Radius of the turn for which every car has room at the start [m]; 0 without walls, or if cars can reverse.
+        """Radius of the turn for which every car or drive has room at the start [m]; 0 without walls.
 
         It is a tenth above that of the tightest turn of a car of the longest wheelbase (`world.robots.facing`).
         """
-        if self.task.boundary != "wall" or self.robot.kind != "car" or self.robot.reverses:
+        if self.task.boundary != "wall" or self.robot.kind not in ("car", "differential"):
             return 0.0
         return 1.1 * (1 + 3 * self.noise.wheelbase_spread) * self._turning_radius()
 

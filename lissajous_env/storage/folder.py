@@ -11,11 +11,11 @@ import contextlib
 import fcntl
 import json
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from lissajous_env.storage.files import open_plainly, parse_json, replacing, sync, write_all, write_atomically
+from lissajous_env.storage.files import open_plainly, parse_json, sync, write_all, write_atomically
 from lissajous_env.wording import shown
 
 LIST = ".lissajous.jsonl"
@@ -155,14 +155,7 @@ class Folder:
             OSError: the file cannot be written; its earlier version is unchanged.
         """
         path = self._claim(name)
-        write_atomically(path, data, self._temporary(path))
-
-    @contextlib.contextmanager
-    def replacing(self, name: str) -> Iterator[Path]:
-        """Yield a temporary path to write to; it replaces the file if the block raises no error."""
-        path = self._claim(name)
-        with replacing(path, self._temporary(path)) as temporary:
-            yield temporary
+        write_atomically(path, data, self.path / f"{_TEMPORARY}{path.suffix}")
 
     def journal(self, name: str) -> Journal:
         """Open a file that only grows."""
@@ -214,9 +207,6 @@ class Folder:
             if path.is_symlink() or path.is_dir() != name.endswith("/") or not (path.is_dir() or path.is_file()):
                 kind = "link" if path.is_symlink() else "folder" if path.is_dir() else "file"
                 raise ValueError(f"{path} must be a {'folder' if name.endswith('/') else 'file'}, got a {kind}")
-
-    def _temporary(self, path: Path) -> Path:
-        return self.path / f"{_TEMPORARY}{path.suffix}"
 
     def _path(self, name: str) -> Path:
         """Return the path of a name, and require that its folder was made here and is no link."""

@@ -11,7 +11,6 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.program import Stage
 from lissajous_env.device.stage import ROBOT, TARGET, WORLD, stage
-from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.extensions import (
     LARGEST,
     Extension,
@@ -61,9 +60,8 @@ class WorldView(_Fixed):
     _observation: Any
 
     def __init__(self, scenario: Scenario, structs: Mapping[str, Any], observation: Any):
-        kind = _Views if observation.device.is_cpu else _Copies
         self.__dict__.update({"scenario": scenario, "_observation": observation})
-        self.__dict__.update({name: kind(struct) for name, struct in structs.items()})
+        self.__dict__.update({name: _Arrays(struct) for name, struct in structs.items()})
 
     @property
     def observation(self) -> Any:
@@ -71,21 +69,18 @@ class WorldView(_Fixed):
         return read_only(self._observation.numpy())
 
 
-class _Views(_Fixed):
-    """Arrays of a struct on a CPU."""
-
-    def __init__(self, struct: Any):
-        self.__dict__.update({name: read_only(array.numpy()) for name, array in fields_of(struct).items()})
-
-
-class _Copies(_Fixed):
-    """Arrays of a struct on a GPU, copied when they are read."""
+class _Arrays(_Fixed):
+    """Arrays of a struct: on a CPU its memory, on a GPU copies, made when they are read."""
 
     def __init__(self, struct: Any):
         self.__dict__["_struct"] = struct
 
     def __getattr__(self, name: str) -> Any:
-        return read_only(getattr(self._struct, name).numpy())
+        array = getattr(self.__dict__["_struct"], name)
+        view = read_only(array.numpy())
+        if array.device.is_cpu:
+            self.__dict__[name] = view
+        return view
 
 
 wp.set_module_options(OPTIONS)
@@ -184,31 +179,28 @@ class ExtensionStages:
         shape, term, entry = observation.shape, len(TERMS), observation.shape[2]
         entry -= sum(each.size for each in scenario.extensions if isinstance(each, ObservationEntry))
         for each in scenario.extensions:
+            own: dict[str, Any] = {}
             if isinstance(each, RewardTerm):
-                value = self._room(shape[:2])
-                own = {"term": term, "weight": each.weight, "value": value}
-                self._after.setdefault("end", []).extend(
-                    [*self._run(each, ROBOT, value), Stage(f"{each.name} taken", take_term, own=own)]
-                )
-                term += 1
-            elif isinstance(each, ScoreColumn):
-                value, kept = self._room(shape[:1], wp.float64), self._room((shape[0], 4), wp.float64)
-                self.kept[each.name] = kept
-                keeps = Stage(f"{each.name} kept", keep_column, own={"value": value, "kept_out": kept})
-                self._after.setdefault("reward", []).extend([*self._run(each, WORLD, value), keeps])
-                self._after_reset.setdefault("score", []).append(keeps)
+                place, over, takes, value = "end", ROBOT, take_term, self._room(shape[:2])
+                own, term = {"term": term, "weight": each.weight}, term + 1
             elif isinstance(each, ObservationEntry):
-                value = self._room((*shape[:2], each.size))
-                own = {"start": entry, "low": each.low, "high": each.high, "value": value}
-                stages = [*self._run(each, ROBOT, value), Stage(f"{each.name} taken", take_entries, own=own)]
-                self._after.setdefault("observation", []).extend(stages)
-                self._after_reset.setdefault("observation", []).extend(stages)
-                entry += each.size
+                place, over, takes, value = "observation", ROBOT, take_entries, self._room((*shape[:2], each.size))
+                own, entry = {"start": entry, "low": each.low, "high": each.high}, entry + each.size
+            elif isinstance(each, ScoreColumn):
+                place, over, takes, value = "reward", WORLD, keep_column, self._room(shape[:1], wp.float64)
+                self.kept[each.name] = own["kept_out"] = self._room((shape[0], 4), wp.float64)
             elif isinstance(each, TargetMotion):
+                place, over, takes = "collisions", TARGET, take_places
                 value = self._room((shape[0], scenario.target_capacity), wp.vec2)
-                takes = Stage(f"{each.name} taken", take_places, own={"value": value})
-                run = self._run(each, TARGET, value)
-                self._after["collisions"] = run if run[0].is_kernel else [*run, takes]
+            else:
+                continue
+            run, take = self._run(each, over, value), Stage(f"{each.name} taken", takes, own=own | {"value": value})
+            moves = isinstance(each, TargetMotion) and run[0].is_kernel  # the kernel writes the places itself
+            self._after.setdefault(place, []).extend(run if moves else [*run, take])
+            if isinstance(each, ObservationEntry):
+                self._after_reset.setdefault("observation", []).extend([*run, take])
+            elif isinstance(each, ScoreColumn):
+                self._after_reset.setdefault("score", []).append(take)
 
     def step_stages(self, stages: Sequence[Stage]) -> list[Stage]:
         """Return the stages of a step with those of extensions."""

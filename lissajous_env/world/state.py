@@ -299,7 +299,6 @@ INITIAL_STATE = {
     "tracks.other_at": -1,
     "tracks.heard_at": -1,
     "contamination.row_oldest": int(NEVER),
-    "contamination.oldest": int(NEVER),
     "contamination.cleared_at": int(NEVER),
     "contamination.high_at": -1,
 }

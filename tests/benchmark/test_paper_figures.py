@@ -71,9 +71,9 @@ def test_one_episode_of_one_policy_without_any_bound_is_drawn(tmp_path):
         assert np.asarray(picture.convert("L")).std() > 10
 
 
-def test_over_scenarios_a_guarantee_without_a_bound_is_words(monkeypatch):
-    texts = []
-    monkeypatch.setattr(paper_figures, "saved", lambda figure, form: texts.append(figure.axes[1].texts) or b"")
+def test_a_guarantee_is_drawn_from_its_median_and_as_words_without_a_bound(monkeypatch):
+    panels = []
+    monkeypatch.setattr(paper_figures, "saved", lambda figure, form: panels.append(figure.axes[1]) or b"")
     scenarios = {name: lissajous_env.scenario(name) for name in ("evaders", "team")}
     played = [
         row | {"guarantee_open": float(policy == "lost")}
@@ -81,8 +81,11 @@ def test_over_scenarios_a_guarantee_without_a_bound_is_words(monkeypatch):
         for policy in ("lost", "closed")
         for row in rows(policy, name, guaranteed_detection_time=[4.0, 5.0])
     ]
-    next(iter(paper_figures.draw(Table.of(played, scenarios), "png")))
-    assert [(text.get_text(), text.get_position()[1]) for text in texts[0]] == [("no bound", 0)]
+    list(paper_figures.draw(Table.of(played, scenarios), "png"))
+    overall, evaders, _ = panels
+    assert [(text.get_text(), text.get_position()[1]) for text in overall.texts] == [("no bound", 0)]
+    intervals = [[*line.get_xdata()] for line in evaders.lines if line.get_linewidth() == 4]
+    assert intervals == [[4.5, 5.0]]
 
 
 @pytest.mark.long

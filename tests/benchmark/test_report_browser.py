@@ -5,12 +5,8 @@ from browser import HOSTILE, complaints, opened, wait
 from rich.console import Console
 
 import lissajous_env
-import training.report
 from baselines.benchmark.running import run as run_benchmark
 from baselines.benchmark.types import Benchmark
-from lissajous_env.storage.folder import Folder
-from training.learned.history import History
-from training.settings import TrainingSettings
 
 QUIET = Console(quiet=True)
 SHORT = {"task.duration": 4.0}
@@ -181,48 +177,6 @@ def overprinted(run):
         }
         return found;
     """)
-
-
-def test_a_training_shows_its_curve_its_rivals_and_the_latest_episode(browser, folder, tmp_path):
-    import baselines
-
-    changed = {"steps": 3000, "rivals": ("laps",), "base": "sweep", "gamma": 0.9}
-    settings = TrainingSettings(scenario="intruders", out=tmp_path, overrides=SHORT, **changed)
-    scenario = settings.make_scenario()
-    scores = {"detection_time": 3.0, "collisions": 0.0, "return": -1.0, "detected_fraction": 0.8}
-    points = [{"steps": 1000 * k, "seconds": 60.0 * k, **scores, "detection_time": 9.0 / k} for k in (1, 2, 3)]
-    history = History(steps=3000, seconds=180.0, curve=points, rivals={"laps": scores, "sweep": scores})
-    history.best = {"steps": 2000}
-    with Folder(tmp_path) as held:
-        written = training.report.TrainingReport(held, settings, scenario, 20_000)
-        written.write(history, baselines.make("kuramoto-mpcc", scenario), last=True)
-    run = opened(browser, folder, (tmp_path / "report.html").read_text(encoding="utf-8"))
-    cells = "(row) => [...row.cells].map((cell) => cell.textContent)"
-    rows = run(f"return [...document.querySelectorAll('#evaluations tbody tr')].map({cells})")
-    assert [row[1] for row in rows] == ["3,000", "2,000", "1,000", "", ""]
-    assert [row[0] for row in rows] == ["policy", "policybest", "policy", "laps", "sweep"]
-    for width in (1200, 390):
-        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", SCREEN | {"width": width})
-        wait(lambda: overprinted(run) == [])
-    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
-    listed = "(dl) => [...dl.querySelectorAll('dt')].map((name) => name.textContent)"
-    shown = run(f"return [...document.querySelectorAll('#changed dl')].flatMap({listed})")
-    assert set(shown) == {"scenario", "out", *SHORT, *changed}
-    assert "worlds" in (folded := run(f"return [...document.querySelectorAll('#defaults dl')].flatMap({listed})"))
-    assert {*shown, *folded} - {*SHORT} | {"overrides"} == settings.to_dict().keys()
-    assert run("return document.getElementById('defaults').checkVisibility()") is False
-    assert run("return document.querySelectorAll('.figure .rival').length") == 8
-    run("document.getElementById('play').click()")
-    browser.switch_to.frame(browser.find_element("id", "frame"))
-    wait(lambda: run("return document.body?.dataset.ready === 'true'"))
-    assert run("return replay.episodes.map((e) => [e.raw.policy, e.raw.seed])") == [
-        ["3,000 steps", 20_000],
-        ["laps", 20_000],
-    ]
-    browser.switch_to.default_content()
-    said, asked = complaints(browser)
-    assert said == []
-    assert [each for each in asked if not each.startswith("about:")] == []
 
 
 def test_a_link_into_a_report_opens_its_replay_at_a_moment(browser, folder, text):

@@ -181,7 +181,7 @@ def test_run_and_replay_make_files_and_need_no_display(tmp_path, capsys, monkeyp
         (["scenarios", "--episodes"], "--episodes"),
         (["evaluate", "failure", "still", "--episodes", "few"], "'few'"),
         (["train", "--learning-rate", "1000"], "learning_rate must be from 1e-12 to 1, got 1000.0"),
-        (["train", "--log-std", "nan"], "log_std must be from -20 to 2, got nan"),
+        (["train", "--noise", "nan"], "noise must be from 1e-06 to 10, got nan"),
         (["train", "--worlds", "1000000000"], "worlds must be a whole number from 1 to 1000000"),
     ],
 )
@@ -246,7 +246,7 @@ def test_json_is_all_that_is_on_stdout_and_quiet_says_nothing(arguments, capsys,
 
 
 def test_a_missing_extra_says_what_works_from_a_checkout_too(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "training.sb3.trainer", None)
+    monkeypatch.setitem(sys.modules, "training.trainer", None)
     code, _, error = called(capsys, "train")
     assert (code, len(error.splitlines())) == (2, 1)
     assert 'pip install ".[train]" in a checkout, pip install "lissajous-env[train]" elsewhere' in error

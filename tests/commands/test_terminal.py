@@ -48,7 +48,6 @@ def test_tables_fit_and_cut_nothing(command, width, capsys, monkeypatch):
             return called(capsys, command)[1]
         if command == "plan":
             report.print_plans(make_console(), OUTCOME, PLANS)
-            report.print_formations(make_console(), PLANS)
         else:
             claims.print_claims(make_console(), CLAIMS)
         return capsys.readouterr().out

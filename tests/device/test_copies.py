@@ -16,7 +16,6 @@ import lissajous_env
 
 pytest.importorskip("stable_baselines3")
 
-from training.sb3 import MixedVecEnv
 from training.sb3.vec_env import RobotVecEnv
 
 SHORT = {"task.duration": 1.5}
@@ -32,9 +31,7 @@ MADE: dict[str, Callable[[int], Any]] = {
     "crowd": lambda threads: simulation("swarm", 1, threads),
     "batch": lambda threads: lissajous_env.Batch(SPACE, 6, num_groups=3, seed=2, threads=threads),
     "batch of one group": lambda threads: lissajous_env.Batch(SPACE, 2, seed=2, threads=threads),
-    "rows with all of the world": lambda threads: RobotVecEnv("intruders", 3, threads=threads, central=True, **SHORT),
-    "mixed rows": lambda threads: MixedVecEnv(SPACE, 3, 2, seed=2, threads=threads),
-    "mixed rows of one group": lambda threads: MixedVecEnv(SPACE, 1, 2, seed=2, threads=threads, central=True),
+    "rows": lambda threads: RobotVecEnv("intruders", 3, threads=threads, **SHORT),
 }  # fmt: skip
 
 
@@ -62,16 +59,14 @@ def advance(env, step):
 
 
 @pytest.mark.parametrize("name", MADE)
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
-def test_a_copy_after_steps_continues_like_the_original(name, copied):
+def test_a_copy_after_steps_continues_like_the_original(name):
     env = MADE[name](2)
     if not isinstance(env, lissajous_env.Simulation):
         env.reset()
     for step in range(5):
         advance(env, step)
-    twin = copied(env)
-    expected = [advance(env, step) for step in range(5, 25)]
-    assert len(set(expected)) > 10
-    assert [advance(twin, step) for step in range(5, 25)] == expected
-    again = copied(twin)
-    assert advance(again, 25) == advance(twin, 25)
+    twin, again = pickle.loads(pickle.dumps(env)), copy.deepcopy(env)
+    expected = [advance(env, step) for step in range(5, 20)]
+    assert len(set(expected)) > 7
+    assert [advance(twin, step) for step in range(5, 20)] == expected
+    assert advance(again, 5) == expected[0]

@@ -53,7 +53,6 @@ LASTING = ("benchmark", "evaluate", "exploit", "guarantee", "replay", "run", "tr
 IMAGES = {
     "intruders.gif": "lissajous run intruders kuramoto-mpcc --seed 1 --set task.duration=14",
     "critical_speed.png": "lissajous guarantee`",
-    "trainings.png": "python benchmarks/trainings.py --store",
     "growth.png": "python benchmarks/speed.py --parts growth --against",
     "fig3.png": "lissajous reproduce fig3 fig6 fig9",
     "fig6.png": "lissajous reproduce fig3 fig6 fig9",

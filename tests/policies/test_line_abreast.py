@@ -13,8 +13,10 @@ from baselines.policies.line_path import (
     largest_spacing,
     line_path,
     plans_of,
+    spacing_of,
     speed_limit,
     turn_of,
+    what_fails,
 )
 from lissajous_env.theory.geometry import turning_radius
 
@@ -101,6 +103,25 @@ def test_a_line_that_cannot_work_is_refused(overrides, words):
     lines = overrides.pop("lines", None)
     with pytest.raises(ValueError, match=words):
         LineAbreast(lissajous_env.scenario("intruders", **overrides), parameters=LineParameters(lines=lines))
+
+
+def test_rogues_pass_lines_that_turn_inside_only_above_the_speed_limit():
+    """Oracle: the spacing law, solved for the speed of rogues."""
+    walls = {"task.boundary": "wall", "sensing.radius": 1.5}
+    scenario = lissajous_env.scenario("intruders", **walls).resolve()
+    plan = plans_of(scenario, LineParameters(), 1)[0][0]
+    spacing = spacing_of(scenario, 1, plan.aside)
+    for share, words in ((0.9, "cross a line within a step"), (1.1, "")):
+        rogues = speed_limit(spacing, 1.5, share * plan.speed, plan.step)
+        faster = lissajous_env.scenario("intruders", **walls, **{"targets.speed_limit": rogues}).resolve()
+        assert words in what_fails(faster, 1, plan.speed, plan.aside)
+        assert bool(words) == bool(what_fails(faster, 1, plan.speed, plan.aside))
+
+
+def test_lines_far_from_the_end_of_the_rectangle_leave_places_unsensed():
+    """Oracle: by hand, from half circles of 0.2 m that end 1.2 m from the wall, 3.2 m apart: hypot(1.4, 1.6) - 0.2."""
+    far = lissajous_env.scenario("intruders", **{"curve.inset": 1.2, "sensing.radius": 1.7}).resolve()
+    assert "end of the rectangle would be 1.93 m from sensors of 1.7 m" in what_fails(far, 1, 1.0, 0.2)
 
 
 def test_all_starts_have_the_same_guarantee_and_no_cars_collide():

@@ -86,6 +86,8 @@ def test_the_undetected_time_of_a_sweep_is_its_closed_form():
     # The end is sensed at the turn alone, so once in 6 s.
     assert worst_undetected_time(loop, (2.0, 0.1), 0.51, 0.0, 0.1) == pytest.approx(6.0, abs=0.25)
     assert worst_undetected_time(loop, (2.0, 0.1), 0.51, 1.5, 0.1) == pytest.approx(6.0, abs=0.25), "no way past it"
+    later = np.roll(loop, -15, axis=1)  # targets of the start are detected sooner than later ones
+    assert worst_undetected_time(later, (2.0, 0.1), 0.51, 0.0, 0.1) == pytest.approx(6.0, abs=0.25)
     assert worst_undetected_time(loop, (2.0, 0.6), 0.51, 0.0, 0.1) == math.inf, "above it nothing is sensed"
 
 
@@ -100,6 +102,13 @@ def played(name, overrides, worlds):
         times.append(simulation.contamination.age.numpy() * scenario.task.step)
     assert simulation.tally.collisions.numpy().sum() == 0
     return np.array(times)
+
+
+def worst_of(scenario, plan):
+    """Return the worst-case undetected time of the ideal motion [s]."""
+    scenario = scenario.resolve()
+    half = scenario.curve.half_width, scenario.curve.half_height
+    return worst_undetected_time(plan.loop, half, scenario.sensing_radius, scenario.rogue_speed, scenario.task.step)
 
 
 @pytest.mark.parametrize("name", ["evaders", "team"])
@@ -134,14 +143,14 @@ def test_similar_scenarios_have_similar_plans(length, time):
     scenario = lissajous_env.scenario("evaders")
     plan, scaled = partition_plan(scenario), partition_plan(scenario.scaled(length, time))
     np.testing.assert_array_equal(scaled.loop, length * plan.loop)
-    assert scaled.worst == time * plan.worst
 
 
 def test_the_ideal_guarantee_is_that_of_the_simulated_cars_and_nobody_collides():
     """Oracle: the contamination field of the simulation, with the cars' real dynamics, from the start of an episode."""
     times = played("partition", {"task.duration": 15.0}, worlds=8)
     assert times.max() <= 4.0
-    assert times[50:].max() == pytest.approx(partition_plan(lissajous_env.scenario("evaders")).worst, abs=0.3)
+    scenario = lissajous_env.scenario("evaders")
+    assert times[50:].max() == pytest.approx(worst_of(scenario, partition_plan(scenario)), abs=0.3)
 
 
 def test_the_speed_is_a_parameter():
@@ -149,7 +158,7 @@ def test_the_speed_is_a_parameter():
     scenario = lissajous_env.scenario("evaders")
     fast, slow = partition_plan(scenario), partition_plan(scenario, PartitionParameters(speed=1.2))
     assert slow.speed <= 1.2
-    assert slow.worst / fast.worst == pytest.approx(fast.speed / slow.speed, rel=0.35)
+    assert worst_of(scenario, slow) / worst_of(scenario, fast) == pytest.approx(fast.speed / slow.speed, rel=0.35)
 
 
 @pytest.mark.parametrize(("make", "words"), [
@@ -201,7 +210,7 @@ def test_a_robot_knows_of_failures_by_messages_or_silence_alone(faults):
 
 
 def test_long_periods_are_compared_at_fewer_times_with_the_same_result(monkeypatch):
-    """Oracle: the comparison at every control step, in a large rectangle of slow cars; its worst case is exact."""
+    """Oracle: the comparison at every control step, in a large rectangle of slow cars."""
     request = Request(
         width=60.0, height=40.0, robots=(2, 2), robot_radius=0.4, sensor_radius=8.0, speed=0.5, turning_radius=1.0,
         rogue_speed=0.002,
@@ -209,10 +218,7 @@ def test_long_periods_are_compared_at_fewer_times_with_the_same_result(monkeypat
     task, parameters = plain_of(request.task(2)), PartitionParameters(lanes=4, rows=1, extent_x=0.6, extent_y=0.6)
     found = partition_plan(task, parameters)
     assert found.loop.shape[1] > 2 * partition_module._TIMES
-    half = task.curve.half_width, task.curve.half_height
-    exact = worst_undetected_time(found.loop, half, task.sensing_radius, task.rogue_speed, task.task.step)
-    assert found.worst == pytest.approx(exact, rel=1e-6)
     partition_module._best.cache_clear()
     monkeypatch.setattr(partition_module, "_TIMES", 10**9)
     whole = partition_plan(task, parameters)
-    assert found.worst <= 1.02 * whole.worst
+    assert worst_of(task, found) <= 1.02 * worst_of(task, whole)

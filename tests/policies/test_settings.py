@@ -76,7 +76,7 @@ def test_commands_play_a_folder(tmp_path, capsys, monkeypatch):
     for line in (
         "run mine --out a.npz", "run mine/scenario.toml mine-safe --out b.npz", "replay mine --out c.html",
         "evaluate mine --episodes 1", "replay evaders mine --out d.npz --set task.duration=1",
-        "benchmark --scenarios mine/scenario.toml --policies mine sweep --episodes 1 --replays none --out results",
+        "benchmark --scenarios mine/scenario.toml --policies mine sweep --episodes 1 --replays 0 --out results",
     ):  # fmt: skip
         code, _, said = called(capsys, *line.split())
         assert code == 0, (line, said)
@@ -86,7 +86,7 @@ def test_results_of_other_parameters_are_not_mixed(tmp_path, capsys, monkeypatch
     monkeypatch.chdir(tmp_path)
     folder_of(tmp_path / "mine", PolicySettings("sweep", {"lanes": 4}))
     line = ["benchmark", "--scenarios", "mine/scenario.toml", "--policies", "mine", "--episodes", "1"]
-    line += ["--replays", "none", "--out", "results"]
+    line += ["--replays", "0", "--out", "results"]
     assert called(capsys, *line)[0] == 0
     (tmp_path / "mine" / POLICY_FILE).write_text(PolicySettings("sweep", {"lanes": 2}).as_toml())
     code, _, said = called(capsys, *line)

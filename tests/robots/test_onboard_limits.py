@@ -100,18 +100,13 @@ def test_a_robot_that_is_told_to_stop_stops_at_once_and_still_sends_its_phase():
     assert robot.call().stopped == ""
 
 
-def test_a_silent_neighbour_stops_a_robot_that_listens():
+@pytest.mark.parametrize("was_heard", [True, False])
+def test_a_silent_neighbour_stops_a_robot_that_listens_from_the_first_call_on(was_heard):
     robot = Robot(silence=0.35)
-    robot.call()
+    robot.call(hears=was_heard)
     stopped = [bool(robot.call(hears=False).stopped) for _ in range(6)]
     assert stopped == [False, False, False, True, True, True]
     assert robot.call().stopped == ""
-
-
-def test_a_neighbour_that_was_never_heard_is_silent_from_the_first_call_on():
-    robot = Robot(silence=0.35)
-    stopped = [bool(robot.call(hears=False).stopped) for _ in range(6)]
-    assert stopped == [False, False, False, False, True, True]
 
 
 def test_a_policy_without_messages_needs_no_neighbour():

@@ -61,7 +61,7 @@ class Watch:
 def test_a_robot_whose_node_is_killed_stops_and_joins_again():
     # A physical story: kill -9 of a node at 1 s; it is started again, while the others wait for it.
     made = team_scenario(1e3)
-    with Team(made, "kuramoto-mpcc", [1, 2, 3, 4], message_wait=0.02, world={"patience": 2.0, "pace": 10.0}) as team:
+    with Team(made, "kuramoto-mpcc", [1, 2, 3, 4], message_wait=0.02, world={"patience": 5.0, "pace": 10.0}) as team:
         given = ("--policy", "kuramoto-mpcc", "--scenario", team.file, "--quiet", "--autostart")
         killed = process("robot", "--robot", 0, *given, "--ros-args", "-p", "use_sim_time:=true")
         watch, joined_at = Watch(team.world), []
@@ -160,8 +160,8 @@ def through_radio(robot):
 def test_robots_stop_while_the_network_is_silent_and_go_on_after():
     # A physical story: nothing arrives anywhere from 1.5 s to 3.5 s.
     made = team_scenario(6.0)
-    world = {"patience": 1.0, "pace": 10.0}  # nobody decides in the silence, so that the clock waits for nobody
-    with Team(made, "kuramoto-mpcc", options_of=through_radio, world=world, clock_jump=5.0) as team:
+    world = {"patience": 5.0, "pace": 10.0}
+    with Team(made, "kuramoto-mpcc", options_of=through_radio, world=world, clock_jump=1e3, message_wait=0.02) as team:
         radio, watch, reasons = team.add(Radio(5)), Watch(team.world), []
 
         def follow():
@@ -171,6 +171,8 @@ def test_robots_stop_while_the_network_is_silent_and_go_on_after():
                 wait_until(lambda: all("the pose is" in robot.reason for robot in team.robots), team.spin)
                 reasons.append(step)
             radio.is_silent = 15 <= step < 35
+            if step in (15, 35):
+                team.world.awaited[:] = [step == 35] * 5  # nobody decides in the silence
 
         team.world.play(follow)
     throttles, speeds = np.array(watch.throttles), np.array(watch.speeds)

@@ -7,7 +7,6 @@ can be tried, one after the other. The processes are forked from one that has th
 import errno
 import itertools
 import json
-import logging
 import multiprocessing
 import os
 import signal
@@ -18,11 +17,10 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 
 QUIET = Console(quiet=True)
-_LOADED = ["torch._dynamo", "torch.utils.tensorboard", "matplotlib.backends.backend_agg", "training.sb3.trainer"]
+_LOADED = ["torch._dynamo", "matplotlib.backends.backend_agg", "training.trainer"]
 _LOADED += ["training.learned.policy", "baselines.benchmark.running", "baselines.reproduce"]
 _ADDS = ("open", "os.mkdir", "os.rename", "write", "fsync")
 """Operations that a full disk refuses."""
@@ -130,15 +128,14 @@ def train(folder: Path) -> None:
     """Train for three rollouts with an evaluation before and after each; that after the first is the best."""
     import torch
 
-    from training.sb3.trainer import train
     from training.settings import TrainingSettings
+    from training.trainer import train
 
     torch.set_num_threads(1)
     settings = TrainingSettings(
-        "failure", steps=240, worlds=2, rollout=8, batch_size=40, layers=(4,), base="none", teacher="none", threads=1,
-        rivals=(), evaluation_episodes=1, evaluate_every=80, epochs=1, learning_rate=0.3, noise_steps=4, averaging=0.3,
-        out=folder, initial_output=(0.8,),  # a costly one, so that the untrained policy is not the best
-        overrides={"task.duration": 0.5, "task.reward_effort": -1.0, "robot.count": 5},
+        "failure", steps=240, worlds=2, rollout=8, minibatch=32, hidden=8, features=8, episodes=1, threads=1,
+        imitation=1, imitation_epochs=1, evaluate_every=80, out=folder,
+        overrides={"task.duration": 0.5, "robot.count": 5},
     )  # fmt: skip
     train(settings, QUIET)
 
@@ -170,49 +167,17 @@ def result_of_train(folder: Path) -> dict[str, Any]:
     network, _, text = checkpoint.read(folder)
     checkpoint.read_state(folder, text)
     best, _, best_text = checkpoint.read(folder / "best")
-    curve = _untimed(text["curve"])
-    highest = max(curve, key=lambda point: point["return"])
-    if _untimed([best_text["scores"]])[0] != highest or best_text["curve"][-1]["steps"] != highest["steps"]:
-        raise ValueError(f"best must be the policy of {highest}, got {best_text['scores']}")
-    names = (path.relative_to(folder).as_posix() for path in folder.rglob("*") if "tfevents" not in path.name)
-    rows = tensorboard_rows(folder / "tensorboard")
-    for name in ("detection_time", "collisions", "return", "detected_fraction"):
-        logged = np.array(rows.get(f"evaluation/{name}", [])).reshape(-1, 2)
-        evaluated = np.array([(point["steps"], point[name]) for point in curve if point[name] is not None]).reshape(
-            -1, 2
-        )
-        if logged.shape != evaluated.shape or not np.allclose(logged, evaluated):
-            raise ValueError(f"TensorBoard must show {name} as the curve has it, {evaluated}, got {logged}")
+    history, best_history = text["training"], best_text["training"]
+    highest = history["best"]
+    if best_history["best"]["steps"] != highest["steps"] or best_history["curve"][-1]["steps"] != highest["steps"]:
+        raise ValueError(f"best must be the policy of {highest}, got {best_history['best']}")
     return {
         "files": text["files"],
-        "curve": curve,
-        "counters": _untimed([text["counters"]])[0],
-        "weights": [array.tolist() for array in network.weights],
-        "best": [array.tolist() for array in best.weights],
-        "rows": rows,
-        "names": sorted(names),
+        "curve": _untimed(history["curve"]),
+        "weights": {name: array.tolist() for name, array in network.to_arrays().items()},
+        "best": {name: array.tolist() for name, array in best.to_arrays().items()},
+        "names": sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*")),
     }
-
-
-def tensorboard_rows(folder: Path) -> dict[str, list[tuple[int, float]]]:
-    """Steps and values that TensorBoard shows, by tag; without those that are times.
-
-    Raises:
-        ValueError: a step is shown twice.
-    """
-    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-
-    logging.getLogger("tensorboard").setLevel(logging.ERROR)
-    events = EventAccumulator(str(folder), size_guidance={"scalars": 0})
-    events.Reload()
-    rows = {}
-    for tag in events.Tags()["scalars"]:
-        if not tag.startswith("time/"):
-            rows[tag] = [(event.step, event.value) for event in events.Scalars(tag)]
-            steps = [step for step, _ in rows[tag]]
-            if steps != sorted(set(steps)):
-                raise ValueError(f"TensorBoard must show each step of {tag} once, got {steps}")
-    return rows
 
 
 def result_of_benchmark(folder: Path) -> dict[str, Any]:

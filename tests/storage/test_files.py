@@ -26,13 +26,13 @@ def benchmark(out):
 
 
 def train(out):
-    pytest.importorskip("stable_baselines3")
-    from training.sb3.trainer import train
+    pytest.importorskip("torch")
     from training.settings import TrainingSettings
+    from training.trainer import train
 
     settings = TrainingSettings(
-        "failure", steps=20, worlds=1, rollout=4, batch_size=20, layers=(4,), teacher="none", threads=1, rivals=(),
-        evaluation_episodes=1, out=out, overrides={"task.duration": 0.2},
+        "failure", steps=20, worlds=2, rollout=8, minibatch=32, hidden=8, features=8, episodes=1, threads=1,
+        imitation=1, imitation_epochs=1, evaluate_every=80, out=out, overrides={"task.duration": 0.2},
     )  # fmt: skip
     train(settings, QUIET)
 
@@ -150,10 +150,8 @@ def test_only_what_was_written_is_removed(tmp_path):
 
 def test_what_a_killed_process_left_is_removed_and_nothing_else(tmp_path):
     with Folder(tmp_path) as folder:
-        with folder.replacing("a.json") as temporary:
-            temporary.write_text("half")
-            kept = temporary.read_bytes()
-        temporary.write_bytes(kept)
+        folder.write("a.json", "whole")
+    (tmp_path / ".lissajous-writing.json").write_text("half")
     (tmp_path / ".lissajous-1.json").write_text("mine")
     with Folder(tmp_path):
         assert sorted(path.name for path in tmp_path.iterdir()) == [".lissajous-1.json", LIST, "a.json"]

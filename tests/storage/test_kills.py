@@ -71,6 +71,7 @@ def test_every_write(root, tmp_path, name, full):
 
 def test_a_kill_after_the_best_is_written_and_before_the_checkpoint(tmp_path, monkeypatch):
     # Oracle: the command that nobody killed. The best policy is ahead of the training that is resumed.
+    monkeypatch.setattr("training.trainer.rank_of", lambda point, limit: point["steps"])
     killing.train(tmp_path / "whole")
     claim, seen = Folder._claim, []
 
@@ -84,7 +85,7 @@ def test_a_kill_after_the_best_is_written_and_before_the_checkpoint(tmp_path, mo
         patch.setattr(Folder, "_claim", killed)
         with pytest.raises(KeyboardInterrupt):
             killing.train(tmp_path / "cut")
-    assert len(checkpoint.read_text(tmp_path / "cut" / "best")["curve"]) == 2
-    assert len(checkpoint.read_text(tmp_path / "cut")["curve"]) == 1
+    assert len(checkpoint.read_text(tmp_path / "cut" / "best")["training"]["curve"]) == 2
+    assert len(checkpoint.read_text(tmp_path / "cut")["training"]["curve"]) == 1
     killing.train(tmp_path / "cut")
     assert killing.result_of_train(tmp_path / "cut") == killing.result_of_train(tmp_path / "whole")

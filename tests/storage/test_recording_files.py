@@ -12,6 +12,7 @@ import lissajous_env
 from lissajous_env.episodes import recording as recordings
 from lissajous_env.episodes import recording_checks
 from lissajous_env.render import film
+from tests.storage.planted import opened, payloads
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +84,13 @@ def refused(path) -> str:
 def test_arrays_that_claim_too_much_are_refused_by_name(recording, tmp_path, data):
     rewritten(recording, tmp_path / "bad.npz", position=data)
     assert refused(tmp_path / "bad.npz")
+
+
+def test_a_pickle_in_the_place_of_an_array_is_not_opened(recording, tmp_path):
+    marker = tmp_path / "opened"
+    rewritten(recording, tmp_path / "bad.npz", position=payloads(marker)["npy"])
+    assert refused(tmp_path / "bad.npz")
+    assert not opened(marker)
 
 
 def test_a_small_file_that_would_unpack_to_much_is_refused(recording, tmp_path, monkeypatch):

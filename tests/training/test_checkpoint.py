@@ -14,7 +14,6 @@ import training
 from lissajous_env import Simulation
 from training.learned import checkpoint
 from training.learned.card import Card
-from training.learned.history import History
 
 SCORES = {"detection_time": 1.0, "collisions": 0.0, "return": -1.0, "detected_fraction": None}
 POINT = {"steps": 10, "seconds": 0.5} | SCORES
@@ -48,7 +47,6 @@ def play(folder):
     _, _, text = checkpoint.read(folder)
     if "state" in text["files"]:
         checkpoint.read_state(folder, text)
-    History.read(text)
     policy = training.load(folder)
     action = policy.act(Simulation(policy.scenario).observation.numpy())
     assert np.isfinite(action).all()
@@ -122,8 +120,6 @@ def test_any_entry_may_be_missing_or_wrong(folder):
         (("files", "weights", "name"), "../weights", r"name of weights must be weights-HASH.safetensors, got '\.\./"),
         (("files", "weights", "sha256"), "x", "SHA-256 of weights must be 64 hexadecimal digits, got 'x'"),
         (("scenario",), None, "scenario must be an object, got None"),
-        (("curve", 0, "return"), "x", "return of point 0 of the curve must be a number or null, got 'x'"),
-        (("counters", "steps"), -1, "steps of counters must be a number of at least 0, got -1"),
         (("format",), True, "format must be 1, got True"),
         (("rivals",), json.loads(100 * "[" + 100 * "]"), "nest at most 100 levels"),
         ((), [], r"it must be an object, got \[\]"),

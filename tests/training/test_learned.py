@@ -55,7 +55,6 @@ def test_shipped_policies_are_small_and_say_where_they_come_from(name):
     _, card, text = checkpoint.read(folder)
     assert text["command"].startswith("lissajous train")
     assert card.settings["seed"] >= 0
-    assert text["curve"][-1]["steps"] > 0
     assert set(text["held_out_scores"]) == set(text["made_for"])
 
 

@@ -20,7 +20,7 @@ from training.rogue_trainer import train_rogues, undetected_times
 
 SMALL = {"sensing.radius": 0.35, "task.duration": 8.0, "targets.entry": "unseen"}
 FAST = {"scenario": "experiment", "against": "sweep", "rounds": 3, "starts": 24, "worlds": 4,
-        "evaluation_episodes": 8, "overrides": SMALL, "threads": 1}  # fmt: skip
+        "episodes": 8, "overrides": SMALL, "threads": 1}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +41,9 @@ def test_training_makes_rogues_that_stay_undetected_longer_than_those_that_wande
     folder, history = trained
     settings = RogueTraining(**FAST)
     seeds = range(500, 516)
+    targets = settings.make_scenario().targets
+    assert targets.count == settings.starts // 2, "the other rogues appear later"
+    assert targets.arrival_rate > 0
     ours, wander = (
         undetected_times("sweep", settings.make_scenario(rogues), seeds) for rogues in (str(folder), "wander")
     )
@@ -184,8 +187,8 @@ def test_bad_input_is_refused_by_name(trained, capsys, tmp_path):
         (("--side", "rogues"), "against must be the policy from which the rogues learn to hide, got none"),
         (("--against", "sweep"), "side must be rogues if options of rogues are given (against), got robots"),
         (
-            ("--side", "rogues", "--against", "sweep", "--base", "none"),
-            "base must be omitted if rogues are trained",
+            ("--side", "rogues", "--against", "sweep", "--heads", "1"),
+            "heads must be omitted if rogues are trained",
         ),
         (
             ("--side", "rogues", "--against", "sweep", "--rogue-starts", 1),

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("stable_baselines3")
+pytest.importorskip("torch")
 
 from publish import publish
-from test_train import QUIET, SMALL
+from test_trainer import QUIET, SMALL
 
 import lissajous_env
 import training
@@ -17,8 +17,8 @@ from lissajous_env.console import cli
 from lissajous_env.console.terminal import plain
 from lissajous_env.parameters.scenario_file import scenario_of
 from training.learned import checkpoint
-from training.sb3.trainer import train
 from training.settings import TrainingSettings
+from training.trainer import train
 
 MINE = """
 base = "failure"
@@ -48,7 +48,7 @@ def here(tmp_path, monkeypatch):
 
 
 def settings(**changes):
-    small: dict = {"scenario": "mine.toml", "overrides": {}, "steps": 640, "evaluate_every": 640, "teacher": "none"}
+    small: dict = {"scenario": "mine.toml", "overrides": {}, "imitation": 0}
     given: dict = SMALL | small | {"out": Path("run")} | changes
     return TrainingSettings(**given)
 
@@ -101,7 +101,7 @@ def test_a_benchmark_leaves_out_scenarios_of_other_robots(here, capsys):
 def test_a_scenario_that_has_changed_is_not_trained_on(here):
     trained()
     (here / "mine.toml").write_text(MINE.replace("2.5", "2.25"))
-    with pytest.raises(ValueError, match=r"curve of the scenario = .*2\.5.* there, .*2\.25.* here"):
+    with pytest.raises(ValueError, match="the scenario has changed"):
         train(settings(steps=1280), QUIET)
 
 

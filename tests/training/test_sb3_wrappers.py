@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize, VecVid
 from stable_baselines3.common.vec_env.dummy_vec_env import DummyVecEnv
 
 from lissajous_env.envs.actions import action_table
-from training.sb3 import MixedVecEnv, ModelPolicy, RobotVecEnv, RogueVecEnv
+from training.sb3 import ModelPolicy, RobotVecEnv, RogueVecEnv
 
 SHORT = lissajous_env.scenario("experiment", **{"task.duration": 0.8})
 FAST = {"n_steps": 8, "batch_size": 20, "n_epochs": 1}
@@ -129,12 +129,3 @@ def test_the_recorder_of_videos(make, tmp_path):
 def test_render_modes_that_a_batch_does_not_have_are_refused():
     with pytest.raises(ValueError, match="render_mode must be None or rgb_array, got 'human'"):
         RobotVecEnv(SHORT, render_mode="human")
-    with pytest.raises(ValueError, match="render_mode must be omitted"):
-        MixedVecEnv("monitoring-v1", 2, 2, render_mode="rgb_array")
-
-
-def test_a_mixture_has_discrete_actions():
-    env = MixedVecEnv("monitoring-v1", 2, 2, discrete_actions=True)
-    env.reset()
-    rows, *_ = env.step(np.zeros(env.num_envs, dtype=int))
-    assert rows.shape == (env.num_envs, *env.observation_space.shape)

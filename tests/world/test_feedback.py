@@ -54,12 +54,6 @@ def test_targets_and_robots_within_sight_are_observed_and_those_within_the_radiu
     assert far.score()[0]["detected_fraction"] > 0.2
 
 
-def test_a_sight_of_the_sensing_radius_is_the_default():
-    plain, given = field(), field(**{"sensing.sight": 3.0})
-    for _ in zip(drive(plain), drive(given), strict=True):
-        assert plain.observation.numpy().tobytes() == given.observation.numpy().tobytes()
-
-
 @pytest.mark.parametrize(
     ("field_name", "value", "rule"),
     [

@@ -49,20 +49,6 @@ def test_the_lissajous_curve_as_harmonics_is_the_lissajous_curve(kind):
     assert np.isnan(rows[0]["spacing_factor"]), "known of Lissajous curves alone"
 
 
-def test_the_distance_of_cars_is_that_from_the_circle():
-    # Oracle: the radius.
-    scenario = on(CIRCLE, "experiment")
-    simulation = lissajous_env.Simulation(scenario, 1, seed=0)
-    places = np.random.default_rng(1).uniform(-1.5, 1.5, (1, 5, 3)).astype(np.float32) * [1, 0.5, 0]
-    simulation.robots.position.assign(places)
-    simulation.robots.status.fill_(1)
-    simulation.clock.stage.fill_(0)
-    simulation.robots.stuck_until.fill_(100)
-    simulation.step(np.zeros(simulation.action_shape, np.float32))
-    expected = np.abs(np.linalg.norm(places[0, :, :2], axis=-1) - 0.7).max()
-    assert simulation.score()[0]["lateral_error_max"] == pytest.approx(expected, abs=0.02)
-
-
 @pytest.mark.parametrize("name", ["laps", "consensus-gvf"])
 def test_policies_of_cars_drive_on_any_curve(name):
     scenario = on(lissajous_env.Curve.through(bean), "experiment", **{"task.duration": 3.0})

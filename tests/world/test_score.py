@@ -128,20 +128,6 @@ def test_recovery_counts_from_the_last_fault_and_must_last():
     assert math.isnan(played(simulation, constant(simulation.scenario))[0]["recovery_time"])
 
 
-def test_a_formation_that_swung_before_the_fault_is_back_in_its_swing():
-    # Oracle: closed form, without feedback. Robot 0 begins 0.3 rad ahead, 0.24 rad from the mean, and stays there: that
-    # is the swing. Robots 1 and 2 stand for 1 s and fall back by 0.2 rad: robot 0 is then 0.32 rad from the mean, above
-    # 1.1 times the swing, until the others, and robot 0 with them, have stood for as long, or else for good.
-    first, second = ((1, 2.0, 3.0), (2, 2.0, 3.0)), ((0, 6.0, 7.0), (3, 6.0, 7.0), (4, 6.0, 7.0))
-    settings = {"formation.phase_rate": 0.2, "formation.displaced": ((0, 0.3),)}
-    for late, expected in ((second, 0.0), ((), math.nan)):
-        scenario = lissajous_env.scenario("failure", **settings, **{"faults.schedule": (*first, *late)})
-        simulation = lissajous_env.Simulation(scenario)
-        (row,) = played(simulation, constant(simulation.scenario))
-        assert row["phase_error"] == pytest.approx(0.32, abs=3e-3)
-        assert row["recovery_time"] == pytest.approx(expected, nan_ok=True)
-
-
 @pytest.mark.parametrize(("name", "tight"), [("failure", True), ("ideal", True), ("perturbation", False)])
 def test_the_spacing_of_the_formation_is_what_8_says(name, tight):
     # Oracle: (8) is tight for odd N, where the largest distance of neighbours in a lap is 2 r_s, and slightly above

@@ -28,8 +28,8 @@ from lissajous_env.storage.files import read_bytes, read_json
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import shown
 from training.learned.card import Card, require
-from training.learned.history import check_notes
 from training.learned.network import Network
+from training.learned.team_network import TeamNetwork
 
 FILE = "checkpoint.json"
 BEST = "best/"
@@ -52,12 +52,12 @@ def hold(folder: str | Path) -> Folder:
     Raises:
         ValueError: it is in use, or contains files of a user under these names.
     """
-    return Folder(folder, (FILE, BEST, "report.html", "tensorboard/"))
+    return Folder(folder, (FILE, BEST))
 
 
 def save(
     folder: str | Path | Folder,
-    network: Network,
+    network: Network | TeamNetwork,
     card: Card,
     *,
     state: Mapping[str, np.ndarray] | None = None,
@@ -95,7 +95,7 @@ def save(
                 held.remove(name)
 
 
-def read(folder: str | Path) -> tuple[Network, Card, dict[str, Any]]:
+def read(folder: str | Path) -> tuple[Network | TeamNetwork, Card, dict[str, Any]]:
     """Read a checkpoint; return its network, its card and the contents of `checkpoint.json`.
 
     Raises:
@@ -110,7 +110,8 @@ def read(folder: str | Path) -> tuple[Network, Card, dict[str, Any]]:
     with _naming(weights):
         for name, array in arrays.items():
             require(f"dtype of {name}", array.dtype == np.float32, "must be float32", str(array.dtype))
-        network = Network.from_arrays(arrays)
+        kind = TeamNetwork if any(name.startswith("team.") for name in arrays) else Network
+        network = kind.from_arrays(arrays)
     if network.inputs != card.network_inputs or network.outputs != card.action_size:
         got = f"{network.inputs} to {network.outputs}"
         raise ValueError(f"{path} is damaged: it must map {card.network_inputs} to {card.action_size}, got {got}")
@@ -136,7 +137,6 @@ def read_text(folder: str | Path) -> dict[str, Any]:
         activation = text["policy"].get("activation")
         require("activation", activation == ACTIVATION, f"must be {ACTIVATION}", activation)
         _check_files(text["files"])
-        check_notes(text)
     return text
 
 

@@ -29,7 +29,7 @@ class Network:
             count = f"{len(self.weights)} and {len(self.biases)}"
             raise ValueError(f"weights and biases must have the same number of layers, at least one, got {count}")
         for name in ("weights", "biases"):
-            object.__setattr__(self, name, tuple(_numbers(name, array) for array in getattr(self, name)))
+            object.__setattr__(self, name, tuple(numbers(name, array) for array in getattr(self, name)))
         for weight, bias in zip(self.weights, self.biases, strict=True):
             if weight.ndim != 2 or 0 in weight.shape:
                 raise ValueError(f"weights must have shape (outputs, inputs), both at least 1, got {weight.shape}")
@@ -87,7 +87,7 @@ class Network:
         return cls(weights, biases)
 
 
-def _numbers(name: str, array: Any) -> np.ndarray:
+def numbers(name: str, array: Any) -> np.ndarray:
     """Return a read-only float32 copy."""
     given = np.asarray(array)
     if given.dtype.kind not in "fiu":

@@ -52,6 +52,9 @@ def export_onnx(policy: Learned | str | Path, path: str | Path, scenario: Scenar
     else:
         network, card, _ = checkpoint.read(find(policy))
         made = scenario or checkpoint.home_scenario(card)
+    if not isinstance(network, Network):
+        rule = "must have a network that reads entries of an observation to be exported"
+        raise ValueError(f"policy {rule}, got {policy}, whose network reads sets")
     graph = _model(network, card, made).SerializeToString()
     with replacing(path) as temporary:
         Path(temporary).write_bytes(graph)

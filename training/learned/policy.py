@@ -16,6 +16,8 @@ from training.learned import checkpoint
 from training.learned.card import Card, constants_of
 from training.learned.forward import Forward
 from training.learned.network import Network
+from training.learned.team_network import TeamNetwork
+from training.learned.team_policy import LearnedTeam
 
 
 class Learned(Policy):
@@ -64,7 +66,7 @@ def _check(network: Network, card: Card) -> None:
         raise ValueError(f"network must map {wanted}, got {network.inputs} to {network.outputs}")
 
 
-def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: int = 1, device: Any = "cpu") -> Learned:
+def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: int = 1, device: Any = "cpu") -> Policy:
     """Load an included network by name, or a checkpoint from its folder; by default for the scenario of its training.
 
     Raises:
@@ -72,7 +74,10 @@ def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: i
     """
     network, card, _ = checkpoint.read(find(name))
     made = checkpoint.home_scenario(card) if scenario is None else scenario
-    policy = Learned(network, card, made, num_worlds, device)
+    if isinstance(network, TeamNetwork):
+        policy = LearnedTeam(network, card, made, num_worlds, device)
+    else:
+        policy = Learned(network, card, made, num_worlds, device)
     policy.name = str(name)
     return policy
 

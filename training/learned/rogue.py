@@ -37,7 +37,7 @@ def open_rogue(folder: str | Path, name: str | None = None) -> Rogue:
         ValueError: there is none, it is damaged, or its policy drives robots.
     """
     network, card, _ = checkpoint.read(folder)
-    if card.kind != KIND:
+    if card.kind != KIND or not isinstance(network, Network):
         raise ValueError(f"rogues must be the folder of a rogue, got {folder}, which drives robots of kind {card.kind}")
     return as_rogue(name or str(folder), network, card)
 

@@ -1,7 +1,6 @@
-"""Stable-Baselines3: the batch of worlds as a `VecEnv`, its models as policies, and training by PPO."""
+"""Stable-Baselines3: the batch of worlds as a `VecEnv`, and its models as policies."""
 
-from training.sb3.mixed_vec_env import MixedVecEnv
 from training.sb3.model_policy import ModelPolicy
 from training.sb3.vec_env import RobotVecEnv, RogueVecEnv
 
-__all__ = ["MixedVecEnv", "ModelPolicy", "RobotVecEnv", "RogueVecEnv"]
+__all__ = ["ModelPolicy", "RobotVecEnv", "RogueVecEnv"]

@@ -13,12 +13,8 @@ from lissajous_env.envs.batch import Batch
 from lissajous_env.envs.one_world import METADATA
 from lissajous_env.wording import shown
 from training.learned.card import Card
-from training.learned.checkpoint import prefixed, within
 from training.learned.wiring import Wiring
-from training.sb3.critic_view import CriticView
 
-GOLDEN = (5**0.5 - 1) / 2
-"""Golden ratio, whose multiples are spread evenly modulo 1."""
 RECENT = 256
 """Number of latest episodes whose scores are stored."""
 
@@ -26,8 +22,31 @@ Stepped = tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]
 """Rows, rewards, dones and infos."""
 
 
-class RowsVecEnv(VecEnv):
-    """`VecEnv` in which several rows share a world, and rows have no attributes or methods of their own."""
+class BatchVecEnv(VecEnv):
+    """`VecEnv` of a batch of one side of a scenario: row k N + i is agent i of world k.
+
+    Several rows share a world, and rows have no attributes or methods of their own. A world whose episode is over is
+    reset in the same step, which ends the episodes of all of its rows. The row of an
+    agent that ended earlier has ended then; it is constant, with reward 0 and actions without effect. Infos contain
+    `TimeLimit.truncated` and, where a row is done, `terminal_observation`; they report the episodes of agents as
+    `Monitor` does.
+    """
+
+    def __init__(self, batch: Batch, render_mode: str | None, rows: gymnasium.Space | None = None):
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode must be None or rgb_array, got {shown(render_mode)}")
+        self.batch, self.simulation, self.scenario = batch, batch.simulation, batch.scenario
+        (self._side,) = batch.sides
+        self.scores: deque[dict[str, Any]] = deque(maxlen=RECENT)
+        """Scores of the latest episodes."""
+        self.render_mode, self._gallery = render_mode, None
+        self._began = time.monotonic()
+        count = batch.num_worlds * self._side.places
+        self._acts, self._returns = np.zeros(count, dtype=bool), np.zeros(count)
+        self._lengths = np.zeros(count, dtype=np.int64)
+        self._table = self._side.table
+        super().__init__(count, rows or self._side.row_space(), self._side.action_space())
+        self.metadata["render_fps"] = METADATA["render_fps"]
 
     def close(self) -> None:
         """Do nothing: there is nothing to close."""
@@ -50,32 +69,6 @@ class RowsVecEnv(VecEnv):
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         """Return False for each row: rows are not wrapped."""
         return [False for _ in self._get_indices(indices)]
-
-
-class BatchVecEnv(RowsVecEnv):
-    """`VecEnv` of a batch of one side of a scenario: row k N + i is agent i of world k.
-
-    A world whose episode is over is reset in the same step, which ends the episodes of all of its rows. The row of an
-    agent that ended earlier has ended then; it is constant, with reward 0 and actions without effect. Infos contain
-    `TimeLimit.truncated` and, where a row is done, `terminal_observation`; they report the episodes of agents as
-    `Monitor` does.
-    """
-
-    def __init__(self, batch: Batch, render_mode: str | None, rows: gymnasium.Space | None = None):
-        if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode must be None or rgb_array, got {shown(render_mode)}")
-        self.batch, self.simulation, self.scenario = batch, batch.simulation, batch.scenario
-        (self._side,) = batch.sides
-        self.scores: deque[dict[str, Any]] = deque(maxlen=RECENT)
-        """Scores of the latest episodes."""
-        self.render_mode, self._gallery = render_mode, None
-        self._began = time.monotonic()
-        count = batch.num_worlds * self._side.places
-        self._acts, self._returns = np.zeros(count, dtype=bool), np.zeros(count)
-        self._lengths = np.zeros(count, dtype=np.int64)
-        self._table = self._side.table
-        super().__init__(count, rows or self._side.row_space(), self._side.action_space())
-        self.metadata["render_fps"] = METADATA["render_fps"]
 
     def get_images(self) -> list[np.ndarray]:
         """Return a picture of each world, for `render` and `VecVideoRecorder`."""
@@ -111,16 +104,12 @@ class BatchVecEnv(RowsVecEnv):
 
     def step_wait(self) -> Stepped:
         """Take the step with the stored actions; begin new episodes in the worlds whose episode is over."""
-        self.batch.step({self._side.agent: self._actions})
-        return self.finish_step()
-
-    def finish_step(self) -> Stepped:
-        """Return the results of the step that the simulation made, and begin new episodes where they are over."""
+        self.batch.step({self._side.agent: self._taken()})
         side, simulation = self._side, self.simulation
         arrays = side.arrays(simulation)
         rewards = arrays.reward.numpy().reshape(-1).copy()
         terminated = arrays.terminated.numpy().astype(bool).reshape(-1)
-        over = self._over()
+        over = self.batch.over
         ended_worlds = np.repeat(over, side.places)
         dones = self._acts & terminated | ended_worlds
         truncated = dones & self._acts & ~terminated
@@ -146,9 +135,9 @@ class BatchVecEnv(RowsVecEnv):
             infos[k]["episode"] = {"r": float(self._returns[k]), "l": int(self._lengths[k]), "t": at}
         self._returns[dones], self._lengths[dones] = 0.0, 0
 
-    def _over(self) -> np.ndarray:
-        """Return (W,) True for the worlds whose episode is over."""
-        return self.batch.over
+    def _taken(self) -> np.ndarray:
+        """Return the actions for the stored ones."""
+        return self._actions
 
     def _begin_again(self, over: np.ndarray) -> None:
         self.scores.extend(self.batch.score(over))
@@ -217,12 +206,6 @@ class RobotVecEnv(BatchVecEnv):
         seed: Seed of world 0; world k has seed + k, and draws its next seeds from it. Without a seed here or by
             `seed`, the first reset draws seeds from the operating system.
         threads: CPU threads; all cores by default.
-        central: Append the `CriticView` of the world to each row, for a central critic.
-        critic_places: Number of robots for which that view has room; as many as there are by default.
-        short: Fraction of the worlds, the first ones, whose episodes end after `short_time`.
-        short_time: Duration of these episodes [s].
-        staggered: Let the first episodes end at different times, so that the rows of a step are from all phases of an
-            episode instead of the same one.
         discrete_actions: True for actions that are indices of `lissajous_env.envs.actions.action_table`, as for DQN.
         render_mode: None, or `rgb_array` for pictures of the worlds, as for `VecVideoRecorder`.
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
@@ -236,89 +219,31 @@ class RobotVecEnv(BatchVecEnv):
         device: Any = "cpu",
         seed: int | None = None,
         threads: int | None = None,
-        central: bool = False,
-        critic_places: int | None = None,
-        short: float = 0.0,
-        short_time: float = 3.0,
-        staggered: bool = False,
         discrete_actions: bool = False,
         render_mode: str | None = None,
         **overrides: Any,
     ):
         settings: dict[str, Any] = {"discrete_actions": discrete_actions, "device": device, "seed": seed}
         batch = Batch(scenario, num_worlds, roles="robots", threads=threads, overrides=overrides, **settings)
-        made, steps = batch.scenario, batch.scenario.task.steps
-        self.card = card or Card.of(made)
-        self._wiring = Wiring(self.card, made, num_worlds, device)
-        self._view = CriticView(batch.simulation, critic_places) if central else None
-        self._last_step = np.full(num_worlds, steps)
-        self._last_step[: round(short * num_worlds)] = min(max(round(short_time / made.task.step), 1), steps)
-        # Multiples of the golden ratio are spread evenly also over the first worlds only.
-        spread = np.arange(num_worlds) * GOLDEN % 1.0 if staggered else np.ones(num_worlds)
-        self._first_end = np.ceil(np.maximum(spread, 1 / steps) * self._last_step).astype(np.int64)
-        self._end = self._first_end.copy()
-        self.all_over = False
-        """True if the episodes of all worlds ended in the latest step."""
-        more = np.full(0 if self._view is None else self._view.size, np.inf, dtype=np.float32)
-        low, high = np.concatenate([self._wiring.low, -more]), np.concatenate([self._wiring.high, more])
-        super().__init__(batch, render_mode, gymnasium.spaces.Box(low, high))
+        self.card = card or Card.of(batch.scenario)
+        self._wiring = Wiring(self.card, batch.scenario, num_worlds, device)
+        super().__init__(batch, render_mode, gymnasium.spaces.Box(self._wiring.low, self._wiring.high))
 
     def reset(self) -> np.ndarray:
         """Begin an episode in every world; return the rows (W N, inputs)."""
-        self._end = self._first_end.copy()
         self._wiring.reset()
         return super().reset()
 
-    def end_first_after(self, share: float) -> None:
-        """End the first episodes of all worlds after a share of their steps, above 0 and at most 1.
-
-        To be called before the first `reset`.
-        """
-        self._first_end[:] = np.maximum(np.ceil(share * self._last_step), 1)
-
-    def step_wait(self) -> Stepped:
-        """Take the step with the stored actions; begin new episodes in the worlds whose episode is over."""
-        self.take_actions()
-        self.simulation.advance()
-        return self.finish_step()
-
-    def take_actions(self) -> None:
-        """Pass the stored actions on to the simulation, whose `advance` makes the step."""
-        self.simulation.take(self._wiring.actions(self._actions))
-
-    def save_state(self) -> dict[str, np.ndarray]:
-        """Copy everything that changes during steps, by name."""
-        own = {"end": self._end, "returns": self._returns, "lengths": self._lengths}
-        return prefixed("world", self.batch.save_state()) | self._wiring.save_state() | own
-
-    def load_state(self, saved: dict[str, np.ndarray]) -> None:
-        """Resume from what `save_state` returned."""
-        self.batch.load_state(within("world", saved))
-        self._acts = self._side.acting(self.simulation).reshape(-1)
-        self._end = saved["end"].copy()
-        self._returns, self._lengths = saved["returns"].copy(), saved["lengths"].copy()
-        self._wiring.load_state(saved)
-
-    def _over(self) -> np.ndarray:
-        over = self.simulation.over | (self.simulation.clock.step.numpy() >= self._end)
-        self.all_over = bool(over.all())
-        return over
+    def _taken(self) -> np.ndarray:
+        return self._wiring.actions(self._actions)
 
     def _begin_again(self, over: np.ndarray) -> None:
-        # Episodes that were ended early have no score.
-        self.scores.extend(self.simulation.score(self.simulation.over))
-        self.batch.reset(over)
+        super()._begin_again(over)
         self._wiring.reset(over)
-        self._end[over] = self._last_step[over]
 
     def _rows(self) -> np.ndarray:
-        rows = self._wiring.read(self.simulation.observation.numpy()).reshape(self.num_envs, -1)
-        return rows.copy() if self._view is None else np.concatenate([rows, self._view.rows()], axis=1)
+        return self._wiring.read(self.simulation.observation.numpy()).reshape(self.num_envs, -1).copy()
 
     def _last_rows(self, dones: np.ndarray) -> np.ndarray:
         # The base's action is that of the previous step: a final observation is used for its value only.
-        rows = self._wiring.rows(self.simulation.observation.numpy()).reshape(self.num_envs, -1)[dones]
-        if self._view is None:
-            return rows
-        worlds = np.asarray(dones.reshape(self.batch.num_worlds, -1).any(axis=1))
-        return np.concatenate([rows, self._view.rows(worlds)[dones]], axis=1)
+        return self._wiring.rows(self.simulation.observation.numpy()).reshape(self.num_envs, -1)[dones]

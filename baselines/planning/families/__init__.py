@@ -1,6 +1,7 @@
 """The families of plans."""
 
 from collections.abc import Callable
+from functools import partial
 
 from baselines.planning.families.defaults import included
 from baselines.planning.families.known import best_known
@@ -12,3 +13,8 @@ from lissajous_env.parameters.scenario import Scenario
 
 FAMILIES: tuple[Callable[[Scenario], Family], ...] = (included, best_known, partitions, lines, formations, patrols)
 """Functions that return each family for a task."""
+
+
+def families_apart(clearance: float | None) -> tuple[Callable[[Scenario], Family], ...]:
+    """Return the same functions, with partitions whose bodies are planned at least a clearance apart [m]."""
+    return tuple(partial(partitions, clearance=clearance) if each is partitions else each for each in FAMILIES)

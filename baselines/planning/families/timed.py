@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 from baselines.planning.families.lissajous import on_ellipse
@@ -15,8 +16,19 @@ _STARTS = [0.0, 0.5, 0.7, 0.9]
 """Speeds of a start on an ellipse where it is fastest, over the top speed; 0 for the start of the task."""
 
 
-def partitions(task: Scenario) -> Family:
-    """Return partitions, by the speed and the division of the rectangle."""
+_LATE = 1.2
+"""Clearance for which a partition is planned, over the one that is asked for: cars are not exactly on their loops."""
+
+
+def partitions(task: Scenario, clearance: float | None = None) -> Family:
+    """Return partitions, by the speed and the division of the rectangle.
+
+    Args:
+        task: The task.
+        clearance: Least distance of two bodies [m]; partitions without one keep a body's radius between them.
+    """
+    apart = _LATE * (clearance or 0.0)
+    given = {"clearance": float(f"{apart:.4g}")} if apart > task.robot.radius else {}
     first = ({"speed": 0.9}, {"speed": 0.9, "start": 0.7}, {"speed": 0.6}, {"speed": 0.97}, {"speed": 0.8})
     extents: list[Any] = [0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9]
     return timed(task, "partition", ("partition", "partition-repair"), first, {
@@ -25,7 +37,7 @@ def partitions(task: Scenario) -> Family:
         "extent_x": extents,
         "extent_y": extents,
         "lanes": [2, 4, 6],
-    })  # fmt: skip
+    }, given)  # fmt: skip
 
 
 def lines(task: Scenario) -> Family:
@@ -45,6 +57,7 @@ def timed(
     policies: Sequence[str],
     first: Sequence[Settings],
     parameters: Mapping[str, Choices],
+    fixed: Settings = MappingProxyType({}),
 ) -> Family:
     """Return a family of policies by their parameters, in the units of `baselines.planning.plans.UNITS`.
 
@@ -54,10 +67,11 @@ def timed(
         policies: Policies of cars.
         first: Parameters that are tried first with each policy, the defaults aside.
         parameters: Values that the parameters may have.
+        fixed: Parameters that all plans have.
     """
     if like_cars(task) is None:
         return of_cars_alone(name, " and ".join(policies), task)
-    starts = [{"policy": policy, **given} for given in first for policy in policies]
+    starts = [{"policy": policy, **fixed, **given} for given in first for policy in policies]
     space = {"policy": list(policies), "start": _STARTS, **parameters}
     return Family(name, partial(_plan, task, name), starts, space)
 

@@ -93,11 +93,10 @@ def clear_cells(
                     start = end
 
 
-@stage(FIELD_ROW, writes="contamination: oldest, there")
+@stage(FIELD_ROW, writes="contamination: there")
 def reset_labels(w: int, row: int, target: TargetStruct, hops: Hops, clock: Clock, contamination: Contamination):
     """Contaminate the cells in which targets are introduced, where targets are present from the start."""
     if target.count > 0:
-        contamination.oldest[w] = 0
         for word in range(contamination.settled.shape[2]):
             for k in range(hops.history_length):
                 there = entries(target.entry, word, row, contamination.sensed.shape[2], hops.columns)

@@ -1,0 +1,132 @@
+"""The task of a request, and the families of plans for it: in scale, apart at the start, inside; refusals by name."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from test_plan import HALL
+
+import baselines
+import lissajous_env
+from baselines.planning.families import FAMILIES, families_apart
+from baselines.planning.families.lissajous import curves_of, formations
+from baselines.planning.family import Family
+from baselines.planning.plans import Plan
+from baselines.planning.request import Request
+from lissajous_env.theory import geometry
+
+
+def test_a_family_without_a_plan_says_why(capsys):
+    # Story: bodies that fill the rectangle: (6) allows less than 1.8 m, by its closed form.
+    task = Request(width=6.0, height=6.0, robots=(5, 5), robot_radius=1.8, sensor_radius=4.0, speed=1.0).task(5)
+    words = formations(task).refusal
+    assert re.search(r"bodies of 1.8 m must be below [\d.]+ m by \(6\)", words)
+    assert curves_of(task) == []
+
+
+def test_curves_of_a_formation_leave_room_and_no_gap():
+    """Oracle: the distance and the coverage of the undisturbed formation, by measurement."""
+    task = Request(**HALL, robots=(7, 7), turning_radius=1.0).task(7)
+    curves = curves_of(task)
+    assert any(curve.a + curve.b != 7 for curve in curves)
+    for curve in curves:
+        assert geometry.smallest_distance(curve, 7) > 2 * task.robot.radius
+        assert geometry.measured_coverage_radius(curve) < task.sensing_radius
+
+
+@pytest.mark.parametrize("robots", [2, 3, 4, 6, 9])
+def test_every_start_of_a_formation_is_a_scenario_whose_robots_part(robots):
+    task = Request(**HALL, robots=(robots, robots), turning_radius=1.0).task(robots)
+    family = formations(task)
+    for start in family.starts:
+        made = family.plan(start).scenario
+        places = np.sort(np.angle(np.exp(1j * made.alpha * made.equilibrium)))
+        gaps = np.diff(np.append(places, places[0] + 2 * np.pi))
+        np.testing.assert_allclose(gaps, 2 * np.pi / robots, atol=1e-6)
+
+
+def test_changed_settings_stay_within_their_space():
+    family = Family("any", Plan, [], {"speed": (0.5, 2.0), "lanes": [2, 4], "policy": ["a", "b"]})
+    random, seen = np.random.default_rng(0), {"speed": 1.0, "lanes": 2, "policy": "a"}
+    for _ in range(200):
+        after = family.changed(seen, random)
+        assert 0.5 <= after["speed"] <= 2.0
+        assert after["lanes"] in (2, 4)
+        seen = after
+
+
+def test_the_task_is_in_scale_with_its_motion():
+    """The law of similarity: lengths times 3 and times times 2 give the same task in that scale, but for rounding."""
+    one = Request(**HALL, robots=(5, 5), turning_radius=1.0).task(5)
+    scaled = {"width": 60.0, "height": 36.0, "robot_radius": 0.6, "sensor_radius": 15.0}
+    other = Request(**scaled, speed=2.25, rogue_speed=0.3, robots=(5, 5), turning_radius=3.0).task(5)
+    assert other.task.contamination == one.task.contamination
+    assert other.formation.phase_rate * 2 == pytest.approx(one.formation.phase_rate)
+    assert other.task.step == pytest.approx(min(2 * one.task.step, 1 / other.robot.drag), rel=1e-2)
+
+
+def test_a_scenario_is_the_task_as_it_is():
+    evaders = lissajous_env.scenario("evaders")
+    assert Request(evaders).task(5) == evaders
+    changed_ = Request(evaders, sensor_radius=0.7, rogue_speed=0.2).task(5)
+    assert (changed_.sensing_radius, changed_.rogue_speed) == (0.7, 0.2)
+    assert changed_.curve == evaders.curve
+    seven = Request(evaders, robots=(7, 7)).task(7)
+    assert (seven.num_robots, seven.curve.half_width, seven.robot.wheelbase) == (7, 1.8, evaders.robot.wheelbase)
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({}, "width must be given without a scenario [m], got None"),
+        ({"scenario": "evaders", "failures": 5}, "failures must be a whole number from 0 to 4"),
+        ({"scenario": "evaders", "seconds": 0}, "seconds must be from 1 to 1000000 [s], got 0"),
+        ({"scenario": "evaders", "plans": 0}, "plans must be a whole number of at least 1, got 0"),
+        ({"scenario": "evaders", "plans": 9, "seconds": 5}, "plans must be omitted if seconds is given, got 9 and 5 s"),
+        ({"scenario": "evaders", "speed": -1.0}, "speed must be from 0.01 to 10000 [m/s], got -1.0"),
+        ({"scenario": "evaders", "rogue_speed": math.nan}, "rogue_speed must be from 0 to 100 [m/s], got nan"),
+        ({"scenario": "evaders", "robots": "x"}, "robots must be a number or a pair"),
+        ({"scenario": "evaders", "robots": (3, 2)}, "robots must be a number, or a range few:many, from 2 to 64"),
+        ({"scenario": "evaders", "guarantee": -1.0}, "guarantee must be from 0.001 to 1000000 [s], got -1.0"),
+        ({"scenario": "evaders", "acceleration": 0.8}, "acceleration must be omitted unless robots are of kind"),
+        ({**HALL, "robots": 5, "robot": "differential", "turning_radius": 1.0}, "turning_radius must be omitted"),
+        ({**HALL, "robots": 5, "robot": "car"}, "turning_radius must be given for robots of kind car [m], got None"),
+        ({"scenario": "evaders", "clearance": -1.0}, "clearance must be from 0 to 10000 [m], got -1.0"),
+        ({"scenario": "evaders", "entry": "nowhere"}, "targets.entry must be one of inside, boundary, unseen"),
+    ],
+)
+def test_bad_input(asked, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+        baselines.plan(**asked)
+
+
+def test_differential_drives_are_planned_for_with_their_acceleration():
+    """Law: all families of cars fit them, and the task has their limits."""
+    task = Request(**HALL, robots=5, robot="differential", acceleration=0.8).task(5)
+    assert (task.robot.kind, task.robot.acceleration_max, task.robot.top_speed) == ("differential", 0.8, 1.5)
+    assert task.task.boundary == "wall"
+    families = [family_of(task) for family_of in FAMILIES]
+    assert {family.name for family in families if family.starts} >= {"partition", "lines", "Lissajous", "loops"}
+
+
+@pytest.mark.parametrize("robots", [4, 6])
+def test_four_and_six_robots_begin_apart(robots):
+    # Oracle: Lemma 1 gives them shared places in every stable equilibrium; no bodies may overlap at the start.
+    task = Request(**HALL, robots=(robots, robots), turning_radius=1.0).task(robots)
+    places = lissajous_env.Simulation(task).robots.position.numpy()[0, :, :2]
+    first, second = np.triu_indices(robots, 1)
+    assert np.linalg.norm(places[first] - places[second], axis=1).min() > 2 * task.robot.radius
+
+
+def test_the_clearance_reaches_partitions():
+    """Oracle: the distances between the loops of every start, which a default partition does not keep."""
+    task = Request(**HALL, robots=3, turning_radius=1.0).task(3)
+    plain, apart = (next(of(task) for of in families_apart(given) if of(task).name == "partition")
+                    for given in (0.1, 2.0))  # fmt: skip
+    first, second = np.triu_indices(3, 1)
+    for family, least in ((plain, 0.2), (apart, 2.0)):
+        places = family.plan(family.starts[0]).settings.make(task).partition.loop
+        gaps = np.linalg.norm(places[first] - places[second], axis=-1) - 2 * task.robot.radius
+        assert gaps.min() >= least
+    assert "clearance" not in plain.starts[0]

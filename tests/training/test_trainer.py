@@ -1,0 +1,213 @@
+"""Training of teams: it imitates, learns, keeps to its limit of collisions, and resumes as if it had never stopped."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+import lissajous_env
+import training
+from training.learned import checkpoint
+from training.learned.perception import OWN, TOKEN, Perception
+
+pytest.importorskip("torch")
+
+import torch
+
+from training.settings import TrainingSettings
+from training.trainer import Team, Training, train
+from training.validation import rank_of
+from training.worlds import Rollout, Worlds, truth
+
+QUIET = Console(quiet=True)
+SMALL = {
+    "worlds": 8, "rollout": 8, "minibatch": 128, "hidden": 16, "features": 8, "episodes": 2, "steps": 640,
+    "evaluate_every": 320, "imitation": 1, "imitation_epochs": 2, "threads": 1, "overrides": {"task.duration": 16.0},
+}  # fmt: skip
+
+
+def small(tmp_path, **changes):
+    return TrainingSettings(**SMALL | {"out": tmp_path / "run"} | changes)
+
+
+def arrays_of(folder):
+    network, *_ = checkpoint.read(folder)
+    return np.concatenate([array.ravel() for _, array in sorted(network.to_arrays().items())])
+
+
+@pytest.mark.parametrize(
+    ("changes", "teacher"),
+    [
+        ({}, "a-cmommt"),
+        ({"scenario": "intercept", "memory": 8, "heads": 0}, "lead-pursuit"),
+        ({"scenario": "hotspots"}, "index-learned"),
+        ({"scenario": "experiment", "overrides": {"task.duration": 2.0}}, "arc-mpcc"),
+        ({"scenario": "failure", "imitation": 0, "overrides": {"task.duration": 2.0}}, "kuramoto"),
+        ({"scenario": "watch-v1", "groups": 2, "episodes": 16}, "a-cmommt"),
+    ],
+    ids=lambda value: value.get("scenario", "watch") if isinstance(value, dict) else value,
+)
+def test_a_training_leaves_a_policy_that_is_played(tmp_path, changes, teacher):
+    history = train(small(tmp_path, **changes), QUIET)
+    assert history["rival"] == teacher
+    assert history["curve"][0]["steps"] == 0
+    assert history["curve"][-1]["steps"] >= 640
+    policy = training.load(tmp_path / "run" / "best", num_worlds=2)
+    rows = lissajous_env.evaluate(policy, policy.scenario, seeds=[1, 2])
+    assert all(np.isfinite(row["return_mean"]) for row in rows)
+
+
+def test_imitation_comes_close_to_its_teacher(tmp_path):
+    # Oracle: the teacher's own score.
+    settings = small(
+        tmp_path, steps=1, hidden=64, features=32, imitation=1, imitation_epochs=12, episodes=8,
+        overrides={"task.duration": 60.0},
+    )  # fmt: skip
+    point = train(settings, QUIET)["curve"][0]
+    assert point["worth"] > 0.7
+
+
+def test_ppo_learns_a_problem_of_one_step(tmp_path):
+    # One point on the curve without a target: its reward is minus the square of its action, so it does best not to act.
+    overrides = {
+        "robot.count": 1, "targets.count": 0, "targets.arrival_rate": 0.0, "faults.schedule": (),
+        "task.reward_effort": -1.0, "task.duration": 2.0,
+    }  # fmt: skip
+    settings = small(
+        tmp_path, scenario="failure", imitation=0, worlds=64, rollout=20, minibatch=320, gamma=0.0, noise=0.6,
+        noise_end=0.3, learning_rate=1e-2, steps=60_000, overrides=overrides,
+    )  # fmt: skip
+    state = Training(settings)
+    with torch.no_grad():
+        state.actor.action.bias.fill_(0.8)
+    for _ in range(40):
+        state.update(state.collect())
+    rows = [torch.from_numpy(part)[None] for part in state.worlds.rows()]
+    mean, _ = state.actor(rows, torch.zeros(64, 0), torch.ones(1, 64))
+    assert mean.abs().max() < 0.15
+
+
+def test_advantages_are_sums_of_rewards_that_end_with_the_episode(tmp_path):
+    # Oracle: by hand. Rewards of 1, gamma 0.5, lambda 1, values of 0: 1.75, 1.5, 1 until the end of an episode.
+    state = Training(small(tmp_path, gamma=0.5, gae_lambda=1.0))
+    step = state.worlds.step(np.zeros((state.worlds.count, 2)))
+    one = np.ones(state.worlds.count)
+    steps = [(one, step._replace(over=np.full(8, k == 2), ended=0 * one)) for k in range(4)]
+    advantages = state._advantages(steps, np.zeros((5, state.worlds.count), np.float32))
+    assert advantages[:, 0].tolist() == pytest.approx([1.75, 1.5, 1.0, 1.0])
+    removed = [(one, of._replace(over=np.zeros(8, bool), ended=one * (k == 1))) for k, (_, of) in enumerate(steps)]
+    values = np.full((5, state.worlds.count), 4.0, np.float32)
+    advantages = state._advantages(removed, values)
+    assert advantages[:, 0].tolist() == pytest.approx(
+        [1 + 0.5 * 4 - 4 + 0.5 * (1 - 4), 1 - 4, 1 + 1 / 2 + 1 - 4, 1 + 2 - 4]
+    )
+
+
+def test_the_actor_stops_where_it_has_moved_too_far(tmp_path):
+    settings = small(tmp_path, imitation=0, learning_rate=0.05, epochs=8)
+    moved = {}
+    for divergence in (1e-6, 1e6):
+        state = Training(dataclasses.replace(settings, divergence=divergence))
+        state.numbers["rollouts"] = 100.0
+        before = [parameter.clone() for parameter in state.actor.parameters()]
+        state.update(state.collect())
+        moved[divergence] = max(
+            (a - b).abs().max().item() for a, b in zip(before, state.actor.parameters(), strict=True)
+        )
+    # Momentum moves it on after the only update.
+    assert 0 < moved[1e-6] < moved[1e6]
+
+
+def test_collisions_cost_more_where_there_are_too_many(tmp_path):
+    settings = small(tmp_path, imitation=0)
+    costs = {}
+    for limit in (0.0, 1e5):
+        state = Training(settings)
+        state.limit, state.numbers["collided"] = limit, 3.0
+        state.update(state.collect())
+        costs[limit] = state.numbers["penalty"]
+    assert costs[1e5] < settings.penalty < costs[0.0]
+    careful, careless = ({"worth": 1.1, "collisions": hits} for hits in (0.5, 2.0))
+    assert rank_of(careful, 0.5) == 1.1
+    assert rank_of(careless, 0.5) < rank_of({"worth": 0.9, "collisions": 0.1}, 0.5)
+
+
+@pytest.mark.parametrize("memory", [0, 4])
+def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path, monkeypatch, memory):
+    settings = small(tmp_path, memory=memory)
+    train(settings, QUIET)
+    cut = dataclasses.replace(settings, out=tmp_path / "cut")
+    calls, update = [], Training.update
+
+    def interrupted(state: Training, of: Rollout):
+        calls.append(1)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return update(state, of)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Training, "update", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            train(cut, QUIET)
+    seen: list = []
+    history = train(cut, QUIET, seen.append)
+    assert (arrays_of(tmp_path / "cut") == arrays_of(tmp_path / "run")).all()
+    assert [point["steps"] for point in seen] == [point["steps"] for point in history["curve"]][1:]
+    # A finished training is left alone.
+    assert train(cut, QUIET, seen.append) == history
+    with pytest.raises(ValueError, match=r"out must be an empty folder or .* gamma = 0.97 there, 0.5 here"):
+        train(dataclasses.replace(cut, gamma=0.5), QUIET)
+
+
+def test_the_network_without_torch_is_that_of_the_training(tmp_path):
+    # Oracle: the same module in float32.
+    for heads, memory in ((3, 0), (0, 0), (2, 6)):
+        settings = small(tmp_path, heads=heads, memory=memory)
+        module = Team(settings, len(TOKEN), 2, heads, memory)
+        draw = np.random.default_rng(0)
+        own, tokens = draw.normal(size=(2, 3, len(OWN))), draw.normal(size=(2, 3, 5, len(TOKEN)))
+        present = (draw.random((2, 3, 5)) < 0.6).astype(np.float32)
+        present[0, 0] = 0
+        seen = Perception(own.astype(np.float32), tokens.astype(np.float32) * present[..., None], present)
+        held = draw.normal(size=(2, 3, memory)).astype(np.float32)
+        flat = [torch.from_numpy(part.reshape(1, 6, *part.shape[2:])) for part in seen]
+        with torch.no_grad(), torch.autocast("cpu", enabled=False):
+            wanted, kept = Team.forward.__wrapped__(
+                module, flat, torch.from_numpy(held.reshape(6, memory)), torch.zeros(1, 6)
+            )
+        outputs, after = module.arrays()(seen, held)
+        assert outputs.reshape(6, 2) == pytest.approx(wanted[0].numpy(), abs=1e-5)
+        assert after.reshape(6, memory) == pytest.approx(kept.numpy(), abs=1e-5)
+
+
+def test_what_the_critic_reads_is_the_true_state(tmp_path):
+    # Oracle: positions of robots and targets.
+    worlds = Worlds(small(tmp_path), 2, 0)
+    for _ in range(3):
+        worlds.step(np.full((worlds.count, 2), 0.5))
+    simulation = worlds.batch.simulation
+    tokens, present, own = truth(simulation)
+    robots, targets = simulation.robots.position.numpy()[..., :2], simulation.targets.position.numpy()
+    far = np.linalg.norm(targets[:, None] - robots[:, :, None], axis=-1) / 4.0
+    assert tokens[:, :, :10, 4] == pytest.approx(far / (1 + far), abs=1e-5)
+    seen = far < 1
+    assert (own == (seen & (seen.sum(axis=1, keepdims=True) == 1)).sum(axis=2)).all()
+    assert (present.sum(axis=-1) == 10 + 4).all()
+    assert tokens[..., :10, 6][seen].sum() == sum(min(n - 1, 2) * n for n in seen.sum(axis=1).ravel() if n)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"steps": 0}, "training.steps must be a whole number from 1"),
+        ({"collisions": -1.0}, "training.collisions must be from 0"),
+        ({"teacher": "nothing"}, "policy must be one of"),
+        ({"teacher": "sweep"}, "sweep"),
+        ({"scenario": "watch-v1", "groups": 3}, r"training.worlds must be a multiple of groups \(3\), got 8"),
+        ({"scenario": "watch-v1:test"}, "scenario must be the name of a space without a split"),
+    ],
+)
+def test_bad_settings_are_refused_with_name_rule_and_value(tmp_path, changes, words):
+    with pytest.raises(ValueError, match=words):
+        small(tmp_path, **changes)

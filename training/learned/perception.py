@@ -1,0 +1,150 @@
+"""What the network of a team reads: numbers of the robot itself, and a set of tokens, one for each thing it perceives.
+
+A token is a track, a teammate or, where the observation has none of these, a target or a robot in sight. All numbers
+are relative to the robot, in units of `sensing.sight` and of the top speed, and a network pools its tokens, so that one
+network plays teams, rectangles and numbers of targets of any size. The numbers of a track that relate it to teammates
+and other tracks save the network attention between tokens.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from lissajous_env.parameters.robot_models import model_of
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.observation import (
+    NEIGHBOUR_ENTRIES,
+    OWN_ENTRIES,
+    ROBOT_ENTRIES,
+    TARGET_ENTRIES,
+    TEAMMATE_ENTRIES,
+    TRACK_ENTRIES,
+    track_start,
+)
+
+OWN = (
+    *("cos_heading", "sin_heading", "speed", "works", "cos_phase", "sin_phase"),
+    *("right", "upper", "left", "lower", "width", "height", "team", "pace"),
+    *(f"neighbour_{k}_{name}" for k in (0, 1) for name, *_ in NEIGHBOUR_ENTRIES),
+)
+"""Numbers of the robot: its entries of the observation; distances to the walls [4 sights]; half of the width and of the
+height [8 sights], robots [8], and the way that it drives in a step at top speed [sight]; and its ring neighbours.
+Phases and neighbours are 0 where actions are velocities, for which the paper's curve has no meaning."""
+TOKEN = (
+    *("track", "teammate", "target", "robot", "x", "y", "distance", "near", "x_velocity", "y_velocity"),
+    *("age", "own", "other", "leaves", "mate_distance", "closer_mates", "crowd", "x_crowd", "y_crowd"),
+)
+"""Numbers of a token: its kind; direction, distance d as d / (1 + d) and as 1 - d [sight]; velocity [top speed]; age
+and flags; and of a track the distance d of the teammate nearest to it as d / (1 + d), the teammates that are nearer to
+it than the robot [4], the tracks within sight of it [4], and their mean place relative to it [sight]."""
+_FAR = np.float32(1e4)
+"""Distance of a teammate that is not there [sight]."""
+_MEMORY = 1.875
+"""Time for which a target is assumed to keep its velocity, in units of sight over top speed."""
+
+
+class Perception(NamedTuple):
+    """What W teams of N robots perceive, as float32."""
+
+    own: np.ndarray
+    """(W, N, A) numbers `OWN`."""
+    tokens: np.ndarray
+    """(W, N, K, F) numbers `TOKEN` of each token."""
+    present: np.ndarray
+    """(W, N, K) 1 where there is a token, else 0."""
+
+
+def perceive(observation: np.ndarray, scenario: Scenario) -> Perception:
+    """Return what robots perceive according to their rows (W, N, D) in a resolved scenario."""
+    sensing, sight, top = scenario.sensing, scenario.sight, speed_unit(scenario)
+    half = np.array([scenario.curve.half_width, scenario.curve.half_height], np.float32) / np.float32(sight)
+    here = observation[..., :2] * half
+    parts = {}
+    for start, kinds in (
+        (len(OWN_ENTRIES) + 2 * len(NEIGHBOUR_ENTRIES), {"robot": ROBOT_ENTRIES, "target": TARGET_ENTRIES}),
+        (track_start(scenario), {"track": TRACK_ENTRIES, "teammate": TEAMMATE_ENTRIES}),
+    ):
+        first = start
+        for kind, entries in kinds.items():
+            count, size = getattr(sensing, f"{kind}s_seen"), len(entries)
+            parts[kind] = observation[..., first : first + count * size].reshape(*here.shape[:2], count, size)
+            first += count * size
+    chosen = ["track" if sensing.tracks_seen else "target", "teammate" if sensing.teammates_seen else "robot"]
+    count = sum(parts[kind].shape[2] for kind in chosen)
+    tokens = np.zeros((*here.shape[:2], count, len(TOKEN)), np.float32)
+    first = 0
+    for kind in chosen:
+        part, token = parts[kind], tokens[:, :, first : first + parts[kind].shape[2]]
+        first += part.shape[2]
+        token[..., TOKEN.index(kind)] = 1.0
+        offset = part[..., 1:3] * (2 * half if kind in ("track", "teammate") else np.float32(1.0))
+        if kind == "track":
+            offset = _describe_tracks(token, part, offset, here, half, parts["teammate"], sensing.memory * top / sight)
+        elif kind == "teammate":
+            token[..., 10] = part[..., 3]
+        elif kind == "robot":
+            token[..., 8:10] = 2 * part[..., 3:5]
+        distance = _length(offset)
+        token[..., 4:6] = offset / np.maximum(distance, np.float32(1e-6))[..., None]
+        token[..., 6] = distance / (1 + distance)
+        token[..., 7] = np.maximum(1 - distance, 0)
+        token *= part[..., :1] > 0.5
+    own = np.zeros((*here.shape[:2], len(OWN)), np.float32)
+    own[..., :4] = observation[..., [2, 3, 4, 7]]
+    own[..., 6:8], own[..., 8:10] = np.clip((half - here) / 4, 0, 1), np.clip((half + here) / 4, 0, 1)
+    own[..., 10:12] = half / 8
+    own[..., 12], own[..., 13] = scenario.num_robots / 8, top * scenario.task.step / sight
+    if scenario.task.action != "velocity":
+        own[..., 4:6] = observation[..., 5:7]
+        own[..., 14:] = observation[..., len(OWN_ENTRIES) : len(OWN_ENTRIES) + len(OWN) - 14]
+    return Perception(own, tokens, tokens[..., :4].sum(axis=-1))
+
+
+def _describe_tracks(
+    token: np.ndarray,
+    part: np.ndarray,
+    offset: np.ndarray,
+    here: np.ndarray,
+    half: np.ndarray,
+    teammates: np.ndarray,
+    memory: float,
+) -> np.ndarray:
+    """Write the numbers that tracks alone have, and return their expected offsets (W, N, K, 2) now [sight].
+
+    Args:
+        token: (W, N, K, F) tokens of the tracks.
+        part: (W, N, K, 9) entries of the tracks.
+        offset: (W, N, K, 2) places relative to the robot when they were last in sight [sight].
+        here: (W, N, 2) places of the robots [sight].
+        half: Half of the width and of the height [sight].
+        teammates: (W, N, M, 4) entries of the teammates.
+        memory: `sensing.memory` in units of sight over top speed.
+    """
+    age = np.minimum(part[..., 3] * np.float32(memory), np.float32(_MEMORY))
+    token[..., 8:10] = 2 * part[..., 4:6]
+    token[..., 10] = part[..., 3]
+    token[..., 11:14] = part[..., 6:9]
+    here = here[:, :, None]
+    offset = np.clip(here + offset + token[..., 8:10] * age[..., None], -half, half) - here
+    there = part[..., 0] > 0.5
+    mates = np.where(teammates[..., :1] > 0.5, teammates[..., 1:3] * (2 * half), _FAR)
+    to_mates = _length(offset[:, :, :, None] - mates[:, :, None])
+    nearest = to_mates.min(axis=-1, initial=_FAR)
+    token[..., 14] = nearest / (1 + nearest)
+    token[..., 15] = (to_mates < _length(offset)[..., None]).sum(axis=-1) / np.float32(4)
+    between = offset[:, :, None] - offset[:, :, :, None]
+    close = (_length(between) < 1) & there[:, :, None] & ~np.eye(offset.shape[2], dtype=bool)
+    crowd = close.sum(axis=-1)
+    token[..., 16] = crowd / np.float32(4)
+    token[..., 17:] = (between * close[..., None]).sum(axis=3) / np.maximum(crowd, 1)[..., None]
+    return offset
+
+
+def _length(vectors: np.ndarray) -> np.ndarray:
+    """Return the lengths of vectors (..., 2)."""
+    return np.sqrt(vectors[..., 0] ** 2 + vectors[..., 1] ** 2)
+
+
+def speed_unit(scenario: Scenario) -> float:
+    """Return the top speed of a car, or that of a point in the equilibrium [m/s]."""
+    return model_of(scenario.robot.kind).speed_unit(scenario.driven, scenario.formation, scenario.robot)

@@ -1,0 +1,54 @@
+"""Policies whose network reads sets: what a robot perceives, of any number of tracks and teammates."""
+
+from typing import Any
+
+import numpy as np
+
+from baselines.policies.base import Policy
+from baselines.policies.reacting import kept_apart
+from baselines.policies.rows import Rows
+from lissajous_env import Scenario
+from training.learned.card import Card
+from training.learned.perception import perceive
+from training.learned.team_network import TeamNetwork
+
+
+class LearnedTeam(Policy):
+    """Policy whose action is a network's output, clipped to [-1, 1].
+
+    Velocities are changed to lead away from robots that are near, as those of the classical policies are. The same
+    network decides for each robot, from the robot's own row and memory alone.
+
+    Args:
+        network: Network of the policy.
+        card: Card of the policy.
+        scenario: Scenario to play.
+        num_worlds: W.
+        device: Warp device; the network is evaluated on the CPU.
+
+    Raises:
+        ValueError: the network does not fit the card, or the robots or actions of the scenario do not fit the policy.
+    """
+
+    def __init__(
+        self, network: TeamNetwork, card: Card, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"
+    ):
+        super().__init__(scenario, num_worlds, device)
+        if network.outputs != card.action_size:
+            raise ValueError(f"network must have {card.action_size} outputs, got {network.outputs}")
+        card.columns(self.scenario, or_silent=True)
+        self.network, self.card, self.kind = network, card, card.kind
+        self._memory = np.zeros((*self.shape, network.memory), np.float32)
+
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget everything in the masked worlds."""
+        self._memory[mask] = 0.0
+
+    def decide(self, observation: np.ndarray) -> np.ndarray:
+        """Return the network's outputs as actions."""
+        outputs, self._memory = self.network(perceive(observation, self.scenario), self._memory)
+        action = np.zeros(self.action.shape, np.float32)
+        action[..., : outputs.shape[-1]] = outputs.clip(-1.0, 1.0)
+        if self.scenario.task.action == "velocity":
+            action[..., :2] = kept_apart(action[..., :2], Rows(observation, self.scenario))
+        return action

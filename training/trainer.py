@@ -1,0 +1,389 @@
+"""`lissajous train`: imitate a rule, then collect, update, validate and save.
+
+All robots share one network, which plays teams of any size. It imitates a classical policy in the states that it
+reaches itself (DAgger: S. Ross, G. J. Gordon, J. A. Bagnell, AISTATS 2011), and goes on by PPO (J. Schulman et al.,
+arXiv:1707.06347) with a central critic (C. Yu et al., "The Surprising Effectiveness of PPO in Cooperative Multi-Agent
+Games", NeurIPS 2022), which reads the true places of all robots and targets. Collisions cost as much as it takes to
+have no more of them than a stated number. The best policy is chosen by validation, in worlds that no update uses.
+
+Differs from these papers: a time limit is not a terminal state, so the value before it stands for the one after it; the
+reward for targets in sight is mostly that of the robot itself, for those that no other robot has in sight; and no
+minibatch updates the policy further once it has moved too far from that of the rollout.
+"""
+
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch
+from rich.console import Console
+from torch import Tensor, nn
+
+import baselines
+from lissajous_env.console.terminal import make_console
+from lissajous_env.device.devices import cores
+from lissajous_env.storage.folder import Folder
+from training import scenarios
+from training.learned import checkpoint
+from training.learned.card import Card
+from training.learned.perception import OWN, TOKEN
+from training.learned.team_network import TeamNetwork
+from training.learned.team_policy import LearnedTeam
+from training.settings import TrainingSettings
+from training.torch_state import load_state, save_state
+from training.validation import mean_of, rank_of, validate, words_of
+from training.worlds import TRUTH, Rollout, Step, Worlds
+
+FIRST_SEED = 1_000_000
+"""Seed of the first world of a training."""
+_DEMONSTRATED = 100_000
+"""Rows, at most about, of a round of imitation."""
+_WARM_UP = 8
+"""Rollouts in which only the critic learns."""
+_BOUND = 0.01
+"""Weight of the squares by which means leave [-1, 1]."""
+
+
+class Team(nn.Module):
+    """`TeamNetwork` in PyTorch: the mean of a robot's action, or a critic's value.
+
+    Args:
+        settings: Sizes of the layers.
+        token: Numbers of a token.
+        outputs: Numbers of the output.
+        heads: Heads of attention; 0 for the mean of the tokens' features.
+        memory: Numbers that a robot remembers.
+    """
+
+    def __init__(self, settings: TrainingSettings, token: int, outputs: int, heads: int, memory: int):
+        super().__init__()
+        features, hidden = settings.features, settings.hidden
+        self.own, self.token = nn.Linear(len(OWN), 64), nn.Linear(token, features)
+        self.query = nn.Linear(64, heads * features) if heads else None
+        self.trunk = nn.Linear(64 + max(heads, 1) * features, hidden)
+        self.memory = nn.GRUCell(hidden, memory) if memory else None
+        self.last, self.action = nn.Linear(hidden + memory, hidden), nn.Linear(hidden, outputs)
+        nn.init.orthogonal_(self.action.weight, 0.01)
+        nn.init.zeros_(self.action.bias)
+
+    @torch.autocast("cpu", torch.bfloat16)
+    def forward(self, rows: Sequence[Tensor], memory: Tensor, begins: Tensor) -> tuple[Tensor, Tensor]:
+        """Return outputs (T, B, outputs) of T steps of B robots, and their memory (B, memory) after these.
+
+        Args:
+            rows: Own numbers (T, B, A), tokens (T, B, K, F), and 1 where there is a token (T, B, K).
+            memory: (B, memory) before the first step.
+            begins: (T, B) 1 in the first step of an episode.
+        """
+        own, tokens, present = (rows_of.flatten(0, 1) for rows_of in rows)
+        own, features = torch.relu(self.own(own)), torch.relu(self.token(tokens))
+        if self.query is None:
+            pooled = (features * present[..., None]).mean(1)
+        else:
+            query = self.query(own).view(len(own), -1, features.shape[-1])
+            score = query @ features.transpose(1, 2) + (present[:, None] - 1) * 1e4
+            weight = (torch.softmax(score, -1) * present[:, None]).to(features.dtype)
+            pooled = (weight @ features).flatten(1)
+        hidden = torch.relu(self.trunk(torch.cat([own, pooled], -1))).view(*begins.shape, -1)
+        if self.memory is not None:
+            states = []
+            for step, begin in zip(hidden, begins, strict=True):
+                memory = self.memory(step, memory * (1 - begin)[:, None])
+                states.append(memory)
+            hidden = torch.cat([hidden, torch.stack(states)], -1)
+        return self.action(torch.relu(self.last(hidden))).float(), memory.float()
+
+    def arrays(self) -> TeamNetwork:
+        """Copy the weights into a network that is played without PyTorch."""
+        named = {name: tensor.detach().numpy().copy() for name, tensor in self.state_dict().items()}
+        names = {"memory.weight_ih": "memory.input.weight", "memory.weight_hh": "memory.hidden.weight"}
+        names |= {"memory.bias_ih": "memory.input.bias", "memory.bias_hh": "memory.hidden.bias"}
+        return TeamNetwork.from_arrays({f"team.{names.get(name, name)}": array for name, array in named.items()})
+
+
+def imitate(settings: TrainingSettings, actor: Team, say: Callable[[str], None]) -> None:
+    """Fit the actor to the actions of the teacher by least squares: in the teacher's states, then in its own."""
+    optimizer = torch.optim.Adam(actor.parameters(), settings.imitation_rate)
+    shown: list[list[Tensor]] = []
+    for k in range(settings.imitation):
+        seed = FIRST_SEED * (1 + settings.seed) + 500_000 + 1000 * k
+        worlds = Worlds(settings, max(64 // settings.num_groups, 1) * settings.num_groups, seed)
+        worlds.whole_episodes()
+        sims, random = worlds.batch.simulations, np.random.default_rng(seed)
+        teachers = [baselines.make(str(settings.chosen_teacher), sim.scenario, sim.num_worlds) for sim in sims]
+        memory, visited = torch.zeros(worlds.count, settings.memory), []
+        begins = torch.ones(1, worlds.count)
+        for _ in range(worlds.steps):
+            rows, label = worlds.rows(), worlds.labels(teachers)
+            with torch.no_grad():
+                mean, memory = actor([torch.from_numpy(part)[None] for part in rows], memory, begins)
+            begins = torch.zeros(1, worlds.count)
+            acted = label if k == 0 else mean[0].numpy()
+            step = worlds.step(acted + settings.imitation_noise * random.standard_normal(acted.shape))
+            visited.append([*rows, label, step.acted])
+        stride = 1 if settings.memory else -(-worlds.steps * worlds.count // _DEMONSTRATED)
+        parts = zip(*visited[::stride], strict=True)
+        shown.append([torch.from_numpy(np.stack(part)) for part in parts])
+        errors = []
+        for epoch in range(settings.imitation_epochs):
+            last = k == settings.imitation - 1
+            optimizer.param_groups[0]["lr"] = settings.imitation_rate * (1 - last * epoch / settings.imitation_epochs)
+            errors = [_fit(settings, actor, optimizer, *of) for of in shown]
+        say(f"round {k + 1} of imitation of {settings.chosen_teacher}: mean squared error {np.mean(errors):.3f}")
+
+
+def _fit(settings: TrainingSettings, actor: Team, optimizer: Any, *round_of: Tensor) -> float:
+    """Pass once over a round of imitation, in minibatches of robots with a memory, otherwise of steps."""
+    own, tokens, present, label, acted = round_of
+    axis, errors = (1 if settings.memory else 0), []
+    size = max(settings.minibatch // 2 // label.shape[1 - axis], 1)
+    for chosen in torch.randperm(label.shape[axis]).split(size):
+        rows = [part.index_select(axis, chosen) for part in (own, tokens, present, label, acted)]
+        begins = torch.zeros(rows[3].shape[:2])
+        mean, _ = actor(rows[:3], torch.zeros(begins.shape[1], settings.memory), begins)
+        loss = ((mean - rows[3]).square().mean(-1) * rows[4]).mean()
+        _descend(optimizer, actor.parameters(), loss)
+        errors.append(loss.item())
+    return float(np.mean(errors))
+
+
+def _descend(optimizer: torch.optim.Optimizer, parameters: Any, loss: Tensor) -> None:
+    optimizer.zero_grad()
+    loss.backward()
+    nn.utils.clip_grad_norm_(parameters, 0.5)
+    optimizer.step()
+
+
+class Training:
+    """State of a training: networks, optimizer, worlds, and what is adjusted on the way."""
+
+    def __init__(self, settings: TrainingSettings):
+        torch.manual_seed(settings.seed)
+        self.settings = settings
+        self.worlds = Worlds(settings, settings.worlds, FIRST_SEED * (1 + settings.seed))
+        size = self.worlds.batch.scenario.action_size
+        self.actor = Team(settings, len(TOKEN), size, settings.heads, settings.memory)
+        self.critic = Team(settings, len(TRUTH), 1, 0, 0)
+        self.networks = nn.ModuleList([self.actor, self.critic])
+        self.optimizer = torch.optim.Adam(self.networks.parameters(), settings.learning_rate, eps=1e-5)
+        self.numbers = {
+            "steps": 0.0,
+            "rollouts": 0.0,
+            "penalty": settings.penalty,
+            "spread": 1.0,
+            "collided": 0.0,
+            "taken": 0.0,
+        }
+        """Robot steps and rollouts so far; factor of the costs of collisions; variance of the returns; collisions of a
+        team in an episode, as a running mean; and the number of steps that the two are means of."""
+        self.limit = settings.collisions or 0.0
+        self._returns = np.zeros(self.worlds.count)
+        self._memory = torch.zeros(self.worlds.count, settings.memory)
+        self._begins = np.ones(self.worlds.count, np.float32)
+        self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
+
+    def schedule(self) -> tuple[float, float]:
+        """Return the standard deviation of the actions, whose logarithm changes linearly, and the learning rate."""
+        settings, done = self.settings, min(self.numbers["steps"] / self.settings.steps, 1.0)
+        deviation = settings.noise * (settings.noise_end / settings.noise) ** done
+        return deviation, settings.learning_rate * max(1 - done, 0.05)
+
+    def collect(self) -> Rollout:
+        """Play T steps in all worlds, with noise, and compute what they were worth."""
+        settings, worlds, deviation = self.settings, self.worlds, self.schedule()[0]
+        memory, parts, steps, values = self._memory, [], [], []
+        for _ in range(settings.rollout):
+            begins = torch.from_numpy(self._begins)
+            with torch.no_grad():
+                rows = [torch.from_numpy(part) for part in self._rows]
+                mean, self._memory = self.actor([part[None] for part in rows], self._memory, begins[None])
+                action = mean[0] + deviation * torch.randn_like(mean[0])
+                likelihood = -0.5 * ((action - mean[0]) / deviation).square().sum(-1)
+            step, reads = worlds.step(action.numpy()), [torch.from_numpy(part) for part in self._truth[:2]]
+            values.append(self._value(rows[0], reads))
+            self._truth = worlds.truth()
+            parts.append((rows, reads, action, likelihood, torch.from_numpy(step.acted), begins))
+            steps.append((self._reward(step, self._truth[2]), step))
+            self._begins = np.repeat(step.over, worlds.side.places).astype(np.float32)
+            if step.over.any():
+                worlds.begin(step.over)
+                self._truth = worlds.truth()
+            self._rows = worlds.rows()
+            self.numbers["steps"] += float(step.acted.sum())
+        values.append(self._value(torch.from_numpy(self._rows[0]), [torch.from_numpy(p) for p in self._truth[:2]]))
+        advantages = self._advantages(steps, np.stack(values))
+        rows, reads, actions, likelihoods, acted, begins = zip(*parts, strict=True)
+        stacked = [[torch.stack(part) for part in zip(*of, strict=True)] for of in (rows, reads)]
+        flat = [torch.stack(part) for part in (actions, likelihoods, acted, begins)]
+        returns = advantages + torch.from_numpy(np.stack(values[:-1]))
+        return Rollout(
+            stacked[0], stacked[1], flat[0], flat[1], flat[2], flat[3], memory, advantages, returns, deviation
+        )
+
+    def _reward(self, step: Step, sightings: np.ndarray) -> np.ndarray:
+        """Return the rewards (B,) of a step, and update the running numbers."""
+        settings, task, numbers = self.settings, self.worlds.batch.scenario.task, self.numbers
+        own = task.reward_observation * task.step * sightings
+        reward = step.reward + numbers["penalty"] * step.collided
+        reward = reward + settings.credit * own + (1 - settings.credit) * step.observed
+        # Two robots take part in a collision.
+        per_robot = (step.collided / (task.reward_collision or 1.0)).sum() / max(step.acted.sum(), 1.0)
+        rate = 0.5 * per_robot * self.worlds.steps * self.worlds.side.places
+        numbers["collided"] += (rate - numbers["collided"]) / 200
+        self._returns = self._returns * settings.gamma + reward
+        numbers["spread"] += (self._returns.var() - numbers["spread"]) / (1 + min(numbers["taken"], 300))
+        self._returns *= 1 - np.repeat(step.over, self.worlds.side.places)
+        numbers["taken"] += 1
+        return reward
+
+    def _value(self, own: Tensor, reads: Sequence[Tensor]) -> np.ndarray:
+        """Return the critic's values (B,)."""
+        with torch.no_grad():
+            rows, none = [part[None] for part in (own, *reads)], torch.zeros(len(own), 0)
+            return self.critic(rows, none, torch.zeros(1, len(own)))[0][0, :, 0].numpy()
+
+    def _advantages(self, steps: Sequence[tuple[np.ndarray, Step]], values: np.ndarray) -> Tensor:
+        """Return generalized advantages (T, B) for rewards in units of the deviation of the returns."""
+        settings, unit = self.settings, np.sqrt(self.numbers["spread"] + 1e-8)
+        advantages, later = np.zeros_like(values[:-1]), np.zeros_like(values[0])
+        for t in reversed(range(len(steps))):
+            reward, step = steps[t]
+            over = np.repeat(step.over, self.worlds.side.places)
+            following = np.where(over, values[t], values[t + 1]) * (1 - step.ended)
+            error = reward / unit + settings.gamma * following - values[t]
+            later = error + settings.gamma * settings.gae_lambda * later * ~over * (1 - step.ended)
+            advantages[t] = later
+        return torch.from_numpy(advantages)
+
+    def update(self, of: Rollout) -> dict[str, float]:
+        """Update the critic, and the actor until it has moved too far; return diagnostics."""
+        settings, numbers, deviation = self.settings, self.numbers, of.deviation
+        self.optimizer.param_groups[0]["lr"] = self.schedule()[1]
+        follows, divergence, count = numbers["rollouts"] >= _WARM_UP, 0.0, of.acted.shape[1]
+        for _ in range(settings.epochs):
+            for chosen in torch.randperm(count).split(max(settings.minibatch // settings.rollout, 1)):
+                rows, truth = ([part[:, chosen] for part in parts] for parts in (of.rows, of.truth))
+                acted, advantage = of.acted[:, chosen], of.advantages[:, chosen]
+                mean, _ = self.actor(rows, of.memory[chosen], of.begins[:, chosen])
+                likelihood = -0.5 * ((of.actions[:, chosen] - mean) / deviation).square().sum(-1)
+                change = likelihood - of.likelihood[:, chosen]
+                ratio = change.exp()
+                divergence = (((ratio - 1 - change) * acted).sum() / acted.sum().clamp(min=1)).item()
+                follows = follows and divergence < settings.divergence
+                advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
+                clipped = ratio.clamp(1 - settings.clip, 1 + settings.clip)
+                gain = torch.min(ratio * advantage, clipped * advantage)
+                outside = (mean.abs() - 1).clamp(min=0).square().sum(-1)
+                none = torch.zeros(len(chosen), 0)
+                value = self.critic([rows[0], *truth], none, torch.zeros_like(acted))[0][..., 0]
+                error = (value - of.returns[:, chosen]).square()
+                loss = ((follows * (_BOUND * outside - gain) + 0.5 * error) * acted).mean()
+                _descend(self.optimizer, self.networks.parameters(), loss)
+        numbers["rollouts"] += 1
+        excess = np.clip(numbers["collided"] / max(self.limit, 0.05) - 1, -1, 1)
+        numbers["penalty"] = float(np.clip(numbers["penalty"] * np.exp(0.05 * excess), 0.01, 100))
+        explained = 1 - (of.advantages.var() / of.returns.var().clamp(min=1e-12)).item()
+        return {"approx_kl": divergence, "explained_variance": explained, "penalty": numbers["penalty"]}
+
+    def save_state(self) -> dict[str, np.ndarray]:
+        """Copy what a resumed training needs, by name."""
+        numbers = {name: np.array([value]) for name, value in self.numbers.items()}
+        arrays = save_state(self.networks, self.optimizer) | checkpoint.prefixed("numbers", numbers)
+        if self.settings.space is None:
+            arrays |= checkpoint.prefixed("worlds", self.worlds.save_state())
+            arrays |= {"begins": self._begins, "returns": self._returns, "memory": self._memory.numpy()}
+        return arrays
+
+    def load_state(self, arrays: dict[str, np.ndarray]) -> None:
+        """Resume from what `save_state` returned: in the same episodes or, of a space, in new ones."""
+        load_state(self.networks, self.optimizer, arrays)
+        self.numbers |= {name: float(value[0]) for name, value in checkpoint.within("numbers", arrays).items()}
+        if self.settings.space is None:
+            self.worlds.load_state(checkpoint.within("worlds", arrays))
+            self._begins, self._returns = arrays["begins"], arrays["returns"]
+            self._memory = torch.from_numpy(arrays["memory"])
+        else:
+            self.worlds.batch.seed(FIRST_SEED * (1 + self.settings.seed) + 200_000 + int(self.numbers["rollouts"]))
+            self.worlds.batch.reset()
+        self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
+
+
+def train(
+    settings: TrainingSettings,
+    console: Console | None = None,
+    log: Callable[[dict[str, float]], Any] = lambda point: None,
+) -> dict[str, Any]:
+    """Train until the last step, from the last checkpoint if `settings.out` has one; return the history.
+
+    Args:
+        settings: Settings of the training.
+        console: Console of the progress lines.
+        log: Called with the numbers of each validation, such as `wandb.log`.
+
+    Raises:
+        ValueError: the folder contains other files or results of other settings, or is in use by another process.
+        OSError: the disk is full; the last checkpoint is intact.
+    """
+    console = console or make_console()
+    torch.set_num_threads(settings.threads or cores())
+
+    def say(text: str) -> None:
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+    with checkpoint.hold(settings.out) as folder, scenarios.without_warnings(settings.space):
+        return _train(settings, folder, say, log)
+
+
+def _train(
+    settings: TrainingSettings, folder: Folder, say: Callable[[str], None], log: Callable[[dict[str, float]], Any]
+) -> dict[str, Any]:
+    """Train in a locked folder."""
+    state, began, diagnostics = Training(settings), time.monotonic(), {}
+    card = dataclasses.replace(Card.of(settings.make_home(), settings=settings.to_dict()), inputs=())
+    history = _begin(settings, state, say)
+    curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
+    began -= curve[-1]["seconds"] if curve else 0.0
+    if settings.collisions is not None or rivals:
+        state.limit = mean_of(rivals)["collisions"] if settings.collisions is None else settings.collisions
+    while True:
+        done, every = numbers["steps"] >= settings.steps, settings.evaluate_every
+        last = curve[-1]["steps"] if curve else -every
+        if numbers["steps"] // every > last // every or (done and last < numbers["steps"]):
+            network = state.actor.arrays()
+            results = mean_of(validate(settings, partial(LearnedTeam, network, card), rivals or None))
+            point = {"steps": numbers["steps"], "seconds": round(time.monotonic() - began, 1)} | results | diagnostics
+            curve.append(point)
+            say(f"{point['steps'] / 1e6:.2f} million steps, {point['seconds']:.0f} s: {words_of(point)}")
+            if history["best"] is None or rank_of(point, state.limit) > rank_of(history["best"], state.limit):
+                history["best"] = point
+                checkpoint.save(folder, network, card, notes={"training": history}, place=checkpoint.BEST)
+            checkpoint.save(folder, network, card, state=state.save_state(), notes={"training": history})
+            log(point)
+        if done:
+            return history
+        diagnostics = state.update(state.collect())
+
+
+def _begin(settings: TrainingSettings, state: Training, say: Callable[[str], None]) -> dict[str, Any]:
+    """Resume a training, or validate the rival and imitate it; return the history."""
+    if (settings.out / checkpoint.FILE).exists():
+        _, stored, text = checkpoint.read(settings.out)
+        differences = settings.differences(stored.settings)
+        if Card.of(settings.make_home()).home != stored.home:
+            differences.append("the scenario has changed")
+        if differences:
+            rule = "must be an empty folder or contain a training with the same settings"
+            raise ValueError(f"out {rule}, got {settings.out}: {'; '.join(differences)}")
+        with checkpoint.resuming(settings.out, text):
+            state.load_state(checkpoint.read_state(settings.out, text))
+            say(f"{settings.out} has {state.numbers['steps']:,.0f} of {settings.steps:,} steps")
+            return text["training"]
+    history: dict[str, Any] = {"rival": settings.chosen_teacher, "rivals": [], "curve": [], "best": None}
+    if settings.chosen_teacher is not None:
+        history["rivals"] = validate(settings, partial(baselines.make, settings.chosen_teacher), None)
+        say(f"{settings.chosen_teacher}: {words_of(mean_of(history['rivals']))}")
+        imitate(settings, state.actor, say)
+    return history

@@ -1,0 +1,54 @@
+"""Validation of a policy in a training: its score, its collisions and its worth relative to a rival."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from lissajous_env import Scenario, evaluate
+from lissajous_env.world.columns import COLUMNS
+from training.scenarios import score_of
+from training.settings import TrainingSettings
+
+VALIDATION_SEED = 20_000
+"""Seed of the first episode of a validation."""
+
+
+def validate(
+    settings: TrainingSettings, make: Callable[[Scenario, int], Any], rival: Sequence[dict[str, float]] | None
+) -> list[dict[str, float]]:
+    """Return the score, the collisions and the worth of a policy in each scenario of a validation.
+
+    Args:
+        settings: Settings of the training.
+        make: Function of a scenario and a number of worlds that makes the policy.
+        rival: The same of a rival; the worth is the ratio of the scores, above 1 if the policy is better.
+    """
+    made, results = settings.make_validation_scenarios(), []
+    count = max(settings.episodes // len(made), 1)
+    for k, scenario in enumerate(made):
+        seeds = range(VALIDATION_SEED, VALIDATION_SEED + count)
+        rows = evaluate(make(scenario, count), scenario, seeds=seeds, device=settings.device)
+        column = COLUMNS[score_of(scenario)]
+        score = float(np.nanmean([row[column.name] for row in rows]))
+        base = score if rival is None else rival[k]["score"]
+        worth = (max(score, 1e-9) / max(base, 1e-9)) ** column.better
+        collisions = float(np.mean([row["collisions"] for row in rows]))
+        results.append({"score": score, "collisions": collisions, "worth": worth})
+    return results
+
+
+def mean_of(results: Sequence[dict[str, float]]) -> dict[str, float]:
+    """Return the means over scenarios, of worths the geometric one."""
+    means = {name: float(np.mean([of[name] for of in results])) for name in ("score", "collisions")}
+    return means | {"worth": float(np.exp(np.mean(np.log([of["worth"] for of in results]))))}
+
+
+def rank_of(point: dict[str, float], limit: float) -> float:
+    """Return the worth of a policy, divided by its collisions in units of the limit where they are above it."""
+    return point["worth"] * min(1.0, (limit + 0.05) / max(point["collisions"], 1e-9))
+
+
+def words_of(of: dict[str, float]) -> str:
+    """Return the means of a validation in words."""
+    return f"score {of['score']:.4g}, {of['worth']:.3f} times as good as its rival, {of['collisions']:.2f} collisions"

@@ -1,0 +1,194 @@
+"""Worlds of a training: what actors and critics read in them, and what a step is worth to each robot.
+
+Robots are rows: row w N + i is robot i of world w. Worlds of a space of scenarios have room for the largest team, and
+rows without a robot are zeros.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from torch import Tensor
+
+from baselines.policies.reacting import Reacting, kept_apart
+from baselines.policies.rows import Rows
+from lissajous_env.envs.batch import Batch, padded
+from lissajous_env.world.simulation import Simulation
+from lissajous_env.world.state import GONE, HIDDEN, WORKING
+from training.learned.perception import perceive
+from training.settings import TrainingSettings
+
+TRUTH = ("target", "robot", "x", "y", "distance", "near", "observers", "other_distance")
+"""Numbers of a token of the critic: its kind; direction, and distance d as d / (1 + d) and as 1 - d [sight]; and of a
+target the other robots that have it in sight, at most 2, and the distance of the nearest of them."""
+MOST_TARGETS = 16
+"""Number of targets of which the critic reads the places."""
+_GOLDEN = 0.618034
+"""Multiples of it are spread evenly over [0, 1): the shares of an episode after which the first ones of worlds end."""
+
+
+class Step(NamedTuple):
+    """What a step of W worlds gave, for their B = W N robots or places of robots."""
+
+    reward: np.ndarray
+    """(B,) reward without the terms that follow."""
+    collided: np.ndarray
+    """(B,) the term of the reward for collisions."""
+    observed: np.ndarray
+    """(B,) the term for targets in sight, which all robots share."""
+    acted: np.ndarray
+    """(B,) 1 for robots that were in the world before the step."""
+    ended: np.ndarray
+    """(B,) 1 for robots that were removed."""
+    over: np.ndarray
+    """(W,) True for worlds whose episode is over."""
+
+
+class Rollout(NamedTuple):
+    """T steps of B robots, as tensors.
+
+    Attributes:
+        rows: (T, B, ...) what the actor reads.
+        truth: (T, B, ...) what the critic reads besides the robot's own numbers.
+        actions: (T, B, A).
+        likelihood: (T, B) logarithm of the density of the actions, but for a constant.
+        acted: (T, B) 1 where a robot was in its world.
+        begins: (T, B) 1 in the first step of an episode.
+        memory: (B, memory) before the first step.
+        advantages: (T, B).
+        returns: (T, B) sums of discounted rewards, as the critic is to learn them.
+        deviation: Standard deviation of the actions.
+    """
+
+    rows: list[Tensor]
+    truth: list[Tensor]
+    actions: Tensor
+    likelihood: Tensor
+    acted: Tensor
+    begins: Tensor
+    memory: Tensor
+    advantages: Tensor
+    returns: Tensor
+    deviation: float
+
+
+class Worlds:
+    """W worlds of a scenario, or groups of scenarios of a space, and what actor and critic read in them."""
+
+    def __init__(self, settings: TrainingSettings, worlds: int, seed: int):
+        groups = settings.num_groups
+        self.batch = Batch(
+            settings.scenario, worlds, num_groups=groups, roles="robots", seed=seed, device=settings.device,
+            threads=settings.threads, overrides=settings.lean_overrides,
+        )  # fmt: skip
+        self.side = self.batch.sides[0]
+        self.count = worlds * self.side.places
+        self.batch.reset()
+        self.steps = self.batch.scenario.task.steps
+        # Worlds of a group end together, so that it can draw its next scenario.
+        shares = np.arange(1, 1 + (worlds if settings.space is None else groups)) * _GOLDEN % 1.0
+        self._left = np.ceil(shares * self.steps).repeat(worlds // len(shares))
+        """Steps (W,) until the episode of a world ends: the first ones end at different times."""
+
+    def whole_episodes(self) -> None:
+        """Let the first episodes last as long as the others."""
+        self._left[:] = self.steps
+
+    def rows(self) -> list[np.ndarray]:
+        """Return own numbers (B, A), tokens (B, K, F) and presence (B, K) of what the robots perceive."""
+        parts = [perceive(each.observation.numpy(), each.scenario) for each in self.batch.simulations]
+        return [self._flat(part) for part in zip(*parts, strict=True)]
+
+    def truth(self) -> list[np.ndarray]:
+        """Return tokens (B, K, F) and presence (B, K) for the critic, and own sightings (B,): see `truth`."""
+        parts = []
+        for tokens, present, own in map(truth, self.batch.simulations):
+            # Scenarios of a space have different numbers of targets and robots.
+            more = 0 if self.batch.space is None else MOST_TARGETS + self.side.places - present.shape[2]
+            wider = (0, 0), (0, 0), (0, more)
+            parts.append((np.pad(tokens, (*wider, (0, 0))), np.pad(present, wider), own))
+        return [self._flat(part) for part in zip(*parts, strict=True)]
+
+    def labels(self, teachers: Sequence[Any]) -> np.ndarray:
+        """Return the actions (B, A) of a teacher for each group, before robots that are near are kept apart."""
+        parts = []
+        for teacher, simulation in zip(teachers, self.batch.simulations, strict=True):
+            rows = simulation.observation.numpy()
+            if isinstance(teacher, Reacting):
+                wish = teacher.wish(teacher.rows(rows))
+                wish = wish / np.maximum(np.linalg.norm(wish, axis=-1, keepdims=True), 1.0)
+            else:
+                wish = teacher.act(rows)
+            parts.append(wish.astype(np.float32))
+        return self._flat(parts)
+
+    def step(self, actions: np.ndarray) -> Step:
+        """Advance all worlds with actions (B, A), after which `begin` begins the next episodes."""
+        batch, side = self.batch, self.side
+        actions = actions.reshape(batch.num_worlds, side.places, -1).clip(-1, 1).astype(np.float32)
+        for group, simulation in enumerate(batch.simulations):
+            if simulation.scenario.task.action == "velocity":
+                part = actions[batch.worlds_of(group), : simulation.num_robots]
+                part[..., :2] = kept_apart(part[..., :2], Rows(simulation.observation.numpy(), simulation.scenario))
+        before = batch.rows(side)
+        acted = (before.mask.astype(bool) & ~before.terminated.astype(bool)).reshape(-1).astype(np.float32)
+        batch.step({"robot": actions})
+        after, terms, names = batch.rows(side), batch.reward_terms(), batch.simulation.reward_term_names
+        collided, observed = (terms[..., names.index(name)].reshape(-1) for name in ("collision", "observation"))
+        self._left -= 1
+        reward = after.reward.reshape(-1) - collided - observed
+        ended = after.terminated.reshape(-1).astype(np.float32) * acted
+        return Step(reward, collided.copy(), observed.copy(), acted, ended, batch.over | (self._left <= 0))
+
+    def begin(self, worlds: np.ndarray) -> None:
+        """Begin episodes in the masked worlds."""
+        self.batch.reset(worlds)
+        self._left[worlds] = self.steps
+
+    def save_state(self) -> dict[str, np.ndarray]:
+        """Copy everything that changes during steps, without a space of scenarios, by name."""
+        return self.batch.save_state() | {"left": self._left.copy()}
+
+    def load_state(self, saved: dict[str, np.ndarray]) -> None:
+        """Resume from what `save_state` returned."""
+        self._left = saved["left"].copy()
+        self.batch.load_state(saved)
+
+    def _flat(self, parts: Sequence[np.ndarray]) -> np.ndarray:
+        """Join arrays (W, n, ...) of the groups to (B, ...), with zeros for places without a robot."""
+        joined = np.concatenate([padded(part, self.side.places - part.shape[1], np) for part in parts])
+        return joined.reshape(self.count, *joined.shape[2:])
+
+
+def truth(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what a critic reads of the true state, relative to each robot.
+
+    Returns:
+        Tokens (W, N, K, F) with the numbers `TRUTH`; presence (W, N, K), 1 where there is a token, else 0; and the
+        number of targets (W, N) that the robot has in sight and no other robot has.
+    """
+    sight = np.float32(simulation.scenario.sight)
+    robots = simulation.robots.position.numpy()[..., :2] / sight
+    works = simulation.robots.status.numpy() == WORKING
+    targets, stage = simulation.targets.position.numpy() / sight, simulation.targets.stage.numpy()
+    there = (stage != int(HIDDEN)) & (stage != int(GONE))
+    if there.shape[1] > MOST_TARGETS:
+        first = np.argsort(~there, axis=1, kind="stable")[:, :MOST_TARGETS]
+        targets, there = np.take_along_axis(targets, first[..., None], 1), np.take_along_axis(there, first, 1)
+    count = there.shape[1]
+    offset = np.concatenate([targets, robots], axis=1)[:, None] - robots[:, :, None]
+    distance = np.sqrt((offset**2).sum(axis=-1))
+    others = ~np.eye(robots.shape[1], dtype=bool) & works[:, None]
+    present = np.concatenate([np.broadcast_to(there[:, None], distance[..., :count].shape), others], axis=2)
+    sighted = (distance[..., :count] < 1) & there[:, None] & works[..., None]
+    observers = sighted.sum(axis=1, keepdims=True) - sighted
+    nearest = np.where(works[..., None], distance[..., :count], np.inf)
+    two = np.sort(np.pad(nearest, ((0, 0), (0, 1), (0, 0)), constant_values=1e4), axis=1)[:, :2]
+    other = np.minimum(np.where(nearest <= two[:, :1], two[:, 1:], two[:, :1]), np.float32(1e4))
+    tokens = np.zeros((*distance.shape, len(TRUTH)), np.float32)
+    tokens[:, :, :count, 0], tokens[:, :, count:, 1] = 1, 1
+    tokens[..., 2:4] = offset / np.maximum(distance, np.float32(1e-6))[..., None]
+    tokens[..., 4], tokens[..., 5] = distance / (1 + distance), np.maximum(1 - distance, 0)
+    tokens[:, :, :count, 6], tokens[:, :, :count, 7] = np.minimum(observers, 2), other / (1 + other)
+    own = (sighted & (observers == 0)).sum(axis=-1).astype(np.float32)
+    return tokens * present[..., None], present.astype(np.float32), own
