@@ -34,7 +34,7 @@ def test_without_the_extra_it_is_named(tmp_path, monkeypatch):
 
 
 @needs_onnx
-@pytest.mark.parametrize("name", training.names())
+@pytest.mark.parametrize("name", ["learned-intruders"])
 def test_a_shipped_policy_and_its_graph_do_the_same(tmp_path, name):
     # Oracle: the kernel that plays the policy, over rows of an episode, in onnxruntime.
     training.export_onnx(name, tmp_path / "policy.onnx")
@@ -52,6 +52,12 @@ def test_a_shipped_policy_and_its_graph_do_the_same(tmp_path, name):
     about = graph.get_modelmeta().custom_metadata_map
     assert about["base"] == (policy.card.base or "none")
     assert tuple(json.loads(about["observation"])) == layout(policy.scenario).names
+
+
+@needs_onnx
+def test_a_network_that_reads_sets_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"policy must have a network that reads entries .* got learned-watch"):
+        training.export_onnx("learned-watch", tmp_path / "policy.onnx")
 
 
 @needs_onnx
