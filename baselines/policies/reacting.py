@@ -110,7 +110,7 @@ class Reacting(Policy):
 class Lanes(Reacting):
     """Patrol in vertical lanes: robots follow each other, evenly spaced, on one closed tour; it observes no target.
 
-    Each robot takes the nearest free place on the tour at the start.
+    Each robot takes the nearest free place on the tour at the start, as soon as the first messages can have arrived.
 
     Args:
         scenario: The scenario.
@@ -137,6 +137,11 @@ class Lanes(Reacting):
         self._ahead = 0.5 * reach
         self._steps = np.zeros(self.num_worlds, int)
         self._slot = np.zeros(self.shape, int)
+        noise = self.scenario.noise
+        delay = round(noise.message_delay / self.step)
+        self._last_choice = delay + (4 if noise.message_loss > 0 else 0)
+        self._earlier = np.zeros((*self.shape, delay + 1, 2))
+        """Own places in the latest steps, the earliest last: a choice uses places of one step for the whole team."""
 
     def forget(self, mask: np.ndarray) -> None:
         """Begin the tour anew."""
@@ -150,10 +155,14 @@ class Lanes(Reacting):
     def wish(self, rows: Rows) -> np.ndarray:
         """Follow the robot's place on the tour."""
         spacing = self._along[-1] / self.num_robots
-        begins = self._steps == 0
-        if begins.any():
+        starts, chooses = self._steps == 0, self._steps <= self._last_choice
+        self._earlier = np.concatenate([rows.position[:, :, None], self._earlier[:, :, :-1]], axis=2)
+        self._earlier[starts] = rows.position[starts][:, :, None]
+        if chooses.any():
             slots = self.place(self._ahead + spacing * np.arange(self.num_robots))
-            self._slot[begins] = _nearest_slots(known_places(rows)[begins], slots)
+            places = known_places(rows)
+            places[:, :, 0] = self._earlier[:, :, -1]
+            self._slot[chooses] = _nearest_slots(places[chooses], slots)
         way = 0.95 * self.top * self.step * self._steps + self._ahead
         self._steps += 1
         return towards(self.place(way[:, None] + spacing * self._slot) - rows.position, 0.5 * self._ahead)

@@ -198,6 +198,14 @@ class Work:
         """Do a part of what another thread leads now, as one of the members after the first."""
         self._parts[member]()
 
+    def set_argument(self, index: int, value: Any) -> None:
+        """Change one of the arguments of every launch."""
+        for launch in self.launches:
+            launch.set_param_at_index(index, value)
+        if self._device.is_cpu:
+            for call in self._calls:
+                call.read_argument(index)
+
 
 class SideBySide(Work):
     """Works that run in parallel; one CPU thread executes the launches of each in order.

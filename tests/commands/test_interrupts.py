@@ -47,6 +47,8 @@ def test_ctrl_c_while_a_command_imports_or_ends_is_one_line(moment, by_script, t
 
 @pytest.mark.usefixtures("ctrl_c")
 def test_a_program_of_a_user_has_ctrl_c_as_it_is(monkeypatch):
+    for name in ("multiprocessing.spawn", "multiprocessing.forkserver"):  # which other tests may have imported
+        monkeypatch.delitem(sys.modules, name, raising=False)
     for arguments, is_ours in ((["program.py"], False), (["/usr/bin/lissajous", "scenarios"], True)):
         monkeypatch.setattr(sys, "argv", arguments)
         interrupts._watch()

@@ -113,6 +113,8 @@ def test_discrete_rogues_select_rest_or_a_direction():
 def test_a_rogue_team_plays_until_all_are_detected():
     # Story: two rogues rest while a sweep goes over them; the episode ends with the second detection.
     settings = {"targets.count": 2, "targets.arrival_rate": 0.0, "targets.entry": "unseen"}
+    with pytest.raises(ValueError, match="robots must be driven by a policy for 1 worlds, got 2"):
+        lissajous_env.LissajousEnv("experiment", robots=lissajous_env.policy("still", "experiment", 2), **settings)
     env = lissajous_env.LissajousEnv("experiment", robots="sweep", **settings)
     env.reset(seed=1)
     total, over = 0.0, False

@@ -138,12 +138,13 @@ def test_trails_grow_with_time_and_are_forgotten():
         simulation.step(np.full(simulation.action_shape, 0.3, np.float32))
     with_trail = renderer.draw(simulation)
     np.testing.assert_array_equal(renderer.draw(simulation), with_trail)
+    trailing, other = Renderer(simulation.scenario), dataclasses.replace(Snapshot.of(simulation), seed=77, step=5)
+    moved = np.array(other.position) + 0.3
+    trailing.draw(simulation)
+    away = dataclasses.replace(other, position=moved)  # of another episode, which does not draw on from the last one
+    np.testing.assert_array_equal(trailing.draw(away), Renderer(simulation.scenario).draw(away))
     renderer.reset()
     assert (with_trail != renderer.draw(simulation)).any(axis=-1).sum() > 100
-    # Another episode does not draw on from the last one.
-    simulation.reset(seeds=[77])
-    fresh = Renderer(simulation.scenario).draw(simulation)
-    np.testing.assert_array_equal(renderer.draw(simulation), fresh)
 
 
 def test_drawing_changes_nothing_and_a_world_of_a_batch_looks_as_it_does_alone():

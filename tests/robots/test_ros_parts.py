@@ -65,9 +65,9 @@ def test_the_speed_of_poses_on_a_circle(rate):
         odometry = measured.add(*place, angle + math.pi / 2, 5 + k / rate)
         if odometry is not None:
             speeds.append(odometry.speed)
+        assert measured.add(*place, angle, 5 + k / rate) is None  # a repetition changes nothing
     np.testing.assert_allclose(speeds, 0.8, rtol=1e-3)
-    assert len(speeds) == rate - 1
-    assert measured.add(0.0, 0.0, 0.0, 9.0) is None  # after a gap there is no speed
+    assert (len(speeds), measured.add(0.0, 0.0, 0.0, 9.0)) == (rate - 1, None), "after a gap there is no speed"
 
 
 @given(st.floats(0, 1.2), st.floats(-1, 1), st.floats(-0.9, 0.9))

@@ -41,6 +41,9 @@ def test_training_makes_rogues_that_stay_undetected_longer_than_those_that_wande
     folder, history = trained
     settings = RogueTraining(**FAST)
     seeds = range(500, 516)
+    targets = settings.make_scenario().targets
+    assert targets.count == settings.starts // 2, "the other rogues appear later"
+    assert targets.arrival_rate > 0
     ours, wander = (
         undetected_times("sweep", settings.make_scenario(rogues), seeds) for rogues in (str(folder), "wander")
     )

@@ -66,7 +66,6 @@ class Safe(Filter):
         num_worlds: W.
         device: Warp device.
         parameters: Parameters of the filter; by default those of the paper's experiment, scaled to the scenario.
-        fastest: Speed below which other robots are avoided [m/s].
 
     Raises:
         ValueError: the robots are no cars.
@@ -83,14 +82,13 @@ class Safe(Filter):
         num_worlds: int = 1,
         device: Any = "cpu",
         parameters: SafetyParameters | None = None,
-        fastest: float = math.inf,
     ):
         super().__init__(scenario, num_worlds, device)
         self.parameters = parameters or SafetyParameters().of(self.scenario)
         if self.parameters.speed_max is None:
             limit = speed_limit(self.scenario, self.parameters)
             self.parameters = dataclasses.replace(self.parameters, speed_max=limit)
-        self._constants = _constants(self.scenario, self.parameters, fastest)
+        self._constants = _constants(self.scenario, self.parameters)
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._memory = wp.zeros((*self.shape, 2), dtype=wp.vec3, device=self.device)
         near, paths = (int(NEAREST),), (2 * int(MANOEUVRES), self.parameters.horizon + 1)
@@ -135,12 +133,12 @@ def speed_in_sight(scenario: Scenario, parameters: SafetyParameters) -> float:
     return (scenario.sight - 2 * reach) / (2 * scenario.task.step)
 
 
-def _constants(scenario: Scenario, parameters: SafetyParameters, fastest: float) -> Any:
+def _constants(scenario: Scenario, parameters: SafetyParameters) -> Any:
     constants: Any = Constants()
     constants.safety, constants.robot = to_struct(SafetyStruct, parameters), to_struct(RobotStruct, scenario.robot)
     constants.speed_unit, constants.sight = scenario.robot.top_speed, scenario.sight
     constants.step, constants.age_unit = scenario.task.step, scenario.time_unit
-    constants.robots_seen, constants.fastest = scenario.sensing.robots_seen, fastest
+    constants.robots_seen = scenario.sensing.robots_seen
     formation = top_speed(scenario.driven, scenario.formation.phase_rate)
-    constants.listens = int(math.isinf(fastest) and speed_in_sight(scenario, parameters) < formation)
+    constants.listens = int(speed_in_sight(scenario, parameters) < formation)
     return constants

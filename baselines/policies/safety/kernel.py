@@ -52,8 +52,6 @@ class Constants:
     """Unit of a message's age [s]."""
     robots_seen: wp.int32
     """Number of robots that an observation lists."""
-    fastest: wp.float32
-    """Sensed robots that drive at this speed or faster are not avoided [m/s]."""
     listens: wp.int32
     """1 if ring neighbours beyond the sight are avoided, too."""
 
@@ -235,9 +233,8 @@ def see(
         if sees(w, i, k, observation):
             away = offset_seen(w, i, k, c.sight, observation)
             velocity = velocity_seen(w, i, k, c.speed_unit, observation) + own
-            if wp.length(velocity) < c.fastest:
-                others_out[n] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
-                n += 1
+            others_out[n] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
+            n += 1
     return n
 
 

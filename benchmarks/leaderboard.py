@@ -1,0 +1,137 @@
+"""The leaderboard of tasks with feedback: `python benchmarks/leaderboard.py [ENTRY ...] [--store]`.
+
+An entry is a file docs/leaderboard/ENTRY.toml with the policies of each task, one for each training, and how they were
+made. Every policy plays four episodes of each of the first 32 scenarios of the split `test` of the task's space, which
+no training and no tuning may use. Without names, all entries are played. Episodes that were played are kept in the
+folder `--out`: the same command goes on after an interruption, and plays nothing twice.
+
+The score of a task is 0 for the best patrol and 1 for the best tuned rule (`REFERENCES`); the score of an entry is the
+interquartile mean over its trainings and tasks, with a 95 % interval from 2,000 bootstrap resamples of the trainings
+and of the scenarios of each task (Agarwal et al., 2021). Collisions are the mean over all episodes.
+
+`--store` puts the table into docs/figures.json; `--check` plays entries again in an empty folder, and ends with status
+1 if a row differs from the stored one.
+"""
+
+import sys
+import tempfile
+import tomllib
+import warnings
+from pathlib import Path
+
+import figures
+import numpy as np
+from rich.console import Console
+
+from baselines.benchmark.running import run
+from baselines.benchmark.statistics import RESAMPLES, interquartile_mean
+from baselines.benchmark.types import Benchmark
+
+TASKS = {"watch-v1": "observed_fraction", "intercept-v1": "detection_rate", "hotspots-v1": "detection_time_mean"}
+"""Score column of each task."""
+REFERENCES = {
+    "watch-v1": ("lanes", "greedy-cover"),
+    "intercept-v1": ("lanes", "lead-pursuit"),
+    "hotspots-v1": ("lanes", "index-learned"),
+}
+"""Policies of each task whose scores are 0 and 1."""
+SCENARIOS, EPISODES = 32, 4
+FOLDER = figures.ROOT / "docs" / "leaderboard"
+COLUMNS = ["entry", "score", "watch", "intercept", "hotspots", "collisions", "trainings", "by"]
+
+
+def read(path):
+    """Return an entry.
+
+    Raises:
+        ValueError: a key is missing or unknown, or the tasks are not those of the leaderboard.
+    """
+    entry = tomllib.loads(path.read_text(encoding="utf-8"))
+    wanted = {"name", "by", "command", "machine", "policies"}
+    if set(entry) != wanted:
+        raise ValueError(f"{path.name} must have the keys {', '.join(sorted(wanted))}, got {', '.join(sorted(entry))}")
+    if set(entry["policies"]) != set(TASKS):
+        raise ValueError(f"policies of {path.name} must have the tasks {', '.join(TASKS)}, got {entry['policies']}")
+    if len({len(policies) for policies in entry["policies"].values()}) != 1:
+        raise ValueError(f"policies of {path.name} must have as many trainings for each task, got {entry['policies']}")
+    return entry
+
+
+def play(task, policy, out):
+    """Return the scores and the collisions (scenarios,) of a policy on the split, each the mean of its episodes."""
+    settings = Benchmark(
+        scenarios=(f"{task}:test:{SCENARIOS}",),
+        policies=(policy,),
+        episodes=EPISODES,
+        out=out / task / policy.replace("/", "_"),
+        replays=0,
+    )
+    rows = run(settings, console=Console(quiet=True))
+    scenarios = dict.fromkeys(row["scenario"] for row in rows)
+    if len(rows) < SCENARIOS * EPISODES:
+        raise ValueError(
+            f"{policy} must play every scenario of {task}, got {len(rows)} of {SCENARIOS * EPISODES} episodes"
+        )
+    by_scenario = [[row for row in rows if row["scenario"] == name] for name in scenarios]
+    return np.array([
+        [np.mean([row[column] for row in chosen]) for chosen in by_scenario] for column in (TASKS[task], "collisions")
+    ])  # fmt: skip
+
+
+def scored(entry, out):
+    """Return the row of an entry in the table."""
+    normalised, collisions = {}, []
+    draw = np.random.default_rng(0)
+    for task, (patrol, rule) in REFERENCES.items():
+        zero, one = play(task, patrol, out)[0], play(task, rule, out)[0]
+        played = np.stack([play(task, policy, out) for policy in entry["policies"][task]])
+        collisions.append(played[:, 1].mean())
+        # The first resample is the sample itself.
+        scenarios = draw.integers(0, SCENARIOS, (RESAMPLES + 1, SCENARIOS))
+        trainings = draw.integers(0, len(played), (RESAMPLES + 1, len(played)))
+        scenarios[0], trainings[0] = np.arange(SCENARIOS), np.arange(len(played))
+        low, high = zero[scenarios].mean(axis=1), one[scenarios].mean(axis=1)
+        means = np.stack([scores[scenarios].mean(axis=1) for scores in played[:, 0]], axis=1)
+        means = np.take_along_axis(means, trainings, axis=1)
+        normalised[task] = (means - low[:, None]) / (high - low)[:, None]
+    together = np.concatenate(list(normalised.values()), axis=1)
+    score, *resampled = map(interquartile_mean, together)
+    low, high = np.percentile(resampled, [2.5, 97.5])
+    cells = [f"{values[0].mean():.2f}" for values in normalised.values()]
+    trainings = str(together.shape[1] // len(TASKS)) if entry["command"] else "-"
+    return [
+        entry["name"],
+        f"{score:.2f} ({low:.2f} to {high:.2f})",
+        *cells,
+        f"{np.mean(collisions):.1f}",
+        trainings,
+        entry["by"],
+    ]
+
+
+def main():
+    """Play the entries, print and store their rows, or compare them with the stored ones."""
+    parser = figures.parser(__doc__)
+    parser.add_argument(
+        "entries", nargs="*", metavar="ENTRY", help="names of files in docs/leaderboard; all by default"
+    )
+    parser.add_argument("--check", action="store_true", help="play again, and compare with the stored rows")
+    parser.add_argument("--out", type=Path, default=Path("build/leaderboard"), help="folder of the episodes")
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")
+    names = given.entries or sorted(path.stem for path in FOLDER.glob("*.toml"))
+    entries = [read(FOLDER / f"{name}.toml") for name in names]
+    stored = figures.load().get("leaderboard", {"rows": []})["rows"]
+    with tempfile.TemporaryDirectory() as empty:
+        rows = [scored(entry, Path(empty) if given.check else given.out) for entry in entries]
+    if given.check:
+        differing = [row for row in rows if row not in stored]
+        print(f"{len(rows) - len(differing)} of {len(rows)} rows are as stored", *differing, sep="\n")
+        sys.exit(1 if differing else 0)
+    others = [row for row in stored if row[0] not in {new[0] for new in rows}]
+    table = {"columns": COLUMNS, "rows": sorted(others + rows, key=lambda row: -float(row[1].split()[0]))}
+    figures.publish("leaderboard", "tasks with feedback", table, given.store)
+
+
+if __name__ == "__main__":
+    main()
