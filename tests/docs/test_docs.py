@@ -43,8 +43,8 @@ SHORTER = {
     "evaluate": "--episodes 1",
     "plan": "--plans 24",
     "guarantee": "--radii 2 --cells 16",
-    "train": "--steps 2000 --worlds 4 --evaluation-episodes 1 --rivals sweep --imitation-steps 0 --rollout 8",
-    "train --side": "--rogue-rounds 2 --evaluation-episodes 1",
+    "train": "--steps 200 --worlds 16 --episodes 1 --imitation 0 --rollout 4",
+    "train --side": "--rogue-rounds 2 --episodes 1",
     "exploit": "--episodes 1",
 }
 """Options added to a command to shorten it."""
@@ -150,7 +150,7 @@ def run_lissajous(line):
     if command in LASTING and not "".join(given[:1]).endswith(".npz"):
         given = [word for word in given if not word.startswith("task.duration")]
         at = given.index("--set") + 1 if "--set" in given else len(given)
-        given[at:at] = ["task.duration=0.5"] if "--set" in given else ["--set", "task.duration=0.5"]
+        given[at:at] = ["task.duration=2"] if "--set" in given else ["--set", "task.duration=2"]
     shorter = SHORTER.get(" ".join([command, *given[:1]]), SHORTER.get(command, ""))
     with pytest.raises(SystemExit) as end:
         cli.main([command, *given, *([] if "--episodes" in given else shorter.split())])
