@@ -22,6 +22,7 @@ from lissajous_env.console.terminal import make_console
 from lissajous_env.episodes.evaluation import EpisodeRunner, evaluate
 from lissajous_env.episodes.missed.foresight import Foresight, Labels, Visits
 from lissajous_env.storage.folder import Folder
+from lissajous_env.world.columns import DETECTION_TIME
 from training.learned import checkpoint
 from training.learned.network import Network
 from training.learned.rogue import rogue_card
@@ -203,7 +204,7 @@ def undetected_times(policy: str, scenario: Scenario, seeds: Sequence[int], devi
         device: Warp device.
     """
     rows = evaluate(named(policy)(scenario, min(16, len(seeds)), device), scenario, seeds)
-    columns = {"mean": "detection_time_mean", "quantile": "detection_time_p95", "longest": "detection_time_max"}
+    columns = {"mean": DETECTION_TIME.name, "quantile": "detection_time_p95", "longest": "detection_time_max"}
     return {name: float(np.nanmean([row[column] for row in rows])) for name, column in columns.items()}
 
 
