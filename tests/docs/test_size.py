@@ -9,7 +9,7 @@ LINES = 48_413
 """Lines of the packages."""
 MODULES = 351
 """Files of the packages."""
-TESTS = 28_173
+TESTS = 28_174
 """Lines of the tests."""
 
 
