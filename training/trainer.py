@@ -26,6 +26,7 @@ import baselines
 from lissajous_env.console.terminal import make_console
 from lissajous_env.device.devices import cores
 from lissajous_env.storage.folder import Folder
+from lissajous_env.world.columns import COLLISIONS
 from training import scenarios
 from training.learned import checkpoint
 from training.learned.card import Card
@@ -347,7 +348,7 @@ def _train(
     curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
     began -= curve[-1]["seconds"] if curve else 0.0
     if settings.collisions is not None or rivals:
-        state.limit = mean_of(rivals)["collisions"] if settings.collisions is None else settings.collisions
+        state.limit = mean_of(rivals)[COLLISIONS.name] if settings.collisions is None else settings.collisions
     while True:
         done, every = numbers["steps"] >= settings.steps, settings.evaluate_every
         last = curve[-1]["steps"] if curve else -every

@@ -210,12 +210,11 @@ def test_ctrl_c_during_the_final_episodes_keeps_what_was_played(small, monkeypat
 
 def test_the_fewest_robots_that_guarantee_a_time(capsys):
     """Story: three robots guarantee a generous time; the search ends with them."""
-    hall = {name.replace("_", "-"): value for name, value in HALL.items()} | {"turning-radius": 0.5}
-    line = [word for name, value in hall.items() for word in (f"--{name}", value)]
+    hall = HALL | {"turning_radius": 0.5}
+    line = [word for name, value in hall.items() for word in (f"--{name.replace('_', '-')}", value)]
     code, said, _ = called(capsys, "plan", *line, "--robots", "3:4", "--guarantee", 120, "--plans", 24, "--json")
     found = json.loads(said)
-    assert code == 0
-    assert found["fewest_robots"] == 3
+    assert (code, found["fewest_robots"]) == (0, 3)
     good = [each for each in found["plans"] if each["figures"]["worst_case"] <= 120]
     assert {each["robots"] for each in good} == {3}
     assert all(found["limits"][str(each["robots"])] <= each["figures"]["worst_case"] for each in good)
