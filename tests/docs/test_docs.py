@@ -150,11 +150,7 @@ def run_lissajous(line):
     if command in LASTING and not "".join(given[:1]).endswith(".npz"):
         given = [word for word in given if not word.startswith("task.duration")]
         at = given.index("--set") + 1 if "--set" in given else len(given)
-<<<<<<< HEAD
-        given[at:at] = ["task.duration=2"] if "--set" in given else ["--set", "task.duration=2"]
-=======
         given[at:at] = ["task.duration=1"] if "--set" in given else ["--set", "task.duration=1"]
->>>>>>> main
     shorter = SHORTER.get(" ".join([command, *given[:1]]), SHORTER.get(command, ""))
     with pytest.raises(SystemExit) as end:
         cli.main([command, *given, *([] if "--episodes" in given else shorter.split())])
