@@ -30,7 +30,9 @@ def validate(
         seeds = range(VALIDATION_SEED, VALIDATION_SEED + count)
         rows = evaluate(make(scenario, count), scenario, seeds=seeds, device=settings.device)
         column = COLUMNS[score_of(scenario)]
-        score = float(np.nanmean([row[column.name] for row in rows]))
+        # Without any target there is no score.
+        known = [row[column.name] for row in rows if np.isfinite(row[column.name])]
+        score = float(np.mean(known)) if known else 0.0
         base = score if rival is None else rival[k]["score"]
         worth = (max(score, 1e-9) / max(base, 1e-9)) ** column.better
         collisions = float(np.mean([row["collisions"] for row in rows]))
