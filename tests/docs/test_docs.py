@@ -37,7 +37,12 @@ SHELL = {
     for page in dict.fromkeys(name for name, *_ in BLOCKS)
 }
 OPTIONAL = {"benchmarl", "mlflow", "ray", "stable_baselines3", "torch", "torchrl", "wandb"}
-NEEDS = {"training.sb3": "stable_baselines3", "training.torchrl": "torchrl", "training.rllib": "ray"}
+NEEDS = {
+    "training.trainer": "torch",
+    "training.sb3": "stable_baselines3",
+    "training.torchrl": "torchrl",
+    "training.rllib": "ray",
+}
 SHORTER = {
     "benchmark": "--scenarios intruders --policies sweep laps --episodes 1",
     "evaluate": "--episodes 1",

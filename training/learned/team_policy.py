@@ -45,7 +45,8 @@ class LearnedTeam(Policy):
         self._memory[mask] = 0.0
 
     def decide(self, observation: np.ndarray) -> np.ndarray:
-        """Return the network's outputs as actions."""
+        """Return the network's outputs as actions; entries far outside of their ranges count as at most 10."""
+        observation = observation.clip(-10.0, 10.0)
         outputs, self._memory = self.network(perceive(observation, self.scenario), self._memory)
         action = np.zeros(self.action.shape, np.float32)
         action[..., : outputs.shape[-1]] = outputs.clip(-1.0, 1.0)
