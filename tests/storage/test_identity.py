@@ -72,7 +72,7 @@ def test_a_folder_contains_one_version_of_a_module(tmp_path, more):
     assert (
         first == "error: out contains results of the same name with other code; choose another --out or undo the change"
     )
-    assert any(".module my_module " in line for line in table)
+    assert any(".module my_module" in line for line in table)
     assert len((tmp_path / "out" / "episodes.jsonl").read_text().splitlines()) == 2
     file.write_text(MODULE)
     assert benchmark(tmp_path, 3, *more).returncode == 0
