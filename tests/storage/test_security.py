@@ -12,8 +12,8 @@ from training.learned import policy
 
 SHORT = ("--set", "task.duration=1.0")
 TRAINING = (
-    "--scenario", "failure", "--worlds", "2", "--rollout", "8", "--batch-size", "80", "--evaluate-every", "80",
-    "--evaluation-episodes", "1", "--layers", "4", "--threads", "1", "--teacher", "none", "--rivals", *SHORT,
+    "--scenario", "failure", "--worlds", "2", "--rollout", "8", "--minibatch", "80", "--evaluate-every", "80",
+    "--episodes", "1", "--hidden", "4", "--features", "4", "--threads", "1", "--imitation", "0", *SHORT,
 )  # fmt: skip
 
 
