@@ -28,7 +28,7 @@ _GOLDEN = 0.618034
 
 
 class Step(NamedTuple):
-    """What a step of W worlds gave, for their B = W N robots or places of robots."""
+    """Results of a step of W worlds, for their B = W N robots or places of robots."""
 
     reward: np.ndarray
     """(B,) reward without the terms that follow."""

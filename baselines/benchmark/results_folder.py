@@ -215,8 +215,8 @@ def _differences(there: Any, now: Any, name: str = "") -> list[tuple[str, Any, A
         names = {**there, **now}
         return [
             entry
-            for each in names
-            for entry in _differences(there.get(each, "-"), now.get(each, "-"), f"{name}.{each}".lstrip("."))
+            for key in names
+            for entry in _differences(there.get(key, "-"), now.get(key, "-"), f"{name}.{key}".lstrip("."))
         ]
     return [] if there == now or name.endswith(".description") else [(name, there, now)]
 

@@ -1,4 +1,4 @@
-"""Whether the theorem of the proved filter applies to the episodes of a policy, in words below tables."""
+"""Words below tables that say whether the theorem of the proved filter applies to the episodes of a policy."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any

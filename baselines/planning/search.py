@@ -198,7 +198,7 @@ class Search:
     def _finish(self, threads: ThreadPoolExecutor) -> None:
         """Play the best plans to the end, and all defaults that may be among them: no printed plan is worse."""
         looks, cutoff = self.ranked(), self._cutoff()
-        defaults = [each.plan for each in looks if each.plan.family == DEFAULTS and each.worst_case <= cutoff]
+        defaults = [look.plan for look in looks if look.plan.family == DEFAULTS and look.worst_case <= cutoff]
         plans = [*self._optimised, *(look.plan for look in looks)]
         if self.interrupted:
             plans, defaults = plans[:_FEWEST_FINALS], []

@@ -1,4 +1,4 @@
-"""What a robot knows of failed robots, from the messages of its ring neighbours and from its sensing disc.
+"""Knowledge of a robot about failed robots, from the messages of its ring neighbours and from its sensing disc.
 
 A robot that has failed still sends its place, which does not move; a robot that has been removed sends nothing, so the
 age of its last message grows. A robot receives nothing else: without news it has no information about robots that are
@@ -170,9 +170,9 @@ def exchange_news(
             stands = float(0.0)
             if hears(w, i, side, observation):
                 for k in range(known.shape[0]):
-                    told = _RANGE * message_heard(w, i, side, k, start, size, observation)
-                    if wp.abs(told) > wp.abs(known[k]):
-                        known[k] = told
+                    farther = _RANGE * message_heard(w, i, side, k, start, size, observation)
+                    if wp.abs(farther) > wp.abs(known[k]):
+                        known[k] = farther
                 sent = _RANGE * message_heard(w, i, side, j, start, size, observation)
                 due = now - 1.0 - message_age(w, i, side, time_unit, observation) / step
                 if sent < due - 0.5:

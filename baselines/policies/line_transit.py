@@ -139,7 +139,7 @@ def transit_from_any_angle(
     between = speed_between(pace, speed, tilt, length, coarsely)
     faults = _faults(pace, distances(pace, speed, between, tilt, coarsely), length, coarsely)
     order = np.argsort(faults + 1e-3 * np.abs(between / pace.final - 1), axis=-1, kind="stable")[..., : effort.choices]
-    length, faults, between = (np.take_along_axis(each, order, axis=2) for each in (length, faults, between))
+    length, faults, between = (np.take_along_axis(array, order, axis=2) for array in (length, faults, between))
     pieces = np.take_along_axis(pieces, order[..., None], axis=2)
     turns, radii = turns[order], radii[order]
     gone = distances(pace, speed, between, tilt[order], times)
@@ -168,7 +168,7 @@ def _choices(begin: np.ndarray, poses: np.ndarray, radius: float) -> tuple[np.nd
         pieces = dubins_lengths(begin, entry, wide)[..., :4, :]
         of_ends.append(np.where(np.isnan(pieces), [0.0, np.inf, 0.0], pieces))
     count, words = len(_TILTS), len(_ENDS) * 4
-    leads, radii = (np.tile(np.repeat(each, 4), count) for each in (leads, radii))
+    leads, radii = (np.tile(np.repeat(array, 4), count) for array in (leads, radii))
     turns = np.tile(TURNS[:4], (len(_ENDS) * count, 1))
     return np.concatenate(of_ends * count, axis=2), turns, radii, leads, np.repeat(_TILTS, words)
 
@@ -266,8 +266,8 @@ class _Choice:
         cost = np.zeros(self.faults[at, i].shape, dtype=np.float32)
         for j in others:
             for shift in range(-self.effort.nearest, self.effort.nearest + 1):
-                theirs = (at + shift) % len(self.taken)
-                other = self.places[:, theirs, j, self.taken[theirs, j], None]
+                nearby = (at + shift) % len(self.taken)
+                other = self.places[:, nearby, j, self.taken[nearby, j], None]
                 cost += closeness(self.places[:, at, i], other, self.wanted)
         cost = self.faults[at, i] + cost
         self.taken[at, i] = cost.argmin(axis=1)

@@ -74,7 +74,7 @@ def plain_of(scenario: Scenario) -> Scenario:
 def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tuple[Plan, PathTables, float]:
     """Return the plan of a scenario, its timed paths by robot, and how long the collision filter is needed [step]."""
     plans = partition_plans(scenario, parameters)
-    variants = (variant for each in plans for variant in variants_of(scenario, each))
+    variants = (variant for plan in plans for variant in variants_of(scenario, plan))
     for plan in itertools.islice(variants, max(_VARIANTS // scenario.num_robots**2, 4)):
         ways = planned_transit(scenario, plan.loop, parameters) if start_is_known(scenario) else None
         if ways is not None:

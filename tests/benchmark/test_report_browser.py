@@ -191,4 +191,5 @@ def test_a_link_into_a_report_opens_its_replay_at_a_moment(browser, folder, text
         browser.switch_to.frame(browser.find_element("id", "frame"))
         wait(lambda: run("return document.body?.dataset.ready === 'true'"))
         wait(lambda place=place: run("return [replay.player.time, replay.selected]") == place)
+        assert run("return replay.selected") == place[1]
         browser.switch_to.default_content()

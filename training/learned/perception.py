@@ -1,4 +1,4 @@
-"""What the network of a team reads: numbers of the robot itself, and a set of tokens, one for each thing it perceives.
+"""Inputs of the network of a team: numbers of the robot itself, and a set of tokens, one for each thing it perceives.
 
 A token is a track, a teammate or, where the observation has none of these, a target or a robot in sight. All numbers
 are relative to the robot, in units of `sensing.sight` and of the top speed, and a network pools its tokens, so that one
@@ -44,7 +44,7 @@ _MEMORY = 1.875
 
 
 class Perception(NamedTuple):
-    """What W teams of N robots perceive, as float32."""
+    """Perception of W teams of N robots, as float32."""
 
     own: np.ndarray
     """(W, N, A) numbers `OWN`."""

@@ -17,4 +17,4 @@ FAMILIES: tuple[Callable[[Scenario], Family], ...] = (included, best_known, part
 
 def families_apart(clearance: float | None) -> tuple[Callable[[Scenario], Family], ...]:
     """Return the same functions, with partitions whose bodies are planned at least a clearance apart [m]."""
-    return tuple(partial(partitions, clearance=clearance) if each is partitions else each for each in FAMILIES)
+    return tuple(partial(partitions, clearance=clearance) if family is partitions else family for family in FAMILIES)
