@@ -9,7 +9,7 @@ LINES = 48_417
 """Lines of the packages."""
 MODULES = 351
 """Files of the packages."""
-TESTS = 28_179
+TESTS = 28_181
 """Lines of the tests."""
 
 
