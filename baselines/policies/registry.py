@@ -54,7 +54,7 @@ class Loader(NamedTuple):
 
 
 _REGISTRY: dict[str, Entry] = {}
-_FILTERS: dict[str, type[Filter]] = {each.suffix: each for each in (Safe, Proved)}
+_FILTERS: dict[str, type[Filter]] = {kind.suffix: kind for kind in (Safe, Proved)}
 """Filters, by the suffix that adds them to the name of a policy."""
 LOADERS: dict[str, Loader] = {}
 """Loaders of policies in folders, by the file that such a folder contains; the last one takes any other folder."""
@@ -158,11 +158,11 @@ def factory_of(name: str) -> Callable[..., Policy]:
 
 def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
     """Return the names of the policies, or of those that can drive the robots of a scenario; with filters come last."""
-    found = [name + suffix for suffix in ("", *_FILTERS) for name in _entries() if _suits(name, suffix)]
+    suited = [name + suffix for suffix in ("", *_FILTERS) for name in _entries() if _suits(name, suffix)]
     if scenario is None:
-        return tuple(found)
+        return tuple(suited)
     kind = build_scenario(scenario).actuation
-    return tuple(name for name in found if _drives(name, kind))
+    return tuple(name for name in suited if _drives(name, kind))
 
 
 def _suits(plain: str, suffix: str) -> bool:

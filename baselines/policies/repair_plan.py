@@ -205,7 +205,7 @@ def _takeover(
         for case in range(cases)
         for shape in range(SHAPES)
     ]
-    loop, away, cost = (np.array([[each[k] for each in row] for row in rows]) for k in range(3))
+    loop, away, cost = (np.array([[entry[k] for entry in row] for row in rows]) for k in range(3))
     return Takeover(loop * unit, away * unit, cost, offset, corners, lines)
 
 

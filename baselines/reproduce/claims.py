@@ -137,6 +137,6 @@ def as_page(claims: Sequence[Claim], pictures: Sequence[Picture], format: str, c
         "# The paper, simulated again",
         f"Made by `{command}`. {summary(claims)}.",
         "\n".join(table) + "\n",
-        *(f"## {each.title}\n\n![{each.title}]({each.name}.{format})\n\n{each.caption}\n" for each in pictures),
+        *(f"## {drawn.title}\n\n![{drawn.title}]({drawn.name}.{format})\n\n{drawn.caption}\n" for drawn in pictures),
     ]
     return "\n\n".join(parts)

@@ -46,9 +46,9 @@ class _Ratios:
 
 def bounds(player: Player) -> Part:
     """Compare conditions (6), (7), (8) and T_max with measurements."""
-    made = scenario("experiment")
-    name = f"T_max of the experiment, N = {made.num_robots}, omega = {made.formation.phase_rate:g} rad/s"
-    time = near(name, 4.189, made.detection_time_bound, 5e-4, "s", "by the formula")
+    paper = scenario("experiment")
+    name = f"T_max of the experiment, N = {paper.num_robots}, omega = {paper.formation.phase_rate:g} rad/s"
+    time = near(name, 4.189, paper.detection_time_bound, 5e-4, "s", "by the formula")
     return Part([time, *_on_every_curve(_measured())])
 
 

@@ -339,7 +339,7 @@ def _loaded(file: BinaryIO) -> Recording:
         raise ValueError(f"its format is not {FORMAT!r}")
     scenario = made_scenario(about["scenario"])
     names = (tuple(about["observation_names"]), tuple(about["reward_names"]))
-    unknown = tuple(tuple(each) for each in about.get("unknown", ()))
+    unknown = tuple(tuple(entry) for entry in about.get("unknown", ()))
     recording = Recording(scenario, about["score"], *names, **arrays, unknown=unknown)
     check(recording, _FIXED)
     return recording

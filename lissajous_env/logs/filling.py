@@ -63,6 +63,6 @@ def set_marker(
         x, y, heading = outside(x, y, heading)
         set_pose(message.pose, (x, y, z, heading))
     for end in shape.points:
-        made = point()
-        made.x, made.y, _ = outside(*end, 0.0)
-        message.points.append(made)
+        corner = point()
+        corner.x, corner.y, _ = outside(*end, 0.0)
+        message.points.append(corner)
