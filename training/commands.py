@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal
 import tyro
 from rich.console import Console
 
+from lissajous_env.console.options import Overrides, parse_overrides
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, make_console
-from lissajous_env.extras import missing
-from lissajous_env.parameters.overrides import Overrides, parse_overrides
+from lissajous_env.plugins import missing
 from training.rogue_settings import RogueTraining
 from training.settings import TrainingSettings
 

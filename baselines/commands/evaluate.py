@@ -8,10 +8,9 @@ import tyro
 from baselines.benchmark.local import play
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.running import Benchmark, plan
-from baselines.commands.playing import made, naming, progress_console, scenarios_and_policy
-from lissajous_env.console.recordings import check_file
+from baselines.commands.playing import check_file, made, naming, progress_console, scenarios_and_policy
+from lissajous_env.console.options import Overrides, RogueName, parse_overrides
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions
-from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
 
 _Names = Annotated[
     tuple[str, ...],

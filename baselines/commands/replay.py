@@ -6,12 +6,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from baselines.benchmark.types import Benchmark
-from baselines.commands.playing import FORMATS, record_one, scenarios_and_policy
+from baselines.commands.playing import (
+    FORMATS,
+    check_file,
+    check_pace,
+    has_display,
+    record_one,
+    scenarios_and_policy,
+    show,
+)
 from baselines.policies import registry
-from lissajous_env.console.recordings import check_file, check_pace, has_display, show
+from lissajous_env.console.options import Overrides, RogueName, parse_overrides
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, Output, OutputOptions
-from lissajous_env.here import beside
-from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
+from lissajous_env.plugins import beside
 from lissajous_env.wording import nearest
 
 if TYPE_CHECKING:

@@ -8,13 +8,12 @@ from typing import Annotated
 
 import tyro
 
-from baselines.commands.playing import FORMATS, progress_console
+from baselines.commands.playing import FORMATS, check_file, progress_console
 from baselines.onboard import Onboard
 from baselines.ros.settings import CommandKind, WorldSettings
-from lissajous_env.console.recordings import check_file
+from lissajous_env.console.options import Overrides, parse_overrides
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, print_line
 from lissajous_env.parameters import named
-from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from lissajous_env.parameters.scenario_file import as_toml
 
 _Duration = Annotated[float | None, tyro.conf.arg(metavar="FLOAT")]

@@ -6,12 +6,11 @@ import tyro
 from rich import progress as bars
 
 from baselines.benchmark.progress import bar
-from baselines.commands.playing import FORMATS, progress_console
+from baselines.commands.playing import FORMATS, check_file, progress_console, show
 from baselines.ros.settings import WorldSettings
-from lissajous_env.console.recordings import check_file, show
+from lissajous_env.console.options import Overrides, parse_overrides
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions
 from lissajous_env.parameters import named
-from lissajous_env.parameters.overrides import Overrides, parse_overrides
 
 
 def world(

@@ -5,11 +5,18 @@ from typing import Annotated
 import tyro
 
 from baselines.benchmark.types import Benchmark, Cell
-from baselines.commands.playing import FORMATS, progress_console, record_one, scenarios_and_policy
+from baselines.commands.playing import (
+    FORMATS,
+    check_file,
+    has_display,
+    progress_console,
+    record_one,
+    scenarios_and_policy,
+    show,
+)
 from baselines.policies.factories import named
-from lissajous_env.console.recordings import check_file, has_display, show
+from lissajous_env.console.options import Overrides, RogueName, parse_overrides
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, print_line
-from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
 
 _PolicyName = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[POLICY]", help_behavior_hint="")]
 _ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
