@@ -25,11 +25,6 @@ def benchmark(
 
     Args:
         settings: Episodes to play, and the folder of the results.
-        rogues: rogue (adversary) that moves all targets: wander, flee, shadow, follow-gap, or hide, which requires
-            task.contamination; a learned one, such as hide-from-sweep or a folder; or several joined by +. By default
-            targets move as the scenario defines.
-        output: Console output.
-        overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
     from baselines.benchmark import written
     from baselines.benchmark.table import Table

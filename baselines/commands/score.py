@@ -48,8 +48,6 @@ def score(
         episodes: number of draws of virtual targets, each of which is scored.
         seed: seed of the first draw; by default that of the log, or 0.
         out: files to write: .csv (score rows), .html (page of the episode), or any other that `lissajous run` writes.
-        output: Console output.
-        overrides: fields changed in the scenario, as in --set sensing.radius=0.8
     """
     from baselines.benchmark import tables, written
     from baselines.benchmark.table import Table
