@@ -83,7 +83,7 @@ class Pilot:
         output = self.onboard.act(now, self.pose, heard, works=self.works, **seen)
         taken_at, self._taken_at, self._acted_at = self._taken_at, None, now
         if taken_at is None:
-            # More than half a step later, so that on a clock that goes on by whole steps the pose of a step comes first.
+            # Over half a step later, so that the pose of a step comes first on a clock that goes on by whole steps.
             self._due = now + 0.75 * self._step
         elif self._is_late or abs(taken_at - self._due) > self._step:
             self._due = taken_at + self._step

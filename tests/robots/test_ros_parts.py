@@ -146,7 +146,7 @@ def test_a_robot_drives_by_a_simulated_clock_in_any_order_of_clock_and_pose(step
     now, acts = 3.6, []
     pilot.start(now)
 
-    def arrives(is_pose, time):
+    def arrives(is_pose, time, ticks):
         nonlocal now
         if is_pose:
             pilot.take(Odometry(1.7, 0.0, 1.5, 0.4, time))
@@ -161,8 +161,8 @@ def test_a_robot_drives_by_a_simulated_clock_in_any_order_of_clock_and_pose(step
     for k, (pose_comes_first, is_patient, ticks) in enumerate(steps):
         time = now + STEP
         for _ in range(6 if is_patient or k % 2 or k == 10 else 1):
-            arrives(pose_comes_first, time)
-            arrives(not pose_comes_first, time)
+            arrives(pose_comes_first, time, ticks)
+            arrives(not pose_comes_first, time, ticks)
             if acts and acts[-1][0] == time:
                 break
     assert np.diff([time for time, _ in acts]).min() > 0, "it never acts twice at one time"
