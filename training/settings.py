@@ -39,8 +39,12 @@ class TrainingSettings(Checked):
     """Scenarios of a space that are played at the same time, each in an equal part of the worlds. When the episodes of
     a group end, it plays the next scenario. Used only for a space."""
     teacher: str | None = None
-    """Classical policy to imitate first, with which validations are compared. By default a-cmommt, lead-pursuit or
-    index-learned where actions are velocities; for cars that steer, arc-mpcc or arc-gvf; for points, kuramoto."""
+    """Classical policy from which training begins, and with which validations are compared. By default greedy-cover,
+    lead-pursuit or index-learned where actions are velocities; for cars that steer, arc-mpcc or arc-gvf; for points,
+    kuramoto."""
+    corrects: bool = True
+    """Where actions are velocities, let the network read the velocity that the teacher wishes, and add its output to
+    that; otherwise it imitates the teacher first."""
     imitation: int = whole(3, 0, 1000)
     """Rounds of imitation before PPO; 0 for none."""
     imitation_epochs: int = whole(10, 1, 10_000)
@@ -130,6 +134,12 @@ class TrainingSettings(Checked):
         if made.task.action == "velocity":
             return scenarios.rule_of(made)
         return {"car": "arc-gvf" if made.curve.harmonics else "arc-mpcc", "curve": "kuramoto"}.get(made.robot.kind)
+
+    @property
+    def base(self) -> str | None:
+        """Policy to whose action the network adds its output; None for a network that imitates."""
+        corrects = self.corrects and self.make_scenario().task.action == "velocity"
+        return self.chosen_teacher if corrects else None
 
     def make_scenario(self) -> Scenario:
         """Return the scenario, or the first one of the validations."""

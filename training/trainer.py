@@ -57,17 +57,21 @@ class Team(nn.Module):
         outputs: Numbers of the output.
         heads: Heads of attention; 0 for the mean of the tokens' features.
         memory: Numbers that a robot remembers.
+        corrects: Add the wish of the base to the outputs, which are zeros at first.
     """
 
-    def __init__(self, settings: TrainingSettings, token: int, outputs: int, heads: int, memory: int):
+    def __init__(
+        self, settings: TrainingSettings, token: int, outputs: int, heads: int, memory: int, corrects: bool = False
+    ):
         super().__init__()
+        self.corrects = corrects
         features, hidden = settings.features, settings.hidden
         self.own, self.token = nn.Linear(len(OWN), 64), nn.Linear(token, features)
         self.query = nn.Linear(64, heads * features) if heads else None
         self.trunk = nn.Linear(64 + max(heads, 1) * features, hidden)
         self.memory = nn.GRUCell(hidden, memory) if memory else None
         self.last, self.action = nn.Linear(hidden + memory, hidden), nn.Linear(hidden, outputs)
-        nn.init.orthogonal_(self.action.weight, 0.01)
+        nn.init.orthogonal_(self.action.weight, 0.0 if corrects else 0.01)
         nn.init.zeros_(self.action.bias)
 
     @torch.autocast("cpu", torch.bfloat16)
@@ -95,7 +99,10 @@ class Team(nn.Module):
                 memory = self.memory(step, memory * (1 - begin)[:, None])
                 states.append(memory)
             hidden = torch.cat([hidden, torch.stack(states)], -1)
-        return self.action(torch.relu(self.last(hidden))).float(), memory.float()
+        outputs = self.action(torch.relu(self.last(hidden))).float()
+        if self.corrects:
+            outputs = outputs + nn.functional.pad(rows[0][..., -2:], (0, outputs.shape[-1] - 2))
+        return outputs, memory.float()
 
     def arrays(self) -> TeamNetwork:
         """Copy the weights into a network that is played without PyTorch."""
@@ -166,7 +173,7 @@ class Training:
         self.settings = settings
         self.worlds = Worlds(settings, settings.worlds, FIRST_SEED * (1 + settings.seed))
         size = self.worlds.batch.scenario.action_size
-        self.actor = Team(settings, len(TOKEN), size, settings.heads, settings.memory)
+        self.actor = Team(settings, len(TOKEN), size, settings.heads, settings.memory, settings.base is not None)
         self.critic = Team(settings, len(TRUTH), 1, 0, 0)
         self.networks = nn.ModuleList([self.actor, self.critic])
         self.optimizer = torch.optim.Adam(self.networks.parameters(), settings.learning_rate, eps=1e-5)
@@ -209,8 +216,8 @@ class Training:
             parts.append((rows, reads, action, likelihood, torch.from_numpy(step.acted), begins))
             steps.append((self._reward(step, self._truth[2]), step))
             self._begins = np.repeat(step.over, worlds.side.places).astype(np.float32)
+            worlds.begin(step.over)
             if step.over.any():
-                worlds.begin(step.over)
                 self._truth = worlds.truth()
             self._rows = worlds.rows()
             self.numbers["steps"] += float(step.acted.sum())
@@ -343,7 +350,8 @@ def _train(
 ) -> dict[str, Any]:
     """Train in a locked folder."""
     state, began, diagnostics = Training(settings), time.monotonic(), {}
-    card = dataclasses.replace(Card.of(settings.make_home(), settings=settings.to_dict()), inputs=())
+    card = Card.of(settings.make_home(), settings=settings.to_dict(), base=settings.base)
+    card = dataclasses.replace(card, inputs=())
     history = _begin(settings, state, say)
     curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
     began -= curve[-1]["seconds"] if curve else 0.0
@@ -386,5 +394,6 @@ def _begin(settings: TrainingSettings, state: Training, say: Callable[[str], Non
     if settings.chosen_teacher is not None:
         history["rivals"] = validate(settings, partial(baselines.make, settings.chosen_teacher), None)
         say(f"{settings.chosen_teacher}: {words_of(mean_of(history['rivals']))}")
-        imitate(settings, state.actor, say)
+        if settings.base is None:
+            imitate(settings, state.actor, say)
     return history

@@ -10,12 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from torch import Tensor
 
-from baselines.policies.reacting import Reacting, kept_apart
+import baselines
+from baselines.policies.base import Policy
+from baselines.policies.reacting import kept_apart
 from baselines.policies.rows import Rows
 from lissajous_env.envs.batch import Batch, padded
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import GONE, HIDDEN, WORKING
-from training.learned.perception import perceive
+from training.learned.checkpoint import prefixed, within
+from training.learned.perception import perceive, wish_of
 from training.settings import TrainingSettings
 
 TRUTH = ("target", "robot", "x", "y", "distance", "near", "observers", "other_distance")
@@ -84,6 +87,12 @@ class Worlds:
         self.side = self.batch.sides[0]
         self.count = worlds * self.side.places
         self.batch.reset()
+        self._base = settings.base
+        self._bases: list[Policy] = []
+        """Policies that the network corrects, one for each group; empty without any."""
+        self._wishes: list[np.ndarray] = []
+        """Actions (W, N, A) of these for the present states."""
+        self._ask()
         self.steps = self.batch.scenario.task.steps
         # Worlds of a group end together, so that it can draw its next scenario.
         shares = np.arange(1, 1 + (worlds if settings.space is None else groups)) * _GOLDEN % 1.0
@@ -96,7 +105,9 @@ class Worlds:
 
     def rows(self) -> list[np.ndarray]:
         """Return own numbers (B, A), tokens (B, K, F) and presence (B, K) of what the robots perceive."""
-        parts = [perceive(each.observation.numpy(), each.scenario) for each in self.batch.simulations]
+        scenarios = [simulation.scenario for simulation in self.batch.simulations]
+        wishes: Sequence[np.ndarray | None] = self._wishes or [None] * len(scenarios)
+        parts = [perceive(*of) for of in zip(self._observations(), scenarios, wishes, strict=True)]
         return [self._flat(part) for part in zip(*parts, strict=True)]
 
     def truth(self) -> list[np.ndarray]:
@@ -111,19 +122,10 @@ class Worlds:
 
     def labels(self, teachers: Sequence[Any]) -> np.ndarray:
         """Return the actions (B, A) of a teacher for each group, before robots that are near are kept apart."""
-        parts = []
-        for teacher, simulation in zip(teachers, self.batch.simulations, strict=True):
-            rows = simulation.observation.numpy()
-            if isinstance(teacher, Reacting):
-                wish = teacher.wish(teacher.rows(rows))
-                wish = wish / np.maximum(np.linalg.norm(wish, axis=-1, keepdims=True), 1.0)
-            else:
-                wish = teacher.act(rows)
-            parts.append(wish.astype(np.float32))
-        return self._flat(parts)
+        return self._flat([wish_of(*of) for of in zip(teachers, self._observations(), strict=True)])
 
     def step(self, actions: np.ndarray) -> Step:
-        """Advance all worlds with actions (B, A), after which `begin` begins the next episodes."""
+        """Advance all worlds with actions (B, A), after which `begin` begins the next episodes, if any."""
         batch, side = self.batch, self.side
         actions = actions.reshape(batch.num_worlds, side.places, -1).clip(-1, 1).astype(np.float32)
         for group, simulation in enumerate(batch.simulations):
@@ -141,18 +143,45 @@ class Worlds:
         return Step(reward, collided.copy(), observed.copy(), acted, ended, batch.over | (self._left <= 0))
 
     def begin(self, worlds: np.ndarray) -> None:
-        """Begin episodes in the masked worlds."""
-        self.batch.reset(worlds)
-        self._left[worlds] = self.steps
+        """Begin episodes in the masked worlds, and ask the base what it wishes in all of them."""
+        if worlds.any():
+            self.batch.reset(worlds)
+            self._left[worlds] = self.steps
+            for group, base in enumerate(self._bases):
+                base.reset(worlds[self.batch.worlds_of(group)])
+        self._ask()
+
+    def _ask(self) -> None:
+        """Ask the bases for their wishes in the present states; a group that plays another scenario has a new base."""
+        if self._base is None:
+            return
+        simulations = self.batch.simulations
+        before: Sequence[Policy | None] = self._bases or [None] * len(simulations)
+        self._bases = [
+            base
+            if base and base.scenario == each.scenario
+            else baselines.make(self._base, each.scenario, each.num_worlds)
+            for base, each in zip(before, simulations, strict=True)
+        ]
+        self._wishes = [wish_of(*of) for of in zip(self._bases, self._observations(), strict=True)]
+
+    def _observations(self) -> list[np.ndarray]:
+        return [simulation.observation.numpy() for simulation in self.batch.simulations]
 
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy everything that changes during steps, without a space of scenarios, by name."""
-        return self.batch.save_state() | {"left": self._left.copy()}
+        arrays = self.batch.save_state() | {"left": self._left.copy()}
+        for base in self._bases:
+            arrays |= prefixed("base", base.save_state()) | {"wish": self._wishes[0]}
+        return arrays
 
     def load_state(self, saved: dict[str, np.ndarray]) -> None:
         """Resume from what `save_state` returned."""
         self._left = saved["left"].copy()
-        self.batch.load_state(saved)
+        self.batch.load_state({name: array for name, array in saved.items() if not name.startswith("base.")})
+        for base in self._bases:
+            base.load_state(within("base", saved))
+            self._wishes = [saved["wish"].copy()]
 
     def _flat(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Join arrays (W, n, ...) of the groups to (B, ...), with zeros for places without a robot."""

@@ -51,24 +51,30 @@ class Cover(Searching):
         at = rows.position[:, :, None] + self.expected_offset(rows)
         places = np.concatenate([at, at[:, :, self._pairs].mean(axis=3)], axis=2)
         worth = np.where(rows.tracks, np.exp(-rows.track_age / self.fade), 0.0)
-        covers = np.linalg.norm(places[:, :, :, None] - at[:, :, None], axis=-1) < self.margin
+        covers = (_distances(places, at) < self.margin).astype(float)
         robots = known_places(rows)
-        time = np.linalg.norm(robots[:, :, :, None] - places[:, :, None], axis=-1) / self.top + self.delay
-        free = ~np.isnan(time)
+        time = _distances(robots, places) / self.top + self.delay
+        time[np.isnan(time)] = np.inf
         goal, has_goal = rows.position.copy(), np.zeros(self.shape, bool)
         for _ in range(robots.shape[2]):
             gain = (covers * worth[:, :, None]).sum(axis=-1)
-            rate = np.where(free, gain[:, :, None] / np.where(free, time, 1.0), 0.0)
+            rate = gain[:, :, None] / time
             best = rate.reshape(*self.shape, -1).argmax(axis=-1)
             robot, place = best // places.shape[2], best % places.shape[2]
             own = (robot == 0) & (rate.max(axis=(2, 3)) > 0)
             target = np.take_along_axis(places, place[..., None, None], axis=2)[:, :, 0]
             goal = np.where(own[..., None], target, goal)
             has_goal |= own
-            np.put_along_axis(free, robot[..., None, None], False, axis=2)
-            worth = np.where(np.take_along_axis(covers, place[..., None, None], axis=2)[:, :, 0], 0.0, worth)
+            np.put_along_axis(time, robot[..., None, None], np.inf, axis=2)
+            worth = np.where(np.take_along_axis(covers, place[..., None, None], axis=2)[:, :, 0] > 0, 0.0, worth)
         drive = towards(goal - rows.position, 0.25 * self.sight)
         return np.where(has_goal[..., None], drive, self.patrol.wish(rows))
+
+
+def _distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the distances (W, N, A, B) between places (W, N, A, 2) and (W, N, B, 2)."""
+    x, y = (a[..., k, None] - b[:, :, None, :, k] for k in (0, 1))
+    return np.sqrt(x * x + y * y)
 
 
 class VoronoiPursuit(Searching):

@@ -39,12 +39,13 @@ def arrays_of(folder):
 @pytest.mark.parametrize(
     ("changes", "teacher"),
     [
-        ({}, "a-cmommt"),
+        ({}, "greedy-cover"),
+        ({"corrects": False}, "greedy-cover"),
         ({"scenario": "intercept", "memory": 8, "heads": 0}, "lead-pursuit"),
         ({"scenario": "hotspots"}, "index-learned"),
         ({"scenario": "experiment", "overrides": {"task.duration": 2.0}}, "arc-mpcc"),
         ({"scenario": "failure", "imitation": 0, "overrides": {"task.duration": 2.0}}, "kuramoto"),
-        ({"scenario": "watch-v1", "groups": 2, "episodes": 16}, "a-cmommt"),
+        ({"scenario": "watch-v1", "groups": 2, "episodes": 16}, "greedy-cover"),
     ],
     ids=lambda value: value.get("scenario", "watch") if isinstance(value, dict) else value,
 )
@@ -61,7 +62,7 @@ def test_a_training_leaves_a_policy_that_is_played(tmp_path, changes, teacher):
 def test_imitation_comes_close_to_its_teacher(tmp_path):
     # Oracle: the teacher's own score.
     settings = small(
-        tmp_path, steps=1, hidden=64, features=32, imitation=1, imitation_epochs=12, episodes=8,
+        tmp_path, corrects=False, steps=1, hidden=64, features=32, imitation=1, imitation_epochs=12, episodes=8,
         overrides={"task.duration": 60.0},
     )  # fmt: skip
     point = train(settings, QUIET)["curve"][0]

@@ -157,7 +157,7 @@ class Card:
     @property
     def network_inputs(self) -> int:
         """Number of inputs of the network."""
-        return len(self.inputs) + len(self.constants) + (self.action_size if self.base else 0)
+        return len(self.inputs) + len(self.constants) + (self.action_size if self.base and self.inputs else 0)
 
     def columns(self, scenario: Scenario, or_silent: bool = False) -> np.ndarray:
         """Return the indices of `inputs` in the observation of a scenario.
