@@ -22,7 +22,7 @@ CHANGES_NOTHING = ("steps", "out", "threads", "episodes", "evaluate_every")
 
 @dataclass(frozen=True)
 class TrainingSettings(Checked):
-    """Settings of a training. With the defaults it takes about half an hour on two cores of a laptop."""
+    """Settings of a training. With the defaults it takes about ten minutes on one core."""
 
     scenario: str = "watch"
     """Scenario to train on, or a space of scenarios: training draws from its split train, and validations play the
@@ -31,7 +31,7 @@ class TrainingSettings(Checked):
     """Folder for the results; the same command resumes from its last checkpoint."""
     seed: int = whole(0, 0, 999)
     """Seed of the worlds, initial weights and exploration."""
-    steps: int = whole(20_000_000, 1, 10**15)
+    steps: int = whole(4_000_000, 1, 10**15)
     """Robot steps of PPO, summed over all robots and worlds."""
     worlds: int = whole(128, 1, 1_000_000)
     """Environments that are stepped together; for a space, at least one for each of `groups`."""
@@ -67,7 +67,7 @@ class TrainingSettings(Checked):
     """Rows per minibatch."""
     epochs: int = whole(2, 1, 10_000)
     """Passes over each rollout."""
-    learning_rate: float = number(4e-4, 1e-12, 1)
+    learning_rate: float = number(1e-3, 1e-12, 1)
     """Initial learning rate; it decreases linearly to a twentieth."""
     clip: float = number(0.2, 1e-6, 10)
     """Clipping of the ratio of the likelihoods of an action."""
@@ -77,21 +77,21 @@ class TrainingSettings(Checked):
     """Discount factor per step."""
     gae_lambda: float = number(0.9, 0, 1)
     """Lambda of generalized advantage estimation."""
-    noise: float = number(0.3, 1e-6, 10)
+    noise: float = number(0.25, 1e-6, 10)
     """Standard deviation of the actions at the beginning."""
-    noise_end: float = number(0.15, 1e-6, 10)
+    noise_end: float = number(0.1, 1e-6, 10)
     """Standard deviation of the actions at the end."""
     credit: float = number(0.75, 0, 1)
     """Share of the reward for targets in sight that counts only those that no other robot has in sight; the rest of it
     is the team's."""
     collisions: float | None = None
-    """Collisions in an episode of a team above which their cost rises, and below which it falls. By default those of
-    the teacher."""
+    """Collisions in an episode of a team above which their cost rises, and below which it falls. By default four fifths
+    of those of the teacher."""
     penalty: float = number(0.3, 0.01, 100)
     """Factor of the scenario's reward for collisions at the beginning."""
-    evaluate_every: int = whole(1_000_000, 1, 10**15)
+    evaluate_every: int = whole(500_000, 1, 10**15)
     """Robot steps between validations, each of which writes a checkpoint."""
-    episodes: int = whole(64, 1, 65_536)
+    episodes: int = whole(128, 1, 65_536)
     """Episodes per validation; for a space, of all its scenarios together."""
     device: str = "cpu"
     """Device of the worlds: `cpu`, `cuda` or `cuda:k`; the networks are on the CPU."""

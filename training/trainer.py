@@ -3,8 +3,8 @@
 All robots share one network, which plays teams of any size. It imitates a classical policy in the states that it
 reaches itself (DAgger: S. Ross, G. J. Gordon, J. A. Bagnell, AISTATS 2011), and goes on by PPO (J. Schulman et al.,
 arXiv:1707.06347) with a central critic (C. Yu et al., "The Surprising Effectiveness of PPO in Cooperative Multi-Agent
-Games", NeurIPS 2022), which reads the true places of all robots and targets. Collisions cost as much as it takes to
-have no more of them than a stated number. The best policy is chosen by validation, in worlds that no update uses.
+Games", NeurIPS 2022), which reads the true places of all robots and targets. Collisions and near collisions cost more
+while there are more of them than a stated number. The best policy is chosen by validation, in worlds that no update uses.
 
 Differs from these papers: a time limit is not a terminal state, so the value before it stands for the one after it; the
 reward for targets in sight is mostly that of the robot itself, for those that no other robot has in sight; and no
@@ -44,6 +44,10 @@ _DEMONSTRATED = 100_000
 """Rows, at most about, of a round of imitation."""
 _WARM_UP = 8
 """Rollouts in which only the critic learns."""
+_NEAR = 0.25
+"""Cost of a step in which robots almost touch, in units of that of a collision: collisions are too rare to learn from."""
+_CAREFUL = 0.8
+"""Limit of the collisions, in units of those of the teacher: a policy has other numbers of them in other worlds."""
 _BOUND = 0.01
 """Weight of the squares by which means leave [-1, 1]."""
 
@@ -214,7 +218,7 @@ class Training:
             values.append(self._value(rows[0], reads))
             self._truth = worlds.truth()
             parts.append((rows, reads, action, likelihood, torch.from_numpy(step.acted), begins))
-            steps.append((self._reward(step, self._truth[2]), step))
+            steps.append((self._reward(step, *self._truth[2:]), step))
             self._begins = np.repeat(step.over, worlds.side.places).astype(np.float32)
             worlds.begin(step.over)
             if step.over.any():
@@ -231,11 +235,11 @@ class Training:
             stacked[0], stacked[1], flat[0], flat[1], flat[2], flat[3], memory, advantages, returns, deviation
         )
 
-    def _reward(self, step: Step, sightings: np.ndarray) -> np.ndarray:
+    def _reward(self, step: Step, sightings: np.ndarray, near: np.ndarray) -> np.ndarray:
         """Return the rewards (B,) of a step, and update the running numbers."""
         settings, task, numbers = self.settings, self.worlds.batch.scenario.task, self.numbers
         own = task.reward_observation * task.step * sightings
-        reward = step.reward + numbers["penalty"] * step.collided
+        reward = step.reward + numbers["penalty"] * (step.collided + _NEAR * task.reward_collision * near * step.acted)
         reward = reward + settings.credit * own + (1 - settings.credit) * step.observed
         # Two robots take part in a collision.
         per_robot = (step.collided / (task.reward_collision or 1.0)).sum() / max(step.acted.sum(), 1.0)
@@ -292,7 +296,7 @@ class Training:
                 _descend(self.optimizer, self.networks.parameters(), loss)
         numbers["rollouts"] += 1
         excess = np.clip(numbers["collided"] / max(self.limit, 0.05) - 1, -1, 1)
-        numbers["penalty"] = float(np.clip(numbers["penalty"] * np.exp(0.05 * excess), 0.01, 100))
+        numbers["penalty"] = float(np.clip(numbers["penalty"] * np.exp(0.02 * excess), 0.01, 100))
         explained = 1 - (of.advantages.var() / of.returns.var().clamp(min=1e-12)).item()
         return {"approx_kl": divergence, "explained_variance": explained, "penalty": numbers["penalty"]}
 
@@ -356,7 +360,8 @@ def _train(
     curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
     began -= curve[-1]["seconds"] if curve else 0.0
     if settings.collisions is not None or rivals:
-        state.limit = mean_of(rivals)[COLLISIONS.name] if settings.collisions is None else settings.collisions
+        collided = _CAREFUL * mean_of(rivals)[COLLISIONS.name] if rivals else 0.0
+        state.limit = collided if settings.collisions is None else settings.collisions
     while True:
         done, every = numbers["steps"] >= settings.steps, settings.evaluate_every
         last = curve[-1]["steps"] if curve else -every

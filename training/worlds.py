@@ -111,13 +111,13 @@ class Worlds:
         return [self._flat(part) for part in zip(*parts, strict=True)]
 
     def truth(self) -> list[np.ndarray]:
-        """Return tokens (B, K, F) and presence (B, K) for the critic, and own sightings (B,): see `truth`."""
+        """Return tokens (B, K, F) and presence (B, K) for the critic, sightings (B,) and nearness (B,): see `truth`."""
         parts = []
-        for tokens, present, own in map(truth, self.batch.simulations):
+        for tokens, present, own, near in map(truth, self.batch.simulations):
             # Scenarios of a space have different numbers of targets and robots.
             more = 0 if self.batch.space is None else MOST_TARGETS + self.side.places - present.shape[2]
             wider = (0, 0), (0, 0), (0, more)
-            parts.append((np.pad(tokens, (*wider, (0, 0))), np.pad(present, wider), own))
+            parts.append((np.pad(tokens, (*wider, (0, 0))), np.pad(present, wider), own, near))
         return [self._flat(part) for part in zip(*parts, strict=True)]
 
     def labels(self, teachers: Sequence[Any]) -> np.ndarray:
@@ -189,12 +189,13 @@ class Worlds:
         return joined.reshape(self.count, *joined.shape[2:])
 
 
-def truth(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def truth(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return what a critic reads of the true state, relative to each robot.
 
     Returns:
-        Tokens (W, N, K, F) with the numbers `TRUTH`; presence (W, N, K), 1 where there is a token, else 0; and the
-        number of targets (W, N) that the robot has in sight and no other robot has.
+        Tokens (W, N, K, F) with the numbers `TRUTH`; presence (W, N, K), 1 where there is a token, else 0; the number
+        of targets (W, N) that the robot has in sight and no other robot has; and its nearness (W, N) to others, which is
+        for each of them 1 where their bodies touch and 0 from one body's diameter apart on.
     """
     sight = np.float32(simulation.scenario.sight)
     robots = simulation.robots.position.numpy()[..., :2] / sight
@@ -220,4 +221,6 @@ def truth(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     tokens[..., 4], tokens[..., 5] = distance / (1 + distance), np.maximum(1 - distance, 0)
     tokens[:, :, :count, 6], tokens[:, :, :count, 7] = np.minimum(observers, 2), other / (1 + other)
     own = (sighted & (observers == 0)).sum(axis=-1).astype(np.float32)
-    return tokens * present[..., None], present.astype(np.float32), own
+    gap = distance[..., count:] / np.float32(2 * simulation.scenario.robot.radius / sight) - 1
+    near = np.where(others & works[..., None], np.clip(1 - gap, 0, 1), 0).sum(axis=-1)
+    return tokens * present[..., None], present.astype(np.float32), own, near.astype(np.float32)

@@ -188,7 +188,7 @@ def test_what_the_critic_reads_is_the_true_state(tmp_path):
     for _ in range(3):
         worlds.step(np.full((worlds.count, 2), 0.5))
     simulation = worlds.batch.simulation
-    tokens, present, own = truth(simulation)
+    tokens, present, own, near = truth(simulation)
     robots, targets = simulation.robots.position.numpy()[..., :2], simulation.targets.position.numpy()
     far = np.linalg.norm(targets[:, None] - robots[:, :, None], axis=-1) / 4.0
     assert tokens[:, :, :10, 4] == pytest.approx(far / (1 + far), abs=1e-5)
