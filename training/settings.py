@@ -31,7 +31,7 @@ class TrainingSettings(Checked):
     """Folder for the results; the same command resumes from its last checkpoint."""
     seed: int = whole(0, 0, 999)
     """Seed of the worlds, initial weights and exploration."""
-    steps: int = whole(4_000_000, 1, 10**15)
+    steps: int = whole(3_000_000, 1, 10**15)
     """Robot steps of PPO, summed over all robots and worlds."""
     worlds: int = whole(128, 1, 1_000_000)
     """Environments that are stepped together; for a space, at least one for each of `groups`."""
@@ -81,6 +81,8 @@ class TrainingSettings(Checked):
     """Standard deviation of the actions at the beginning."""
     noise_end: float = number(0.1, 1e-6, 10)
     """Standard deviation of the actions at the end."""
+    correlation: float = number(0.8, 0, 0.999)
+    """Correlation of the noise of successive actions of a robot."""
     credit: float = number(0.75, 0, 1)
     """Share of the reward for targets in sight that counts only those that no other robot has in sight; the rest of it
     is the team's."""

@@ -1,17 +1,19 @@
-"""`lissajous train`: imitate a rule, then collect, update, validate and save.
+"""`lissajous train`: begin from a rule, then collect, update, validate and save.
 
-All robots share one network, which plays teams of any size. It imitates a classical policy in the states that it
-reaches itself (DAgger: S. Ross, G. J. Gordon, J. A. Bagnell, AISTATS 2011), and goes on by PPO (J. Schulman et al.,
-arXiv:1707.06347) with a central critic (C. Yu et al., "The Surprising Effectiveness of PPO in Cooperative Multi-Agent
-Games", NeurIPS 2022), which reads the true places of all robots and targets. Collisions and near collisions cost more
-while there are more of them than a stated number. The best policy is chosen by validation, in worlds that no update uses.
+All robots share one network, which plays teams of any size. Where actions are velocities, it reads the velocity that
+a rule wishes and adds to it (residual learning: T. Johannink et al., ICRA 2019); elsewhere, it imitates a classical
+policy in the states that it reaches itself (DAgger: S. Ross, G. J. Gordon, J. A. Bagnell, AISTATS 2011). It goes on by
+PPO (J. Schulman et al., arXiv:1707.06347) with a central critic (C. Yu et al., "The Surprising Effectiveness of PPO in
+Cooperative Multi-Agent Games", NeurIPS 2022), which reads the true places of all robots and targets. Collisions and
+near collisions cost more while there are more of them than a stated number. The best policy is chosen by validation, in
+worlds that no update uses.
 
 Differs from these papers: a time limit is not a terminal state, so the value before it stands for the one after it; the
-reward for targets in sight is mostly that of the robot itself, for those that no other robot has in sight; and no
-minibatch updates the policy further once it has moved too far from that of the rollout.
+reward for targets in sight is mostly that of the robot itself, for those that no other robot has in sight; no minibatch
+updates the policy further once it has moved too far from that of the rollout; and the noise of successive actions is
+correlated, so that it moves a robot farther (J. Hollenstein, G. Martius, J. Piater, "Colored Noise in PPO", AAAI 2024).
 """
 
-import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -45,7 +47,7 @@ _DEMONSTRATED = 100_000
 _WARM_UP = 8
 """Rollouts in which only the critic learns."""
 _NEAR = 0.25
-"""Cost of a step in which robots almost touch, in units of that of a collision: collisions are too rare to learn from."""
+"""Cost of a step in which robots almost touch, as a share of that of a collision: collisions alone are too rare."""
 _CAREFUL = 0.8
 """Limit of the collisions, in units of those of the teacher: a policy has other numbers of them in other worlds."""
 _BOUND = 0.01
@@ -194,6 +196,7 @@ class Training:
         self.limit = settings.collisions or 0.0
         self._returns = np.zeros(self.worlds.count)
         self._memory = torch.zeros(self.worlds.count, settings.memory)
+        self._noise = torch.randn(self.worlds.count, size)
         self._begins = np.ones(self.worlds.count, np.float32)
         self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
 
@@ -212,7 +215,9 @@ class Training:
             with torch.no_grad():
                 rows = [torch.from_numpy(part) for part in self._rows]
                 mean, self._memory = self.actor([part[None] for part in rows], self._memory, begins[None])
-                action = mean[0] + deviation * torch.randn_like(mean[0])
+                fresh = torch.randn_like(mean[0])
+                self._noise = settings.correlation * self._noise + (1 - settings.correlation**2) ** 0.5 * fresh
+                action = mean[0] + deviation * self._noise
                 likelihood = -0.5 * ((action - mean[0]) / deviation).square().sum(-1)
             step, reads = worlds.step(action.numpy()), [torch.from_numpy(part) for part in self._truth[:2]]
             values.append(self._value(rows[0], reads))
@@ -307,6 +312,7 @@ class Training:
         if self.settings.space is None:
             arrays |= checkpoint.prefixed("worlds", self.worlds.save_state())
             arrays |= {"begins": self._begins, "returns": self._returns, "memory": self._memory.numpy()}
+            arrays["noise"] = self._noise.numpy()
         return arrays
 
     def load_state(self, arrays: dict[str, np.ndarray]) -> None:
@@ -316,7 +322,7 @@ class Training:
         if self.settings.space is None:
             self.worlds.load_state(checkpoint.within("worlds", arrays))
             self._begins, self._returns = arrays["begins"], arrays["returns"]
-            self._memory = torch.from_numpy(arrays["memory"])
+            self._memory, self._noise = torch.from_numpy(arrays["memory"]), torch.from_numpy(arrays["noise"])
         else:
             self.worlds.batch.seed(FIRST_SEED * (1 + self.settings.seed) + 200_000 + int(self.numbers["rollouts"]))
             self.worlds.batch.reset()
@@ -355,7 +361,6 @@ def _train(
     """Train in a locked folder."""
     state, began, diagnostics = Training(settings), time.monotonic(), {}
     card = Card.of(settings.make_home(), settings=settings.to_dict(), base=settings.base)
-    card = dataclasses.replace(card, inputs=())
     history = _begin(settings, state, say)
     curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
     began -= curve[-1]["seconds"] if curve else 0.0

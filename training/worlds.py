@@ -194,8 +194,8 @@ def truth(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
 
     Returns:
         Tokens (W, N, K, F) with the numbers `TRUTH`; presence (W, N, K), 1 where there is a token, else 0; the number
-        of targets (W, N) that the robot has in sight and no other robot has; and its nearness (W, N) to others, which is
-        for each of them 1 where their bodies touch and 0 from one body's diameter apart on.
+        of targets (W, N) that the robot has in sight and no other robot has; and its nearness (W, N) to others, a
+        sum of 1 for each one that it touches, and less up to a gap of a body's diameter.
     """
     sight = np.float32(simulation.scenario.sight)
     robots = simulation.robots.position.numpy()[..., :2] / sight

@@ -76,7 +76,7 @@ def test_ppo_learns_a_problem_of_one_step(tmp_path):
         "task.reward_effort": -1.0, "task.duration": 2.0,
     }  # fmt: skip
     settings = small(
-        tmp_path, scenario="failure", imitation=0, worlds=64, rollout=20, minibatch=320, gamma=0.0, noise=0.6,
+        tmp_path, scenario="failure", imitation=0, worlds=64, rollout=20, minibatch=320, gamma=0.0, noise=0.6, correlation=0.0,
         noise_end=0.3, learning_rate=1e-2, steps=60_000, overrides=overrides,
     )  # fmt: skip
     state = Training(settings)
@@ -195,6 +195,8 @@ def test_what_the_critic_reads_is_the_true_state(tmp_path):
     seen = far < 1
     assert (own == (seen & (seen.sum(axis=1, keepdims=True) == 1)).sum(axis=2)).all()
     assert (present.sum(axis=-1) == 10 + 4).all()
+    gap = np.linalg.norm(robots[:, None] - robots[:, :, None], axis=-1) / 0.8 - 1 + 9 * np.eye(5)
+    assert near == pytest.approx((1 - gap).clip(0, 1).sum(axis=-1), abs=1e-5)
     assert tokens[..., :10, 6][seen].sum() == sum(min(n - 1, 2) * n for n in seen.sum(axis=1).ravel() if n)
 
 

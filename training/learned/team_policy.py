@@ -37,7 +37,7 @@ class LearnedTeam(Policy):
         super().__init__(scenario, num_worlds, device)
         if network.outputs != card.action_size:
             raise ValueError(f"network must have {card.action_size} outputs, got {network.outputs}")
-        card.columns(self.scenario, or_silent=True)
+        card.check(self.scenario)
         self.network, self.card, self.kind = network, card, card.kind
         self.base = baselines.make(card.base, self.scenario, num_worlds) if card.base else None
         self._memory = np.zeros((*self.shape, network.memory), np.float32)
