@@ -31,7 +31,7 @@ class TrainingSettings(Checked):
     """Folder for the results; the same command resumes from its last checkpoint."""
     seed: int = whole(0, 0, 999)
     """Seed of the worlds, initial weights and exploration."""
-    steps: int = whole(3_000_000, 1, 10**15)
+    steps: int = whole(4_000_000, 1, 10**15)
     """Robot steps of PPO, summed over all robots and worlds."""
     worlds: int = whole(128, 1, 1_000_000)
     """Environments that are stepped together; for a space, at least one for each of `groups`."""
