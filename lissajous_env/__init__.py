@@ -18,7 +18,13 @@ from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv, env
 from lissajous_env.episodes.evaluation import BASES as _BASES
 from lissajous_env.episodes.evaluation import base as _base
 from lissajous_env.episodes.evaluation import evaluate, load, policies, policy
-from lissajous_env.parameters.extensions import observation_entry, reward_term, score_column, target_motion
+from lissajous_env.parameters.extensions import (
+    observation_entry,
+    reward_term,
+    score_column,
+    target_entry,
+    target_motion,
+)
 from lissajous_env.parameters.named import (
     register_scenario,
     register_scenario_space,
@@ -83,6 +89,7 @@ __all__ = [
     "scenario_spaces",
     "scenarios",
     "score_column",
+    "target_entry",
     "target_motion",
     "vector_env",
 ]
