@@ -95,7 +95,7 @@ class Partition(TimedPaths):
 
 def plain_of(scenario: Scenario) -> Scenario:
     """Return a scenario without what a plan does not depend on, resolved."""
-    return replace(scenario.resolve(), name="", description="", extensions=(), faults=Faults())
+    return replace(scenario.resolve().without_extensions(), name="", description="", faults=Faults())
 
 
 @lru_cache(maxsize=64)
