@@ -6,7 +6,7 @@ from baselines.planning import portfolio
 from baselines.policies import registry
 from baselines.policies.combinations import COMBINATIONS
 
-FILTERED = ("sweep", "kuramoto-mpcc", "partition-repair", "learned-intruders")
+FILTERED = ("sweep", "kuramoto-mpcc", "partition-repair")
 """Policies that are tested under each collision filter too, one of each kind of memory."""
 
 

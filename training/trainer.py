@@ -28,7 +28,6 @@ import baselines
 from lissajous_env.console.terminal import make_console
 from lissajous_env.device.devices import cores
 from lissajous_env.storage.folder import Folder
-from lissajous_env.world.columns import COLLISIONS
 from training import scenarios
 from training.learned import checkpoint
 from training.learned.card import Card
@@ -37,7 +36,7 @@ from training.learned.team_network import TeamNetwork
 from training.learned.team_policy import LearnedTeam
 from training.settings import TrainingSettings
 from training.torch_state import load_state, save_state
-from training.validation import mean_of, rank_of, validate, words_of
+from training.validation import limit_of, mean_of, rank_of, validate, words_of
 from training.worlds import TRUTH, Rollout, Step, Worlds
 
 FIRST_SEED = 1_000_000
@@ -48,8 +47,6 @@ _WARM_UP = 8
 """Rollouts in which only the critic learns."""
 _NEAR = 0.25
 """Cost of a step in which robots almost touch, as a share of that of a collision: collisions alone are too rare."""
-_CAREFUL = 0.8
-"""Limit of the collisions, in units of those of the teacher: a policy has other numbers of them in other worlds."""
 _BOUND = 0.01
 """Weight of the squares by which means leave [-1, 1]."""
 
@@ -364,9 +361,7 @@ def _train(
     history = _begin(settings, state, say)
     curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
     began -= curve[-1]["seconds"] if curve else 0.0
-    if settings.collisions is not None or rivals:
-        collided = _CAREFUL * mean_of(rivals)[COLLISIONS.name] if rivals else 0.0
-        state.limit = collided if settings.collisions is None else settings.collisions
+    state.limit = limit_of(settings.collisions, rivals)
     while True:
         done, every = numbers["steps"] >= settings.steps, settings.evaluate_every
         last = curve[-1]["steps"] if curve else -every

@@ -18,7 +18,6 @@ PAIRS = [
     ("experiment", "kuramoto-mpcc"),
     ("rough", "kuramoto-mpcc-safe"),
     ("rough-lost", "tracked-reference-mpcc"),
-    ("rough", "learned-intruders"),
     ("evaders-lost", "partition-repair"),
     ("evaders-uneven", "consensus-gvf"),
     ("team", "sweep"),

@@ -108,9 +108,6 @@ def test_any_entry_may_be_missing_or_wrong(folder):
 @pytest.mark.parametrize(
     ("place", "value", "words"),
     [
-        (("policy", "residual"), float("nan"), "it must contain only finite numbers, got NaN"),
-        (("policy", "residual"), True, "residual must be from 0 to 2, got True"),
-        (("policy", "residual"), -0.1, "residual must be from 0 to 2, got -0.1"),
         (("policy", "action_size"), 2.0, "action_size must be a whole number of at least 1, got 2.0"),
         (("policy", "inputs"), "abc", "inputs must be words, each once, got 'abc'"),
         (("policy", "base"), "nothing", "base must be a registered classical policy, or none, got 'nothing'"),

@@ -76,8 +76,8 @@ def test_ppo_learns_a_problem_of_one_step(tmp_path):
         "task.reward_effort": -1.0, "task.duration": 2.0,
     }  # fmt: skip
     settings = small(
-        tmp_path, scenario="failure", imitation=0, worlds=64, rollout=20, minibatch=320, gamma=0.0, noise=0.6, correlation=0.0,
-        noise_end=0.3, learning_rate=1e-2, steps=60_000, overrides=overrides,
+        tmp_path, scenario="failure", imitation=0, worlds=64, rollout=20, minibatch=320, gamma=0.0, noise=0.6,
+        noise_end=0.3, correlation=0.0, learning_rate=1e-2, steps=60_000, overrides=overrides,
     )  # fmt: skip
     state = Training(settings)
     with torch.no_grad():
