@@ -15,7 +15,6 @@ from typing import Any
 
 import figures
 import numpy as np
-from lissajous_env.parameters.named_spaces import scenario_space
 
 import baselines
 import lissajous_env
@@ -85,7 +84,7 @@ def on_spaces() -> figures.Table:
     rows = []
     for split in SPLITS:
         scores = []
-        for made in itertools.islice(scenario_space(SPACE).scenarios(split), SCENARIOS):
+        for made in itertools.islice(lissajous_env.scenario_space(SPACE).scenarios(split), SCENARIOS):
             seeds = range(SEEDS[0], SEEDS[0] + EPISODES)
             scores.append([play(baselines.make(name, made, EPISODES), made, seeds) for name in (SHIPPED, BASE)])
         # Scenarios are drawn as trainings are above.

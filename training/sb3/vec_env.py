@@ -29,9 +29,15 @@ class BatchVecEnv(VecEnv):
     `Monitor` does.
     """
 
-    def __init__(self, batch: Batch, render_mode: str | None):
+    def __init__(
+        self, scenario: str | Scenario, num_worlds: int, *, roles: str, robots: Any = None, device: Any = "cpu",
+        seed: int | None = None, threads: int | None = None, discrete_actions: bool = False,
+        render_mode: str | None = None, **overrides: Any,
+    ):  # fmt: skip
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode must be None or rgb_array, got {shown(render_mode)}")
+        settings: dict[str, Any] = {"discrete_actions": discrete_actions, "device": device, "threads": threads}
+        batch = Batch(scenario, num_worlds, roles=roles, robots=robots, seed=seed, overrides=overrides, **settings)
         self.batch, self.simulation, self.scenario = batch, batch.simulation, batch.scenario
         (self._side,) = batch.sides
         self.scores: deque[dict[str, Any]] = deque(maxlen=RECENT)
@@ -148,34 +154,14 @@ class RogueVecEnv(BatchVecEnv):
         scenario: Scenario, or its name; `rogues` is `agents`.
         num_worlds: W; there are W N rows, for N target slots.
         robots: Policy that drives the robots: a name, a policy for W worlds, or a function of the observation.
-        device: Warp device.
-        seed: Seed of world 0; world k has seed + k, and draws its next seeds from it. Without a seed here or by
-            `seed`, the first reset draws seeds from the operating system.
-        threads: CPU threads; all cores by default.
-        discrete_actions: True for actions that are indices of `lissajous_env.envs.sides.rogue_table`: rest, or one
-            of eight directions at full speed.
-        render_mode: None, or `rgb_array` for pictures of the worlds.
-        **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
+        **settings: Further arguments of `RobotVecEnv`.
 
     Raises:
         ValueError: an invalid setting, or rogues that are no agents.
     """
 
-    def __init__(
-        self,
-        scenario: str | Scenario,
-        num_worlds: int = 1,
-        robots: Any = "kuramoto-mpcc",
-        device: Any = "cpu",
-        seed: int | None = None,
-        threads: int | None = None,
-        discrete_actions: bool = False,
-        render_mode: str | None = None,
-        **overrides: Any,
-    ):
-        settings: dict[str, Any] = {"discrete_actions": discrete_actions, "device": device, "seed": seed}
-        settings |= {"threads": threads, "overrides": overrides}
-        super().__init__(Batch(scenario, num_worlds, roles="rogues", robots=robots, **settings), render_mode)
+    def __init__(self, scenario: str | Scenario, num_worlds: int = 1, robots: Any = "kuramoto-mpcc", **settings: Any):
+        super().__init__(scenario, num_worlds, roles="rogues", robots=robots, **settings)
 
 
 class RobotVecEnv(BatchVecEnv):
@@ -190,22 +176,10 @@ class RobotVecEnv(BatchVecEnv):
         seed: Seed of world 0; world k has seed + k, and draws its next seeds from it. Without a seed here or by
             `seed`, the first reset draws seeds from the operating system.
         threads: CPU threads; all cores by default.
-        discrete_actions: True for actions that are indices of `lissajous_env.envs.sides.action_table`, as for DQN.
+        discrete_actions: True for actions that are rows of a table of `lissajous_env.envs.sides`, as for DQN.
         render_mode: None, or `rgb_array` for pictures of the worlds, as for `VecVideoRecorder`.
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
     """
 
-    def __init__(
-        self,
-        scenario: str | Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        seed: int | None = None,
-        threads: int | None = None,
-        discrete_actions: bool = False,
-        render_mode: str | None = None,
-        **overrides: Any,
-    ):
-        settings: dict[str, Any] = {"discrete_actions": discrete_actions, "device": device, "seed": seed}
-        settings |= {"threads": threads, "overrides": overrides}
-        super().__init__(Batch(scenario, num_worlds, roles="robots", **settings), render_mode)
+    def __init__(self, scenario: str | Scenario, num_worlds: int = 1, **settings: Any):
+        super().__init__(scenario, num_worlds, roles="robots", **settings)
