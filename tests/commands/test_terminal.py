@@ -94,14 +94,6 @@ def loaded(**place):
     return ended.stdout.splitlines()
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["HOME", "WARP_CACHE_PATH"])
-def test_kernels_that_cannot_be_kept_are_compiled_for_one_run(name):
-    note, compiling = loaded(**{name: "/dev/null/nowhere"})
-    assert "cannot be written to (Not a directory): kernels are compiled for this run alone" in note
-    assert compiling == "compiling kernels, once: about 10 s"
-
-
 def test_without_a_home_nothing_is_written_to_the_current_folder(tmp_path):
     # Story: a container with a number for a user, which is in no list of users and has no home.
     environment = {name: value for name, value in os.environ.items() if name not in ("HOME", "WARP_CACHE_PATH")}

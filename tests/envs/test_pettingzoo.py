@@ -11,7 +11,7 @@ import numpy as np
 import pettingzoo
 import pettingzoo.test
 import pytest
-from pettingzoo.test import api_test, max_cycles_test, parallel_api_test, parallel_seed_test, seed_test
+from pettingzoo.test import api_test, parallel_api_test
 
 import lissajous_env
 from lissajous_env.parameters.assumptions import AssumptionWarning
@@ -46,22 +46,8 @@ def test_parallel_api(kind):
 
 
 @EVERY_KIND
-def test_parallel_seed(kind):
-    parallel_seed_test(lambda: make(kind, **SHORT), num_cycles=50)
-
-
-@EVERY_KIND
 def test_aec_api(kind):
     api_test(lissajous_env.env(**KINDS[kind] | SHORT), num_cycles=100)
-
-
-@EVERY_KIND
-def test_aec_seed(kind):
-    seed_test(lambda: lissajous_env.env(**KINDS[kind] | SHORT), num_cycles=50)
-
-
-def test_max_cycles():
-    max_cycles_test(lissajous_env)
 
 
 def episode(env, seed, steps=300):

@@ -124,14 +124,3 @@ def test_the_command_refuses_by_name(arguments, words, tmp_path, capsys):
     code, _, said = told(capsys, "guarantee", *arguments, "--out", tmp_path / "g")
     assert code == 2
     assert words in said
-
-
-def test_a_benchmark_shows_it(tmp_path, capsys):
-    out = tmp_path / "b"
-    asked = ["benchmark", "--scenarios", "evaders", "--policies", "still", "kuramoto-mpcc", "--episodes", 2]
-    code, said, _ = told(capsys, *asked, "--set", "task.duration=2", "--out", out)
-    assert code == 0
-    assert "in formation 3." in said
-    assert "> 1.9" in said, "an open guarantee is a lower bound"
-    bounds = json.loads((out / "summary.json").read_text())["bounds"]["evaders"]
-    assert 0.1 < bounds["worst_case"] < bounds["in_formation"] < 4.2

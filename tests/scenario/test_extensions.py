@@ -200,6 +200,8 @@ def test_what_a_function_returns_is_checked(door, value, message):
         (lambda: lissajous_env.observation_entry(0)(returning(1)), "wrong.size must be a whole number"),
         (lambda: lissajous_env.observation_entry(low=1.0)(returning(1)), "wrong.high must be above low = 1"),
         (lambda: lissajous_env.reward_term()(5), "reward term must be a function or a Warp kernel, got 5"),
+        (lambda: lissajous_env.reward_term(np.nan)(returning(1)), "wrong.weight must be from .*, got nan"),
+        (lambda: lissajous_env.observation_entry(low=-np.inf)(returning(1)), "wrong.low must be from .*, got -inf"),
     ],
 )
 def test_what_is_no_extension_is_refused_by_name(make, message):

@@ -319,13 +319,6 @@ def test_intruders_take_the_top_speed_on_the_fastest_stretch():
     assert scenario.robot.top_speed == pytest.approx(2, abs=1e-4)
 
 
-def test_steady_speed_of_the_printed_constants_cannot_drive_the_curve():
-    # Oracle: 2.9 m/s at the smallest throttle by hand, against 1.69 m/s on the fastest stretch.
-    robot = lissajous_env.scenario("experiment-printed").robot
-    slowest = (robot.drive * robot.throttle_min - robot.offset) / robot.drag
-    assert slowest == pytest.approx(2.915, abs=5e-3)
-
-
 def test_few_robots():
     alone = Scenario(robot=Robot(count=1))
     assert alone.neighbours.tolist() == [[-1, -1]]
