@@ -106,13 +106,6 @@ def test_without_a_home_nothing_is_written_to_the_current_folder(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.long
-def test_the_first_run_says_that_it_compiles(tmp_path):
-    place = {"WARP_CACHE_PATH": str(tmp_path)}
-    assert loaded(**place) == ["compiling kernels, once: about 10 s"]
-    assert loaded(**place) == []
-
-
 def test_the_command_says_that_it_compiles_unless_quiet(monkeypatch, capsys):
     monkeypatch.setattr(compilation, "listener", None)
     for options, heard in (([], "compiling\n"), (["--quiet"], "")):

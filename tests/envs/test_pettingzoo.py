@@ -88,19 +88,6 @@ def test_an_episode_repeats_bit_for_bit_and_stays_in_its_spaces(kind):
             assert all(type(value) is bool for flags in (terminated, truncated) for value in flags.values())
 
 
-def test_a_robot_that_a_collision_removed_is_no_agent_any_more():
-    # Story: agents leave one pair at a time, each with terminated in its last step; the rest play on to the end.
-    env = make("removing", **SHORT)
-    returned = episode(env, 1, steps=1000)
-    live, gone = list(env.possible_agents), set()
-    for observations, _, terminated, truncated, _ in returned[1:]:
-        assert list(observations) == live
-        gone |= {agent for agent in live if terminated[agent]}
-        live = [agent for agent in live if not (terminated[agent] or truncated[agent])]
-    assert gone
-    assert env.agents == live == []
-
-
 @pytest.mark.parametrize("name", ["failure", "watch"])
 def test_every_scenario_is_registered(name):
     env = pettingzoo.make("parallel", f"lissajous/{name}-v0")

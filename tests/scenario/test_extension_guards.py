@@ -73,21 +73,6 @@ def test_no_extension_writes_to_the_world(kind, write):
         stepped(decorate(meddles), **overrides)
 
 
-def test_a_world_that_an_extension_tried_to_write_to_has_not_moved():
-    # Oracle: the same world without it.
-    @lissajous_env.score_column()
-    def meddles(world):
-        for write in WRITES:
-            with pytest.raises(ValueError, match="read-only"):
-                write(world)
-        return np.zeros(2)
-
-    plain = lissajous_env.Simulation(lissajous_env.scenario("experiment", **SHORT), 2)
-    for _ in range(3):
-        plain.step(np.full(plain.action_shape, 0.3, dtype=np.float32))
-    assert stepped(meddles).robots.position.numpy().tobytes() == plain.robots.position.numpy().tobytes()
-
-
 def test_what_an_extension_reads_is_of_this_step_and_may_be_copied():
     kept = []
 

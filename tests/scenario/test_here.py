@@ -54,10 +54,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("line", [
     ["evaluate", "failure", "my-still", *SHORT],
-    ["evaluate", "depot.toml", "my-still", *SHORT],
-    ["run", "failure", "my-still", "--set", "task.duration=0.5", "--out", "a.npz"],
     ["benchmark", "--scenarios", "failure", "--policies", "my-still", *SHORT, "--replays", "0", "--out", "results"],
-    ["evaluate", "failure", "my-way", *SHORT],
     ["evaluate", "rough", "my-way-mpcc", *SHORT],
     ["evaluate", "rough", "my-way-gvf-safe", *SHORT],
     ["evaluate", "short-one", "still", "--episodes", "1"],
@@ -115,10 +112,6 @@ def test_suggestions_are_what_a_user_may_mean(line, words, folder, capsys):
     code, _, error = called(capsys, *line)
     assert code == 2
     assert words in error.splitlines()[0], error
-
-
-def test_from_python_a_scenario_is_found_by_the_name_that_a_module_here_registers():
-    assert lissajous_env.scenario("short-one").task.duration == 0.5
 
 
 def test_the_list_of_policies_names_those_of_the_folder(capsys):
