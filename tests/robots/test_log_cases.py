@@ -287,7 +287,7 @@ REFUSED = {
     ),
     "array": (
         [("/poses", array(EPOCH + t, [circle(k, t) for k in range(5 - (t > 2))]), EPOCH + t) for t in TIMES], {},
-        "must have as many poses in every message, got 5 and 4",
+        "must have as many poses in every message, got 5 in 21 and fewer in 20",
     ),
 }  # fmt: skip
 
