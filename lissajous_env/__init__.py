@@ -15,13 +15,18 @@ from lissajous_env.envs.batch import Batch
 from lissajous_env.envs.gymnasium_env import LissajousEnv
 from lissajous_env.envs.gymnasium_vector import LissajousVectorEnv, vector_env
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv, env
-from lissajous_env.episodes.evaluation import evaluate
-from lissajous_env.episodes.policies import BASES as _BASES
-from lissajous_env.episodes.policies import base as _base
-from lissajous_env.episodes.policies import load, policies, policy
+from lissajous_env.episodes.evaluation import BASES as _BASES
+from lissajous_env.episodes.evaluation import base as _base
+from lissajous_env.episodes.evaluation import evaluate, load, policies, policy
 from lissajous_env.parameters.extensions import observation_entry, reward_term, score_column, target_motion
-from lissajous_env.parameters.named import register_scenario, scenario, scenarios
-from lissajous_env.parameters.named_spaces import register_scenario_space, scenario_space, scenario_spaces
+from lissajous_env.parameters.named import (
+    register_scenario,
+    register_scenario_space,
+    scenario,
+    scenario_space,
+    scenario_spaces,
+    scenarios,
+)
 from lissajous_env.parameters.robot_models import AsCar, RobotModel, register_robot_model
 from lissajous_env.parameters.rogues import Rogue, register_rogue, rogue, rogues
 from lissajous_env.parameters.scenario import (

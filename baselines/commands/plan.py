@@ -2,7 +2,6 @@
 
 import re
 from contextlib import nullcontext
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
@@ -16,12 +15,12 @@ from baselines.planning.planner import Outcome
 from baselines.planning.plans import top_speed
 from baselines.planning.request import Request
 from baselines.planning.search import Search
+from lissajous_env.console.options import OutFolder
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_line
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import shown
 
 _Scenario = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]", help_behavior_hint="")]
-_Out = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 
 
 def plan(
@@ -47,7 +46,7 @@ def plan(
     fixed_start: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     rows: int = 8,
     seed: int = 0,
-    out: _Out = None,
+    out: OutFolder = None,
     output: OutputOptions = DEFAULT_OUTPUT,
 ) -> int:
     """Find patrols for a team, simulate them, and print which are best and what each guarantees.
@@ -89,7 +88,6 @@ def plan(
         rows: largest number of plans to show and to write.
         seed: seed of the simulated episodes and of the search.
         out: folder to which the plans are written, one folder each, with a picture of the best three.
-        output: Console output.
     """
     whole_number("rows", rows)
     budget = Budget.of(plans, seconds)

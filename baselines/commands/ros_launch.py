@@ -8,13 +8,12 @@ from typing import Annotated
 
 import tyro
 
-from baselines.commands.playing import FORMATS, progress_console
+from baselines.commands.playing import FORMATS, check_file, progress_console
 from baselines.onboard import Onboard
 from baselines.ros.settings import CommandKind, WorldSettings
-from lissajous_env.console.recordings import check_file
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, print_line
+from lissajous_env.console.options import OutFile, Overrides, parse_overrides
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_line
 from lissajous_env.parameters import named
-from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from lissajous_env.parameters.scenario_file import as_toml
 
 _Duration = Annotated[float | None, tyro.conf.arg(metavar="FLOAT")]
@@ -47,8 +46,6 @@ def launch(
         pace: largest number of simulated seconds per second; the simulation waits for the robots' decisions.
         command: kind of the robots' commands: car, twist, twist_stamped or dart.
         out: file to write, as in `lissajous ros world`.
-        output: Console output.
-        overrides: fields changed in the scenario, as in --set noise.message_loss=0.1
     """
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     from baselines.ros.launching import Team

@@ -26,7 +26,6 @@ def robot(
     Args:
         settings: Defaults of the parameters.
         namespace: namespace of the node's topics; robot_K by default.
-        output: Console output.
     """
     from baselines.ros.robot import RobotNode
     from baselines.ros.running import started

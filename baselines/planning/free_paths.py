@@ -28,9 +28,9 @@ from baselines.policies.periodic_paths import coefficients_of, derivative_of, pl
 from baselines.policies.settings import PolicySettings
 from baselines.policies.timed_paths import TimedPaths
 from baselines.policies.transit import arrival_steps, required_distance, speed_of, start_is_known, turning_radius_of
-from lissajous_env.extras import missing
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.plugins import missing
 from lissajous_env.world.simulation import Simulation
 
 NAME = "free paths"

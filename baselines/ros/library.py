@@ -9,7 +9,7 @@ Raises:
 from importlib import import_module
 from typing import Any
 
-from lissajous_env.extras import missing
+from lissajous_env.plugins import missing
 
 _NAMES = {
     "diagnostic_msgs.msg": "DiagnosticArray DiagnosticStatus KeyValue",

@@ -55,9 +55,8 @@ class RobotNode(ros.Node):
         self._output: Output | None = None
         self._times: deque[float] = deque(maxlen=1000)
         self._warm_up()
+        self._starts = settings.autostart
         self._connect()
-        if settings.autostart:
-            self._pilot.start(self.now)
 
     @property
     def now(self) -> float:
@@ -196,6 +195,11 @@ class RobotNode(ros.Node):
     def _tick(self) -> None:
         """Announce a new pose, and decide on the command of a step that is due."""
         before, now = perf_counter(), self.now
+        if now == 0:
+            return  # A simulated clock reads zero until its first message.
+        if self._starts:
+            self._starts = False
+            self._pilot.start(now)
         if (message := self._pilot.announce(now)) is not None:
             self._send_message(ring_message(message, self.settings.frame))
         if (output := self._pilot.act(now)) is not None:

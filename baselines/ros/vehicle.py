@@ -9,7 +9,7 @@ from baselines.onboard import Command, Twist
 from lissajous_env.logs.inputs import actions_of
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.robot import Robot
+from lissajous_env.settings.parts import Robot
 
 
 def of_twist(robot: Robot, step: float, speed: float, twist: Twist) -> Command:

@@ -35,7 +35,7 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
         render_mode: None, `rgb_array`, or `human` for a window.
         robots: Policy that drives the robots: a name, a policy, or a function; see `Batch`. The
             rogues are then the agent, and `rogues` is `agents`.
-        discrete_actions: True for actions (N,) that are indices of the table in `lissajous_env.envs.actions`.
+        discrete_actions: True for actions (N,) that are indices of the table in `lissajous_env.envs.sides`.
         flat_actions: True for actions (N * action_size,) instead of (N, action_size).
         max_cycles: Number of steps of an episode, instead of `task.duration`.
         device: Warp device.

@@ -9,9 +9,9 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from lissajous_env.envs.actions import on_host
 from lissajous_env.envs.batch import Batch
 from lissajous_env.envs.one_world import METADATA, NEEDS_RESET, Timed, followed, replay_of
+from lissajous_env.envs.sides import on_host
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
@@ -45,7 +45,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
         render_mode: None, or `rgb_array`.
         max_cycles: Number of steps of an episode, instead of `task.duration`.
         max_episode_steps: Limit on these steps, which `gymnasium.make_vec` passes if a specification contains it.
-        discrete_actions: True for actions that are indices of the table in `lissajous_env.envs.actions`.
+        discrete_actions: True for actions that are indices of the table in `lissajous_env.envs.sides`.
         flat_actions: True for actions (W, N * action_size). Discrete actions and those of one robot are always flat.
         agents_as_rows: True for one row per robot.
         autoreset_mode: `NEXT_STEP` (the step after the end resets), `SAME_STEP` or `DISABLED`, or the enum.

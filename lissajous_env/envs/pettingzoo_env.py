@@ -46,7 +46,7 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         scenario: Name of a scenario, or a `Scenario`; a space of scenarios, or SPACE:SPLIT, where SPLIT is a split or a
             shift, by default `train`.
         render_mode: None, `rgb_array`, or `human` for a window; pictures of two scenarios differ in size.
-        discrete_actions: True for actions that are indices of `lissajous_env.envs.actions.action_table`, and of
+        discrete_actions: True for actions that are indices of `lissajous_env.envs.sides.action_table`, and of
             `rogue_table` for rogues.
         max_cycles: Number of steps of an episode, instead of `task.duration`.
         device: Warp device.

@@ -27,7 +27,7 @@ import numpy as np
 
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.targets import Targets
+from lissajous_env.settings.task import Targets
 from lissajous_env.theory.geometry import largest_speed
 from lissajous_env.theory.worst_case import clearing_time, revisiting_time
 

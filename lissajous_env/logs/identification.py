@@ -18,7 +18,7 @@ from lissajous_env.logs.inputs import INPUTS, LARGEST_STEERING
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import SOME, local_deviations, motion_of
 from lissajous_env.logs.rollouts import MODELS, Rollouts
-from lissajous_env.settings.robot import Robot
+from lissajous_env.settings.parts import Robot
 from lissajous_env.wording import few_of
 from lissajous_env.world.state import WORKING
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lissajous_env.extras import missing
+from lissajous_env.plugins import missing
 
 
 class Message(NamedTuple):

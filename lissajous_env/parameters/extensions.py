@@ -20,9 +20,8 @@ from typing import Any
 
 import warp as wp
 
-from lissajous_env.by_value import PROMPT, ByValue
 from lissajous_env.identity import parts_of
-from lissajous_env.plugins import import_attribute
+from lissajous_env.plugins import PROMPT, ByValue, import_attribute
 from lissajous_env.settings.checks import Checked, choice, number, whole
 from lissajous_env.wording import few_of, nearest, shown
 

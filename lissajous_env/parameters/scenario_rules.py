@@ -8,7 +8,7 @@ import numpy as np
 from lissajous_env.parameters.extensions import TargetMotion
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.rogues import rogue_of
-from lissajous_env.settings.targets import MOST_TARGETS
+from lissajous_env.settings.task import MOST_TARGETS
 from lissajous_env.theory import closed_forms
 
 _OUTSIDE = 1.002

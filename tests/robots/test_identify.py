@@ -11,7 +11,7 @@ from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import motion_of
 from lissajous_env.logs.reading import read
 from lissajous_env.logs.rollouts import MODELS, Rollouts
-from lissajous_env.settings.robot import Robot
+from lissajous_env.settings.parts import Robot
 
 CONSTANTS = tuple(MODELS["car"].constants)
 NOISE = {"noise.position": 0.01, "noise.heading": 0.02, "noise.speed": 0.02, "faults.schedule": ()}

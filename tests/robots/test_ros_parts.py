@@ -136,6 +136,41 @@ def test_a_robot_acts_once_in_each_step_at_any_rate_of_poses(rate, offset):
     assert np.mean(np.array(late) <= 0.021) > 0.95
 
 
+@given(st.lists(st.tuples(st.booleans(), st.booleans(), st.integers(1, 3)), min_size=12, max_size=12))
+@settings(deadline=None, max_examples=60)
+def test_a_robot_drives_by_a_simulated_clock_in_any_order_of_clock_and_pose(steps):
+    # The world sends clock and pose, in any order, and again until the robot has decided if it is patient.
+    wall = [0.0]
+    onboard = baselines.Onboard("kuramoto-mpcc", EXPERIMENT, 0, limits=Limits(silence=math.inf))
+    pilot = Pilot(onboard, 0.025, lambda: wall[0])
+    now, acts = 3.6, []
+    pilot.start(now)
+
+    def arrives(is_pose, time, ticks):
+        nonlocal now
+        if is_pose:
+            pilot.take(Odometry(1.7, 0.0, 1.5, 0.4, time))
+        else:
+            now = time
+        for _ in range(ticks):
+            wall[0] += 0.01
+            pilot.announce(now)
+            if (output := pilot.act(now)) is not None:
+                acts.append((now, output.stopped))
+
+    for k, (pose_comes_first, is_patient, ticks) in enumerate(steps):
+        time = now + STEP
+        for _ in range(6 if is_patient or k % 2 or k == 10 else 1):
+            arrives(pose_comes_first, time, ticks)
+            arrives(not pose_comes_first, time, ticks)
+            if acts and acts[-1][0] == time:
+                break
+    assert np.diff([time for time, _ in acts]).min() > 0, "it never acts twice at one time"
+    assert acts[-1][0] == time, "it acts at the time of a patient world"
+    assert not any("clock" in reason for _, reason in acts)
+    assert not acts[-1][1], "it drives after two steps of a patient world"
+
+
 def test_a_robot_waits_for_its_neighbours_but_not_for_long():
     clock = [0.0]
     pilot = Pilot(baselines.Onboard("kuramoto-mpcc", EXPERIMENT, 0), 0.02, lambda: clock[0])

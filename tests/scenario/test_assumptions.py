@@ -17,9 +17,8 @@ from lissajous_env.parameters import assumptions, named
 from lissajous_env.parameters.assumptions import AssumptionWarning, violations
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import as_toml
-from lissajous_env.settings.parts import Curve, Formation
-from lissajous_env.settings.robot import Robot
-from lissajous_env.settings.targets import Sensing
+from lissajous_env.settings.parts import Curve, Formation, Robot
+from lissajous_env.settings.task import Sensing
 from lissajous_env.theory import closed_forms, geometry
 
 

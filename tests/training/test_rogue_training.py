@@ -12,7 +12,7 @@ pytest.importorskip("stable_baselines3")
 from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.vec_env import VecCheckNan, VecMonitor
 
-from lissajous_env.envs.actions import rogue_table
+from lissajous_env.envs.sides import rogue_table
 from training.sb3 import RobotVecEnv, RogueVecEnv
 
 pytestmark = pytest.mark.usefixtures("one_thread")

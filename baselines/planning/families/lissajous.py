@@ -17,8 +17,7 @@ from baselines.policies.as_cars import like_cars
 from baselines.policies.settings import PolicySettings
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.parts import Curve
-from lissajous_env.settings.robot import Robot
+from lissajous_env.settings.parts import Curve, Robot
 from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.theory.design import HEADROOM, best_design, best_formation, largest_phase_rate
 
