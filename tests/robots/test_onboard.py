@@ -30,12 +30,12 @@ AGILE = {"robot.steering_max": 0.8, "robot.model_offset": None, "formation.start
 """Cars whose turning circle is smaller than the curve's tightest bend."""
 
 
-def play(scenario, policy, steps=None, seed=3, command="car"):
+def play(scenario, policy, steps=None, seed=3):
     """Compare rows and actions of every robot with those of the simulation; return the number of decisions."""
     made = lissajous_env.scenario(scenario).resolve()
     simulation = lissajous_env.Simulation(made, seed=seed)
     together = baselines.make(policy, made)
-    alone = [baselines.Onboard(policy, made, i, command, Limits.none()) for i in range(made.num_robots)]
+    alone = [baselines.Onboard(policy, made, i, Limits.none()) for i in range(made.num_robots)]
     decisions = 0
     for k in range(steps or made.task.steps):
         observed = simulation.observation.numpy()[0].copy()
@@ -56,7 +56,7 @@ def play(scenario, policy, steps=None, seed=3, command="car"):
 @pytest.mark.parametrize("policy", ["kuramoto-mpcc-safe", "partition-repair"])
 def test_actions_of_differential_drives_are_those_of_the_simulation(policy):
     scenario = lissajous_env.scenario("rough", **DRIVES)
-    assert play(scenario, policy, 120, command="twist") > 120
+    assert play(scenario, policy, 120) > 120
 
 
 def test_a_differential_drive_is_commanded_the_twist_of_its_action():
@@ -64,20 +64,18 @@ def test_a_differential_drive_is_commanded_the_twist_of_its_action():
     scenario = lissajous_env.scenario(
         "evaders", **DRIVES, **{"robot.speed_max": 2.0, "robot.speed_min": -0.5}
     ).resolve()
-    actuation, base = Actuation(scenario, "twist"), Vehicle(scenario, 1.0)
+    actuation, base = Actuation(scenario), Vehicle(scenario, 1.0)
     assert actuation.stop == Twist(0.0, 0.0)
     for action in ([1.0, 0.5], [-1.0, -1.0], [0.25, 0.0], [0.0, 0.3]):
-        twist = actuation.command(np.float32(action), 0.7)
+        twist = actuation.command(np.float32(action))
         speed = action[0] * (2.0 if action[0] > 0 else 0.5)
         assert twist == pytest.approx((speed, action[1] * scenario.robot.yaw_rate_max), rel=1e-6)
         base.take(0.0, twist)
-        np.testing.assert_allclose(base.action(0.0, 0.7), action, atol=1e-6)
+        np.testing.assert_allclose(base.action(0.0), action, atol=1e-6)
         base = Vehicle(scenario, 1.0)
     base.take(0.0, Twist(9.0, -999.0))
-    assert base.action(0.0, 0.0).tolist() == [1.0, -1.0]
-    assert base.action(2.0, 0.0).tolist() == [0.0, 0.0], "at rest without a valid command"
-    with pytest.raises(ValueError, match="command must be a twist for differential drives, got car"):
-        baselines.Onboard("partition", scenario, 0)
+    assert base.action(0.0).tolist() == [1.0, -1.0]
+    assert base.action(2.0).tolist() == [0.0, 0.0], "at rest without a valid command"
 
 
 @pytest.mark.parametrize(("scenario", "policy"), PAIRS)
@@ -160,8 +158,7 @@ def test_a_function_and_a_factory_are_policies():
     ("given", "words"),
     [
         ({"robot": 5}, "robot must be a whole number from 0 to 4, got 5"),
-        ({"scenario": "failure"}, "kind car or differential, got curve"),
-        ({"command": "boat"}, "command must be one of car, twist"),
+        ({"scenario": "failure", "policy": "kuramoto"}, "kind car or differential, got curve"),
         ({"policy": "kuramoto"}, "which drives kind curve"),
     ],
 )

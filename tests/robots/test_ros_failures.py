@@ -115,7 +115,7 @@ def test_a_robot_stops_when_its_poses_end_and_drives_again_with_the_next():
 
     def measure():
         pose = Odometry(1.7, 0.1, 1.5, 0.5, robot.now)
-        publish(odometry_message(pose, 0.0, "map", "robot_0/base_link"))
+        publish(odometry_message(pose, "map", "robot_0/base_link"))
         loop.spin_once(timeout_sec=0.02)
 
     def look_away():
