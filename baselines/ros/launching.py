@@ -14,6 +14,8 @@ from pathlib import Path
 
 from lissajous_env.console.terminal import CommandError
 
+PROGRAM = [sys.executable, "-m", "lissajous_env", "ros"]
+"""Program of the processes, before their arguments."""
 _PDEATHSIG = 1
 """Option of prctl: the signal that a process receives when its parent dies."""
 _GRACE = 5.0
@@ -87,5 +89,4 @@ def _process(command: list[str]) -> subprocess.Popen:
         if os.getppid() != parent:  # it has died before
             os._exit(1)
 
-    program = [sys.executable, "-m", "lissajous_env", "ros", *command]
-    return subprocess.Popen(program, start_new_session=True, preexec_fn=follow_parent)
+    return subprocess.Popen([*PROGRAM, *command], start_new_session=True, preexec_fn=follow_parent)

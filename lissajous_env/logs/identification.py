@@ -37,7 +37,7 @@ _CHANGE = 1e-3
 """Relative change for derivatives; for the delay in seconds."""
 _ROUNDING = 1e-5
 """Least relative standard error: predictions are computed in single precision."""
-_UNKNOWN = 0.25
+_UNKNOWN = 0.1
 """Relative standard error above which a log does not determine a limit."""
 _NOISES, _SPREAD = 4.0, 0.05
 """Factors on the noise of the log and on the spread of the motion in a segment, up to which residuals are no misfit."""

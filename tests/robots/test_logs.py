@@ -165,10 +165,3 @@ def test_the_commands_score_and_identify(logged, tmp_path, capsys):
     assert found.robot.drive == pytest.approx(recording.scenario.robot.drive, rel=0.03)
     assert all(f"residuals of robot {k} over" in out for k in (0, 3))
     assert "warning" not in out
-
-
-def test_run_writes_a_log(tmp_path, capsys):
-    out = tmp_path / "run.mcap"
-    code, _, err = called(capsys, "run", "failure", "kuramoto", "--set", "task.duration=2", "--quiet", "--out", out)
-    assert (code, err) == (0, "")
-    assert len(read(out).tracks) == 5

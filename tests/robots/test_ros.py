@@ -12,7 +12,7 @@ from ros_team import AGILE, Team, in_ros, node_of, wait_until
 
 import baselines
 import lissajous_env
-from baselines.onboard import Message, Odometry
+from baselines.onboard import Message, Odometry, Twist
 from baselines.ros import library as ros
 from baselines.ros import messages
 from baselines.ros.running import RosProcess
@@ -93,6 +93,8 @@ def test_headings_stamps_and_rows_survive_messages():
     sent = Message(3, 2.5, 0.6, -0.8, 1.0, -2.0, (0.25, -1.0))
     assert messages.heard(messages.ring_message(sent, "map"), 3) == sent
     assert messages.heard(ros.JointState(name=["steering"], position=[1.0]), 3) is None
+    (twist,) = messages.command_messages(Twist(0.5, -0.25), "twist", 1.0, 2.5, "car/base_link")
+    assert (twist.linear.x, twist.angular.z) == (0.5, -0.25)
     tilted = ros.PoseStamped().pose.orientation
     tilted.w = 0.0  # no rotation at all
     assert math.isnan(messages.yaw(tilted))
@@ -102,7 +104,7 @@ def test_headings_stamps_and_rows_survive_messages():
     ("changes", "policy", "more"),
     [
         ({}, "kuramoto-mpcc-safe", {}),
-        ({"messages.size": 5}, "partition-repair", {"command": "dart"}),
+        ({"messages.size": 5}, "partition-repair", {}),
         ({"robot.kind": "differential"}, "kuramoto-mpcc", {"command": "twist_stamped"}),
     ],
 )
@@ -120,10 +122,10 @@ def test_the_run_is_the_simulation(changes, policy, more):
         assert played.score[name] == pytest.approx(wanted.score[name], rel=1e-3)
 
 
-def test_drives_whose_speeds_come_from_motion_capture_follow_the_curve():
+def test_cars_whose_speeds_come_from_motion_capture_follow_the_curve():
     # A physical story: with poses alone and commands of another type, five robots keep their distance.
-    made = lissajous_env.scenario("experiment", **AGILE, **{"task.duration": 2.5, "robot.kind": "differential"})
-    with Team(made, "kuramoto-mpcc", world={"command": "twist"}, command="twist", pose="pose") as team:
+    made = lissajous_env.scenario("experiment", **AGILE, **{"task.duration": 2.5})
+    with Team(made, "kuramoto-mpcc", world={"command": "dart"}, command="dart", pose="pose") as team:
         played = team.world.play()
     assert played.speed[-1].min() > 0.3
     assert played.score["lateral_error_max"] < 0.15

@@ -89,7 +89,7 @@ def test_a_base_rests_without_a_sound_command(command):
 
 
 @pytest.mark.parametrize("rate", [10, 30, 100])
-@pytest.mark.parametrize("offset", [0.0, 0.03, 0.06, 0.09])
+@pytest.mark.parametrize("offset", [0.0, 0.06])
 def test_a_robot_acts_once_in_each_step_at_any_rate_of_poses(rate, offset):
     # Oracle: the number of control steps in the time; the clock is looked at every 5 ms.
     clock = [0.0]
@@ -115,7 +115,7 @@ def test_a_robot_acts_once_in_each_step_at_any_rate_of_poses(rate, offset):
 
 
 @given(st.lists(st.tuples(st.booleans(), st.booleans(), st.integers(1, 3)), min_size=12, max_size=12))
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=25)
 def test_a_robot_drives_by_a_simulated_clock_in_any_order_of_clock_and_pose(steps):
     # The world sends clock and pose, in any order, and again until the robot has decided if it is patient.
     wall = [0.0]
