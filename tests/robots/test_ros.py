@@ -128,7 +128,7 @@ def test_cars_whose_speeds_come_from_motion_capture_follow_the_curve():
     with Team(made, "kuramoto-mpcc", world={"command": "dart"}, command="dart", pose="pose") as team:
         played = team.world.play()
     assert played.speed[-1].min() > 0.3
-    assert played.score["lateral_error_max"] < 0.15
+    assert played.score["lateral_error_max"] < 0.2
     assert played.score["min_separation"] > 2 * made.robot.radius
 
 
