@@ -10,7 +10,13 @@ from lissajous_env.envs.gymnasium_env import LissajousEnv
 from lissajous_env.envs.gymnasium_vector import LissajousVectorEnv, vector_env
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv, env
 from lissajous_env.episodes.evaluation import evaluate
-from lissajous_env.parameters.extensions import observation_entry, reward_term, score_column, target_motion
+from lissajous_env.parameters.extensions import (
+    observation_entry,
+    reward_term,
+    score_column,
+    target_entry,
+    target_motion,
+)
 from lissajous_env.parameters.named import (
     register_scenario,
     register_scenario_space,
@@ -72,6 +78,7 @@ __all__ = [
     "scenario_spaces",
     "scenarios",
     "score_column",
+    "target_entry",
     "target_motion",
     "vector_env",
 ]

@@ -71,6 +71,11 @@ class Scenario(BringsRogues):
         object.__setattr__(self, "extensions", as_extensions(self.extensions))
         check_together(self)
 
+    def without_extensions(self) -> "Scenario":
+        """Return the scenario without its extensions; targets of a law of entry then appear anywhere."""
+        entry = "inside" if self.targets.entry == "custom" else self.targets.entry
+        return dataclasses.replace(self, targets=dataclasses.replace(self.targets, entry=entry), extensions=())
+
     @cached_property
     def num_robots(self) -> int:
         """N: `robot.count`, or a + b by default."""

@@ -151,7 +151,7 @@ def run_lissajous(line):
     if "--optimise" in given:
         pytest.importorskip("cma")
     if "--width" in given:  # a smaller hall, whose episodes are shorter
-        given += "--width 16 --height 10 --robot-radius 0.2 --sensor-radius 3".split()
+        given += ["--width", "16", "--height", "10", "--robot-radius", "0.2", "--sensor-radius", "3"]
     if command == "reproduce":
         given = ["fig2" if word == "all" else word for word in given]
     if command in LASTING and not "".join(given[:1]).endswith(".npz"):
