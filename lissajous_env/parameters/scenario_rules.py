@@ -28,7 +28,6 @@ def check_together(scenario: Any) -> None:
     _check_robots(scenario)
     _check_inset(scenario)
     _check_times(scenario)
-<<<<<<< HEAD
     curve, kind, sensed, task = scenario.curve, scenario.robot.kind, scenario.sensing_radius, scenario.task
     is_driven = task.action != "velocity" or kind == "car"
     _require(is_driven, scenario, "task.action", f"must be control for robots of kind {kind}")
@@ -42,22 +41,6 @@ def _require(holds: bool, scenario: Any, name: str, rule: str) -> None:
     """Raise ValueError with the dotted name, the rule and the value of a field whose rule does not hold."""
     if not holds:
         raise ValueError(f"{name} {rule}, got {operator.attrgetter(name)(scenario)}")
-=======
-    if scenario.task.action == "velocity" and scenario.robot.kind != "car":
-        raise ValueError(f"task.action must be control for robots of kind {scenario.robot.kind}, got velocity")
-    if scenario.sight < scenario.sensing_radius:
-        rule = f"must be at least the sensing radius, {scenario.sensing_radius:g} [m]"
-        raise ValueError(f"sensing.sight {rule}, got {scenario.sensing.sight}")
-    model_of(scenario.robot.kind).check(
-        scenario.curve, scenario.formation, scenario.robot, scenario.noise, scenario.task
-    )
-    _check_contamination(scenario)
-    _check_entry(scenario)
-    _check_rogues(scenario)
-    if scenario.target_capacity > MOST_TARGETS:
-        rule = f"must bring at most {MOST_TARGETS} targets per episode, with those of the start and six deviations"
-        raise ValueError(f"targets.arrival_rate {rule} [1/s], got {scenario.targets.arrival_rate}")
->>>>>>> main
 
 
 def _check_harmonics(scenario: Any) -> None:
@@ -90,7 +73,6 @@ def _check_robots(scenario: Any) -> None:
 
 
 def _check_inset(scenario: Any) -> None:
-<<<<<<< HEAD
     half, inset = min(scenario.curve.half_width, scenario.curve.half_height), scenario.inset
     fits = scenario.task.boundary != "wall" or scenario.robot.radius < half
     _require(fits, scenario, "robot.radius", f"must be below {half:g}, half of the distance of the walls [m]")
@@ -99,53 +81,6 @@ def _check_inset(scenario: Any) -> None:
     senses = scenario.sensing.radius is None or scenario.sensing.radius >= inset
     rule = f"must be at least the inset of {inset:g}, or robots do not sense the edge [m]"
     _require(senses, scenario, "sensing.radius", rule)
-=======
-    half, radius = min(scenario.curve.half_width, scenario.curve.half_height), scenario.robot.radius
-    if scenario.task.boundary == "wall" and radius >= half:
-        raise ValueError(f"robot.radius must be below {half:g}, half of the distance of the walls [m], got {radius}")
-    if scenario.inset >= half:
-        raise ValueError(
-            f"curve.inset must be below {half:g}, half of the rectangle's side [m], got {scenario.inset:g}"
-        )
-    if scenario.sensing.radius is not None and scenario.sensing.radius < scenario.inset:
-        rule = f"must be at least the inset of {scenario.inset:g}, or robots do not sense the edge [m]"
-        raise ValueError(f"sensing.radius {rule}, got {scenario.sensing.radius}")
-
-
-def _check_contamination(scenario: Any) -> None:
-    if scenario.task.contamination is not None and scenario.targets.custom > 0 and scenario.targets.speed_limit is None:
-        rule = "must be given if targets have a custom motion and task.contamination is set"
-        raise ValueError(f"targets.speed_limit {rule} [m/s], got None")
-    if scenario.task.contamination is not None and scenario.targets.respawn and scenario.targets.arrival_rate == 0:
-        rule = "must be above 0 if targets appear anew and task.contamination is set [1/s]"
-        raise ValueError(f"targets.arrival_rate {rule}, got 0")
-    _ = scenario.spreading
-
-
-def _check_entry(scenario: Any) -> None:
-    laws = [each.name for each in scenario.extensions if isinstance(each, TargetEntry)]
-    if (scenario.targets.entry == "custom") != bool(laws):
-        rule = (
-            f"must be custom with the law of entry {laws[0]}" if laws else "must not be custom without a target_entry"
-        )
-        raise ValueError(f"targets.entry {rule}, got {scenario.targets.entry}")
-
-
-def _check_rogues(scenario: Any) -> None:
-    name = scenario.targets.rogues
-    if name is None:
-        return
-    rogue = rogue_of(name)
-    if scenario.rogue_speed <= 0:
-        raise ValueError(
-            f"targets.speed_limit must be above 0 if rogues move the targets [m/s], got {scenario.rogue_speed}"
-        )
-    if rogue is not None and rogue.needs_contamination and scenario.task.contamination is None:
-        raise ValueError(f"task.contamination must be given for the rogue {name}, got None")
-    for each in scenario.extensions:
-        if isinstance(each, TargetMotion):
-            raise ValueError(f"targets.rogues must be None with the target motion {each.name}, got {name}")
->>>>>>> main
 
 
 def _check_times(scenario: Any) -> None:
@@ -168,6 +103,9 @@ def _check_targets(scenario: Any) -> None:
         rule = "must be above 0 if targets appear anew and task.contamination is set [1/s]"
         _require(targets.arrival_rate > 0 or not targets.respawn, scenario, "targets.arrival_rate", rule)
     _ = scenario.spreading  # which checks the grid
+    laws = [each.name for each in scenario.extensions if isinstance(each, TargetEntry)]
+    rule = f"must be custom with the law of entry {laws[0]}" if laws else "must not be custom without a target_entry"
+    _require((targets.entry == "custom") == bool(laws), scenario, "targets.entry", rule)
     if name is not None:
         rogue = rogue_of(name)
         if scenario.rogue_speed <= 0:
