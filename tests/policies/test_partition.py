@@ -206,6 +206,16 @@ def test_a_robot_knows_of_failures_by_messages_or_silence_alone(faults):
     assert [robot for robot in noticed[95] if robot != 1] == [0, 4]
 
 
+def test_a_plan_has_the_least_worst_case_and_not_the_most_frequent_visits(monkeypatch):
+    """Oracle: the plan by share and time between visits alone, which rogues can evade for longer with 0.5 m sensors."""
+    scenario = lissajous_env.scenario("evaders", **{"sensing.radius": 0.5})
+    worst = worst_of(scenario, partition_plan(scenario))
+    partition_module._best.cache_clear()
+    monkeypatch.setattr(partition_module, "_score", lambda entry: entry[0][1:])
+    assert worst < worst_of(scenario, partition_plan(scenario))
+    partition_module._best.cache_clear()
+
+
 def test_long_periods_are_compared_at_fewer_times():
     """Law: places of the loops at even times, at least 256, between which robots move a quarter of a sensing radius."""
     room = room_of(plain_of(lissajous_env.scenario("evaders")), PartitionParameters(speed=0.02))
