@@ -6,8 +6,8 @@ from functools import partial
 
 from baselines import policies
 from baselines.policies.base import Policy
-from baselines.policies.combinations import COMBINATIONS, ON_REQUEST, register_coordinator, with_tracker
-from baselines.policies.coordinators.base import NumpyCoordinator
+from baselines.policies.combinations import register_coordinator, with_tracker
+from baselines.policies.coordinators import NumpyCoordinator
 from baselines.policies.index_rule import Index
 from baselines.policies.patrol import Laps, RandomWaypoint, Still, Sweep
 from baselines.policies.reacting import Chase, Cover, Follow, Force, Lanes, VoronoiPursuit
@@ -28,8 +28,6 @@ __all__ = [
     "with_tracker",
 ]
 
-for _name, (_coordinator, _tracker, _about) in COMBINATIONS.items():
-    register(_name, _tracker.kind, partial(_tracker, _coordinator), about=_about, on_request=_name in ON_REQUEST)
 register("sweep", "car", Sweep, about="Single-file patrol along the boundary, or in lanes.")
 register("laps", "car", Laps, about="The loop of `sweep`, each car independently, at top speed.")
 for _name, _factory, _scenarios, _about in (
