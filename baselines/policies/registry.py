@@ -290,6 +290,12 @@ def is_classical(name: str) -> bool:
     return entry is not None and not entry.learned
 
 
+def remember(name: str, entry: Entry | None) -> None:
+    """Register the `entry_of` a policy in another process, unless this process has a policy of the name."""
+    if entry is not None:
+        _entries().setdefault(unwrapped(name)[0], entry)
+
+
 def bring(name: str) -> None:
     """Import the module of the current folder that registers a policy of a name, where there is none of it yet.
 

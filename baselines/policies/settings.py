@@ -80,7 +80,8 @@ class PolicySettings:
         Raises:
             ValueError: the policy has no parameters, or no such one.
         """
-        kind = _checked_class(self.policy, ARGUMENT, registry.check(self.policy, scenario).factory, self.parameters)
+        entry: Any = registry.entry_of(self.policy)
+        kind = _checked_class(self.policy, ARGUMENT, entry.factory, self.parameters)
         made = kind(**self.parameters).scaled(length, time)
         return dataclasses.replace(self, parameters={name: getattr(made, name) for name in self.parameters})
 
