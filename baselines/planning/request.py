@@ -176,7 +176,7 @@ class Request:
             scenario = self._changed(self.base, num_robots)
         if scenario.task.contamination is None:
             changed["task.contamination"] = GRIDS.get(scenario.name) or grid(scenario, CELLS, 4.0)
-        return named.build(dataclasses.replace(scenario, extensions=()), **changed)
+        return named.build(scenario.without_extensions(), **changed)
 
     def _rectangle(self, num_robots: int, inset: float) -> Scenario:
         """Return the scenario of a rectangle and robots, which begin in the best design of the paper's formation.

@@ -59,7 +59,7 @@ LOADERS: dict[str, Loader] = {}
 _BROUGHT = EntryPoints("lissajous_env.policies", "policies", lambda register_theirs: register_theirs())
 _VELOCITY = "velocity"
 """Kind of policies whose actions are velocities, as in `Scenario.actuation`."""
-_REGISTER = "register", "register_policy", "register_coordinator"
+_REGISTER = "register", "register_coordinator"
 """Names of the functions that add policies."""
 _PLAYERS = {
     ".zip": "training.sb3.ModelPolicy(PPO.load(file), scenario, num_worlds, device) for a model of Stable-Baselines3",

@@ -7,6 +7,7 @@ and `step`, and converts the arrays of `rows` into what the library expects.
 import itertools
 import os
 from collections.abc import Mapping
+from importlib import import_module
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -16,7 +17,7 @@ from gymnasium.error import ResetNeeded
 
 from lissajous_env.envs.sides import Side, sides_of
 from lissajous_env.envs.true_state import state_rows, state_size
-from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy, policy
+from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
 from lissajous_env.parameters import named
 from lissajous_env.parameters.named import space_and_split
 from lissajous_env.parameters.rogues import AGENTS
@@ -356,7 +357,8 @@ def driver_of(robots: Any, scenario: Scenario, num_worlds: int, device: Any = "c
         ValueError: the policy is unknown, or is for another number of worlds.
     """
     if isinstance(robots, (str, os.PathLike)):
-        return policy(robots, scenario, num_worlds, device)
+        factories = import_module("baselines.policies.factories")  # which imports this package
+        return factories.named(os.fspath(robots))(scenario, num_worlds, device)
     if hasattr(robots, "act"):
         if robots.num_worlds != num_worlds:
             raise ValueError(f"robots must be driven by a policy for {num_worlds} worlds, got {robots.num_worlds}")

@@ -56,10 +56,11 @@ class Targets(Checked):
     """Targets present from the start."""
     arrival_rate: float = number(0.0, 1e-9, 1e6, "1/s", or_zero=True)
     """Rate of the Poisson process by which further targets appear [1/s]."""
-    entry: str = choice("inside", "inside", "boundary", "unseen", "hotspots")
-    """Place where targets appear: anywhere in the rectangle, on its boundary, where no working robot senses, or mostly
-    around a few places, which are drawn for each episode and unknown to the robots. For `unseen`, if 64 random places
-    are all sensed, the last one is used, and the target is detected at once."""
+    entry: str = choice("inside", "inside", "boundary", "unseen", "hotspots", "custom")
+    """Place where targets appear: anywhere in the rectangle, on its boundary, where no working robot senses, mostly
+    around a few places, which are drawn for each episode and unknown to the robots, or where the scenario's own
+    `target_entry` says. For `unseen`, if 64 random places are all sensed, the last one is used, and the target is
+    detected at once."""
     hotspots: int = whole(3, 1, 64)
     """Number of the places of `hotspots`: each uniform in the middle 85 % of the width and of the height, with weights
     that are gamma variates of shape 2."""
