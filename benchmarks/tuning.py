@@ -43,9 +43,8 @@ from baselines.policies.combinations import COMBINATIONS
 from baselines.policies.coordinators.arc_length import ArcParameters, ground_speed
 from baselines.policies.line_abreast import LineAbreast
 from baselines.policies.line_path import LineParameters, plans_of
-from baselines.policies.loop_shapes import PartitionParameters
-from baselines.policies.partition import Partition
-from baselines.policies.partition_repair import PartitionRepair, RepairParameters
+from baselines.policies.partition import Partition, PartitionRepair, RepairParameters
+from baselines.policies.partition_plan import PartitionParameters
 from baselines.policies.patrol import Laps, Sweep
 from baselines.policies.patrol_path import SweepParameters, cruising_speed
 from baselines.policies.safety.filter import Safe, SafetyParameters

@@ -2,7 +2,6 @@
 
 from contextlib import nullcontext
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
@@ -14,10 +13,9 @@ from baselines.planning import report
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import top_speed
 from baselines.planning.request import Request
+from lissajous_env.console.options import OutFolder
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_line
 from lissajous_env.settings.checks import whole_number
-
-_Out = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 
 
 @dataclass(frozen=True)
@@ -34,7 +32,7 @@ class Options(Request):
 def plan(
     request: tyro.conf.OmitArgPrefixes[tyro.conf.FlagCreatePairsOff[Options]],
     rows: int = 8,
-    out: _Out = None,
+    out: OutFolder = None,
     output: OutputOptions = DEFAULT_OUTPUT,
 ) -> int:
     """Find patrols for a team, simulate them, and print which are best and what each guarantees.
@@ -49,7 +47,6 @@ def plan(
         request: Subject and extent of the search.
         rows: largest number of plans to show and to write.
         out: folder to which the plans are written, one folder each.
-        output: Console output.
     """
     whole_number("rows", rows)
     outcome = Outcome.of(request)

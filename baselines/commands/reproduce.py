@@ -25,6 +25,7 @@ from baselines.reproduce import (
 from baselines.reproduce.claims import Claim, Part
 from baselines.reproduce.drawing import Format
 from baselines.reproduce.episodes import Player
+from lissajous_env.console.options import Device
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, make_console
 from lissajous_env.device.devices import as_device
 from lissajous_env.storage.folder import Folder
@@ -62,7 +63,7 @@ def reproduce(
     figures: _Names = ("all",),
     out: _Out = Path("results/reproduce"),
     seed: int = 0,
-    device: str = "cpu",
+    device: Device = "cpu",
     format: Format = "png",
     output: OutputOptions = DEFAULT_OUTPUT,
 ) -> list[Claim]:
@@ -79,9 +80,7 @@ def reproduce(
             printed, window; by default all of them.
         out: folder of the results; existing results in it are replaced.
         seed: seed of the first episode; episode k has seed + k.
-        device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         format: format of the pictures.
-        output: Console output.
 
     Returns:
         The rows of the table.

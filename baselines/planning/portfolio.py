@@ -4,7 +4,6 @@ A prior determines which patrols are rehearsed. All robots read the same numbers
 choose the same patrol without messages, on processors of one kind.
 """
 
-import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from functools import lru_cache, partial
@@ -96,7 +95,7 @@ def _best(given: tuple[tuple[str, tuple], ...], task: Scenario, objective: str, 
 
 def stage(scenario: Scenario, objective: str) -> Scenario:
     """Return the scenario of rehearsals: without extensions, with the rogues or the grid that the objective needs."""
-    task = dataclasses.replace(scenario, extensions=())
+    task = scenario.without_extensions()
     changes: dict[str, Any] = {"task.grid": None}
     if objective == DETECTION:
         changes["task.contamination"] = None

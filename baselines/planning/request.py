@@ -18,10 +18,8 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
-from lissajous_env.settings.parts import Formation
-from lissajous_env.settings.robot import Robot
-from lissajous_env.settings.targets import Targets
-from lissajous_env.settings.task import Task
+from lissajous_env.settings.parts import Formation, Robot
+from lissajous_env.settings.task import Targets, Task
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.design import Design, best_design
 from lissajous_env.theory.geometry import curve_length, largest_speed, turning_radius
@@ -200,7 +198,7 @@ class Request:
             scenario = self._changed(self.base, num_robots)
         if scenario.task.contamination is None:
             changed["task.contamination"] = GRIDS.get(scenario.name) or cells(scenario, CELLS, 4.0)
-        return named.build(dataclasses.replace(scenario, extensions=()), **changed)
+        return named.build(scenario.without_extensions(), **changed)
 
     def _rectangle(self, num_robots: int, inset: float) -> Scenario:
         """Return the scenario of a rectangle and robots, which begin in the best design of the paper's formation.

@@ -16,13 +16,12 @@ from baselines.policies.base import Filter, Policy
 from baselines.policies.safety.filter import Safe
 from baselines.policies.safety.filtered import Filtered
 from baselines.policies.safety.proved import Proved
-from lissajous_env import here
-from lissajous_env.by_value import ByValue, replaces
+from lissajous_env import plugins
 from lissajous_env.identity import parts_of
 from lissajous_env.parameters.named import build as build_scenario
 from lissajous_env.parameters.robot_models import model_of, robot_kinds
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.plugins import EntryPoints
+from lissajous_env.plugins import ByValue, EntryPoints, replaces
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import few_of, nearest, shown
 
@@ -61,7 +60,7 @@ LOADERS: dict[str, Loader] = {}
 _BROUGHT = EntryPoints("lissajous_env.policies", "policies", lambda register_theirs: register_theirs())
 _VELOCITY = "velocity"
 """Kind of policies whose actions are velocities, as in `Scenario.actuation`."""
-_REGISTER = "register", "register_policy", "register_coordinator"
+_REGISTER = "register", "register_coordinator"
 """Names of the functions that add policies."""
 _PLAYERS = {
     ".zip": "training.sb3.ModelPolicy(PPO.load(file), scenario, num_worlds, device) for a model of Stable-Baselines3",
@@ -314,17 +313,17 @@ def bring(name: str) -> None:
         ValueError: the module cannot be imported.
     """
     if entry_of(name) is None:
-        here.load_module_of(name, "policy", *_REGISTER)
+        plugins.load_module_of(name, "policy", *_REGISTER)
 
 
 def registered_here() -> list[tuple[str, str]]:
     """Return the names that modules of the current folder register, each with its module."""
-    return list(here.registered_here(*_REGISTER))
+    return list(plugins.registered_here(*_REGISTER))
 
 
 def meant_here(name: str) -> list[str]:
     """Return candidates for an unknown name: folders of policies beside it, and policies of the modules here."""
-    folders = [folder for file in LOADERS for folder in here.folders_beside(name, file)]
+    folders = [folder for file in LOADERS for folder in plugins.folders_beside(name, file)]
     return [*folders, *(policy for policy, _ in registered_here())]
 
 

@@ -231,42 +231,6 @@ def _split_lives(places: np.ndarray, slots: dict[str, np.ndarray]) -> dict[str, 
     return arrays | {"target_position": np.stack(columns, axis=1) if columns else places}
 
 
-class Follower:
-    """Records all episodes of a world: call `look` after each reset, which begins a new recording, and after each step.
-
-    Args:
-        simulation: The simulation.
-        world: Index of the world.
-    """
-
-    def __init__(self, simulation: Simulation, world: int = 0):
-        self.simulation, self.world = simulation, world
-        self._ended: Recording | None = None
-        self._recorder, self._taken = Recorder(simulation, world), -1
-
-    def look(self) -> None:
-        """Record the current state, unless it is already recorded."""
-        step = int(self.simulation.clock.step.numpy()[self.world])
-        if step == 0:
-            self._recorder, self._taken = Recorder(self.simulation, self.world), -1
-        if step == self._taken:
-            return
-        self._recorder.take()
-        self._taken = step
-        if self.simulation.over[self.world]:
-            self._ended = self._recorder.recording()
-
-    def recording(self, policy: str = "", ended: bool = False) -> Recording:
-        """Return the recording of the episode so far or, if `ended`, of the latest complete one.
-
-        Raises:
-            ValueError: there was no reset yet.
-        """
-        if ended and self._ended is not None:
-            return dataclasses.replace(self._ended, score=self._ended.score | {"policy": policy})
-        return self._recorder.recording(policy)
-
-
 def record(
     policy: ActingPolicy,
     scenario: str | Scenario,

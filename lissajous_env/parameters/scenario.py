@@ -18,10 +18,8 @@ from lissajous_env.parameters.robot_models import RobotModel, driven_by_velocity
 from lissajous_env.parameters.rogues import BringsRogues
 from lissajous_env.parameters.scenario_rules import check_together
 from lissajous_env.parameters.spreading import Spreading, spreading_of
-from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Messages, Noise
-from lissajous_env.settings.robot import Robot
-from lissajous_env.settings.targets import Sensing, Targets
-from lissajous_env.settings.task import Task
+from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Messages, Noise, Robot
+from lissajous_env.settings.task import Sensing, Targets, Task
 from lissajous_env.theory import closed_forms, geometry
 
 __all__ = [
@@ -71,6 +69,11 @@ class Scenario(BringsRogues):
                 raise ValueError(f"{name} must be text, got {getattr(self, name)!r}")
         object.__setattr__(self, "extensions", as_extensions(self.extensions))
         check_together(self)
+
+    def without_extensions(self) -> "Scenario":
+        """Return the scenario without its extensions; targets of a law of entry then appear anywhere."""
+        entry = "inside" if self.targets.entry == "custom" else self.targets.entry
+        return dataclasses.replace(self, targets=dataclasses.replace(self.targets, entry=entry), extensions=())
 
     @cached_property
     def num_robots(self) -> int:

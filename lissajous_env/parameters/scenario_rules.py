@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.parameters.extensions import TargetMotion
+from lissajous_env.parameters.extensions import TargetEntry, TargetMotion
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.rogues import rogue_of
-from lissajous_env.settings.targets import MOST_TARGETS
+from lissajous_env.settings.task import MOST_TARGETS
 from lissajous_env.theory import closed_forms
 
 _OUTSIDE = 1.002
@@ -34,6 +34,7 @@ def check_together(scenario: Any) -> None:
         scenario.curve, scenario.formation, scenario.robot, scenario.noise, scenario.task
     )
     _check_contamination(scenario)
+    _check_entry(scenario)
     _check_rogues(scenario)
     if scenario.target_capacity > MOST_TARGETS:
         rule = f"must bring at most {MOST_TARGETS} targets per episode, with those of the start and six deviations"
@@ -101,6 +102,15 @@ def _check_contamination(scenario: Any) -> None:
         rule = "must be above 0 if targets appear anew and task.contamination is set [1/s]"
         raise ValueError(f"targets.arrival_rate {rule}, got 0")
     _ = scenario.spreading
+
+
+def _check_entry(scenario: Any) -> None:
+    laws = [each.name for each in scenario.extensions if isinstance(each, TargetEntry)]
+    if (scenario.targets.entry == "custom") != bool(laws):
+        rule = (
+            f"must be custom with the law of entry {laws[0]}" if laws else "must not be custom without a target_entry"
+        )
+        raise ValueError(f"targets.entry {rule}, got {scenario.targets.entry}")
 
 
 def _check_rogues(scenario: Any) -> None:

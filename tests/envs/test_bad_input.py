@@ -55,7 +55,7 @@ def test_arguments_of_a_simulation(words):
     (LissajousEnv, {"render_mode": ""}, "render_mode must be None, rgb_array or human, got ''"),
     (vector_env, {"render_mode": "human"}, "render_mode must be None or rgb_array"),
     (vector_env, {"autoreset_mode": "NEVER"}, "must be one of NEXT_STEP, SAME_STEP, DISABLED, got 'NEVER'"),
-    (vector_env, {"robot.radios": 1.0}, r"got robot.radios; did you mean robot.radius\?"),
+    (vector_env, {"robot.radios": 1.0}, r"got 'robot.radios'; did you mean robot.radius\?"),
 ])  # fmt: skip
 def test_settings_of_an_environment(make, settings, words):
     with pytest.raises(ValueError, match=words):

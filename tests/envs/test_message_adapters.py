@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from lissajous_env.envs.actions import action_table
+from lissajous_env.envs.sides import action_table
 
 TALKING = {"scenario": "failure", "messages.size": 4, "task.duration": 2.0}
 FORMS = pytest.mark.parametrize("discrete", [False, True])

@@ -100,8 +100,8 @@ def test_scenarios_are_of_the_split(split):
         assert env.scenario.task.duration == pytest.approx(10 * env.scenario.task.step)
 
 
-def test_pictures_and_replays_are_of_the_episode(tmp_path):
-    env = make(render_mode="rgb_array", record=True)
+def test_pictures_are_of_the_episode():
+    env = make(render_mode="rgb_array")
     shapes = set()
     for seed in range(4):
         env.reset(seed=seed)
@@ -110,8 +110,6 @@ def test_pictures_and_replays_are_of_the_episode(tmp_path):
         assert picture.dtype == np.uint8
         assert picture.std() > 1
         shapes.add(picture.shape)
-        env.replay("full throttle").save(tmp_path / "replay.html")
-        assert env.scenario.name in (tmp_path / "replay.html").read_text()
     assert len(shapes) > 1
     env.close()
 

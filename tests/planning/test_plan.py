@@ -128,7 +128,7 @@ def test_the_folders_reproduce_the_printed_figures(small, tmp_path, capsys):
             for i in range(5)
         ]
         assert figures["worst_case"] == worst_of(rows)
-        ages = worst_undetected_times(lissajous_env.policy(out / str(k), made, count), made, range(count))
+        ages = worst_undetected_times(baselines.make(out / str(k), made, count), made, range(count))
         assert figures["settled"] == ("inf" if worst_of(rows) == "inf" else ages[:, made.task.steps // 2 + 1 :].max())
         assert figures["detection_time"] == pytest.approx(np.mean([row["detection_time_mean"] for row in rows]))
         assert figures["clearance"] == min(row["min_separation"] for row in rows) - 2 * made.robot.radius

@@ -48,7 +48,7 @@ def arc(scenario, num_worlds, device):
 def test_a_folder_is_the_policy_with_its_parameters(settings, made, tmp_path):
     """Oracle: the policy made by its class in Python, bit for bit."""
     folder = folder_of(tmp_path / "mine", settings)
-    rows = lissajous_env.evaluate(lissajous_env.policy(folder, SHORT, 2), SHORT, range(2))
+    rows = lissajous_env.evaluate(baselines.make(folder, SHORT, 2), SHORT, range(2))
     wanted = lissajous_env.evaluate(made(SHORT, 2, "cpu"), SHORT, range(2))
     for row, other in zip(rows, wanted, strict=True):
         assert row.pop("policy") == folder

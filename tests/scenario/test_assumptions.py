@@ -17,9 +17,8 @@ from lissajous_env.parameters import assumptions, named
 from lissajous_env.parameters.assumptions import AssumptionWarning, violations
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import as_toml
-from lissajous_env.settings.parts import Curve, Formation
-from lissajous_env.settings.robot import Robot
-from lissajous_env.settings.targets import Sensing
+from lissajous_env.settings.parts import Curve, Formation, Robot
+from lissajous_env.settings.task import Sensing
 from lissajous_env.theory import closed_forms, geometry
 
 
@@ -142,7 +141,7 @@ def plan_of_partition(tmp_path):
 def test_nothing_warns_about_a_formation_that_no_policy_uses(plan_of_partition):
     """Story: a plan of a partition from Python; then the paper's method on its scenario, which does use a formation."""
     path = plan_of_partition / "scenario.toml"
-    assert said(lambda: lissajous_env.evaluate(lissajous_env.policy(plan_of_partition, path), path, [0])) == []
+    assert said(lambda: lissajous_env.evaluate(baselines.make(plan_of_partition, path), path, [0])) == []
     made = lissajous_env.scenario(path)
     assert violations(made)
     assert said(lambda: [lissajous_env.parallel_env(made), lissajous_env.scenario(path)]) == []

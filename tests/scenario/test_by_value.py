@@ -36,7 +36,7 @@ def decide(rows):
     out[..., 0] = 1.0
     return out
 
-@lissajous_env.register_policy("slowly")
+@baselines.register("slowly")
 class Slowly(baselines.Policy):
     def decide(self, observation):
         return np.full(self.action.shape, 0.1 * FACTOR)
@@ -48,7 +48,7 @@ def play(scenario, policy):
 short = {"task.duration": 1.0, "targets.count": 2, "targets.entry": "inside", "targets.arrival_rate": 0.0}
 extended = lissajous_env.scenario("experiment", **short, extensions=[near_wall])
 haunted = lissajous_env.scenario("experiment", **short, rogues="to-the-right")
-tasks = [(scenario, lissajous_env.policy("slowly", scenario)) for scenario in (extended, haunted)]
+tasks = [(scenario, baselines.make("slowly", scenario)) for scenario in (extended, haunted)]
 expected = [play(*task) for task in tasks]
 assert copy.deepcopy(extended) == extended
 """
@@ -112,7 +112,7 @@ def test_a_cell_that_is_run_again_replaces_what_it_registered():
         for value in (1, 2):
             decide, mine = of_a_cell("__main__", value)
             lissajous_env.rogue("of-a-cell")(decide)
-            lissajous_env.register_policy("of-a-cell")(mine)
+            baselines.register("of-a-cell")(mine)
         assert rogues.rogue_of("of-a-cell").decide is decide
         assert registry.factory_of("of-a-cell") is mine
         for module in ("another_module", "__main__"):
@@ -122,7 +122,7 @@ def test_a_cell_that_is_run_again_replaces_what_it_registered():
             with pytest.raises(ValueError, match="must be new"):
                 lissajous_env.rogue("of-a-cell")(decide)
             with pytest.raises(ValueError, match="must be new"):
-                lissajous_env.register_policy("of-a-cell")(mine)
+                baselines.register("of-a-cell")(mine)
     finally:
         rogues._ROGUES.pop("of-a-cell", None)
         registry._REGISTRY.pop("of-a-cell", None)

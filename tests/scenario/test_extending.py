@@ -20,13 +20,13 @@ from baselines.policies import registry
 from lissajous_env.console import cli
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.parameters import named
-from lissajous_env.parameters import registry as registry_of_names
 from lissajous_env.plugins import import_attribute
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "extending.md"
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", DOCS.read_text(encoding="utf-8"), flags=re.DOTALL)
 FILES = {body.splitlines()[0].removeprefix("# "): body for language, body in BLOCKS if language != "bash"}
 COMMANDS = [line for language, body in BLOCKS if language == "bash" for line in body.splitlines()]
+REGISTER_IDS = named.register_ids
 OURS = "from lissajous_env.console.cli import main; main()"
 
 
@@ -120,7 +120,7 @@ def test_the_commands_of_the_docs_run(line, home, ended):
 
 
 def test_the_programs_of_the_docs_run(here, capsys, monkeypatch):
-    monkeypatch.setattr(named, "register_ids", registry_of_names.register_ids)
+    monkeypatch.setattr(named, "register_ids", REGISTER_IDS)
     sys.path.append(str(here))  # as Python does for a program
     for name in ("use_corridor.py", "my_function.py"):
         runpy.run_path(name, run_name="__main__")

@@ -11,7 +11,7 @@ import pytest
 import lissajous_env
 from lissajous_env.console.cli import main
 from lissajous_env.parameters import robot_models
-from lissajous_env.parameters.registry import SCENARIOS
+from lissajous_env.parameters.named import SCENARIOS
 from lissajous_env.world.robots.point import POINT
 
 

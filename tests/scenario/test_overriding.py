@@ -5,7 +5,7 @@ import pytest
 
 import baselines
 import lissajous_env
-from lissajous_env.envs.actions import action_table
+from lissajous_env.envs.sides import action_table
 from lissajous_env.envs.true_state import state_names
 from lissajous_env.episodes import guarantee, limits, recording
 from lissajous_env.theory import closed_forms

@@ -222,14 +222,14 @@ def test_overrides_that_only_hold_together_are_checked_together():
         ({"wheels": 3}, "override must name one of .*, got 'wheels'; did you mean "),
         (
             {"curve.halfwidth": 3},
-            r"override must name a field of curve \(.*\), got curve.halfwidth; did you mean curve.half_width",
+            r"override must name one of .*, got 'curve.halfwidth'; did you mean curve.half_width",
         ),
         (
             {"robot": {"radios": 3}},
-            r"override must name a field of robot .*, got robot.radios; did you mean robot.radius\?",
+            r"override must name one of .*, got 'robot.radios'; did you mean robot.radius\?",
         ),
-        ({"robot": {1: 2}}, "override must name a field of robot .*, got robot.1"),
-        ({"curve.": 3}, "override must name a field of curve .*, got curve."),
+        ({"robot": {1: 2}}, "override must name one of .*, got 'robot.1'"),
+        ({"curve.": 3}, "override must name one of .*, got 'curve.'"),
         ({"curve": 3}, "override curve must be a mapping or a Curve, got 3"),
         ({"curve": Task()}, "override curve must be a mapping or a Curve, got Task"),
         ({"curve.a": Curve()}, "curve.a must be an odd whole number from 1 to 1023, got Curve"),

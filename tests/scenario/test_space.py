@@ -10,8 +10,8 @@ import pytest
 import lissajous_env
 from baselines.policies.factories import split_scenarios_and_policy
 from lissajous_env import ScenarioSpace, register_scenario_space, scenario, scenario_space
-from lissajous_env.parameters.named_spaces import expanded
-from lissajous_env.parameters.overriding import UnknownSettingError
+from lissajous_env.parameters.named import expanded
+from lissajous_env.parameters.scenario_file import UnknownSettingError
 from lissajous_env.parameters.space import SPLITS
 from lissajous_env.settings.formulas import Formula
 
@@ -196,7 +196,7 @@ def test_a_shift_changes_its_draws_alone():
     ("draw", "words"),
     [
         ({"curves": {}}, r"draw must name one of .*did you mean curve\?"),
-        ({"curve": {"half_hight": 1.0}}, r"curve.half_hight.*did you mean curve.half_height\?"),
+        ({"curve": {"half_hight": 1.0}}, r"curve.half_hight'.*did you mean curve.half_height\?"),
         ({"curve": {"half_height": "uniform(2.0)"}}, r"formula 'uniform\(2.0\)' must have a value, got"),
         ({"curve": {"half_height": "log_uniform(0.0, 1.0)"}}, "must have a value, got float division by zero"),
         ({"curve": {"half_height": "uniform(-2.0, -1.0)"}}, "seed 0 of space: curve.half_height must be from"),

@@ -22,7 +22,7 @@ from lissajous_env.device.discs import along, half_of, mark_disc, mark_way, poin
 from lissajous_env.device.part_structs import TargetStruct, TaskStruct
 from lissajous_env.device.stage import FIELD_ROW, WORLD, stage
 from lissajous_env.device.structs import place_of
-from lissajous_env.settings.targets import Targets as TargetSettings
+from lissajous_env.settings.task import Targets as TargetSettings
 from lissajous_env.world.contamination.labels import MARGIN, Hops, context_of, forget_seen, label_cells, slot_of
 from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robots, planar
 from lissajous_env.world.tally import FAULT_MARGIN, EpisodeTotals, any_failed

@@ -17,7 +17,7 @@ from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
 from lissajous_env.device.stage import TARGET, stage
 from lissajous_env.device.structs import place_of
-from lissajous_env.settings.targets import Targets as TargetSettings
+from lissajous_env.settings.task import Targets as TargetSettings
 from lissajous_env.world.robots.bins import Bins, bin_of
 from lissajous_env.world.robots.sight import (
     first_sight,
