@@ -9,7 +9,7 @@ LINES = 46_831
 """Lines of the packages."""
 MODULES = 323
 """Files of the packages."""
-TESTS = 27_326
+TESTS = 27_317
 """Lines of the tests."""
 
 
