@@ -210,7 +210,7 @@ def test_a_robot_knows_of_failures_by_messages_or_silence_alone(faults):
 def test_long_periods_are_compared_at_fewer_times_with_the_same_result(monkeypatch):
     """Oracle: the comparison at every control step, in a large rectangle of slow cars."""
     request = Request(
-        width=60.0, height=40.0, robots=(2, 2), robot_radius=0.4, sensor_radius=8.0, speed=0.5, turning_radius=1.0,
+        width=60.0, height=40.0, robots=2, robot_radius=0.4, sensor_radius=8.0, speed=0.5, turning_radius=1.0,
         rogue_speed=0.002,
     )  # fmt: skip
     task, parameters = plain_of(request.task(2)), PartitionParameters(lanes=4, rows=1, extent_x=0.6, extent_y=0.6)
