@@ -73,7 +73,7 @@ def test_scenarios_lists_each_one(width, capsys, monkeypatch):
         (["evaluate", "failure", "os:sep"], "policy os:sep must be a policy or factory(scenario, num_worlds, device)"),
         (["evaluate", "failure", "x[/b]"], "got 'x[/b]'"),
         (["run", "failure", "kuramoto", "--device", "tpu"], "device must be one of"),
-        (["plan", "evaders", "--robots", "8:3"], "robots must be a number, or a range few:many, from 2 to 64, got 8:3"),
+        (["plan", "evaders", "--robots", "8:3"], "robots must be a number or a range such as 3:8, from 2 to 64, got"),
         (["replay", "nowhere.npz", "--out", "x.gif", "--speed", "1e-9"], "speed must be from 0.01 to 1000, got 1e-09"),
         (["replay", "nowhere.npz", "--out", "x.gif", "--fps", "nan"], "fps must be from 0.1 to 50, got nan"),
         (["run", "failure", "kuramoto", "--out", "film.mov"], "must end in .html or .mp4 or .gif"),

@@ -84,7 +84,7 @@ def test_a_cell_that_is_run_again_replaces_what_it_registered():
             lissajous_env.rogue("of-a-cell")(decide)
             baselines.register("of-a-cell")(mine)
         assert rogues.rogue_of("of-a-cell").decide is decide
-        assert registry.factory_of("of-a-cell") is mine
+        assert registry.entry_of("of-a-cell").factory is mine
         for module in ("another_module", "__main__"):
             decide, mine = of_a_cell(module, 3)
             if module == "__main__":
