@@ -41,7 +41,7 @@ def world(
     made = named.scenario(scenario, **parse_overrides(overrides))
     console = output.console()
     shown = bar(progress_console(output), bars.TextColumn("{task.description}"))
-    with started(interrupts=True) as process, shown as shown_bar:
+    with started() as process, shown as shown_bar:
         node = WorldNode(made, settings)
         process.nodes.append(node)
         task = shown_bar.add_task(f"{made.name} over ROS 2", total=made.task.steps)
