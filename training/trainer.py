@@ -63,9 +63,7 @@ class Team(nn.Module):
         corrects: Add the wish of the base to the outputs, which are zeros at first.
     """
 
-    def __init__(
-        self, settings: TrainingSettings, token: int, outputs: int, heads: int, memory: int, corrects: bool = False
-    ):
+    def __init__(self, settings: TrainingSettings, token: int, outputs: int, heads=0, memory=0, corrects=False):
         super().__init__()
         self.corrects = corrects
         features, hidden = settings.features, settings.hidden
@@ -177,7 +175,7 @@ class Training:
         self.worlds = Worlds(settings, settings.worlds, FIRST_SEED * (1 + settings.seed))
         size = self.worlds.batch.scenario.action_size
         self.actor = Team(settings, len(TOKEN), size, settings.heads, settings.memory, settings.base is not None)
-        self.critic = Team(settings, len(TRUTH), 1, 0, 0)
+        self.critic = Team(settings, len(TRUTH), 1)
         self.networks = nn.ModuleList([self.actor, self.critic])
         self.optimizer = torch.optim.Adam(self.networks.parameters(), settings.learning_rate, eps=1e-5)
         self.numbers = {
@@ -233,9 +231,7 @@ class Training:
         stacked = [[torch.stack(part) for part in zip(*of, strict=True)] for of in (rows, reads)]
         flat = [torch.stack(part) for part in (actions, likelihoods, acted, begins)]
         returns = advantages + torch.from_numpy(np.stack(values[:-1]))
-        return Rollout(
-            stacked[0], stacked[1], flat[0], flat[1], flat[2], flat[3], memory, advantages, returns, deviation
-        )
+        return Rollout(*stacked, *flat, memory, advantages, returns, deviation)
 
     def _reward(self, step: Step, sightings: np.ndarray, near: np.ndarray) -> np.ndarray:
         """Return the rewards (B,) of a step, and update the running numbers."""
