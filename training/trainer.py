@@ -227,11 +227,11 @@ class Training:
             self.numbers["steps"] += float(step.acted.sum())
         values.append(self._value(torch.from_numpy(self._rows[0]), [torch.from_numpy(p) for p in self._truth[:2]]))
         advantages = self._advantages(steps, np.stack(values))
-        rows, reads, actions, likelihoods, acted, begins = zip(*parts, strict=True)
-        stacked = [[torch.stack(part) for part in zip(*of, strict=True)] for of in (rows, reads)]
-        flat = [torch.stack(part) for part in (actions, likelihoods, acted, begins)]
+        read, known, *others = zip(*parts, strict=True)
+        rows, truth = ([torch.stack(part) for part in zip(*of, strict=True)] for of in (read, known))
+        actions, likelihood, acted, begins = (torch.stack(part) for part in others)
         returns = advantages + torch.from_numpy(np.stack(values[:-1]))
-        return Rollout(*stacked, *flat, memory, advantages, returns, deviation)
+        return Rollout(rows, truth, actions, likelihood, acted, begins, memory, advantages, returns, deviation)
 
     def _reward(self, step: Step, sightings: np.ndarray, near: np.ndarray) -> np.ndarray:
         """Return the rewards (B,) of a step, and update the running numbers."""
