@@ -93,7 +93,7 @@ class Actuation:
         device, given = as_device("cpu"), [*fixed, self._action, self._speed]
         with compile_quietly():
             launch = wp.launch(to_commands, 1, given, [self._command], device=device, record_cmd=True)
-            self._work = Work([[[launch]]], device, 1)
+            self._work = Work([[launch]], device)
         rest = np.array(model_of(robot.kind).rest_action(robot), dtype=np.float32)
         self.stop: Command | Twist = Twist(0.0, 0.0) if self._is_twist else self.command(rest, 0.0)
 

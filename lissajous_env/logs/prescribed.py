@@ -1,6 +1,5 @@
 """A simulation whose robots follow given paths: everything else is as in any simulation."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -122,12 +121,10 @@ class PrescribedSimulation(Simulation):
         own = {"paths": self._paths}
         place = [stage.name for stage in at_reset].index("robots") + 1
         at_reset.insert(place, Stage("paths", follow_paths, ROBOT, own=own))
-        # Paths are followed robot by robot, so that the stage after them waits for all.
         motion = Stage("motion", follow_paths, ROBOT, own=own)
         follow = Stage("phase", follow_curve, when=self._follows)
         moved = [motion if stage.name == "motion" else stage for stage in at_step if stage.name != "phase"]
         moved.insert([stage.name for stage in moved].index("motion") + 1, follow)
-        moved = [replace(stage, barrier=True) if stage.name == "measurement" else stage for stage in moved]
         return self._hiding(at_reset, own), self._hiding(moved, own)
 
     def _hiding(self, stages: list[Stage], own: dict[str, Any]) -> list[Stage]:

@@ -9,7 +9,6 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS, module_apart
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.discs import lowest
 from lissajous_env.device.part_structs import SensingStruct
 from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.trig import cos_sin
@@ -17,7 +16,7 @@ from lissajous_env.world.observation import LINK, OWN
 from lissajous_env.world.observation import ROBOT as PER_ROBOT
 from lissajous_env.world.observation import TARGET as PER_TARGET
 from lissajous_env.world.robots.bins import Bins, bin_of, column_of, row_of
-from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Links, Robots, StepEvents, Targets, planar
+from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Links, Robots, Targets, planar
 
 wp.set_module_options(OPTIONS)
 _LISTED = module_apart(f"{__name__}.listed", OPTIONS)
@@ -136,33 +135,6 @@ def observe_ring(
             put_message(w, i, start, age, links.heard[w, i, side], own, turn, curve, observation_out)
 
 
-_IN_DISC = """
-    const int together = 32, left = in_sight.shape[1] - first;
-    const wp::vec2* positions = &wp::index(position, w, first);
-    const int* seen = &wp::index(in_sight, w, first);
-    const float square = radius * radius;
-    unsigned int near = 0;
-    for (int k = 0; k < (left < together ? left : together); ++k) {
-        const float x = positions[k][0] - place[0], y = positions[k][1] - place[1];
-        near |= (unsigned int)(seen[k] == 1 & x * x + y * y < square) << k;
-    }
-    return near;
-"""
-
-
-@wp.func_native(_IN_DISC)
-def in_disc(
-    w: int,
-    first: int,
-    place: wp.vec2,
-    radius: float,
-    position: wp.array2d(dtype=wp.vec2),
-    in_sight: wp.array2d(dtype=wp.int32),
-) -> wp.uint32:
-    """Return the bits of those of 32 targets, from the first on, that are in sight and in the disc at a place [m]."""
-    ...
-
-
 @wp.func
 def comes_before(one: wp.vec2, other: wp.vec2) -> bool:
     """Return whether one (squared distance, index) is nearer than the other or, if equally near, of lower index."""
@@ -223,12 +195,10 @@ def nearest_targets(w: int, i: int, room: int, radius: float, robots: Robots, ta
     """Find the nearest targets in the disc; returns how many, at most `room`."""
     here = robots.sensor[w, i]
     kept = int(0)
-    for first in range(0, targets.in_sight.shape[1], 32):
-        near = in_disc(w, first, here, radius, targets.position, targets.in_sight)
-        while near != wp.uint32(0):
-            t = first + lowest(near)
-            near &= near - wp.uint32(1)
-            kept = keep_nearest(w, i, kept, room, (targets.position[w, t] - here) / radius, t, bins)
+    for t in range(targets.in_sight.shape[1]):
+        away = targets.position[w, t] - here
+        if targets.in_sight[w, t] == 1 and wp.dot(away, away) < radius * radius:
+            kept = keep_nearest(w, i, kept, room, away / radius, t, bins)
     return kept
 
 
@@ -298,21 +268,21 @@ def observe_targets(
 def _observing(find_robots: Any, find_targets: Any, module: Any = None) -> Any:
     """Make the kernel that fills the rows, for robots and targets that are few or many."""
 
-    @stage(ROBOT, writes="bins: nearest; observation_out", split=True, module=module)
+    @stage(ROBOT, writes="bins: nearest; observation_out", module=module)
     def observe(
-        w: int,
-        i: int,
-        curve: CurveStruct,
-        sensing: SensingStruct,
-        age_per_step: float,
-        speed_unit: float,
-        clock: Clock,
-        robots: Robots,
-        links: Links,
-        targets: Targets,
+        w,
+        i,
+        curve,
+        sensing,
+        age_per_step,
+        speed_unit,
+        clock,
+        robots,
+        links,
+        targets,
         bins: Bins,
-        latest: StepEvents,
-        observation_out: wp.array3d(dtype=float),
+        latest,
+        observation_out,
     ):
         """Fill the row of each robot."""
         observe_self(w, i, curve, speed_unit, robots, observation_out)
@@ -334,9 +304,7 @@ observe_listed = _observing(nearest_listed_robots, nearest_listed_targets, _LIST
 
 
 @stage(ROBOT, writes="final_observation_out")
-def keep_final(
-    w: int, i: int, clock: Clock, observation: wp.array3d(dtype=float), final_observation_out: wp.array3d(dtype=float)
-):
+def keep_final(w, i, clock, observation, final_observation_out):
     """Keep the rows with which the episode before ended."""
     for k in range(observation.shape[2]):
         final_observation_out[w, i, k] = observation[w, i, k]

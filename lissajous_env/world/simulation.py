@@ -8,7 +8,7 @@ import warp as wp
 
 from lissajous_env.device.devices import as_device, check_room, compile_quietly, copy_in, cores
 from lissajous_env.device.locks import Turn, in_turn
-from lissajous_env.device.program import Program, Stage, split_of
+from lissajous_env.device.program import Program, Stage, blocks_of
 from lissajous_env.device.stage import ARRAY, BIN, FIELD_ROW, ROBOT, ROW, TARGET
 from lissajous_env.device.warp_abi import fields_of, name_of, variables_of
 from lissajous_env.parameters import named
@@ -17,14 +17,14 @@ from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import LAST_SEED, is_whole, whole_number
 from lissajous_env.wording import shown
+from lissajous_env.world.clock import initial_of
 from lissajous_env.world.columns import number_names, plain, score_of
 from lissajous_env.world.constants import constants_of
 from lissajous_env.world.contamination.labels import MARGIN, across
 from lissajous_env.world.extended import ExtensionStages
-from lissajous_env.world.initial import initial_of
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.reward import TERMS
-from lissajous_env.world.robots.bin_sizes import bins_of
+from lissajous_env.world.robots.bins import bins_of
 from lissajous_env.world.rogues.rows import rogue_layout
 from lissajous_env.world.score import detection_times, episodes_of
 from lissajous_env.world.selection import chosen_worlds, world_mask
@@ -70,7 +70,6 @@ class Simulation:
         rogue_present: (W, T) bool, True for rogues that act in the next step.
         rogue_terminated: (W, T) bool, True from a rogue's detection on.
         rogue_truncated: (W, T) bool, True for rogues that were undetected when the episode ended.
-        split: Not an array: the division of the work among CPU threads, `lissajous_env.device.program.Split`.
 
     World k depends on its own seed and actions alone: it is the same, bit for bit, in any batch, on any number of
     threads. A world whose episode has ended does not move, with reward 0, until it is reset.
@@ -80,8 +79,7 @@ class Simulation:
         num_worlds: W.
         device: `cpu`, `cuda` or `cuda:k`.
         seed: Seed of world 0; world k has seed + k.
-        threads: CPU threads over which a large batch, or a large world, is split; by default all cores that the process
-            may use.
+        threads: CPU threads that share the worlds of a large batch; by default all cores that the process may use.
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
 
     Raises:
@@ -194,10 +192,9 @@ class Simulation:
     def score(self, worlds: Any = None) -> list[dict[str, Any]]:
         """Return the score row of the latest episode of some worlds so far: `lissajous_env.world.columns.NAMES`."""
         chosen, brought = self._chosen(worlds), self._extended.columns(self.clock.step.numpy())
-        state = self.clock, self.robots, self.targets, self.cells, self.contamination, self.tally
         return [
             score_of(episode) | {name: plain(values[w]) for name, values in brought.items()}
-            for w, episode in zip(chosen, episodes_of(self.scenario, *state, chosen), strict=True)
+            for w, episode in zip(chosen, episodes_of(self.scenario, self._structs, chosen), strict=True)
         ]
 
     def score_numbers(self, worlds: Any) -> np.ndarray:
@@ -312,10 +309,10 @@ class Simulation:
         sizes = {ROBOT: self.num_robots, TARGET: self.targets.stage.shape[1], ROW: self.cells.idle_max.shape[1]}
         sizes |= {FIELD_ROW: self.contamination.row_ages.shape[1], ARRAY: len(values["initial"].size)}
         work = self.num_robots * _ROBOT_WORK + sizes[TARGET] * _TARGET_WORK
-        self.split = split_of(work, self.num_worlds, self.device, self.threads)
+        blocks = blocks_of(work, self.num_worlds, self.device, self.threads)
         values["bins"] = bins_of(self.scenario, self.speed_unit, self.num_worlds, self.device)
         sizes[BIN] = values["bins"].columns * values["bins"].rows
-        place = self.num_worlds, self.device, self.split
+        place = self.num_worlds, self.device, blocks, self.threads
         self._extended = ExtensionStages(self.scenario, self._structs, self.observation)
         at_reset, at_step = self._own_stages()
         self._reset = Program(self._extended.reset_stages(at_reset), values, sizes, *place)

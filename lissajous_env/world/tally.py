@@ -6,7 +6,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import WORLD, stage
 from lissajous_env.device.trig import atan2
-from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Robots, StepEvents
+from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Robots, StepEvents
 
 wp.set_module_options(OPTIONS)
 
@@ -221,15 +221,7 @@ def tally_coverage(w: int, now: int, robots: int, cells_total: int, tally: Episo
         "phase_error_max, spacing_max, speed_max, tracking_max, tracking_sum"
     ),
 )
-def keep_score(
-    w: int,
-    cells_total: int,
-    neighbours: wp.array2d(dtype=int),
-    clock: Clock,
-    robots: Robots,
-    latest: StepEvents,
-    tally: EpisodeTotals,
-):
+def keep_score(w, cells_total, neighbours, clock, robots, latest, tally: EpisodeTotals):
     """Add the state after this step to the totals of the episode."""
     now = clock.step[w]
     n = robots.status.shape[1]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from lissajous_env.device.devices import cores
-from lissajous_env.device.work import SideBySide, Work
+from lissajous_env.device.work import Work
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.world.simulation import Simulation
 
@@ -30,7 +30,7 @@ class Together:
         self._all = cores() if threads is None else whole_number("threads", threads)
         self.threads = 1 if count >= self._all else self._all
         self._works: list[Work | None] = []
-        self._joined: SideBySide | None = None
+        self._joined: Work | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without the joined work, which contains addresses; it is made anew by the next step."""
@@ -41,7 +41,9 @@ class Together:
         works = [each.stages.work for each in simulations]
         if works != self._works:
             self._works, known = works, [work for work in works if work is not None]
-            self._joined = SideBySide(known, self._all) if self.threads == 1 and len(known) == len(works) else None
+            joined = self.threads == 1 and len(known) == len(works)
+            tasks = [[launch for task in work.tasks for launch in task] for work in known]
+            self._joined = Work(tasks, simulations[0].device, self._all) if joined else None
         if self._joined is not None:
             self._joined()
         else:

@@ -13,14 +13,14 @@ import warp as wp
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import NoiseStruct, SensingStruct, TargetStruct, TaskStruct
+from lissajous_env.device.part_structs import NoiseStruct, SensingStruct
 from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.targets import Sensing
 from lissajous_env.world.observation import TEAMMATE, TRACK
 from lissajous_env.world.observing import empty, far, keep_nearest
 from lissajous_env.world.robots.bins import Bins
-from lissajous_env.world.state import FOUND, GONE, HIDDEN, REMOVED, Clock, Links, Robots, Targets, Tracks
+from lissajous_env.world.state import FOUND, GONE, HIDDEN, REMOVED, Links, Tracks
 
 wp.set_module_options(OPTIONS)
 
@@ -34,16 +34,7 @@ _LEAVES = wp.constant(2)
 
 
 @stage(ROBOT, writes="tracks: sighted, target_at")
-def sight(
-    w: int,
-    i: int,
-    sensing: SensingStruct,
-    target: TargetStruct,
-    clock: Clock,
-    robots: Robots,
-    targets: Targets,
-    tracks: Tracks,
-):
+def sight(w, i, sensing, target, clock, robots, targets, tracks):
     """Note which targets the robot has in sight now, and where they are."""
     now = clock.step[w]
     slot = now % tracks.sighted.shape[2]
@@ -102,17 +93,7 @@ def arrives(
 
 
 @stage(ROBOT, writes="tracks: heard_at, leaves, mate_at, other_at, own_at, place, seen_at, velocity")
-def update_tracks(
-    w: int,
-    i: int,
-    sensing: SensingStruct,
-    noise: NoiseStruct,
-    task: TaskStruct,
-    neighbours: wp.array2d(dtype=int),
-    clock: Clock,
-    links: Links,
-    tracks: Tracks,
-):
+def update_tracks(w, i, sensing, noise, task, neighbours, clock, links, tracks):
     """Update the tracks of each robot by what it hears, oldest first, and by what it has in sight itself."""
     now = clock.step[w]
     slots = tracks.sighted.shape[2]
@@ -160,18 +141,7 @@ def put_place(
 
 @stage(ROBOT, writes="bins: nearest; observation_out")
 def observe_tracks(
-    w: int,
-    i: int,
-    start: int,
-    curve: CurveStruct,
-    sensing: SensingStruct,
-    task: TaskStruct,
-    speed_unit: float,
-    clock: Clock,
-    robots: Robots,
-    tracks: Tracks,
-    bins: Bins,
-    observation_out: wp.array3d(dtype=float),
+    w, i, start: int, curve, sensing, task, speed_unit, clock, robots, tracks, bins: Bins, observation_out
 ):
     """List the tracks of each robot, then its teammates, nearest first; a removed robot has none."""
     now = clock.step[w]

@@ -5,10 +5,9 @@ import pytest
 import warp as wp
 
 import lissajous_env
-from lissajous_env.device import program
 from lissajous_env.device.warp_abi import fields_of, is_struct
 from lissajous_env.world.constants import constants_of
-from lissajous_env.world.robots.bin_sizes import has_bins
+from lissajous_env.world.robots.bins import has_bins
 
 CROWD = {"curve.a": 51, "curve.b": 50, "robot.radius": 0.15, "sensing.radius": 0.4, "formation.phase_rate": 0.02}
 CROWD |= {"targets.count": 60, "task.duration": 3.0}
@@ -121,15 +120,13 @@ def assert_same(got, expected):
     assert set(different) <= {"final_observation", "Rogues.action"}
 
 
-@pytest.mark.parametrize("threads", [1, 3])
 @pytest.mark.parametrize("case", CASES)
-def test_what_memory_held_before_a_reset_changes_nothing(case, threads, monkeypatch):
-    # Oracle: a simulation that was never used. With three threads, even so small a world is split among them.
-    monkeypatch.setattr(program, "_SHARE", 1)
-    seeds = [8, 9] if threads == 1 else [8]
-    expected = play(made(case, len(seeds), threads), seeds)
+def test_what_memory_held_before_a_reset_changes_nothing(case):
+    # Oracle: a simulation that was never used.
+    seeds = [8, 9]
+    expected = play(made(case), seeds)
     for floating, whole in POISONS.values():
-        used = made(case, len(seeds), threads)
+        used = made(case)
         poison(used, floating, whole)
         assert_same(play(used, seeds), expected)
 

@@ -38,7 +38,7 @@ from lissajous_env.device.stage import FIELD_ROW, stage
 from lissajous_env.parameters.spreading import Reaches
 from lissajous_env.world.contamination.field import BOUNDARY
 from lissajous_env.world.contamination.labels import MARGIN, NONE, Hops
-from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robots
+from lissajous_env.world.state import NEVER, NOWHERE, Contamination, Robots
 
 wp.set_module_options(OPTIONS)
 
@@ -172,7 +172,7 @@ def forget_covered(
 
 
 @stage(FIELD_ROW, writes="contamination: labels")
-def reset_bounds(w: int, row: int, target: TargetStruct, hops: Hops, clock: Clock, contamination: Contamination):
+def reset_bounds(w, row, target, hops: Hops, clock, contamination):
     """Contaminate the cells in which targets are introduced, where targets are present from the start."""
     rows = contamination.row_ages.shape[1]
     for column in range(hops.columns):
@@ -183,17 +183,7 @@ def reset_bounds(w: int, row: int, target: TargetStruct, hops: Hops, clock: Cloc
 
 
 @stage(FIELD_ROW, writes="contamination: labels, row_ages, row_oldest")
-def bound_labels(
-    w: int,
-    row: int,
-    curve: CurveStruct,
-    target: TargetStruct,
-    hops: Hops,
-    reach: Reach,
-    clock: Clock,
-    robots: Robots,
-    contamination: Contamination,
-):
+def bound_labels(w, row, curve, target, hops: Hops, reach: Reach, clock, robots, contamination):
     """Bound the label of each cell, and clear the cells that a disc covers entirely."""
     now = clock.step[w]
     tick = now / reach.period

@@ -1,4 +1,4 @@
-"""Cars by the kinematic bicycle (12) with a motor; action = steering, throttle."""
+"""Cars by the kinematic bicycle (12) with a motor; action = steering, throttle, or a velocity for their driver."""
 
 import itertools
 import math
@@ -19,22 +19,22 @@ from lissajous_env.device.abreast import (
     where_equal,
     width,
 )
-from lissajous_env.device.car_input import steering_angle, throttle
-from lissajous_env.device.compilation import MOTION
-from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import FaultsStruct, RobotStruct, TaskStruct
+from lissajous_env.device.car_input import car_action, steering_angle, throttle
+from lissajous_env.device.compilation import MOTION, OPTIONS, module_apart
+from lissajous_env.device.curve import wrap
+from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.stage import ROBOT, stage
-from lissajous_env.device.trig import cos_sin
+from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
 from lissajous_env.settings.parts import Curve, Formation, Noise
 from lissajous_env.settings.robot import Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.world.robots.faults import COAST, rolling
-from lissajous_env.world.robots.moving import begin_track, end_motion, stop_at_walls
-from lissajous_env.world.robots.walls import WALL
-from lissajous_env.world.state import WORKING, Clock, Robots
+from lissajous_env.world.robots.walls import WALL, begin_track, end_motion, stop_at_walls
+from lissajous_env.world.state import WORKING, Robots
 
 wp.set_module_options(MOTION)
+_DRIVING = module_apart(f"{__name__}.driving", OPTIONS)
 
 
 @wp.func
@@ -101,16 +101,7 @@ def take_input(
 
 
 @stage(ROBOT, writes="robots: curvature, heading, position, speed, track")
-def move_cars(
-    block: Block,
-    curve: CurveStruct,
-    robot: RobotStruct,
-    task: TaskStruct,
-    faults: FaultsStruct,
-    command: wp.array3d(dtype=float),
-    clock: Clock,
-    robots: Robots,
-):
+def move_cars(block, curve, robot, task, faults, command, clock, robots):
     """Move cars with constant steering and throttle in a step; a failed car stops, or coasts as it steered last."""
     substeps = robots.track.shape[2] - 1
     h = task.step / float(substeps)
@@ -143,6 +134,40 @@ def move_cars(
             x, y, speed = stop_at_walls(curve, robot.radius, x, y, heading, speed)
         put_places(block, moving, x, y, s + 1, robots.track)
     end_motion(block, moving, x, y, heading, speed, robots)
+
+
+_SLOWEST = wp.constant(1.0 / 3.0)
+"""Least speed for which the driver computes the steering angle [top speed]; a slower car would steer to and fro."""
+
+
+@wp.func
+def steering_towards(wish: wp.vec2, heading: float, speed: float, step: float, robot: RobotStruct) -> float:
+    """Return the steering angle [rad] that turns a car to the direction of a wish within a step.
+
+    Of the bicycle (12), heading' = v tan(steering) / l, with the tangent's argument small: steering =
+    arctan(l error / (v step)). A wish of 0 has no direction.
+    """
+    if wp.length_sq(wish) == 0.0:
+        return 0.0
+    error = wrap(atan2(wish[1], wish[0]) - heading)
+    return wp.atan(robot.wheelbase * error / (wp.max(speed, _SLOWEST * robot.speed_max) * step))
+
+
+@wp.func
+def throttle_for(size: float, robot: RobotStruct) -> float:
+    """Return the throttle whose steady speed (drive throttle - offset) / drag is a share of the top speed."""
+    return (robot.drag * robot.speed_max * wp.min(size, 1.0) + robot.offset) / robot.drive
+
+
+@stage(ROBOT, writes="command_out", module=_DRIVING)
+def drive(w, i, robot, task, clock, robots, command_out):
+    """Replace the velocity that each car is to have by the steering and throttle of the driver."""
+    wish = wp.vec2(command_out[w, i, 0], command_out[w, i, 1])
+    pose = robots.measured[w, i]
+    steering = steering_towards(wish, pose[2], pose[3], task.step, robot)
+    action = car_action(robot, steering, throttle_for(wp.length(wish), robot))
+    command_out[w, i, 0] = action[0]
+    command_out[w, i, 1] = action[1]
 
 
 def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: Task) -> None:

@@ -4,23 +4,18 @@ from typing import Any
 
 import warp as wp
 
-from lissajous_env.device import atomic
 from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.compilation import OPTIONS, module_apart
-from lissajous_env.device.part_structs import RobotStruct, TaskStruct
 from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Task
-from lissajous_env.world.robots.bins import Bins, columns_of, rows_of
+from lissajous_env.world.robots.bins import PARTED, Bins, columns_of, rows_of
 from lissajous_env.world.robots.sight import max_displacement
-from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Robots, StepEvents
+from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Robots, StepEvents
 from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
 _LISTED = module_apart(f"{__name__}.listed", OPTIONS)
-
-PARTED = wp.constant(1.05)
-"""A collision is over when the distance is above this many times the sum of the radii."""
 
 _STOP = wp.constant(place_of(Task, "on_collision", "stop"))
 _REMOVE = wp.constant(place_of(Task, "on_collision", "remove"))
@@ -60,11 +55,11 @@ def compare_pair(
         met_at = tally.contact[w, i, j]
         tally.contact[w, i, j] = now
         if wp.abs(met_at) != now:
-            atomic.add_long(tally.contact_steps, w, wp.int64(1))
+            wp.atomic_add(tally.contact_steps, w, wp.int64(1))
             if met_at <= 0:
-                atomic.add_long(tally.collisions, w, wp.int64(1))
-                atomic.add_for(latest.collisions, w, i, 1)
-                atomic.add_for(latest.collisions, w, j, 1)
+                wp.atomic_add(tally.collisions, w, wp.int64(1))
+                wp.atomic_add(latest.collisions, w, i, 1)
+                wp.atomic_add(latest.collisions, w, j, 1)
     if wp.dot(before, before) > PARTED * PARTED * touch * touch:
         part_pair(w, i, j, tally)
     return least
@@ -144,35 +139,21 @@ def _finding_collisions(compare: Any, module: Any = None) -> Any:
     """Make the kernel that finds collisions, for robots that are few or many."""
 
     @stage(ROBOT, writes="latest: collisions; tally: collisions, contact, contact_steps, min_separation", module=module)
-    def find_collisions(
-        w: int,
-        lane: int,
-        lanes: int,
-        begin: int,
-        end: int,
-        robot: RobotStruct,
-        places: wp.array(dtype=int),
-        clock: Clock,
-        robots: Robots,
-        bins: Bins,
-        latest: StepEvents,
-        tally: EpisodeTotals,
-    ):
+    def find_collisions(w, lane, lanes, robot, places, clock, robots, bins: Bins, latest, tally: EpisodeTotals):
         """Compare each robot with those after it, over the sub-steps of the latest step."""
         touch = 2.0 * robot.radius
-        # A pair this far apart cannot collide, nor be the nearest of the episode. Other threads may lower it meanwhile,
-        # to no less than the smallest distance of the episode.
+        # A pair this far apart cannot collide, nor be the nearest of the episode.
         beyond = wp.max(tally.min_separation[w], PARTED * touch)
         nearest = float(1.0e30)
         way = float(1.0e30)
         if beyond < 1.0e30:
             way = max_displacement(w, robots)
-        for i in range(begin + lane, end, lanes):
+        for i in range(lane, robots.status.shape[1], lanes):
             if robots.status[w, i] != REMOVED:
                 least = compare(w, i, clock.step[w], touch, beyond, way, places, robots, bins, latest, tally)
                 nearest = wp.min(nearest, least)
         if nearest < 1.0e30:
-            atomic.lower(tally.min_separation, w, wp.sqrt(nearest))
+            wp.atomic_min(tally.min_separation, w, wp.sqrt(nearest))
 
     return find_collisions
 
@@ -182,7 +163,7 @@ find_listed_collisions = _finding_collisions(compare_with_listed, _LISTED)
 
 
 @stage(ROBOT, writes="latest: terminated; robots: sensor, status, stuck_until")
-def take_consequences(w: int, i: int, task: TaskStruct, clock: Clock, robots: Robots, latest: StepEvents):
+def take_consequences(w, i, task, clock, robots, latest):
     """Stop or remove the robots that collided in this step, by `task.on_collision`."""
     if latest.collisions[w, i] > 0:
         robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)

@@ -17,7 +17,6 @@ import warp as wp
 
 from lissajous_env.device.abreast import (
     ABREAST,
-    Block,
     Floats,
     coordinates,
     is_in,
@@ -38,7 +37,6 @@ from lissajous_env.device.curve import (
     project_lissajous,
     series,
 )
-from lissajous_env.device.part_structs import FormationStruct, RobotStruct, TaskStruct
 from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
@@ -46,7 +44,7 @@ from lissajous_env.settings.parts import Curve
 from lissajous_env.settings.task import Task
 from lissajous_env.theory.closed_forms import curve_derivatives, curve_point
 from lissajous_env.world.robots.placing import places_of
-from lissajous_env.world.state import NOWHERE, REMOVED, Clock, Robots, StepEvents
+from lissajous_env.world.state import NOWHERE, REMOVED
 
 wp.set_module_options(OPTIONS)
 
@@ -135,15 +133,7 @@ _EDGE = wp.constant(1e-3)
 
 
 @stage(ROBOT, writes="latest: outside, partly_outside, terminated; robots: sensor, status")
-def watch_boundary(
-    block: Block,
-    curve: CurveStruct,
-    robot: RobotStruct,
-    task: TaskStruct,
-    clock: Clock,
-    robots: Robots,
-    latest: StepEvents,
-):
+def watch_boundary(block, curve, robot, task, clock, robots, latest):
     """Mark the robots that are partly or wholly outside the rectangle; `task.boundary=remove` removes the latter."""
     n = robots.status.shape[1]
     beyond = coordinates(block, robots.position, 0)
@@ -178,16 +168,7 @@ def own_distance(curve: CurveStruct, x: float, y: float, alpha: float, phase: wp
 
 
 @stage(ROBOT, writes="latest: lateral, phase_offset, tracking")
-def find_deviations(
-    block: Block,
-    curve: CurveStruct,
-    formation: FormationStruct,
-    curve_points: CurvePoints,
-    equilibrium: wp.array(dtype=wp.float64),
-    clock: Clock,
-    robots: Robots,
-    latest: StepEvents,
-):
+def find_deviations(block, curve, formation, curve_points: CurvePoints, equilibrium, clock, robots, latest):
     """Find each robot's distance from the curve and from its own point of it, and its phase from the equilibrium."""
     alpha = float(formation.alpha)
     x, y, phase = places_of(block, robots)

@@ -19,17 +19,15 @@ from lissajous_env.device.abreast import (
     width,
 )
 from lissajous_env.device.compilation import MOTION, OPTIONS, module_apart
-from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import RobotStruct, TaskStruct
+from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.robot_models import AsCar, RobotModel, register_robot_model
 from lissajous_env.settings.parts import Curve, Formation, Noise
 from lissajous_env.settings.robot import Robot
 from lissajous_env.settings.task import Task
-from lissajous_env.world.robots.moving import begin_track, end_motion, stop_at_walls
-from lissajous_env.world.robots.walls import WALL
-from lissajous_env.world.state import WORKING, Clock, Robots
+from lissajous_env.world.robots.walls import WALL, begin_track, end_motion, stop_at_walls
+from lissajous_env.world.state import WORKING, Robots
 
 wp.set_module_options(MOTION)
 _ACTING = module_apart(f"{__name__}.acting", OPTIONS)
@@ -106,15 +104,7 @@ def take_twist(
 
 
 @stage(ROBOT, writes="robots: heading, position, speed, track, yaw_rate")
-def move_drives(
-    block: Block,
-    curve: CurveStruct,
-    robot: RobotStruct,
-    task: TaskStruct,
-    command: wp.array3d(dtype=float),
-    clock: Clock,
-    robots: Robots,
-):
+def move_drives(block, curve, robot, task, command, clock, robots):
     """Move differential drives towards constant commands in a step; one that has failed stops dead."""
     substeps = robots.track.shape[2] - 1
     h = task.step / float(substeps)

@@ -16,7 +16,7 @@ from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.structs import to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.state import Clock, Robots, planar
+from lissajous_env.world.state import planar
 
 wp.set_module_options(OPTIONS)
 
@@ -84,15 +84,7 @@ def turned_inside(
 
 
 @stage(ROBOT, writes="robots: heading")
-def turn_inside(
-    w: int,
-    i: int,
-    curve: CurveStruct,
-    robot: RobotStruct,
-    turning: float,
-    clock: Clock,
-    robots: Robots,
-):
+def turn_inside(w, i, curve, robot, turning: float, clock, robots):
     """Turn the robots that begin without room to turn within the walls."""
     place = planar(robots.position[w, i])
     robots.heading[w, i] = turned_inside(place, robots.heading[w, i], robots.speed[w, i], turning, curve, robot)

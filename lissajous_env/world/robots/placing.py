@@ -25,7 +25,7 @@ from lissajous_env.device.curve import (
     tangent2,
     wrap_phase,
 )
-from lissajous_env.device.part_structs import FaultsStruct, FormationStruct, NoiseStruct, RobotStruct
+from lissajous_env.device.part_structs import FormationStruct
 from lissajous_env.device.stage import ROBOT, WORLD, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
@@ -107,9 +107,7 @@ def places_of(block: Block, robots: Robots) -> tuple[Floats, Floats, Doubles]:
 
 
 @stage(ROBOT, writes="robots: phase")
-def follow_curve(
-    block: Block, curve: CurveStruct, formation: FormationStruct, faults: FaultsStruct, clock: Clock, robots: Robots
-):
+def follow_curve(block, curve, formation, faults, clock, robots):
     """Let the phase of a robot that is not bound to the curve follow it along its branch."""
     alpha = float(formation.alpha)
     x, y, phase = places_of(block, robots)
@@ -133,18 +131,7 @@ def follow_curve(
     writes="robots: drive, heading, phase, position, speed, status, track, wheelbase",
 )
 def reset_robots(
-    w: int,
-    i: int,
-    curve: CurveStruct,
-    formation: FormationStruct,
-    robot: RobotStruct,
-    noise: NoiseStruct,
-    equilibrium: wp.array(dtype=wp.float64),
-    displaced: wp.array(dtype=float),
-    drive_factors: wp.array(dtype=float),
-    top_speeds: wp.array(dtype=float),
-    clock: Clock,
-    robots: Robots,
+    w, i, curve, formation, robot, noise, equilibrium, displaced, drive_factors, top_speeds, clock, robots
 ):
     """Place the robots on the curve at the formation's speed or their top speed, and draw each one's own constants."""
     key = randomness.step_key(clock.seed[w], 0)
@@ -174,18 +161,7 @@ def collides_at_once(w: int, i: int, time: float, radius: float, places: wp.arra
 
 
 @stage(WORLD, writes="robots: heading, phase, position, speed, track", module=_HEADWAY)
-def draw_apart(
-    w: int,
-    curve: CurveStruct,
-    formation: FormationStruct,
-    robot: RobotStruct,
-    equilibrium: wp.array(dtype=wp.float64),
-    displaced: wp.array(dtype=float),
-    top_speeds: wp.array(dtype=float),
-    places: wp.array(dtype=int),
-    clock: Clock,
-    robots: Robots,
-):
+def draw_apart(w, curve, formation, robot, equilibrium, displaced, top_speeds, places, clock, robots):
     """Draw the start of a robot again while it would collide within the headway, one robot after another."""
     for i in range(1, robots.status.shape[1]):
         for draw in range(1, _DRAWS):

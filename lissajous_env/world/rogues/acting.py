@@ -6,7 +6,7 @@ import warp as wp
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
+from lissajous_env.device.part_structs import TargetStruct
 from lissajous_env.device.stage import TARGET, stage
 from lissajous_env.device.trig import atan2
 from lissajous_env.world.observing import comes_before, far, velocity
@@ -20,7 +20,6 @@ from lissajous_env.world.state import (
     REMOVED,
     RUNNING,
     WORKING,
-    Clock,
     Robots,
     Rogues,
     Targets,
@@ -54,17 +53,8 @@ def held(place: wp.vec2, curve: CurveStruct) -> wp.vec2:
     return wp.vec2(x, y)
 
 
-@stage(TARGET, writes="clock: invalid, invalid_at; rogues: velocity; targets: heading, position", split=True)
-def move_rogues(
-    w: int,
-    t: int,
-    curve: CurveStruct,
-    target: TargetStruct,
-    task: TaskStruct,
-    clock: Clock,
-    targets: Targets,
-    rogues: Rogues,
-):
+@stage(TARGET, writes="clock: invalid, invalid_at; rogues: velocity; targets: heading, position")
+def move_rogues(w, t, curve, target, task, clock, targets, rogues):
     """Move each undetected rogue by its action; walls stop it, and an action that is not finite counts as zero."""
     moved = wp.vec2(0.0, 0.0)
     if targets.stage[w, t] == PRESENT:
@@ -82,16 +72,8 @@ def move_rogues(
     rogues.velocity[w, t] = moved / task.step
 
 
-@stage(TARGET, writes="rogues: action", split=True)
-def choose_action(
-    w: int,
-    t: int,
-    low: float,
-    high: float,
-    decided: wp.array3d(dtype=wp.float32),
-    clock: Clock,
-    rogues: Rogues,
-):
+@stage(TARGET, writes="rogues: action")
+def choose_action(w, t, low: float, high: float, decided: wp.array3d(dtype=wp.float32), clock, rogues):
     """Let a member of a mixture move the rogues whose draw, which depends on the world's seed alone, is its own."""
     key = randomness.step_key(clock.seed[w], 0)
     draw = randomness.uniform(key, t, randomness.MEMBER)
@@ -100,15 +82,8 @@ def choose_action(
             rogues.action[w, t, k] = decided[w, t, k]
 
 
-@stage(TARGET, writes="rogues: present, reward, terminated, truncated", idle=True, split=True)
-def reward_rogues(
-    w: int,
-    t: int,
-    task: TaskStruct,
-    clock: Clock,
-    targets: Targets,
-    rogues: Rogues,
-):
+@stage(TARGET, writes="rogues: present, reward, terminated, truncated", idle=True)
+def reward_rogues(w, t, task, clock, targets, rogues):
     """Reward each rogue with the time of this step for which it was undetected [s]; a detection terminates it."""
     reward = float(0.0)
     stage = targets.stage[w, t]
@@ -191,20 +166,8 @@ def observe_robot(
     rogues.observation[w, t, start + 6] = wp.clamp(wp.length(away) / radius - 1.0, -1.0, _FAR)
 
 
-@stage(TARGET, writes="rogues: observation", split=True)
-def fill_rows(
-    w: int,
-    t: int,
-    curve: CurveStruct,
-    sensing: SensingStruct,
-    target: TargetStruct,
-    speed_unit: float,
-    bounds_per_step: float,
-    clock: Clock,
-    robots: Robots,
-    targets: Targets,
-    rogues: Rogues,
-):
+@stage(TARGET, writes="rogues: observation")
+def fill_rows(w, t, curve, sensing, target, speed_unit, bounds_per_step: float, clock, robots, targets, rogues):
     """Fill the row of each rogue, in the step of its detection for the last time."""
     size = rogues.observation.shape[2]
     now = clock.step[w]

@@ -10,11 +10,11 @@ from typing import Any
 
 import warp as wp
 
-from lissajous_env.device import atomic, randomness
+from lissajous_env.device import randomness
 from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
 from lissajous_env.device.compilation import MOTION, module_apart
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
+from lissajous_env.device.part_structs import SensingStruct, TargetStruct
 from lissajous_env.device.stage import TARGET, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.targets import Targets as TargetSettings
@@ -28,7 +28,7 @@ from lissajous_env.world.robots.sight import (
     nearest_sensor,
     nearest_sensors,
 )
-from lissajous_env.world.state import FOUND, GONE, HIDDEN, PRESENT, Clock, Robots, StepEvents, Targets
+from lissajous_env.world.state import FOUND, GONE, HIDDEN, PRESENT, Robots, StepEvents, Targets
 from lissajous_env.world.targets.motion import CUSTOM, FLEEING, STILL, away_from_all, flee, is_moved, wander
 
 wp.set_module_options(MOTION)
@@ -42,8 +42,8 @@ _FROM_ALL = wp.constant(place_of(TargetSettings, "flight", "all"))
 @wp.func
 def list_in_sight(w: int, t: int, place: wp.vec2, bins: Bins):
     """List a target that is in sight, for the robots that observe it."""
-    here = atomic.add(bins.seen_used, w, 1)
-    after = atomic.exchange(bins.first_seen, w, bin_of(place, bins), here)
+    here = wp.atomic_add(bins.seen_used, w, 1)
+    after = wp.atomic_exch(bins.first_seen, w, bin_of(place, bins), here)
     bins.seen[w, here] = wp.vec4(place[0], place[1], float(t), float(after))
 
 
@@ -56,23 +56,11 @@ def _placing(nearest_to: Any, module: Any = None) -> Any:
     """Make the kernel that places targets out of sight, for robots that are few or many."""
 
     @stage(TARGET, writes="targets: position", module=module)
-    def place_unseen(
-        w: int,
-        lane: int,
-        lanes: int,
-        begin: int,
-        end: int,
-        curve: CurveStruct,
-        sensing: SensingStruct,
-        clock: Clock,
-        robots: Robots,
-        targets: Targets,
-        bins: Bins,
-    ):
+    def place_unseen(w, lane, lanes, curve, sensing, clock, robots, targets, bins: Bins):
         """Put each target that appears now at the first of `PLACES` random places out of sight, or at the last."""
         now = clock.step[w]
         key = randomness.step_key(clock.seed[w], now)
-        for t in range(begin + lane, end, lanes):
+        for t in range(lane, targets.stage.shape[1], lanes):
             if targets.appears_at[w, t] > now:
                 break  # the slots are in the order of their times
             if targets.stage[w, t] == HIDDEN:
@@ -209,7 +197,7 @@ def detect(
     if found < 0:
         return 0
     targets.found_at[w, t] = now
-    atomic.add_for(latest.detections, w, found, 1)
+    wp.atomic_add(latest.detections, w, found, 1)
     return 1
 
 
@@ -292,22 +280,7 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module
         ),
         module=module,
     )
-    def move_and_detect(
-        w: int,
-        lane: int,
-        lanes: int,
-        begin: int,
-        end: int,
-        curve: CurveStruct,
-        target: TargetStruct,
-        sensing: SensingStruct,
-        task: TaskStruct,
-        clock: Clock,
-        robots: Robots,
-        targets: Targets,
-        bins: Bins,
-        latest: StepEvents,
-    ):
+    def move_and_detect(w, lane, lanes, curve, target, sensing, task, clock, robots, targets, bins: Bins, latest):
         """Remove detected targets, let others appear or move, and let the first robot that senses one detect it.
 
         A target appears at the end of its step: it is detected then or, on its way, from the next step on.
@@ -318,7 +291,8 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module
         # A target that an extension moved farther than lists reach may have met any robot.
         far = wp.where(bins.columns > 0, bins.widened + way, 1.0e30)
         total = wp.vec2i(0, 0)
-        t = int(begin + lane)
+        end = targets.stage.shape[1]
+        t = int(lane)
         while t < end:
             number = Ints()
             count = int(0)
@@ -340,9 +314,9 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module
                 x, y = move_together(w, key, flock, nearest, square, task.step, curve, target, robots, targets)
                 total += detect_together(w, now, flock, square, x, y, far, way, sensing, robots, targets, bins, latest)
         if total[0] > 0:
-            atomic.add(latest.waiting, w, total[0])
+            wp.atomic_add(latest.waiting, w, total[0])
         if total[1] > 0:
-            atomic.add(latest.in_sight, w, total[1])
+            wp.atomic_add(latest.in_sight, w, total[1])
 
     return move_and_detect
 

@@ -5,12 +5,12 @@ import warp as wp
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, wrap
-from lissajous_env.device.part_structs import TargetStruct, TaskStruct
+from lissajous_env.device.part_structs import TargetStruct
 from lissajous_env.device.stage import TARGET, WORLD, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.settings.targets import Targets as TargetSettings
-from lissajous_env.world.state import FOUND, HIDDEN, NEVER, Clock, Robots, Targets
+from lissajous_env.world.state import FOUND, HIDDEN, NEVER, Robots
 
 wp.set_module_options(MOTION)
 
@@ -92,8 +92,8 @@ def entry_place(key: int, draw: wp.uint32, curve: CurveStruct, target: TargetStr
     return place, draw
 
 
-@stage(TARGET, writes="targets: before, heading, motion, position, speed", split=True)
-def reset_targets(w: int, t: int, curve: CurveStruct, target: TargetStruct, clock: Clock, targets: Targets):
+@stage(TARGET, writes="targets: before, heading, motion, position, speed")
+def reset_targets(w, t, curve, target, clock, targets):
     """Draw position, heading and motion of every target; those of the start appear at step 0.
 
     The place of a target that appears outside all discs is drawn anew at that moment.
@@ -124,9 +124,8 @@ def reset_targets(w: int, t: int, curve: CurveStruct, target: TargetStruct, cloc
         "targets: appears_at, before, earlier, earlier_longest, earlier_time, found_at, found_early, heading, "
         "position, stage"
     ),
-    split=True,
 )
-def respawn(w: int, t: int, curve: CurveStruct, target: TargetStruct, clock: Clock, targets: Targets):
+def respawn(w, t, curve, target, clock, targets):
     """Let each target that was detected in the step before appear anew in this one."""
     if targets.stage[w, t] == FOUND:
         now = clock.step[w]
@@ -146,7 +145,7 @@ def respawn(w: int, t: int, curve: CurveStruct, target: TargetStruct, clock: Clo
 
 
 @stage(WORLD, writes="targets: appears_at")
-def reset_arrivals(w: int, target: TargetStruct, task: TaskStruct, clock: Clock, targets: Targets):
+def reset_arrivals(w, target, task, clock, targets):
     """Draw the arrival times of the targets after those of the start, by a Poisson process."""
     draw = randomness.stream(randomness.step_key(clock.seed[w], 0), 0, randomness.ARRIVAL)
     time = float(0.0)
