@@ -11,9 +11,9 @@ to do; the kernel has the parameters of a layout instead, which a `Program` fill
 | `block`                    | `BLOCKS` | each block of robots side by side                |
 
 Worlds that are not active are left out, by the parameter `clock`. A program matches all other parameters by name, so a
-name has the same type in every stage: `named` declares it once, and only the parameters of a single stage are
-annotated. Those of `writes` are all that a stage changes: a field of a struct as `targets.stage`, or an array by its
-own name.
+name has the same type in every stage, and in the functions that stages call (`@part`): `named` declares it once, and
+only other parameters are annotated. Those of `writes` are all that a stage changes: a field of a struct as
+`targets.stage`, or an array by its own name.
 """
 
 import ast
@@ -56,6 +56,25 @@ def named(**types: Any) -> None:
     _TYPES.update(types)
 
 
+def part(function: Any) -> Any:
+    """Make a Warp function for stages, whose parameters have the types of their names or their annotations."""
+    function.__annotations__ = _types_of(function)
+    return wp.func(function)
+
+
+def _types_of(function: Any) -> dict[str, Any]:
+    """Return the types of a function's parameters in their order, and of its result.
+
+    Raises:
+        TypeError: a parameter has no annotation and no type that `named` declares.
+    """
+    types, parameters = _TYPES | function.__annotations__, list(inspect.signature(function).parameters)
+    if unknown := [name for name in parameters if name not in types]:
+        raise TypeError(f"parameters of {function.__qualname__} must have a type, got none for {unknown[0]}")
+    result = {"return": types["return"]} if "return" in types else {}
+    return {name: types[name] for name in parameters} | result
+
+
 def stage(over: str, writes: str, idle: bool = False, module: Any = None) -> Callable[[Any], Any]:
     """Make the kernel of a stage of a function.
 
@@ -71,7 +90,7 @@ def stage(over: str, writes: str, idle: bool = False, module: Any = None) -> Cal
         A decorator that returns a kernel with the attributes `over` and `writes`.
 
     Raises:
-        TypeError: a parameter has no annotation and no type that `named` declares.
+        TypeError: as of `_types_of`.
     """
 
     def make(function: Any) -> Any:
@@ -131,9 +150,5 @@ def _compiled(tree: ast.FunctionDef, function: Any) -> Any:
     exec(compile(source, file, "exec"), names)
     made = names[function.__name__]
     made.__module__, made.__qualname__ = function.__module__, function.__qualname__
-    types = _TYPES | made.__annotations__
-    parameters = [argument.arg for argument in tree.args.args]
-    if unknown := [name for name in parameters if name not in types]:
-        raise TypeError(f"parameters of stage {function.__qualname__} must have a type, got none for {unknown[0]}")
-    made.__annotations__ = {name: types[name] for name in parameters}
+    made.__annotations__ = _types_of(made)
     return made

@@ -8,15 +8,13 @@ from typing import Any
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS, module_apart
-from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import SensingStruct
-from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.observation import LINK, OWN
 from lissajous_env.world.observation import ROBOT as PER_ROBOT
 from lissajous_env.world.observation import TARGET as PER_TARGET
 from lissajous_env.world.robots.bins import Bins, bin_of, column_of, row_of
-from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Links, Robots, Targets, planar
+from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, planar
 
 wp.set_module_options(OPTIONS)
 _LISTED = module_apart(f"{__name__}.listed", OPTIONS)
@@ -24,15 +22,15 @@ _LISTED = module_apart(f"{__name__}.listed", OPTIONS)
 _FAR = wp.constant(4.0)
 
 
-@wp.func
-def clear(w: int, i: int, start: int, stop: int, observation_out: wp.array3d(dtype=float)):
+@part
+def clear(w, i, start: int, stop: int, observation_out):
     """Zero a range of a row."""
     for k in range(start, stop):
         observation_out[w, i, k] = 0.0
 
 
-@wp.func
-def empty(w: int, i: int, start: int, width: int, count: int, observation_out: wp.array3d(dtype=float)):
+@part
+def empty(w, i, start: int, width: int, count: int, observation_out):
     """Zero the last `count` entries of a list, up to the first that is zero."""
     for entry in range(start, start + count * width, width):
         if observation_out[w, i, entry] == 0.0:
@@ -40,8 +38,8 @@ def empty(w: int, i: int, start: int, width: int, count: int, observation_out: w
         clear(w, i, entry, entry + width, observation_out)
 
 
-@wp.func
-def velocity(w: int, i: int, robots: Robots) -> wp.vec2:
+@part
+def velocity(w, i, robots) -> wp.vec2:
     """Return the velocity of a robot [m/s]."""
     return robots.speed[w, i] * cos_sin(robots.heading[w, i])
 
@@ -52,10 +50,8 @@ def far(value: float) -> float:
     return wp.clamp(value, -_FAR, _FAR)
 
 
-@wp.func
-def observe_self(
-    w: int, i: int, curve: CurveStruct, speed_unit: float, robots: Robots, observation_out: wp.array3d(dtype=float)
-):
+@part
+def observe_self(w, i, curve, speed_unit, robots, observation_out):
     """Fill entries 0 to 7."""
     own = robots.measured[w, i]
     turn = robots.measured_turn[w, i]
@@ -69,18 +65,8 @@ def observe_self(
     observation_out[w, i, 7] = wp.where(robots.status[w, i] == WORKING, 1.0, 0.0)
 
 
-@wp.func
-def put_message(
-    w: int,
-    i: int,
-    start: int,
-    age: float,
-    message: wp.vec4,
-    own: wp.vec4,
-    turn: wp.vec4,
-    curve: CurveStruct,
-    observation_out: wp.array3d(dtype=float),
-):
+@part
+def put_message(w, i, start: int, age: float, message: wp.vec4, own: wp.vec4, turn: wp.vec4, curve, observation_out):
     """Fill the entries of a ring neighbour's message, of `Links.heard`; `own` and `turn` are those of `Robots`.
 
     The age is in the unit of its entry.
@@ -93,8 +79,8 @@ def put_message(
     observation_out[w, i, start + 5] = far(0.5 * (message[3] - own[1]) / curve.half_height)
 
 
-@wp.func
-def put_robot(w: int, i: int, entry: int, offset: wp.vec2, relative: wp.vec2, observation_out: wp.array3d(dtype=float)):
+@part
+def put_robot(w, i, entry: int, offset: wp.vec2, relative: wp.vec2, observation_out):
     """Fill the entries of a robot in the disc, of its scaled place and velocity."""
     observation_out[w, i, entry] = 1.0
     observation_out[w, i, entry + 1] = offset[0]
@@ -103,25 +89,16 @@ def put_robot(w: int, i: int, entry: int, offset: wp.vec2, relative: wp.vec2, ob
     observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
 
 
-@wp.func
-def put_target(w: int, i: int, entry: int, offset: wp.vec2, observation_out: wp.array3d(dtype=float)):
+@part
+def put_target(w, i, entry: int, offset: wp.vec2, observation_out):
     """Fill the entries of a target in the disc, of its scaled place."""
     observation_out[w, i, entry] = 1.0
     observation_out[w, i, entry + 1] = offset[0]
     observation_out[w, i, entry + 2] = offset[1]
 
 
-@wp.func
-def observe_ring(
-    w: int,
-    i: int,
-    now: int,
-    curve: CurveStruct,
-    age_per_step: float,
-    robots: Robots,
-    links: Links,
-    observation_out: wp.array3d(dtype=float),
-):
+@part
+def observe_ring(w, i, now, curve, age_per_step, robots, links, observation_out):
     """Fill entries 8 to 19."""
     own = robots.measured[w, i]
     turn = robots.measured_turn[w, i]
@@ -161,8 +138,8 @@ def keep_nearest(w: int, i: int, kept: int, room: int, offset: wp.vec2, index: i
     return wp.min(kept + 1, room)
 
 
-@wp.func
-def keep_robot(w: int, i: int, j: int, kept: int, room: int, radius: float, robots: Robots, bins: Bins) -> int:
+@part
+def keep_robot(w, i, j, kept: int, room: int, radius: float, robots, bins: Bins) -> int:
     """Enter robot j as `keep_nearest` does, if it is in the disc."""
     away = planar(robots.position[w, j]) - planar(robots.position[w, i])
     if wp.dot(away, away) < radius * radius and j != i and robots.status[w, j] != REMOVED:
@@ -170,8 +147,8 @@ def keep_robot(w: int, i: int, j: int, kept: int, room: int, radius: float, robo
     return kept
 
 
-@wp.func
-def nearest_robots(w: int, i: int, room: int, radius: float, robots: Robots, bins: Bins) -> int:
+@part
+def nearest_robots(w, i, room: int, radius: float, robots, bins: Bins) -> int:
     """Find the nearest robots in the disc; returns how many, at most `room`."""
     kept = int(0)
     for j in range(robots.status.shape[1]):
@@ -179,8 +156,8 @@ def nearest_robots(w: int, i: int, room: int, radius: float, robots: Robots, bin
     return kept
 
 
-@wp.func
-def nearest_listed_robots(w: int, i: int, room: int, radius: float, robots: Robots, bins: Bins) -> int:
+@part
+def nearest_listed_robots(w, i, room: int, radius: float, robots, bins: Bins) -> int:
     """Compute `nearest_robots` from the list of the robot's bin."""
     kept = int(0)
     entry = bins.entry[w, bins.first[w, bin_of(planar(robots.position[w, i]), bins)]]
@@ -190,8 +167,8 @@ def nearest_listed_robots(w: int, i: int, room: int, radius: float, robots: Robo
     return kept
 
 
-@wp.func
-def nearest_targets(w: int, i: int, room: int, radius: float, robots: Robots, targets: Targets, bins: Bins) -> int:
+@part
+def nearest_targets(w, i, room: int, radius: float, robots, targets, bins: Bins) -> int:
     """Find the nearest targets in the disc; returns how many, at most `room`."""
     here = robots.sensor[w, i]
     kept = int(0)
@@ -202,10 +179,8 @@ def nearest_targets(w: int, i: int, room: int, radius: float, robots: Robots, ta
     return kept
 
 
-@wp.func
-def nearest_listed_targets(
-    w: int, i: int, room: int, radius: float, robots: Robots, targets: Targets, bins: Bins
-) -> int:
+@part
+def nearest_listed_targets(w, i, room: int, radius: float, robots, targets, bins: Bins) -> int:
     """Compute `nearest_targets` from the lists of the bins around the robot."""
     here = robots.sensor[w, i]
     kept = int(0)
@@ -223,17 +198,8 @@ def nearest_listed_targets(
     return kept
 
 
-@wp.func
-def observe_robots(
-    w: int,
-    i: int,
-    kept: int,
-    sensing: SensingStruct,
-    speed_unit: float,
-    robots: Robots,
-    bins: Bins,
-    observation_out: wp.array3d(dtype=float),
-):
+@part
+def observe_robots(w, i, kept: int, sensing, speed_unit, robots, bins: Bins, observation_out):
     """List the nearest robots in the disc."""
     entry = OWN + 2 * LINK
     for k in range(kept):
@@ -245,17 +211,8 @@ def observe_robots(
     empty(w, i, entry, PER_ROBOT, sensing.robots_seen - kept, observation_out)
 
 
-@wp.func
-def observe_targets(
-    w: int,
-    i: int,
-    kept: int,
-    sensing: SensingStruct,
-    robots: Robots,
-    targets: Targets,
-    bins: Bins,
-    observation_out: wp.array3d(dtype=float),
-):
+@part
+def observe_targets(w, i, kept: int, sensing, robots, targets, bins: Bins, observation_out):
     """List the nearest targets in the disc."""
     entry = OWN + 2 * LINK + PER_ROBOT * sensing.robots_seen
     for k in range(kept):

@@ -12,6 +12,7 @@ from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.part_structs import NoiseStruct, SensingStruct
 from lissajous_env.device.program import Program, Stage
+from lissajous_env.device.stage import part
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.constants import constants_of
@@ -55,20 +56,20 @@ class Outside:
     """(1,) cosine and sine of the measured phase, and 1 where it is given."""
 
 
-@wp.func
+@part
 def list_seen(
-    w: int,
-    i: int,
+    w,
+    i,
     kind: int,
     start: int,
     width: int,
     room: int,
-    sensing: SensingStruct,
-    speed_unit: float,
-    robots: Robots,
+    sensing,
+    speed_unit,
+    robots,
     bins: Bins,
     outside: Outside,
-    observation_out: wp.array3d(dtype=float),
+    observation_out,
 ):
     """List the nearest robots, kind 0, or targets, kind 1, that are in the disc."""
     kept = int(0)

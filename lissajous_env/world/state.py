@@ -294,6 +294,7 @@ class StepEvents:
 
 
 named(
+    **dict.fromkeys(("w", "i", "j", "t", "row", "column", "now", "slot", "key"), int),
     curve=CurveStruct,
     formation=part_structs.FormationStruct,
     robot=part_structs.RobotStruct,

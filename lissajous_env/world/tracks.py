@@ -12,15 +12,13 @@ import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import NoiseStruct, SensingStruct
-from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.targets import Sensing
 from lissajous_env.world.observation import TEAMMATE, TRACK
 from lissajous_env.world.observing import empty, far, keep_nearest
 from lissajous_env.world.robots.bins import Bins
-from lissajous_env.world.state import FOUND, GONE, HIDDEN, REMOVED, Links, Tracks
+from lissajous_env.world.state import FOUND, GONE, HIDDEN, REMOVED
 
 wp.set_module_options(OPTIONS)
 
@@ -51,8 +49,8 @@ def sight(w, i, sensing, target, clock, robots, targets, tracks):
         tracks.sighted[w, i, slot, t] = sighted
 
 
-@wp.func
-def learn(w: int, i: int, t: int, sighted: int, slot: int, seen_at: int, step: float, tracks: Tracks):
+@part
+def learn(w, i, t, sighted: int, slot, seen_at: int, step: float, tracks):
     """Update the track of a target by a sighting that is newer than it, or as new."""
     known = tracks.seen_at[w, i, t]
     if sighted == _LEAVES and seen_at >= known:
@@ -67,18 +65,8 @@ def learn(w: int, i: int, t: int, sighted: int, slot: int, seen_at: int, step: f
         tracks.seen_at[w, i, t] = seen_at
 
 
-@wp.func
-def arrives(
-    w: int,
-    i: int,
-    j: int,
-    key: int,
-    sent_at: int,
-    sensing: SensingStruct,
-    noise: NoiseStruct,
-    neighbours: wp.array2d(dtype=int),
-    links: Links,
-) -> bool:
+@part
+def arrives(w, i, j, key, sent_at: int, sensing, noise, neighbours, links) -> bool:
     """Return whether the message that teammate j sent in a step arrives at robot i now."""
     if sensing.shared < _RING or j == i or sent_at < 0:
         return False
@@ -122,16 +110,8 @@ def update_tracks(w, i, sensing, noise, task, neighbours, clock, links, tracks):
             learn(w, i, t, sighted, slot, now, task.step, tracks)
 
 
-@wp.func
-def put_place(
-    w: int,
-    i: int,
-    entry: int,
-    offset: wp.vec2,
-    age: float,
-    curve: CurveStruct,
-    observation_out: wp.array3d(dtype=float),
-):
+@part
+def put_place(w, i, entry: int, offset: wp.vec2, age: float, curve, observation_out):
     """Fill the first entries of a track or a teammate at a relative place [m]."""
     observation_out[w, i, entry] = 1.0
     observation_out[w, i, entry + 1] = far(0.5 * offset[0] / curve.half_width)

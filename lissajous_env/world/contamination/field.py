@@ -18,12 +18,11 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.discs import along, half_of, mark_disc, mark_way, points_per_metre, run_of_bits
-from lissajous_env.device.part_structs import TargetStruct
-from lissajous_env.device.stage import FIELD_ROW, WORLD, stage
+from lissajous_env.device.stage import FIELD_ROW, WORLD, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.targets import Targets as TargetSettings
 from lissajous_env.world.contamination.labels import MARGIN, Hops, context_of, forget_seen, label_cells, slot_of
-from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, planar
+from lissajous_env.world.state import NEVER, NOWHERE, planar
 from lissajous_env.world.tally import FAULT_MARGIN, EpisodeTotals, any_failed
 
 wp.set_module_options(OPTIONS)
@@ -40,8 +39,8 @@ def entries(entry: int, word: int, row: int, rows: int, columns: int) -> wp.uint
     return half_of(ends, word)
 
 
-@wp.func
-def is_over(w: int, target: TargetStruct, clock: Clock, contamination: Contamination) -> bool:
+@part
+def is_over(w, target, clock, contamination) -> bool:
     """Return whether no undetected target is left in any tick, and none will be introduced."""
     return target.arrival_rate == 0.0 and contamination.cleared_at[w] < clock.step[w] - 1
 

@@ -21,9 +21,9 @@ from typing import Any
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.stage import BIN, ROBOT, stage
+from lissajous_env.device.stage import BIN, ROBOT, part, stage
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.state import REMOVED, Robots, planar
+from lissajous_env.world.state import REMOVED, planar
 
 wp.set_module_options(OPTIONS)
 
@@ -89,8 +89,8 @@ def bin_of(place: wp.vec2, bins: Bins) -> int:
     return row_of(place[1], bins) * bins.columns + column_of(place[0], bins)
 
 
-@wp.func
-def rows_of(w: int, i: int, widened: float, robots: Robots, bins: Bins) -> wp.vec2i:
+@part
+def rows_of(w, i, widened: float, robots, bins: Bins) -> wp.vec2i:
     """Return the first and last row that the robot's path in this step crosses, `widened` [m] to both sides."""
     low = robots.track[w, i, 0][1]
     high = low
@@ -100,8 +100,8 @@ def rows_of(w: int, i: int, widened: float, robots: Robots, bins: Bins) -> wp.ve
     return wp.vec2i(row_of(low - widened, bins), row_of(high + widened, bins))
 
 
-@wp.func
-def columns_of(w: int, i: int, row: int, widened: float, robots: Robots, bins: Bins) -> wp.vec2i:
+@part
+def columns_of(w, i, row, widened: float, robots, bins: Bins) -> wp.vec2i:
     """Return the first and last column of this path in one of these rows."""
     bottom = float(row) * bins.size - bins.half_height
     low = wp.where(row == 0, -1.0e30, bottom - widened)
@@ -132,8 +132,8 @@ def columns_of(w: int, i: int, row: int, widened: float, robots: Robots, bins: B
     return wp.vec2i(column_of(left - widened, bins), column_of(right + widened, bins))
 
 
-@wp.func
-def list_robot(w: int, i: int, robots: Robots, bins: Bins) -> bool:
+@part
+def list_robot(w, i, robots, bins: Bins) -> bool:
     """Put a robot into the lists of the bins that it comes near; return whether there was room for it."""
     rows = rows_of(w, i, bins.widened, robots, bins)
     for row in range(rows[0], rows[1] + 1):

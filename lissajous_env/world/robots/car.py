@@ -22,8 +22,7 @@ from lissajous_env.device.abreast import (
 from lissajous_env.device.car_input import car_action, steering_angle, throttle
 from lissajous_env.device.compilation import MOTION, OPTIONS, module_apart
 from lissajous_env.device.curve import wrap
-from lissajous_env.device.part_structs import RobotStruct
-from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
 from lissajous_env.settings.parts import Curve, Formation, Noise
@@ -31,14 +30,14 @@ from lissajous_env.settings.robot import Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.world.robots.faults import COAST, rolling
 from lissajous_env.world.robots.walls import WALL, begin_track, end_motion, stop_at_walls
-from lissajous_env.world.state import WORKING, Robots
+from lissajous_env.world.state import WORKING
 
 wp.set_module_options(MOTION)
 _DRIVING = module_apart(f"{__name__}.driving", OPTIONS)
 
 
-@wp.func
-def motor_push(robot: RobotStruct, drive: float, tau: float) -> float:
+@part
+def motor_push(robot, drive: float, tau: float) -> float:
     """Return the motor's acceleration, alpha tau - beta above the dead zone [m/s^2], equation (12).
 
     Differs from the paper: it has no dead zone; the authors' plant has one, in which the car coasts. Nor does a car of
@@ -49,14 +48,14 @@ def motor_push(robot: RobotStruct, drive: float, tau: float) -> float:
     return wp.where(robot.speed_min < 0.0, wp.max(push, 0.0) + wp.min(back, 0.0), push)
 
 
-@wp.func
-def speed_limit_below(robot: RobotStruct) -> float:
+@part
+def speed_limit_below(robot) -> float:
     """Return the limit below which no speed of a car falls [m/s]: 0, or none for one that reverses."""
     return wp.where(robot.speed_min < 0.0, -1.0e30, 0.0)
 
 
-@wp.func
-def car_rate(robot: RobotStruct, state: wp.vec4, curvature: float, push: float) -> wp.vec4:
+@part
+def car_rate(robot, state: wp.vec4, curvature: float, push: float) -> wp.vec4:
     """(x, y, heading, v)' = (v cos heading, v sin heading, v tan(delta) / l, -c v + push), equation (12).
 
     `curvature` is tan(delta) / l [1/m]. The yaw rate is limited by grip to a_lat / |v|; with `robot.speed_min` = 0 a
@@ -70,8 +69,8 @@ def car_rate(robot: RobotStruct, state: wp.vec4, curvature: float, push: float) 
     return wp.vec4(speed * ahead[0], speed * ahead[1], yaw_rate, push - robot.drag * speed)
 
 
-@wp.func
-def car_step(robot: RobotStruct, state: wp.vec4, curvature: float, push: float, h: float) -> wp.vec4:
+@part
+def car_step(robot, state: wp.vec4, curvature: float, push: float, h: float) -> wp.vec4:
     """Return the state after one step of the classical fourth-order Runge-Kutta method over h [s]."""
     k1 = car_rate(robot, state, curvature, push)
     k2 = car_rate(robot, state + 0.5 * h * k1, curvature, push)
@@ -81,10 +80,8 @@ def car_step(robot: RobotStruct, state: wp.vec4, curvature: float, push: float, 
     return wp.vec4(moved[0], moved[1], moved[2], wp.max(moved[3], speed_limit_below(robot)))
 
 
-@wp.func
-def take_input(
-    block: Block, robot: RobotStruct, command: wp.array3d(dtype=float), robots: Robots
-) -> tuple[Floats, Floats]:
+@part
+def take_input(block: Block, robot, command, robots) -> tuple[Floats, Floats]:
     """Return the curvature of the path [1/m] and the motor's acceleration [m/s^2] of the cars of a block."""
     steering = entries(block, command, 0)
     throttling = entries(block, command, 1)
@@ -140,8 +137,8 @@ _SLOWEST = wp.constant(1.0 / 3.0)
 """Least speed for which the driver computes the steering angle [top speed]; a slower car would steer to and fro."""
 
 
-@wp.func
-def steering_towards(wish: wp.vec2, heading: float, speed: float, step: float, robot: RobotStruct) -> float:
+@part
+def steering_towards(wish: wp.vec2, heading: float, speed: float, step: float, robot) -> float:
     """Return the steering angle [rad] that turns a car to the direction of a wish within a step.
 
     Of the bicycle (12), heading' = v tan(steering) / l, with the tangent's argument small: steering =
@@ -153,8 +150,8 @@ def steering_towards(wish: wp.vec2, heading: float, speed: float, step: float, r
     return wp.atan(robot.wheelbase * error / (wp.max(speed, _SLOWEST * robot.speed_max) * step))
 
 
-@wp.func
-def throttle_for(size: float, robot: RobotStruct) -> float:
+@part
+def throttle_for(size: float, robot) -> float:
     """Return the throttle whose steady speed (drive throttle - offset) / drag is a share of the top speed."""
     return (robot.drag * robot.speed_max * wp.min(size, 1.0) + robot.offset) / robot.drive
 

@@ -6,12 +6,12 @@ import warp as wp
 
 from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.compilation import OPTIONS, module_apart
-from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Task
 from lissajous_env.world.robots.bins import PARTED, Bins, columns_of, rows_of
 from lissajous_env.world.robots.sight import max_displacement
-from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Robots, StepEvents
+from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK
 from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
@@ -21,19 +21,8 @@ _STOP = wp.constant(place_of(Task, "on_collision", "stop"))
 _REMOVE = wp.constant(place_of(Task, "on_collision", "remove"))
 
 
-@wp.func
-def compare_pair(
-    w: int,
-    i: int,
-    j: int,
-    now: int,
-    touch: float,
-    beyond: float,
-    places: wp.array(dtype=int),
-    robots: Robots,
-    latest: StepEvents,
-    tally: EpisodeTotals,
-) -> float:
+@part
+def compare_pair(w, i, j, now, touch: float, beyond: float, places, robots, latest, tally: EpisodeTotals) -> float:
     """Count a collision of two robots that come within `touch`, or end it; return their least squared distance [m^2].
 
     Robots of one of `places` overlap by design and are not compared: `Scenario.places`.
@@ -72,19 +61,9 @@ def part_pair(w: int, i: int, j: int, tally: EpisodeTotals):
         tally.contact[w, i, j] = -tally.contact[w, i, j]
 
 
-@wp.func
+@part
 def compare_with_all(
-    w: int,
-    i: int,
-    now: int,
-    touch: float,
-    beyond: float,
-    way: float,
-    places: wp.array(dtype=int),
-    robots: Robots,
-    bins: Bins,
-    latest: StepEvents,
-    tally: EpisodeTotals,
+    w, i, now, touch: float, beyond: float, way: float, places, robots, bins: Bins, latest, tally: EpisodeTotals
 ) -> float:
     """Run `compare_pair` for the robots after this one; none moves farther than `way` [m] in the step."""
     last = robots.track.shape[2] - 1
@@ -100,19 +79,9 @@ def compare_with_all(
     return nearest
 
 
-@wp.func
+@part
 def compare_with_listed(
-    w: int,
-    i: int,
-    now: int,
-    touch: float,
-    beyond: float,
-    way: float,
-    places: wp.array(dtype=int),
-    robots: Robots,
-    bins: Bins,
-    latest: StepEvents,
-    tally: EpisodeTotals,
+    w, i, now, touch: float, beyond: float, way: float, places, robots, bins: Bins, latest, tally: EpisodeTotals
 ) -> float:
     """Compute `compare_with_all` from the lists of the bins on the robot's path, in several of which a robot may be.
 

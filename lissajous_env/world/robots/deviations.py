@@ -29,7 +29,6 @@ from lissajous_env.device.abreast import (
 )
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import (
-    CurveStruct,
     curve_parameter,
     lissajous,
     point2,
@@ -37,7 +36,7 @@ from lissajous_env.device.curve import (
     project_lissajous,
     series,
 )
-from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.parts import Curve
@@ -65,8 +64,8 @@ class CurvePoints:
     """Half of their distance [rad]: the extent of a parabola to both sides, and Newton's largest step."""
 
 
-@wp.func
-def curve_distances(sampled: CurvePoints, curve: CurveStruct, x: Floats, y: Floats, count: int) -> Floats:
+@part
+def curve_distances(sampled: CurvePoints, curve, x: Floats, y: Floats, count: int) -> Floats:
     """Return the distance of the robots of a block from the curve [m]; 0 for robots that are always on it."""
     distance = Floats()
     if sampled.points.shape[0] > 0:
@@ -160,8 +159,8 @@ def watch_boundary(block, curve, robot, task, clock, robots, latest):
                 latest.terminated[w, i] = True
 
 
-@wp.func
-def own_distance(curve: CurveStruct, x: float, y: float, alpha: float, phase: wp.float64) -> float:
+@part
+def own_distance(curve, x: float, y: float, alpha: float, phase: wp.float64) -> float:
     """Return the distance of a place from the point of a Lissajous curve at a phase [m]."""
     point = lissajous(curve, curve_parameter(alpha, phase))
     return wp.length(wp.vec2(x - point[0], y - point[1]))

@@ -12,7 +12,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_struct, wrap
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.device.part_structs import RobotStruct
-from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
@@ -72,10 +72,8 @@ def heading_with_room(place: wp.vec2, heading: float, turning: float, half: wp.v
     return heading
 
 
-@wp.func
-def turned_inside(
-    place: wp.vec2, heading: float, speed: float, turning: float, curve: CurveStruct, robot: RobotStruct
-) -> float:
+@part
+def turned_inside(place: wp.vec2, heading: float, speed: float, turning: float, curve, robot) -> float:
     """Return the heading at which a car begins within walls, where steering and grip allow circles [rad]."""
     widest = wp.max(turning, speed * speed / robot.lateral_acceleration_max)
     x = wp.min(curve.half_width - robot.radius, curve.reach_x)

@@ -5,11 +5,10 @@ import warp as wp
 from lissajous_env.device import randomness
 from lissajous_env.device.abreast import Block, where_equal
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.part_structs import FaultsStruct
-from lissajous_env.device.stage import ROBOT, WORLD, stage
+from lissajous_env.device.stage import ROBOT, WORLD, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.parts import Faults
-from lissajous_env.world.state import NEVER, REMOVED, STUCK, WORKING, Robots
+from lissajous_env.world.state import NEVER, REMOVED, STUCK, WORKING
 
 wp.set_module_options(OPTIONS)
 
@@ -17,8 +16,8 @@ wp.set_module_options(OPTIONS)
 COAST = wp.constant(place_of(Faults, "stop", "coast"))
 
 
-@wp.func
-def rolling(block: Block, faults: FaultsStruct, robots: Robots) -> int:
+@part
+def rolling(block: Block, faults, robots) -> int:
     """Return a bit for each car of a block that has failed and coasts; a car that a collision stopped does not."""
     if faults.stop != COAST:
         return 0

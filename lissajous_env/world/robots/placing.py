@@ -17,7 +17,6 @@ from lissajous_env.device.abreast import (
 from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.compilation import MOTION, OPTIONS, module_apart
 from lissajous_env.device.curve import (
-    CurveStruct,
     curve_parameter,
     point,
     project,
@@ -25,13 +24,12 @@ from lissajous_env.device.curve import (
     tangent2,
     wrap_phase,
 )
-from lissajous_env.device.part_structs import FormationStruct
-from lissajous_env.device.stage import ROBOT, WORLD, stage
+from lissajous_env.device.stage import ROBOT, WORLD, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.parts import Formation
 from lissajous_env.world.robots.faults import rolling
-from lissajous_env.world.state import REMOVED, WORKING, Clock, Robots, planar
+from lissajous_env.world.state import REMOVED, WORKING, planar
 
 wp.set_module_options(MOTION)
 _HEADWAY = module_apart(f"{__name__}.headway", OPTIONS)
@@ -46,8 +44,8 @@ _DRAWS = wp.constant(100)
 """Displacements of a robot that are drawn at most; the last one remains."""
 
 
-@wp.func
-def place_on_curve(w: int, i: int, rate: float, curve: CurveStruct, alpha: float, robots: Robots):
+@part
+def place_on_curve(w, i, rate: float, curve, alpha: float, robots):
     """Place a robot at the point of its phase, heading along the curve at phase rate `rate` [rad/s]."""
     gamma = curve_parameter(alpha, robots.phase[w, i])
     tangent = tangent2(curve, gamma) * (alpha * rate)
@@ -57,16 +55,8 @@ def place_on_curve(w: int, i: int, rate: float, curve: CurveStruct, alpha: float
         robots.heading[w, i] = wp.atan2(tangent[1], tangent[0])
 
 
-@wp.func
-def start_phase(
-    w: int,
-    i: int,
-    draw: int,
-    formation: FormationStruct,
-    equilibrium: wp.array(dtype=wp.float64),
-    displaced: wp.array(dtype=float),
-    clock: Clock,
-) -> wp.float64:
+@part
+def start_phase(w, i, draw: int, formation, equilibrium, displaced, clock) -> wp.float64:
     """Return the phase of a robot at reset [rad]; each `draw`, counted from 0, has a random displacement of its own."""
     phase = equilibrium[i] + wp.float64(displaced[i])
     if formation.start == ROTATED:  # the same turn for every robot
@@ -79,16 +69,8 @@ def start_phase(
     return wrap_phase(phase)
 
 
-@wp.func
-def begin_on_curve(
-    w: int,
-    i: int,
-    phase: wp.float64,
-    curve: CurveStruct,
-    formation: FormationStruct,
-    top_speeds: wp.array(dtype=float),
-    robots: Robots,
-):
+@part
+def begin_on_curve(w, i, phase: wp.float64, curve, formation, top_speeds, robots):
     """Put a robot on the curve at a phase [rad], at the formation's speed or its own top speed if that is lower."""
     alpha = float(formation.alpha)
     robots.phase[w, i] = phase
@@ -98,8 +80,8 @@ def begin_on_curve(
         robots.track[w, i, s] = robots.position[w, i]
 
 
-@wp.func
-def places_of(block: Block, robots: Robots) -> tuple[Floats, Floats, Doubles]:
+@part
+def places_of(block: Block, robots) -> tuple[Floats, Floats, Doubles]:
     """Return x, y [m] and phase [rad] of the robots of a block."""
     x = coordinates(block, robots.position, 0)
     y = coordinates(block, robots.position, 1)
@@ -145,8 +127,8 @@ def reset_robots(
     robots.drive[w, i] = drive * (1.0 + noise.drive_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
 
 
-@wp.func
-def collides_at_once(w: int, i: int, time: float, radius: float, places: wp.array(dtype=int), robots: Robots) -> bool:
+@part
+def collides_at_once(w, i, time: float, radius: float, places, robots) -> bool:
     """Return whether a robot collides within a time [s] with one of a smaller number if all go straight on.
 
     Positions and velocities are those in the plane. Robots of one of `places` overlap by design: `Scenario.places`.

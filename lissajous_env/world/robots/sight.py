@@ -8,12 +8,13 @@ import warp as wp
 
 from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
 from lissajous_env.device.approach import first_within
+from lissajous_env.device.stage import part
 from lissajous_env.world.robots.bins import Bins, bin_of
-from lissajous_env.world.state import NOWHERE, Robots, planar
+from lissajous_env.world.state import NOWHERE, planar
 
 
-@wp.func
-def nearest_sensor(w: int, place: wp.vec2, robots: Robots, bins: Bins) -> wp.vec2:
+@part
+def nearest_sensor(w, place: wp.vec2, robots, bins: Bins) -> wp.vec2:
     """Return (index, squared distance [m^2]) of the working robot nearest to a place."""
     nearest = int(0)
     least = float(1.0e30)
@@ -26,10 +27,8 @@ def nearest_sensor(w: int, place: wp.vec2, robots: Robots, bins: Bins) -> wp.vec
     return wp.vec2(float(nearest), least)
 
 
-@wp.func
-def nearest_sensors(
-    w: int, count: int, x: Floats, y: Floats, within: Floats, robots: Robots, bins: Bins
-) -> tuple[Ints, Floats]:
+@part
+def nearest_sensors(w, count: int, x: Floats, y: Floats, within: Floats, robots, bins: Bins) -> tuple[Ints, Floats]:
     """Compute `nearest_sensor` for `count` places side by side, at any distance: index, squared distance [m^2]."""
     nearest = Ints()
     least = Floats(1.0e30)
@@ -45,8 +44,8 @@ def nearest_sensors(
     return nearest, least
 
 
-@wp.func
-def max_displacement(w: int, robots: Robots) -> float:
+@part
+def max_displacement(w, robots) -> float:
     """Return the largest distance, over robots and the step, from the position at its end [m]."""
     last = robots.track.shape[2] - 1
     square = float(0.0)
@@ -56,8 +55,8 @@ def max_displacement(w: int, robots: Robots) -> float:
     return wp.sqrt(square)
 
 
-@wp.func
-def share_until_sight(w: int, i: int, before: wp.vec2, after: wp.vec2, radius: float, robots: Robots) -> float:
+@part
+def share_until_sight(w, i, before: wp.vec2, after: wp.vec2, radius: float, robots) -> float:
     """Return the share of the step until a robot detects a target that moves as in `first_sight`; 2 for never."""
     pieces = robots.track.shape[2] - 1
     moved = (after - before) / float(pieces)
@@ -71,10 +70,8 @@ def share_until_sight(w: int, i: int, before: wp.vec2, after: wp.vec2, radius: f
     return 2.0
 
 
-@wp.func
-def first_sight(
-    w: int, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots: Robots, bins: Bins
-) -> wp.vec2:
+@part
+def first_sight(w, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots, bins: Bins) -> wp.vec2:
     """Return (index of the robot that first has a target in its disc, share of the step until then; 2 for none).
 
     The target goes from `before` to `after` [m] at one speed; where a wall reflects it, that cuts the corner. Robots
@@ -97,8 +94,8 @@ def first_sight(
 # The same by the lists of bins, where robots are many.
 
 
-@wp.func
-def nearest_listed(w: int, place: wp.vec2, robots: Robots, bins: Bins) -> wp.vec2:
+@part
+def nearest_listed(w, place: wp.vec2, robots, bins: Bins) -> wp.vec2:
     """Compute `nearest_sensor` from the robots in the list of a place's bin."""
     nearest = int(0)
     least = float(1.0e30)
@@ -114,9 +111,9 @@ def nearest_listed(w: int, place: wp.vec2, robots: Robots, bins: Bins) -> wp.vec
     return wp.vec2(float(nearest), least)
 
 
-@wp.func
+@part
 def nearest_listed_together(
-    w: int, count: int, x: Floats, y: Floats, within: Floats, robots: Robots, bins: Bins
+    w, count: int, x: Floats, y: Floats, within: Floats, robots, bins: Bins
 ) -> tuple[Ints, Floats]:
     """Compute `nearest_listed` for `count` places: index, squared distance [m^2].
 
@@ -143,10 +140,8 @@ def leaves_lists(before: wp.vec2, after: wp.vec2, radius: float, bins: Bins) -> 
     return wp.length(after - before) > 0.5 * (bins.reach + bins.widened) - radius
 
 
-@wp.func
-def first_sight_listed(
-    w: int, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots: Robots, bins: Bins
-) -> wp.vec2:
+@part
+def first_sight_listed(w, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots, bins: Bins) -> wp.vec2:
     """Compute `first_sight` from the list of the bin in which a target was, or from all robots if it moved far."""
     if leaves_lists(before, after, radius, bins):
         return first_sight(w, before, after, radius, reach, robots, bins)

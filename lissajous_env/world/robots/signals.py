@@ -24,28 +24,27 @@ from lissajous_env.device.abreast import (
     width,
 )
 from lissajous_env.device.compilation import MOTION
-from lissajous_env.device.curve import CurveStruct, curve_parameter, project, wrap_phase
-from lissajous_env.device.part_structs import NoiseStruct
-from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.curve import curve_parameter, project, wrap_phase
+from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.robots.placing import LARGEST_CORRECTION, places_of
-from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock
+from lissajous_env.world.state import NOWHERE, REMOVED, WORKING
 
 wp.set_module_options(MOTION)
 
 _LARGEST = wp.constant(float(np.finfo(np.float32).max))
 
 
-@wp.func
-def flag(w: int, clock: Clock):
+@part
+def flag(w, clock):
     """Flag a world that received an action that is not finite."""
     clock.invalid[w] = 1
     if clock.invalid_at[w] == 0:
         clock.invalid_at[w] = clock.step[w]
 
 
-@wp.func
-def disturb_command(w: int, i: int, noise: NoiseStruct, clock: Clock, command_out: wp.array3d(dtype=float)):
+@part
+def disturb_command(w, i, noise, clock, command_out):
     """Add noise to the commands of a robot."""
     draw = randomness.stream(randomness.step_key(clock.seed[w], clock.step[w]), i, randomness.ACTUATOR)
     for entry in range(command_out.shape[2]):
@@ -104,9 +103,9 @@ def take_commands(block, noise, action, clock, latest, taken, command_out):
                 disturb_command((block.start + k) / n, (block.start + k) % n, noise, clock, command_out)
 
 
-@wp.func
+@part
 def disturb_pose(
-    draw: wp.uint32, alpha: float, curve: CurveStruct, noise: NoiseStruct, pose: wp.vec4, phase: wp.float64
+    draw: wp.uint32, alpha: float, curve, noise, pose: wp.vec4, phase: wp.float64
 ) -> tuple[wp.vec4, wp.float64]:
     """Add noise to a pose (x, y [m], heading [rad], speed [m/s]) and a phase [rad]."""
     pose[0] += noise.position * wp.randn(draw)

@@ -12,12 +12,12 @@ from lissajous_env.device.abreast import (
     width,
 )
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct, wrap
-from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.curve import wrap
+from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.task import Task
-from lissajous_env.world.state import REMOVED, WORKING, Robots, planar
+from lissajous_env.world.state import REMOVED, WORKING, planar
 from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
@@ -30,8 +30,8 @@ APART = wp.constant(0.05)
 """Share of the radius beyond which a contact with a wall is over."""
 
 
-@wp.func
-def stop_at_wall(curve: CurveStruct, radius: float, robot: wp.vec4) -> wp.vec4:
+@part
+def stop_at_wall(curve, radius: float, robot: wp.vec4) -> wp.vec4:
     """Keep a body (x, y [m], heading [rad], speed [m/s]) in the rectangle.
 
     What of its velocity goes into a wall is lost, its heading stays.
@@ -46,8 +46,8 @@ def stop_at_wall(curve: CurveStruct, radius: float, robot: wp.vec4) -> wp.vec4:
     return wp.vec4(x, y, robot[2], robot[3] * kept)
 
 
-@wp.func
-def begin_track(block: Block, standing: int, x: Floats, y: Floats, robots: Robots):
+@part
+def begin_track(block: Block, standing: int, x: Floats, y: Floats, robots):
     """Begin the track of a step, and store that of robots which stand, with a speed of 0."""
     if standing != 0:
         put_floats(block, standing, Floats(), robots.speed)
@@ -56,9 +56,9 @@ def begin_track(block: Block, standing: int, x: Floats, y: Floats, robots: Robot
     put_places(block, block.active_mask, x, y, 0, robots.track)
 
 
-@wp.func
+@part
 def stop_at_walls(
-    curve: CurveStruct, radius: float, x: Floats, y: Floats, heading: Floats, speed: Floats
+    curve, radius: float, x: Floats, y: Floats, heading: Floats, speed: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Return x, y [m] and speed [m/s] of bodies that walls stop, as `stop_at_wall` does."""
     for k in range(ABREAST):
@@ -70,8 +70,8 @@ def stop_at_walls(
     return x, y, speed
 
 
-@wp.func
-def end_motion(block: Block, moving: int, x: Floats, y: Floats, heading: Floats, speed: Floats, robots: Robots):
+@part
+def end_motion(block: Block, moving: int, x: Floats, y: Floats, heading: Floats, speed: Floats, robots):
     """Store where robots are at the end of a step."""
     for k in range(ABREAST):
         if k < width():
@@ -81,14 +81,14 @@ def end_motion(block: Block, moving: int, x: Floats, y: Floats, heading: Floats,
     put_floats(block, moving, speed, robots.speed)
 
 
-@wp.func
-def wall_distance(curve: CurveStruct, radius: float, place: wp.vec2) -> float:
+@part
+def wall_distance(curve, radius: float, place: wp.vec2) -> float:
     """Return the distance of a body at a place from the nearest wall [m]; negative beyond it."""
     return wp.min(curve.half_width - wp.abs(place[0]), curve.half_height - wp.abs(place[1])) - radius
 
 
-@wp.func
-def driven_speed(w: int, i: int, driving: wp.array2d(dtype=float), taken: wp.array3d(dtype=float)) -> float:
+@part
+def driven_speed(w, i, driving, taken) -> float:
     """Return the speed that a robot's action requests [m/s], without its direction; `driving` as in `constants`."""
     square = float(0.0)
     for k in range(driving.shape[0]):

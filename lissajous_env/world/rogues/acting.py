@@ -5,9 +5,7 @@ import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import TargetStruct
-from lissajous_env.device.stage import TARGET, stage
+from lissajous_env.device.stage import TARGET, part, stage
 from lissajous_env.device.trig import atan2
 from lissajous_env.world.observing import comes_before, far, velocity
 from lissajous_env.world.robots.signals import flag
@@ -20,9 +18,6 @@ from lissajous_env.world.state import (
     REMOVED,
     RUNNING,
     WORKING,
-    Robots,
-    Rogues,
-    Targets,
     planar,
 )
 
@@ -45,8 +40,8 @@ def commanded(x: float, y: float) -> wp.vec2:
     return action / wp.max(wp.length(action), 1.0)
 
 
-@wp.func
-def held(place: wp.vec2, curve: CurveStruct) -> wp.vec2:
+@part
+def held(place: wp.vec2, curve) -> wp.vec2:
     """Return the nearest place within the walls [m]."""
     x = wp.clamp(place[0], -curve.half_width, curve.half_width)
     y = wp.clamp(place[1], -curve.half_height, curve.half_height)
@@ -100,8 +95,8 @@ def reward_rogues(w, t, task, clock, targets, rogues):
     rogues.reward[w, t] = reward
 
 
-@wp.func
-def next_robot(w: int, place: wp.vec2, after: wp.vec2, sight: float, robots: Robots) -> wp.vec2:
+@part
+def next_robot(w, place: wp.vec2, after: wp.vec2, sight: float, robots) -> wp.vec2:
     """Return (squared distance [m^2], index) of the nearest robot in sight that comes after another; index -1 for none.
 
     A `sight` of 0 has no limit.
@@ -116,18 +111,8 @@ def next_robot(w: int, place: wp.vec2, after: wp.vec2, sight: float, robots: Rob
     return best
 
 
-@wp.func
-def observe_itself(
-    w: int,
-    t: int,
-    place: wp.vec2,
-    curve: CurveStruct,
-    target: TargetStruct,
-    radius: float,
-    age: float,
-    targets: Targets,
-    rogues: Rogues,
-):
+@part
+def observe_itself(w, t, place: wp.vec2, curve, target, radius: float, age: float, targets, rogues):
     """Fill the entries of the rogue and of the walls."""
     speed = rogues.velocity[w, t] / target.speed_limit
     rogues.observation[w, t, 0] = wp.where(targets.stage[w, t] == PRESENT, 1.0, 0.0)
@@ -142,19 +127,8 @@ def observe_itself(
         rogues.observation[w, t, OWN + 2 + side] = wp.clamp((curve.half_height + sign * place[1]) / radius, 0.0, _FAR)
 
 
-@wp.func
-def observe_robot(
-    w: int,
-    t: int,
-    i: int,
-    start: int,
-    away: wp.vec2,
-    curve: CurveStruct,
-    radius: float,
-    speed_unit: float,
-    robots: Robots,
-    rogues: Rogues,
-):
+@part
+def observe_robot(w, t, i, start: int, away: wp.vec2, curve, radius: float, speed_unit, robots, rogues):
     """Fill the entries of a robot that is `away` [m]."""
     speed = velocity(w, i, robots) / speed_unit
     rogues.observation[w, t, start] = 1.0

@@ -13,9 +13,7 @@ import warp as wp
 from lissajous_env.device import randomness
 from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
 from lissajous_env.device.compilation import MOTION, module_apart
-from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import SensingStruct, TargetStruct
-from lissajous_env.device.stage import TARGET, stage
+from lissajous_env.device.stage import TARGET, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.targets import Targets as TargetSettings
 from lissajous_env.world.robots.bins import Bins, bin_of
@@ -28,7 +26,7 @@ from lissajous_env.world.robots.sight import (
     nearest_sensor,
     nearest_sensors,
 )
-from lissajous_env.world.state import FOUND, GONE, HIDDEN, PRESENT, Robots, StepEvents, Targets
+from lissajous_env.world.state import FOUND, GONE, HIDDEN, PRESENT
 from lissajous_env.world.targets.motion import CUSTOM, FLEEING, STILL, away_from_all, flee, is_moved, wander
 
 wp.set_module_options(MOTION)
@@ -101,8 +99,8 @@ class Flock:
     """Distance to a robot below which it flees [m]; 0 for one that never flees."""
 
 
-@wp.func
-def gather(w: int, count: int, number: Ints, target: TargetStruct, targets: Targets) -> Flock:
+@part
+def gather(w, count: int, number: Ints, target, targets) -> Flock:
     """Load the targets of these numbers; one that an extension moves has already moved."""
     flock = Flock()
     flock.count = count
@@ -131,18 +129,9 @@ def gather(w: int, count: int, number: Ints, target: TargetStruct, targets: Targ
     return flock
 
 
-@wp.func
+@part
 def move_together(
-    w: int,
-    key: int,
-    flock: Flock,
-    nearest: Ints,
-    square: Floats,
-    step: float,
-    curve: CurveStruct,
-    target: TargetStruct,
-    robots: Robots,
-    targets: Targets,
+    w, key, flock: Flock, nearest: Ints, square: Floats, step: float, curve, target, robots, targets
 ) -> tuple[Floats, Floats]:
     """Move targets over a step [s]; returns their new places [m]. `nearest` and `square` are of `nearest_sensors`."""
     # Copies: a loop over the fields of a struct does not become SIMD.
@@ -174,17 +163,8 @@ def move_together(
     return x, y
 
 
-@wp.func
-def detect(
-    w: int,
-    t: int,
-    now: int,
-    nearest: wp.vec2,
-    sight: wp.vec2,
-    radius: float,
-    targets: Targets,
-    latest: StepEvents,
-) -> int:
+@part
+def detect(w, t, now, nearest: wp.vec2, sight: wp.vec2, radius: float, targets, latest) -> int:
     """Let a robot detect a target: the first on its way or else, if it is seen there, the nearest at its end.
 
     `nearest` is of `nearest_sensor`, `sight` of `first_sight`. Returns 1 where it does.
@@ -204,21 +184,21 @@ def detect(
 def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module: Any = None) -> Any:
     """Make the kernel that moves and detects targets, for robots and targets that are few or many."""
 
-    @wp.func
+    @part
     def detect_together(
-        w: int,
-        now: int,
+        w,
+        now,
         flock: Flock,
         square: Floats,
         x: Floats,
         y: Floats,
         far: float,
         way: float,
-        sensing: SensingStruct,
-        robots: Robots,
-        targets: Targets,
+        sensing,
+        robots,
+        targets,
         bins: Bins,
-        latest: StepEvents,
+        latest,
     ) -> wp.vec2i:
         """Let robots detect targets that are at x, y now [m]; return how many wait on, and are in sight.
 
