@@ -18,7 +18,7 @@ from baselines.policies.loop_shapes import RESERVE, TURN, PartitionParameters
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import turning_radius
-from lissajous_env.world.robots.facing import start_headings
+from lissajous_env.world.robots.placing import start_headings
 
 _ROOM = 1.02
 """Corners are wider than the tightest turn of the widest-turning car by this factor."""

@@ -17,7 +17,8 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import replacing
 from lissajous_env.world.contamination.labels import introduced_at
-from lissajous_env.world.simulation import Simulation, fold_seed
+from lissajous_env.world.selection import fold_seed
+from lissajous_env.world.simulation import Simulation
 
 Unknown = tuple[str, int, int, int]
 """A range of moments in which something of a robot is unknown: `pose`, `speed` or `command`, the robot, the first and

@@ -3,11 +3,9 @@
 With many robots or targets, bins are used to compute those that a robot detects, with the same result to the last bit.
 """
 
-from typing import Any
-
 import warp as wp
 
-from lissajous_env.device.compilation import OPTIONS, module_apart
+from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.observation import LINK, OWN
@@ -17,7 +15,6 @@ from lissajous_env.world.robots.bins import Bins, bin_of, column_of, row_of
 from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, planar
 
 wp.set_module_options(OPTIONS)
-_LISTED = module_apart(f"{__name__}.listed", OPTIONS)
 
 _FAR = wp.constant(4.0)
 
@@ -151,19 +148,14 @@ def keep_robot(w, i, j, kept: int, room: int, radius: float, robots, bins: Bins)
 def nearest_robots(w, i, room: int, radius: float, robots, bins: Bins) -> int:
     """Find the nearest robots in the disc; returns how many, at most `room`."""
     kept = int(0)
-    for j in range(robots.status.shape[1]):
-        kept = keep_robot(w, i, j, kept, room, radius, robots, bins)
-    return kept
-
-
-@part
-def nearest_listed_robots(w, i, room: int, radius: float, robots, bins: Bins) -> int:
-    """Compute `nearest_robots` from the list of the robot's bin."""
-    kept = int(0)
-    entry = bins.entry[w, bins.first[w, bin_of(planar(robots.position[w, i]), bins)]]
-    while entry[0] >= 0:
-        kept = keep_robot(w, i, entry[0], kept, room, radius, robots, bins)
-        entry = bins.entry[w, entry[1]]
+    if bins.columns > 0:
+        entry = bins.entry[w, bins.first[w, bin_of(planar(robots.position[w, i]), bins)]]
+        while entry[0] >= 0:
+            kept = keep_robot(w, i, entry[0], kept, room, radius, robots, bins)
+            entry = bins.entry[w, entry[1]]
+    else:
+        for j in range(robots.status.shape[1]):
+            kept = keep_robot(w, i, j, kept, room, radius, robots, bins)
     return kept
 
 
@@ -172,29 +164,23 @@ def nearest_targets(w, i, room: int, radius: float, robots, targets, bins: Bins)
     """Find the nearest targets in the disc; returns how many, at most `room`."""
     here = robots.sensor[w, i]
     kept = int(0)
-    for t in range(targets.in_sight.shape[1]):
-        away = targets.position[w, t] - here
-        if targets.in_sight[w, t] == 1 and wp.dot(away, away) < radius * radius:
-            kept = keep_nearest(w, i, kept, room, away / radius, t, bins)
-    return kept
-
-
-@part
-def nearest_listed_targets(w, i, room: int, radius: float, robots, targets, bins: Bins) -> int:
-    """Compute `nearest_targets` from the lists of the bins around the robot."""
-    here = robots.sensor[w, i]
-    kept = int(0)
-    left = column_of(here[0] - bins.widened, bins)
-    right = column_of(here[0] + bins.widened, bins)
-    for row in range(row_of(here[1] - bins.widened, bins), row_of(here[1] + bins.widened, bins) + 1):
-        for column in range(left, right + 1):
-            place = bins.first_seen[w, row * bins.columns + column]
-            while place >= 0:
-                seen = bins.seen[w, place]
-                away = wp.vec2(seen[0], seen[1]) - here
-                if wp.dot(away, away) < radius * radius:
-                    kept = keep_nearest(w, i, kept, room, away / radius, int(seen[2]), bins)
-                place = int(seen[3])
+    if bins.columns > 0:
+        left = column_of(here[0] - bins.widened, bins)
+        right = column_of(here[0] + bins.widened, bins)
+        for row in range(row_of(here[1] - bins.widened, bins), row_of(here[1] + bins.widened, bins) + 1):
+            for column in range(left, right + 1):
+                place = bins.first_seen[w, row * bins.columns + column]
+                while place >= 0:
+                    seen = bins.seen[w, place]
+                    away = wp.vec2(seen[0], seen[1]) - here
+                    if wp.dot(away, away) < radius * radius:
+                        kept = keep_nearest(w, i, kept, room, away / radius, int(seen[2]), bins)
+                    place = int(seen[3])
+    else:
+        for t in range(targets.in_sight.shape[1]):
+            away = targets.position[w, t] - here
+            if targets.in_sight[w, t] == 1 and wp.dot(away, away) < radius * radius:
+                kept = keep_nearest(w, i, kept, room, away / radius, t, bins)
     return kept
 
 
@@ -222,42 +208,21 @@ def observe_targets(w, i, kept: int, sensing, robots, targets, bins: Bins, obser
     empty(w, i, entry, PER_TARGET, sensing.targets_seen - kept, observation_out)
 
 
-def _observing(find_robots: Any, find_targets: Any, module: Any = None) -> Any:
-    """Make the kernel that fills the rows, for robots and targets that are few or many."""
-
-    @stage(ROBOT, writes="bins: nearest; observation_out", module=module)
-    def observe(
-        w,
-        i,
-        curve,
-        sensing,
-        age_per_step,
-        speed_unit,
-        clock,
-        robots,
-        links,
-        targets,
-        bins: Bins,
-        latest,
-        observation_out,
-    ):
-        """Fill the row of each robot."""
-        observe_self(w, i, curve, speed_unit, robots, observation_out)
-        observe_ring(w, i, clock.step[w], curve, age_per_step, robots, links, observation_out)
-        kept = int(0)
-        if sensing.robots_seen > 0 and robots.status[w, i] == WORKING:
-            kept = find_robots(w, i, sensing.robots_seen, sensing.sight, robots, bins)
-        observe_robots(w, i, kept, sensing, speed_unit, robots, bins, observation_out)
-        kept = 0
-        if sensing.targets_seen > 0 and latest.in_sight[w] > 0 and robots.sensor[w, i][0] < NOWHERE:
-            kept = find_targets(w, i, sensing.targets_seen, sensing.sight, robots, targets, bins)
-        observe_targets(w, i, kept, sensing, robots, targets, bins, observation_out)
-
-    return observe
-
-
-observe = _observing(nearest_robots, nearest_targets)
-observe_listed = _observing(nearest_listed_robots, nearest_listed_targets, _LISTED)
+@stage(ROBOT, writes="bins: nearest; observation_out")
+def observe(
+    w, i, curve, sensing, age_per_step, speed_unit, clock, robots, links, targets, bins: Bins, latest, observation_out
+):
+    """Fill the row of each robot."""
+    observe_self(w, i, curve, speed_unit, robots, observation_out)
+    observe_ring(w, i, clock.step[w], curve, age_per_step, robots, links, observation_out)
+    kept = int(0)
+    if sensing.robots_seen > 0 and robots.status[w, i] == WORKING:
+        kept = nearest_robots(w, i, sensing.robots_seen, sensing.sight, robots, bins)
+    observe_robots(w, i, kept, sensing, speed_unit, robots, bins, observation_out)
+    kept = 0
+    if sensing.targets_seen > 0 and latest.in_sight[w] > 0 and robots.sensor[w, i][0] < NOWHERE:
+        kept = nearest_targets(w, i, sensing.targets_seen, sensing.sight, robots, targets, bins)
+    observe_targets(w, i, kept, sensing, robots, targets, bins, observation_out)
 
 
 @stage(ROBOT, writes="final_observation_out")

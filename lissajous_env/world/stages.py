@@ -24,15 +24,14 @@ from lissajous_env.world.contamination.conservative import bound_labels, reset_b
 from lissajous_env.world.contamination.field import clear_cells, keep_guarantee, reset_labels, spread
 from lissajous_env.world.coverage import cover
 from lissajous_env.world.observation import message_start, track_start
-from lissajous_env.world.observing import keep_final, observe, observe_listed
+from lissajous_env.world.observing import keep_final, observe
 from lissajous_env.world.reward import clear_events, give_reward
 from lissajous_env.world.robots.bins import clear_bins, has_bins, list_robots
 from lissajous_env.world.robots.car import drive
-from lissajous_env.world.robots.collisions import find_collisions, find_listed_collisions, take_consequences
+from lissajous_env.world.robots.collisions import find_collisions, take_consequences
 from lissajous_env.world.robots.deviations import find_deviations, watch_boundary
-from lissajous_env.world.robots.facing import turn_inside
 from lissajous_env.world.robots.faults import reset_losses, update_status
-from lissajous_env.world.robots.placing import draw_apart, follow_curve, reset_robots
+from lissajous_env.world.robots.placing import draw_apart, follow_curve, reset_robots, turn_inside
 from lissajous_env.world.robots.signals import (
     hear,
     hear_policy_messages,
@@ -45,19 +44,14 @@ from lissajous_env.world.robots.walls import watch_walls
 from lissajous_env.world.rogues.acting import choose_action, fill_rows, move_rogues, reward_rogues
 from lissajous_env.world.state import Rogues
 from lissajous_env.world.tally import keep_score
-from lissajous_env.world.targets.detection import (
-    move_and_detect,
-    move_and_detect_listed,
-    place_unseen,
-    place_unseen_listed,
-)
+from lissajous_env.world.targets.detection import move_and_detect, place_unseen
 from lissajous_env.world.targets.motion import reset_arrivals, reset_targets, respawn
 from lissajous_env.world.tracks import observe_tracks, sight, update_tracks
 
 
 def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
     """Return the stages of a control step, with those of rogues if there are any."""
-    model, many = model_of(scenario.robot.kind), has_bins(scenario)
+    model = model_of(scenario.robot.kind)
     return [
         Stage("clock", advance_clock),
         Stage("events", clear_events),
@@ -69,10 +63,10 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
         Stage("measurement", measure),
         Stage("sending", send),
         Stage("policy sending", send_policy_messages, when=scenario.messages.size > 0),
-        *_bin_stages(many),
-        Stage("collisions", find_listed_collisions if many else find_collisions),
+        *_bin_stages(scenario),
+        Stage("collisions", find_collisions),
         *_rogue_motion(scenario, rogues),
-        *_target_stages(scenario, "targets", many),
+        *_target_stages(scenario, "targets"),
         Stage("coverage", cover, when=scenario.task.grid is not None),
         *_contamination_stages(scenario, range(scenario.spreading.ticks)),
         Stage("consequences", take_consequences, when=scenario.task.on_collision != "count"),
@@ -85,14 +79,14 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
         Stage("hearing", hear),
         _policy_hearing(scenario),
         *_track_stages(scenario),
-        Stage("observation", observe_listed if many else observe),
+        Stage("observation", observe),
         *_rogue_results(scenario),
     ]
 
 
 def reset_stages(scenario: Scenario) -> list[Stage]:
     """Return the stages of a reset."""
-    many, turning = has_bins(scenario), scenario.start_turning
+    turning = scenario.start_turning
     return [
         Stage("clock", reset_clock),
         Stage("arrays", reset_arrays),
@@ -104,8 +98,8 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("sending", send),
         Stage("targets", reset_targets),
         Stage("arrivals", reset_arrivals, when=scenario.targets.arrival_rate > 0),
-        *_bin_stages(many),
-        *_target_stages(scenario, "detection", many),
+        *_bin_stages(scenario),
+        *_target_stages(scenario, "detection"),
         Stage("coverage", cover, when=scenario.task.grid is not None),
         Stage("labels", reset_labels, when=scenario.task.contamination is not None),
         Stage("bounds", reset_bounds, when=scenario.task.conservative),
@@ -117,7 +111,7 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("final", keep_final),
         _policy_hearing(scenario),
         *_track_stages(scenario),
-        Stage("observation", observe_listed if many else observe),
+        Stage("observation", observe),
         *_rogue_results(scenario),
     ]
 
@@ -138,18 +132,19 @@ def _track_stages(scenario: Scenario) -> list[Stage]:
     ]
 
 
-def _bin_stages(many: bool) -> list[Stage]:
+def _bin_stages(scenario: Scenario) -> list[Stage]:
     """Return the stages that list the robots near each bin."""
+    many = has_bins(scenario)
     return [Stage("bins", clear_bins, when=many), Stage("listing", list_robots, when=many)]
 
 
-def _target_stages(scenario: Scenario, name: str, many: bool) -> list[Stage]:
+def _target_stages(scenario: Scenario, name: str) -> list[Stage]:
     """Return the stages in which targets appear, then, in that of this name, move and are detected."""
     unseen = scenario.targets.entry == "unseen"
     return [
         Stage("respawn", respawn, when=scenario.targets.respawn),
-        Stage("entry", place_unseen_listed if many else place_unseen, when=unseen),
-        Stage(name, move_and_detect_listed if many else move_and_detect),
+        Stage("entry", place_unseen, when=unseen),
+        Stage(name, move_and_detect),
     ]
 
 

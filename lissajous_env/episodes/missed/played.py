@@ -11,7 +11,8 @@ from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
 from lissajous_env.episodes.guarantee import check_follows
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.simulation import Simulation, fold_seed
+from lissajous_env.world.selection import fold_seed
+from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import NEVER, NOWHERE
 
 

@@ -14,7 +14,6 @@ A list is read from the first entry of its bin to an entry without a robot:
         entry = bins.entry[w, entry[1]]
 """
 
-import dataclasses
 import math
 from typing import Any
 
@@ -190,35 +189,15 @@ def has_bins(scenario: Scenario) -> bool:
 
 
 def _squares(scenario: Scenario) -> tuple[float, float, float, int, int]:
-    """Return the reach, the widened reach and the side of the bins [m], and the numbers of columns and rows.
-
-    Lists reach as far as targets flee only if that costs less than comparing the fleeing ones with all robots.
-    """
-    targets, roaming = scenario.targets, dataclasses.replace(scenario.targets, fleeing=0.0, speed_limit=None)
-    radius, step = scenario.sight, scenario.task.step
-    bodies = 2 * float(PARTED) * (scenario.robot.radius or 0.0)
-    moved = step * (targets.speed if targets.fleeing > 0 else roaming.speed_max)
-    near = max(radius + moved, bodies)
-    far = max(near, radius + step * targets.speed_max, targets.flee_radius) if targets.fleeing > 0 else near
-    everybody = targets.fleeing * scenario.num_robots
-    return min(_of_reach(scenario, far), _of_reach(scenario, near), key=lambda squares: _compared(scenario, squares)
-               + (everybody if squares[0] < far else 0.0))  # fmt: skip
-
-
-def _of_reach(scenario: Scenario, reach: float) -> tuple[float, float, float, int, int]:
-    """Return `_squares` for lists that are complete up to a distance [m]."""
-    curve = scenario.curve
+    """Return the reach, the widened reach and the side of the bins [m], and the numbers of columns and rows."""
+    targets, curve, radius = scenario.targets, scenario.curve, scenario.sight
+    reach = max(radius + scenario.task.step * targets.speed_max, 2 * float(PARTED) * (scenario.robot.radius or 0.0))
+    if targets.fleeing > 0:
+        reach = max(reach, targets.flee_radius)
     widened = 1.01 * reach + 1e-6 * max(curve.half_width, curve.half_height)
     most = max(_BINS_PER_ROBOT * scenario.num_robots, _AT_LEAST)
     size = max(widened, math.sqrt(4 * curve.half_width * curve.half_height / most))
     return reach, widened, size, math.ceil(2 * curve.half_width / size), math.ceil(2 * curve.half_height / size)
-
-
-def _compared(scenario: Scenario, squares: tuple[float, float, float, int, int]) -> float:
-    """Return the mean number of robots in a list, of robots that are anywhere in the rectangle."""
-    _, widened, size, *_ = squares
-    sides = (2 * scenario.curve.half_width, 2 * scenario.curve.half_height)
-    return scenario.num_robots * math.prod(min(1.0, (size + 2 * widened) / side) for side in sides)
 
 
 def bins_of(scenario: Scenario, speed: float, num_worlds: int, device: Any) -> Bins:

@@ -1,11 +1,9 @@
 """Collisions: a pair closer than the sum of its radii, by the closest approach between sub-steps."""
 
-from typing import Any
-
 import warp as wp
 
 from lissajous_env.device.approach import closest_approach
-from lissajous_env.device.compilation import OPTIONS, module_apart
+from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Task
@@ -15,7 +13,6 @@ from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK
 from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
-_LISTED = module_apart(f"{__name__}.listed", OPTIONS)
 
 _STOP = wp.constant(place_of(Task, "on_collision", "stop"))
 _REMOVE = wp.constant(place_of(Task, "on_collision", "remove"))
@@ -62,73 +59,56 @@ def part_pair(w: int, i: int, j: int, tally: EpisodeTotals):
 
 
 @part
-def compare_with_all(
+def compare_with_others(
     w, i, now, touch: float, beyond: float, way: float, places, robots, bins: Bins, latest, tally: EpisodeTotals
 ) -> float:
-    """Run `compare_pair` for the robots after this one; none moves farther than `way` [m] in the step."""
-    last = robots.track.shape[2] - 1
-    nearest = float(1.0e30)
-    apart = beyond + 2.0 * way
-    for j in range(i + 1, robots.status.shape[1]):
-        if robots.status[w, j] != REMOVED:
-            away = robots.track[w, i, last] - robots.track[w, j, last]
-            if wp.length_sq(away) > apart * apart:
-                part_pair(w, i, j, tally)
-            else:
-                nearest = wp.min(nearest, compare_pair(w, i, j, now, touch, beyond, places, robots, latest, tally))
-    return nearest
+    """Run `compare_pair` for the robots after this one; none moves farther than `way` [m] in the step.
 
-
-@part
-def compare_with_listed(
-    w, i, now, touch: float, beyond: float, way: float, places, robots, bins: Bins, latest, tally: EpisodeTotals
-) -> float:
-    """Compute `compare_with_all` from the lists of the bins on the robot's path, in several of which a robot may be.
-
-    In the first step of an episode, and as long as no two robots were within reach, the nearest is in no list.
+    With bins, robots are those in the lists on the robot's path, in several of which a robot may be. In the first step
+    of an episode, and as long as no two robots were within reach, the nearest is in no list.
     """
-    if beyond > bins.reach or bins.is_everywhere[w, i] == 1:
-        return compare_with_all(w, i, now, touch, beyond, way, places, robots, bins, latest, tally)
     nearest = float(1.0e30)
-    rows = rows_of(w, i, 0.0, robots, bins)
-    for row in range(rows[0], rows[1] + 1):
-        columns = columns_of(w, i, row, 0.0, robots, bins)
-        for column in range(columns[0], columns[1] + 1):
-            entry = bins.entry[w, bins.first[w, row * bins.columns + column]]
-            while entry[0] >= 0:
-                j = entry[0]
-                if j > i:
-                    least = compare_pair(w, i, j, now, touch, beyond, places, robots, latest, tally)
-                    nearest = wp.min(nearest, least)
-                entry = bins.entry[w, entry[1]]
+    if bins.columns > 0 and beyond <= bins.reach and bins.is_everywhere[w, i] == 0:
+        rows = rows_of(w, i, 0.0, robots, bins)
+        for row in range(rows[0], rows[1] + 1):
+            columns = columns_of(w, i, row, 0.0, robots, bins)
+            for column in range(columns[0], columns[1] + 1):
+                entry = bins.entry[w, bins.first[w, row * bins.columns + column]]
+                while entry[0] >= 0:
+                    j = entry[0]
+                    if j > i:
+                        least = compare_pair(w, i, j, now, touch, beyond, places, robots, latest, tally)
+                        nearest = wp.min(nearest, least)
+                    entry = bins.entry[w, entry[1]]
+    else:
+        last = robots.track.shape[2] - 1
+        apart = beyond + 2.0 * way
+        for j in range(i + 1, robots.status.shape[1]):
+            if robots.status[w, j] != REMOVED:
+                away = robots.track[w, i, last] - robots.track[w, j, last]
+                if wp.length_sq(away) > apart * apart:
+                    part_pair(w, i, j, tally)
+                else:
+                    nearest = wp.min(nearest, compare_pair(w, i, j, now, touch, beyond, places, robots, latest, tally))
     return nearest
 
 
-def _finding_collisions(compare: Any, module: Any = None) -> Any:
-    """Make the kernel that finds collisions, for robots that are few or many."""
-
-    @stage(ROBOT, writes="latest: collisions; tally: collisions, contact, contact_steps, min_separation", module=module)
-    def find_collisions(w, lane, lanes, robot, places, clock, robots, bins: Bins, latest, tally: EpisodeTotals):
-        """Compare each robot with those after it, over the sub-steps of the latest step."""
-        touch = 2.0 * robot.radius
-        # A pair this far apart cannot collide, nor be the nearest of the episode.
-        beyond = wp.max(tally.min_separation[w], PARTED * touch)
-        nearest = float(1.0e30)
-        way = float(1.0e30)
-        if beyond < 1.0e30:
-            way = max_displacement(w, robots)
-        for i in range(lane, robots.status.shape[1], lanes):
-            if robots.status[w, i] != REMOVED:
-                least = compare(w, i, clock.step[w], touch, beyond, way, places, robots, bins, latest, tally)
-                nearest = wp.min(nearest, least)
-        if nearest < 1.0e30:
-            wp.atomic_min(tally.min_separation, w, wp.sqrt(nearest))
-
-    return find_collisions
-
-
-find_collisions = _finding_collisions(compare_with_all)
-find_listed_collisions = _finding_collisions(compare_with_listed, _LISTED)
+@stage(ROBOT, writes="latest: collisions; tally: collisions, contact, contact_steps, min_separation")
+def find_collisions(w, lane, lanes, robot, places, clock, robots, bins: Bins, latest, tally: EpisodeTotals):
+    """Compare each robot with those after it, over the sub-steps of the latest step."""
+    touch = 2.0 * robot.radius
+    # A pair this far apart cannot collide, nor be the nearest of the episode.
+    beyond = wp.max(tally.min_separation[w], PARTED * touch)
+    nearest = float(1.0e30)
+    way = float(1.0e30)
+    if beyond < 1.0e30:
+        way = max_displacement(w, robots)
+    for i in range(lane, robots.status.shape[1], lanes):
+        if robots.status[w, i] != REMOVED:
+            least = compare_with_others(w, i, clock.step[w], touch, beyond, way, places, robots, bins, latest, tally)
+            nearest = wp.min(nearest, least)
+    if nearest < 1.0e30:
+        wp.atomic_min(tally.min_separation, w, wp.sqrt(nearest))
 
 
 @stage(ROBOT, writes="latest: terminated; robots: sensor, status, stuck_until")
