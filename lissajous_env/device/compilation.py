@@ -60,8 +60,6 @@ them."""
 
 def start(silence: Callable[[], contextlib.AbstractContextManager[None]]) -> None:
     """Start Warp, in silence, where need be with a cache of its own."""
-    if not (wp.config.kernel_cache_dir or os.environ.get("WARP_CACHE_PATH") or _has_home()):
-        _keep_for_this_run("the user has no home folder")
     try:
         with silence():
             wp.init()
@@ -69,11 +67,6 @@ def start(silence: Callable[[], contextlib.AbstractContextManager[None]]) -> Non
         _keep_for_this_run(str(error.strerror))
         with silence():
             wp.init()
-
-
-def _has_home() -> bool:
-    """Return whether the user's folder for caches is known; without a home, it would be in the current folder."""
-    return os.path.isabs(os.environ.get("XDG_CACHE_HOME", os.path.expanduser("~/.cache")))
 
 
 def load_together(kernels: Iterable[Any], device: Any, threads: int) -> None:

@@ -1,6 +1,5 @@
 """Forks with threads, nested calls, and threads with small stacks: no deadlock, and no partial results."""
 
-import signal
 import subprocess
 import sys
 import textwrap
@@ -132,28 +131,6 @@ def test_what_another_thread_works_on_is_refused_in_the_child_and_an_extension_m
     """
     words = "the simulation was running in another thread when this process was forked"
     assert run(code).splitlines() == [f"{words} and is incomplete; make another one", "0", "3 0"]
-
-
-def test_a_signal_handler_that_steps_what_is_being_stepped():
-    # Oracle: it ends, each refusal says so, and the simulation has taken as many steps as were not refused.
-    simulation, refused, taken = lissajous_env.Simulation("rough", 300), [], [0]
-
-    def step(*_):
-        try:
-            simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
-            taken[0] += 1
-        except RuntimeError as error:
-            refused.append(str(error))
-
-    before = signal.signal(signal.SIGALRM, step)
-    signal.setitimer(signal.ITIMER_REAL, 0.002, 0.002)
-    for _ in range(150):
-        step()
-    signal.setitimer(signal.ITIMER_REAL, 0)
-    signal.signal(signal.SIGALRM, before)
-    words = "the simulation is running in this thread; a signal handler or an extension must not call it"
-    assert set(refused) == {words}
-    assert int(simulation.clock.step.numpy()[0]) == min(taken[0], 600)
 
 
 @pytest.mark.parametrize("call", ["step", "reset"])
