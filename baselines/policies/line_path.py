@@ -140,14 +140,6 @@ def speed_limit(spacing: float, radius: float, rogue_speed: float, step: float) 
     return 2 * math.sqrt(inside) / step - rogue_speed if inside > 0 else -math.inf
 
 
-def largest_spacing(speed: float, radius: float, rogue_speed: float, step: float) -> float:
-    """Return the largest spacing of a line of discs from which no rogue escapes unsensed [m]; 0 for none.
-
-    s = 2 sqrt(r^2 - ((u + v) dt / 2)^2), `speed_limit` solved for s.
-    """
-    return 2 * math.sqrt(max(radius**2 - ((rogue_speed + speed) * step / 2) ** 2, 0.0))
-
-
 def best_plan(scenario: Scenario, parameters: LineParameters) -> LinePlan:
     """Return the plan with the best guarantee once the lines have formed, by their number and their speed.
 

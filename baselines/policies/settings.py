@@ -26,7 +26,7 @@ from typing import Any
 
 from baselines.policies import registry
 from baselines.policies.base import Policy
-from baselines.policies.trackers.base import Coordinated
+from baselines.policies.trackers import Coordinated
 from lissajous_env.identity import digest_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
@@ -68,8 +68,7 @@ class PolicySettings:
         Raises:
             ValueError: an unknown policy, one that does not fit the scenario, or an unknown or invalid parameter.
         """
-        registry.check(self.policy, scenario)
-        factory = registry.factory_of(self.policy)
+        factory = registry.check(self.policy, scenario).factory
         if self.coordinator:
             factory = _with_coordinator(self, factory, scenario)
         given = {ARGUMENT: _made(self.policy, ARGUMENT, factory, self.parameters, scenario)} if self.parameters else {}
@@ -81,7 +80,8 @@ class PolicySettings:
         Raises:
             ValueError: the policy has no parameters, or no such one.
         """
-        kind = _checked_class(self.policy, ARGUMENT, registry.factory_of(self.policy), self.parameters)
+        entry: Any = registry.entry_of(self.policy)
+        kind = _checked_class(self.policy, ARGUMENT, entry.factory, self.parameters)
         made = kind(**self.parameters).scaled(length, time)
         return dataclasses.replace(self, parameters={name: getattr(made, name) for name in self.parameters})
 

@@ -2,11 +2,11 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import tyro
 from rich.text import Text
 
+from lissajous_env.console.options import ScenarioNames
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_table
 from lissajous_env.parameters.scenario import PARTS
 
@@ -15,12 +15,8 @@ if TYPE_CHECKING:
 
     from lissajous_env.parameters.scenario import Scenario
 
-_Scenarios = Annotated[
-    tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO ...]", help_behavior_hint="")
-]
 
-
-def scenarios(names: _Scenarios = (), output: OutputOptions = DEFAULT_OUTPUT) -> None:
+def scenarios(names: ScenarioNames = (), output: OutputOptions = DEFAULT_OUTPUT) -> None:
     """List the scenarios and their designs; for named scenarios, print every field and every violated assumption.
 
     Example:
@@ -28,7 +24,6 @@ def scenarios(names: _Scenarios = (), output: OutputOptions = DEFAULT_OUTPUT) ->
 
     Args:
         names: names of scenarios, .toml files, or module:attribute; all scenarios by default.
-        output: Console output.
     """
     from lissajous_env.parameters import named
     from lissajous_env.parameters.assumptions import violations

@@ -7,7 +7,6 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
@@ -31,7 +30,7 @@ class CommandError(Exception):
 
 @dataclass(frozen=True)
 class Output:
-    """Options for a command's output."""
+    """Console output."""
 
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Print only the result, as JSON; undefined numbers are null."""
@@ -53,8 +52,6 @@ class Output:
 
 
 DEFAULT_OUTPUT = Output()
-OutFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
-"""Type of a command's parameter `out` for one file."""
 OutputOptions = tyro.conf.OmitArgPrefixes[Output]
 """Type of a command's parameter `output`, which adds the options --json and --quiet."""
 

@@ -1,7 +1,7 @@
 """The Gymnasium environment of a batch of worlds; a row is a team, or a robot with `agents_as_rows`."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -9,17 +9,14 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from lissajous_env.envs.actions import on_host
 from lissajous_env.envs.batch import Batch
-from lissajous_env.envs.one_world import METADATA, NEEDS_RESET, Timed, followed, replay_of
+from lissajous_env.envs.one_world import METADATA, NEEDS_RESET, Timed
+from lissajous_env.envs.sides import on_host
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import shown
 from lissajous_env.world.selection import world_mask
-
-if TYPE_CHECKING:
-    from lissajous_env.replay import Replay
 
 
 class LissajousVectorEnv(Timed, VectorEnv):
@@ -45,13 +42,12 @@ class LissajousVectorEnv(Timed, VectorEnv):
         render_mode: None, or `rgb_array`.
         max_cycles: Number of steps of an episode, instead of `task.duration`.
         max_episode_steps: Limit on these steps, which `gymnasium.make_vec` passes if a specification contains it.
-        discrete_actions: True for actions that are indices of the table in `lissajous_env.envs.actions`.
+        discrete_actions: True for actions that are indices of the table in `lissajous_env.envs.sides`.
         flat_actions: True for actions (W, N * action_size). Discrete actions and those of one robot are always flat.
         agents_as_rows: True for one row per robot.
         autoreset_mode: `NEXT_STEP` (the step after the end resets), `SAME_STEP` or `DISABLED`, or the enum.
         device: Warp device.
         threads: CPU threads; all cores by default.
-        record: Index of the world whose episodes are recorded for `replay`; None records none.
         **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`.
 
     Raises:
@@ -73,7 +69,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         device: Any = "cpu",
         threads: int | None = None,
-        record: int | None = None,
         **overrides: Any,
     ):
         modes = {mode.name: mode for mode in AutoresetMode}
@@ -110,7 +105,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
         self._begun = np.zeros(num_envs, dtype=bool)
         self._gone = np.zeros(self.simulation.action_shape[:2], dtype=bool)
         self._gallery: Any = None
-        self._follower = followed(self.simulation, record)
 
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
@@ -134,7 +128,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
         if seed is not None:
             super().reset(seed=int(np.ravel(seed)[0]))  # checked above
         self._ended[worlds], self._begun[worlds], self._gone[worlds] = False, True, False
-        self._look()
         return self._observed(), self._infos(np.zeros(self.simulation.action_shape[:2], np.float32), self._ended)
 
     def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -149,12 +142,10 @@ class LissajousVectorEnv(Timed, VectorEnv):
         sim = self.simulation
         begins = self._ended & (self.autoreset_mode is AutoresetMode.NEXT_STEP)
         sim.step(self._of_robots(actions))
-        self._look()
         if begins.any():
             # A world that ended did not move in the step above; it returns its first observation.
             self.batch.reset(begins)
             self._gone[begins] = False
-            self._look()
         robot_reward, ended = sim.reward.numpy().copy(), sim.over
         terminated, truncated = self._flags(ended)
         reward = robot_reward.reshape(-1) if self._agents_as_rows else robot_reward.mean(axis=1)
@@ -180,17 +171,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
         pictures = self._gallery.draw(self.simulation)
         return tuple(picture for picture in pictures for _ in range(self._rows_each))
 
-    def replay(self, policy: str = "") -> "Replay":
-        """Return the latest complete episode of the recorded world, or else the current one, as a page.
-
-        Args:
-            policy: Name of the policy, for the page.
-
-        Raises:
-            ValueError: the environment was made without `record`, or there was no reset yet.
-        """
-        return replay_of(self._follower, policy, "record=0, the number of a world", ended=True)
-
     def close_extras(self, **_: Any) -> None:
         """Free the resources for drawing."""
         self._gallery = None
@@ -199,10 +179,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
     def score_names(self) -> tuple[str, ...]:
         """Names of the numbers in `score` of the infos."""
         return self.simulation.score_names
-
-    def _look(self) -> None:
-        if self._follower is not None:
-            self._follower.look()
 
     def _masked(self, options: Any) -> np.ndarray:
         """Return the indices of the worlds that the options of a reset select."""
@@ -259,7 +235,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
             return
         last = self._observed()
         self.batch.reset(newly)
-        self._look()
         self._ended[:] = False
         self._gone[newly] = False
         final = np.full(self.num_envs, None, dtype=object)

@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.by_value import replaces
 from lissajous_env.device.warp_abi import names_of_arguments
-from lissajous_env.parameters.registry import register
-from lissajous_env.settings.parts import Curve, Formation, Noise
-from lissajous_env.settings.robot import Robot
+from lissajous_env.plugins import register, replaces
+from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.wording import few_of, shown
 

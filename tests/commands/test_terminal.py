@@ -93,21 +93,6 @@ def loaded(**place):
     return ended.stdout.splitlines()
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["HOME", "WARP_CACHE_PATH"])
-def test_kernels_that_cannot_be_kept_are_compiled_for_one_run(name):
-    note, compiling = loaded(**{name: "/dev/null/nowhere"})
-    assert "cannot be written to (Not a directory): kernels are compiled for this run alone" in note
-    assert compiling == "compiling kernels, once: about 10 s"
-
-
-@pytest.mark.long
-def test_the_first_run_says_that_it_compiles(tmp_path):
-    place = {"WARP_CACHE_PATH": str(tmp_path)}
-    assert loaded(**place) == ["compiling kernels, once: about 10 s"]
-    assert loaded(**place) == []
-
-
 def test_the_command_says_that_it_compiles_unless_quiet(monkeypatch, capsys):
     monkeypatch.setattr(compilation, "listener", None)
     for options, heard in (([], "compiling\n"), (["--quiet"], "")):

@@ -10,7 +10,6 @@ import pytest
 import warp as wp
 from gymnasium.error import ResetNeeded
 
-import lissajous_env
 from lissajous_env import LissajousEnv, Simulation, env, parallel_env, vector_env
 
 
@@ -55,7 +54,7 @@ def test_arguments_of_a_simulation(words):
     (LissajousEnv, {"render_mode": ""}, "render_mode must be None, rgb_array or human, got ''"),
     (vector_env, {"render_mode": "human"}, "render_mode must be None or rgb_array"),
     (vector_env, {"autoreset_mode": "NEVER"}, "must be one of NEXT_STEP, SAME_STEP, DISABLED, got 'NEVER'"),
-    (vector_env, {"robot.radios": 1.0}, r"got robot.radios; did you mean robot.radius\?"),
+    (vector_env, {"robot.radios": 1.0}, r"got 'robot.radios'; did you mean robot.radius\?"),
 ])  # fmt: skip
 def test_settings_of_an_environment(make, settings, words):
     with pytest.raises(ValueError, match=words):
@@ -224,8 +223,3 @@ def test_what_an_environment_does_not_take(name):
     for method, given, words in (call for kind, *call in CALLS if kind == name):
         call = functools.partial(getattr(made, method), **given)
         assert_refused(made.simulation, call, words)
-
-
-def test_names_come_with_the_nearest():
-    with pytest.raises(ValueError, match=r"scenario must be one of .*, got 'faliure'; did you mean failure\?"):
-        lissajous_env.parallel_env("faliure")

@@ -9,6 +9,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from pettingzoo.test import api_test, parallel_api_test
 
+import baselines
 import lissajous_env
 
 SHORT = {"task.duration": 3.0, "rogues": "agents", "targets.arrival_rate": 0.0, "targets.entry": "unseen"}
@@ -114,7 +115,7 @@ def test_a_rogue_team_plays_until_all_are_detected():
     # Story: two rogues rest while a sweep goes over them; the episode ends with the second detection.
     settings = {"targets.count": 2, "targets.arrival_rate": 0.0, "targets.entry": "unseen"}
     with pytest.raises(ValueError, match="robots must be driven by a policy for 1 worlds, got 2"):
-        lissajous_env.LissajousEnv("experiment", robots=lissajous_env.policy("still", "experiment", 2), **settings)
+        lissajous_env.LissajousEnv("experiment", robots=baselines.make("still", "experiment", 2), **settings)
     env = lissajous_env.LissajousEnv("experiment", robots="sweep", **settings)
     env.reset(seed=1)
     total, over = 0.0, False

@@ -1,6 +1,7 @@
 """Partitions: the geometry of cells and loops, the plans, their guarantees, and what robots do about failures."""
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -10,13 +11,10 @@ import lissajous_env
 from baselines.planning.request import Request
 from baselines.policies import partition_plan as partition_module
 from baselines.policies.cells import are_adjacent, closed_loop, divisions, evenly_spaced, length_of, tour
-from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses
 from baselines.policies.ideal_motion import worst_undetected_time
-from baselines.policies.loop_shapes import PartitionParameters, smallest_distance
-from baselines.policies.partition import in_ring_order, plain_of
-from baselines.policies.partition_plan import partition_plan
-from baselines.policies.partition_repair import PartitionRepair, RepairParameters
-from baselines.policies.transit import turning_radius_of
+from baselines.policies.partition import PartitionRepair, RepairParameters, in_ring_order, loops_lie_apart, plain_of
+from baselines.policies.partition_plan import PartitionParameters, partition_plan, smallest_distance
+from baselines.policies.transit import TURNS, dubins_lengths, dubins_poses, turning_radius_of
 
 
 @pytest.mark.parametrize(("count", "half"), [(1, (2.0, 1.0)), (7, (1.0, 3.0)), (15, (5.0, 5.0))])
@@ -212,7 +210,7 @@ def test_a_robot_knows_of_failures_by_messages_or_silence_alone(faults):
 def test_long_periods_are_compared_at_fewer_times_with_the_same_result(monkeypatch):
     """Oracle: the comparison at every control step, in a large rectangle of slow cars."""
     request = Request(
-        width=60.0, height=40.0, robots=(2, 2), robot_radius=0.4, sensor_radius=8.0, speed=0.5, turning_radius=1.0,
+        width=60.0, height=40.0, robots=2, robot_radius=0.4, sensor_radius=8.0, speed=0.5, turning_radius=1.0,
         rogue_speed=0.002,
     )  # fmt: skip
     task, parameters = plain_of(request.task(2)), PartitionParameters(lanes=4, rows=1, extent_x=0.6, extent_y=0.6)
@@ -222,3 +220,32 @@ def test_long_periods_are_compared_at_fewer_times_with_the_same_result(monkeypat
     monkeypatch.setattr(partition_module, "_TIMES", 10**9)
     whole = partition_plan(task, parameters)
     assert worst_of(task, found) <= 1.02 * worst_of(task, whole)
+
+
+def test_loops_that_cross_do_not_lie_apart():
+    """Oracle: circles of radius 1 in phase, whose centres are 3 and 1 apart."""
+    angle = 2 * np.pi * np.arange(24) / 24
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    for distance, apart in ((3.0, True), (1.0, False)):
+        loops = np.stack([circle, circle + np.array([distance, 0.0])])
+        assert loops_lie_apart(loops, 0.5) == apart
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "warns"),
+    [("team", {"faults.schedule": (), "faults.lost": 1}, True), ("team", {"faults.schedule": ()}, False),
+     ("evaders-failure", {}, False)],  # the loops of evaders cross
+)  # fmt: skip
+def test_a_team_whose_cells_may_stay_uncovered_is_warned(name, changes, warns):
+    made = lissajous_env.scenario(name, **changes)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        baselines.make("partition-repair", made)
+    assert any("only ring neighbours learn of a failure" in str(warning.message) for warning in caught) == warns
+
+
+def test_no_robots_of_a_team_collide_under_the_proved_filter():
+    """Oracle: half a minute in which two robots stop. Without a headway, cars of seeds 33 and 35 collide at once."""
+    scenario = lissajous_env.scenario("team", **{"task.contamination": None, "task.duration": 30.0})
+    rows = lissajous_env.evaluate(baselines.make("partition-repair-proved", scenario, 4), scenario, range(33, 37))
+    assert sum(row["collisions"] for row in rows) == 0

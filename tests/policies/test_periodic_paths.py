@@ -7,7 +7,7 @@ import pytest
 
 import baselines
 import lissajous_env
-from baselines.planning.families.known import best_known
+from baselines.planning.families.included import best_known
 from baselines.planning.free_paths import Limits, Teams, loop_of, moved, optimise, violation
 from baselines.planning.plans import SETTLED, WHOLE, Plan
 from baselines.policies.periodic_paths import PathParameters, PeriodicPaths, coefficients_of, derivative_of, places_of

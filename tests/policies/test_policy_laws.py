@@ -13,7 +13,7 @@ import lissajous_env
 from baselines import names
 from baselines.policies import registry
 from baselines.policies.base import Policy
-from baselines.policies.coordinators.kuramoto import Kuramoto
+from baselines.policies.coordinators import Kuramoto
 from lissajous_env import Simulation
 
 STEPS = 8

@@ -6,7 +6,7 @@ import warp as wp
 from test_proved import FIVE, driven, towards_the_nearest
 
 import lissajous_env
-from baselines.policies.safety.compatibility import GONE
+from baselines.policies.safety.commitment import GONE
 from baselines.policies.safety.proved import Proved, integration_error, unmet_conditions
 from benchmarks import attacked
 from lissajous_env.parameters.assumptions import violations

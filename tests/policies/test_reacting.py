@@ -7,8 +7,8 @@ import pytest
 
 import baselines
 import lissajous_env
-from baselines.policies.dividing import Cover, VoronoiPursuit
-from baselines.policies.reacting import Chase, Force, Index, Lanes, comb
+from baselines.policies.index_rule import Index
+from baselines.policies.reacting import Chase, Cover, Force, Lanes, VoronoiPursuit, comb
 from lissajous_env.world.observation import layout
 
 POLICIES = [

@@ -7,9 +7,8 @@ from reference_program import agrees_with_independent_solvers
 
 import baselines
 import lissajous_env
-from baselines.policies.base import Policy
+from baselines.policies.base import Filtered, Policy
 from baselines.policies.safety.filter import Safe, SafetyParameters, speed_limit
-from baselines.policies.safety.filtered import Filtered
 from baselines.policies.safety.quadratic_program import solve_quadratic_program
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.theory.geometry import top_speed

@@ -8,14 +8,14 @@ from command_line import called
 
 import baselines
 import lissajous_env
-from baselines.policies.coordinators.arc_length import ArcParameters, KuramotoByArc
+from baselines.policies.arc_length import ArcParameters, KuramotoByArc
+from baselines.policies.base import Filtered
 from baselines.policies.patrol import Sweep
 from baselines.policies.patrol_path import SweepParameters
 from baselines.policies.safety.filter import Safe
-from baselines.policies.safety.filtered import Filtered
 from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE, PolicySettings
-from baselines.policies.trackers.mpcc import WithMpcc
-from baselines.policies.trackers.vector_field import FieldParameters
+from baselines.policies.trackers import WithMpcc
+from baselines.policies.vector_field import FieldParameters
 from lissajous_env.parameters.scenario_file import as_toml
 
 SHORT = lissajous_env.scenario("evaders", **{"task.duration": 2.0})
@@ -48,7 +48,7 @@ def arc(scenario, num_worlds, device):
 def test_a_folder_is_the_policy_with_its_parameters(settings, made, tmp_path):
     """Oracle: the policy made by its class in Python, bit for bit."""
     folder = folder_of(tmp_path / "mine", settings)
-    rows = lissajous_env.evaluate(lissajous_env.policy(folder, SHORT, 2), SHORT, range(2))
+    rows = lissajous_env.evaluate(baselines.make(folder, SHORT, 2), SHORT, range(2))
     wanted = lissajous_env.evaluate(made(SHORT, 2, "cpu"), SHORT, range(2))
     for row, other in zip(rows, wanted, strict=True):
         assert row.pop("policy") == folder

@@ -10,7 +10,7 @@ import warp as wp
 import baselines
 import lissajous_env
 from baselines.policies import registry
-from baselines.policies.coordinators.kuramoto import Kuramoto
+from baselines.policies.coordinators import Kuramoto
 from lissajous_env.world.state import WORKING
 
 SHORT = {"task.duration": 3.0}

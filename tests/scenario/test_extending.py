@@ -20,13 +20,13 @@ from baselines.policies import registry
 from lissajous_env.console import cli
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.parameters import named
-from lissajous_env.parameters import registry as registry_of_names
 from lissajous_env.plugins import import_attribute
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "extending.md"
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", DOCS.read_text(encoding="utf-8"), flags=re.DOTALL)
 FILES = {body.splitlines()[0].removeprefix("# "): body for language, body in BLOCKS if language != "bash"}
 COMMANDS = [line for language, body in BLOCKS if language == "bash" for line in body.splitlines()]
+REGISTER_IDS = named.register_ids
 OURS = "from lissajous_env.console.cli import main; main()"
 
 
@@ -120,7 +120,7 @@ def test_the_commands_of_the_docs_run(line, home, ended):
 
 
 def test_the_programs_of_the_docs_run(here, capsys, monkeypatch):
-    monkeypatch.setattr(named, "register_ids", registry_of_names.register_ids)
+    monkeypatch.setattr(named, "register_ids", REGISTER_IDS)
     sys.path.append(str(here))  # as Python does for a program
     for name in ("use_corridor.py", "my_function.py"):
         runpy.run_path(name, run_name="__main__")
@@ -287,34 +287,3 @@ def test_a_package_brings_both_by_name(home, tmp_path):
     assert (ended.returncode, ended.stderr) == (0, "")
     assert json.loads(ended.stdout)["episodes"][0]["scenario"] == "corridor"
     assert call(line, elsewhere).returncode == 2, "without the package there is neither"
-
-
-@pytest.mark.long
-def test_a_benchmark_goes_on_and_sees_that_a_scenario_has_changed(home, tmp_path):
-    write_files(tmp_path)
-    line = "lissajous benchmark --scenarios corridor.toml --policies kuramoto --out found --episodes"
-    assert call(f"{line} 2", tmp_path).returncode == 0
-    before = (tmp_path / "found" / "episodes.jsonl").read_text()
-    assert call(f"{line} 3", tmp_path).returncode == 0
-    assert (tmp_path / "found" / "episodes.jsonl").read_text().startswith(before)
-    (tmp_path / "corridor.toml").write_text(FILES["corridor.toml"].replace("2.4", "2.5"))
-    ended = call(f"{line} 4", tmp_path)
-    assert ended.returncode == 2
-    assert "scenarios.corridor.curve.half_width: 2.4 there, 2.5 now" in ended.stderr
-    # The same name from elsewhere, with the same numbers, is the same scenario.
-    (tmp_path / "corridor.toml").unlink()
-    assert call(f"{line} 3".replace("corridor.toml", "my_scenarios:corridor"), tmp_path).returncode == 0
-
-
-@pytest.mark.long
-def test_ray_plays_what_is_ones_own(home, tmp_path):
-    # Oracle: the engine local. Its workers are processes that were started elsewhere.
-    pytest.importorskip("ray")
-    write_files(tmp_path)
-    line = "lissajous benchmark --scenarios my_scenarios:corridor corridor-2.toml --policies my_policies:MyKuramoto"
-    (tmp_path / "corridor-2.toml").write_text(FILES["corridor.toml"])
-    for engine in ("local", "ray"):
-        ended = call(f"{line} --episodes 2 --engine {engine} --out {engine}", tmp_path)
-        assert ended.returncode == 0, ended.stderr
-    local, ray = (tmp_path / engine / "episodes.csv" for engine in ("local", "ray"))
-    assert ray.read_bytes() == local.read_bytes()

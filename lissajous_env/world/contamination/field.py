@@ -20,7 +20,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.discs import along, half_of, mark_disc, mark_way, points_per_metre, run_of_bits
 from lissajous_env.device.stage import FIELD_ROW, WORLD, part, stage
 from lissajous_env.device.structs import place_of
-from lissajous_env.settings.targets import Targets as TargetSettings
+from lissajous_env.settings.task import Targets as TargetSettings
 from lissajous_env.world.contamination.labels import MARGIN, Hops, context_of, forget_seen, label_cells, slot_of
 from lissajous_env.world.state import NEVER, NOWHERE, planar
 from lissajous_env.world.tally import FAULT_MARGIN, EpisodeTotals, any_failed

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.coordinators.base import Coordinator
+from baselines.policies.coordinators import Coordinator
 from baselines.policies.own_row import hears, lead, message_age, own_phase
 from baselines.policies.patrol_path import cruising_speed
 from baselines.similarity import motion_scale

@@ -35,10 +35,10 @@ from typing import Any
 
 import warp as wp
 
-from baselines.policies.coordinators.base import Coordinator
+from baselines.policies.coordinators import Coordinator
 from baselines.policies.driving import motor_rate, steady_speed, throttle_for
 from baselines.policies.own_row import own_heading, own_phase, own_position, own_speed, own_works
-from baselines.policies.trackers.base import Coordinated
+from baselines.policies.trackers import Coordinated
 from baselines.similarity import motion_scale
 from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS

@@ -1,8 +1,12 @@
-"""The option `--set name=value` of commands; the value is a Python literal, which is parsed and never run."""
+"""Options that commands share: types with their help, which tyro reads, and the values of `--set name=value`.
+
+Such a value is a Python literal, which is parsed and never run.
+"""
 
 import math
 import re
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
@@ -10,14 +14,34 @@ import tyro
 from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.settings.formulas import Formula
 
+ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
+ScenarioNames = Annotated[
+    tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO ...]", help_behavior_hint="")
+]
+Device = Annotated[str, tyro.conf.arg(help="device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.")]
+OutFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+OutFolder = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 Overrides = Annotated[
     tuple[tuple[str, ...], ...],
     tyro.conf.UseAppendAction,
-    tyro.conf.arg(name="set", metavar="NAME=VALUE ...", help_behavior_hint=""),
+    tyro.conf.arg(
+        name="set",
+        metavar="NAME=VALUE ...",
+        help="fields changed in every scenario, as in --set task.duration=30 targets.count=5",
+        help_behavior_hint="",
+    ),
 ]
 """Type of a command's `--set name=value ...`; `parse_overrides` reads it."""
-RogueName = Annotated[str | None, tyro.conf.arg(name="rogues", metavar="NAME")]
-"""Type of a command's `--rogues NAME`, a scripted rogue or the folder of a learned one."""
+RogueName = Annotated[
+    str | None,
+    tyro.conf.arg(
+        name="rogues",
+        metavar="NAME",
+        help="rogue (adversary) that moves all targets: wander, flee, shadow, follow-gap, or hide, which requires "
+        "task.contamination; a learned one, such as hide-from-sweep or a folder; or several joined by +. By default "
+        "targets move as the scenario defines.",
+    ),
+]
 
 _PLACE = r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*"
 _WORDS = re.compile(rf"{_PLACE}(,{_PLACE})*|(?!(None|True|False|inf|nan)$)[A-Za-z][\w-]*")
