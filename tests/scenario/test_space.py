@@ -268,14 +268,6 @@ def test_the_shipped_space_never_changes():
         assert [each.digest() for split in (*SPLITS, *of.shifts) for each in first(of, split, 1)] == digests, name
 
 
-def test_the_shipped_space_is_drawn_without_fail():
-    of = scenario_space("monitoring-v1")
-    for split in (*SPLITS, *of.shifts):
-        for each in first(of, split, 40):
-            assert each.clusters == 1
-            assert each.robot.radius < each.robot_radius_bound
-
-
 @pytest.mark.parametrize(
     ("text", "value"),
     [("2 * x - 1", 5), ("-x / 2", -1.5), ("sqrt(x + 1)", 2), ("max(x, 7) <= 7", True), ("(round(2.6), x)", (3, 3))],
