@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import Remembering
-from baselines.policies.own_row import hears, lead, message_age, own_phase, own_works, sine_ahead
+from baselines.policies.own_row import Observation, hears, lead, message_age, own_phase, own_works, sine_ahead
 from baselines.policies.rows import Rows
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
@@ -24,6 +24,8 @@ from lissajous_env.world.extended import read_only
 
 wp.set_module_options(OPTIONS)
 
+PhaseRates = wp.array2d(dtype=float)
+"""(W, N) phase rates of the robots [rad/s]."""
 PHASES = "phases of ring neighbours"
 """Content of the messages of a coordinator that defines none."""
 
@@ -86,13 +88,7 @@ class NumpyCoordinator(Coordinator):
 
 
 @wp.kernel
-def kuramoto_rates(
-    rate: float,
-    coupling: float,
-    age_unit: float,
-    observation: wp.array3d(dtype=float),
-    phase_rate_out: wp.array2d(dtype=float),
-):
+def kuramoto_rates(rate: float, coupling: float, age_unit: float, observation: Observation, phase_rate_out: PhaseRates):
     """Return theta_i' = omega / alpha - K sum_j sin(theta_j - theta_i), equation (1), for robot i of world w."""
     w, i = wp.tid()
     pull = sine_ahead(w, i, 0, rate, age_unit, observation) + sine_ahead(w, i, 1, rate, age_unit, observation)
@@ -115,12 +111,7 @@ class Kuramoto(Coordinator):
 
 @wp.kernel
 def consensus_rates(
-    rate: float,
-    gain: float,
-    spacing: float,
-    age_unit: float,
-    observation: wp.array3d(dtype=float),
-    phase_rate_out: wp.array2d(dtype=float),
+    rate: float, gain: float, spacing: float, age_unit: float, observation: Observation, phase_rate_out: PhaseRates
 ):
     """Return theta_i' = rate + gain sum_j wrap(theta_j - theta_i - Delta_ij), for robot i of world w.
 
@@ -206,8 +197,8 @@ def track_reference(
     tracking: float,
     most: float,
     memory: wp.array2d(dtype=wp.vec2),
-    observation: wp.array3d(dtype=float),
-    phase_rate_out: wp.array2d(dtype=float),
+    observation: Observation,
+    phase_rate_out: PhaseRates,
 ):
     """Return theta_i' = rate + clip(tracking wrap(theta_ref - theta_i)) to [-rate, most], for robot i of world w.
 

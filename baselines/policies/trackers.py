@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.mpcc.parameters import MpccParameters
+from baselines.mpcc.model import MpccParameters
 from baselines.mpcc.solver import Mpcc
 from baselines.policies.base import Policy, Remembering
-from baselines.policies.coordinators import PHASES, Coordinator
-from baselines.policies.own_row import own_heading, own_phase, own_position, own_speed
+from baselines.policies.coordinators import PHASES, Coordinator, PhaseRates
+from baselines.policies.own_row import Actions, Observation, own_heading, own_phase, own_position, own_speed
 from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_struct
@@ -57,7 +57,7 @@ class Coordinated(Policy):
 
 
 @wp.kernel
-def follow_as_point(robot: RobotStruct, phase_rate: wp.array2d(dtype=float), action_out: wp.array3d(dtype=float)):
+def follow_as_point(robot: RobotStruct, phase_rate: PhaseRates, action_out: Actions):
     """Return the action of a point on the curve: its phase rate over the largest."""
     w, i = wp.tid()
     action_out[w, i, 0] = wp.clamp(phase_rate[w, i] / robot.phase_rate_max, -1.0, 1.0)
@@ -80,8 +80,8 @@ def read_cars(
     curve: CurveStruct,
     alpha: float,
     speed_unit: float,
-    observation: wp.array3d(dtype=float),
-    phase_rate: wp.array2d(dtype=float),
+    observation: Observation,
+    phase_rate: PhaseRates,
     state_out: wp.array2d(dtype=float),
     rate_out: wp.array(dtype=float),
 ):
@@ -98,7 +98,7 @@ def read_cars(
 
 
 @wp.kernel
-def scale_controls(robot: RobotStruct, control: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float)):
+def scale_controls(robot: RobotStruct, control: Actions, action_out: Actions):
     """Return a car's action: steering and throttle of the first stage, scaled to [-1, 1]."""
     w, i = wp.tid()
     k = w * action_out.shape[1] + i

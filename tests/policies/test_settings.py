@@ -74,23 +74,14 @@ def test_commands_play_a_folder(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     folder_of(tmp_path / "mine", PolicySettings("sweep", {"lanes": 4}))
     for line in (
-        "run mine --out a.npz", "run mine/scenario.toml mine-safe --out b.npz", "replay mine --out c.html",
-        "evaluate mine --episodes 1", "replay evaders mine --out d.npz --set task.duration=1",
+        "run mine/scenario.toml mine-safe --out b.npz", "replay mine --out c.html --set task.duration=1",
         "benchmark --scenarios mine/scenario.toml --policies mine sweep --episodes 1 --replays 0 --out results",
     ):  # fmt: skip
         code, _, said = called(capsys, *line.split())
         assert code == 0, (line, said)
-
-
-def test_results_of_other_parameters_are_not_mixed(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    folder_of(tmp_path / "mine", PolicySettings("sweep", {"lanes": 4}))
-    line = ["benchmark", "--scenarios", "mine/scenario.toml", "--policies", "mine", "--episodes", "1"]
-    line += ["--replays", "0", "--out", "results"]
-    assert called(capsys, *line)[0] == 0
     (tmp_path / "mine" / POLICY_FILE).write_text(PolicySettings("sweep", {"lanes": 2}).as_toml())
-    code, _, said = called(capsys, *line)
-    assert code == 2
+    code, _, said = called(capsys, *line.split())
+    assert code == 2, "results of other parameters are not mixed"
     assert "policy of policy.toml" in said
 
 

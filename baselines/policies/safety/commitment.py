@@ -7,7 +7,16 @@ for a step, and a tail remains if its plan stays away from those of all others, 
 import warp as wp
 
 from baselines.policies.inside import is_safe
-from baselines.policies.own_row import has_heard, own_heading, own_key, own_position, own_speed, own_works
+from baselines.policies.own_row import (
+    Actions,
+    Observation,
+    has_heard,
+    own_heading,
+    own_key,
+    own_position,
+    own_speed,
+    own_works,
+)
 from baselines.policies.safety.own_motion import (
     Bounds,
     average,
@@ -19,7 +28,7 @@ from baselines.policies.safety.own_motion import (
     tail_from,
     within_limits,
 )
-from baselines.policies.safety.tails import POINTS, arc_end, lay_out, roll_on, room_between, swept_room
+from baselines.policies.safety.tails import POINTS, Plan, arc_end, lay_out, roll_on, room_between, swept_room
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
@@ -69,7 +78,7 @@ class Memory:
 
 
 @wp.func
-def room_inside(plan: wp.array(dtype=wp.vec3), bounds: Bounds) -> float:
+def room_inside(plan: Plan, bounds: Bounds) -> float:
     """Return the least distance of a plan from the edge of the rectangle that tails stay in [m] (condition 1)."""
     least = float(FAR)
     for k in range(1, POINTS):
@@ -173,7 +182,7 @@ def learn_of(w: int, i: int, bounds: Bounds, car: wp.vec4, memory: Memory):
 
 
 @wp.func
-def begin(w: int, i: int, bounds: Bounds, car: wp.vec4, memory: Memory, observation: wp.array3d(dtype=float)) -> bool:
+def begin(w: int, i: int, bounds: Bounds, car: wp.vec4, memory: Memory, observation: Observation) -> bool:
     """Advance a robot's memory to the step that begins; return whether the robot is on its tail (condition 6).
 
     A robot that is elsewhere, as at the beginning of an episode, begins a tail at its position. So does one that comes
@@ -239,7 +248,7 @@ def let_roll(w: int, i: int, bounds: Bounds, memory: Memory):
 
 
 @wp.func
-def hears_all(w: int, i: int, step: int, bounds: Bounds, observation: wp.array3d(dtype=float)) -> bool:
+def hears_all(w: int, i: int, step: int, bounds: Bounds, observation: Observation) -> bool:
     """Return whether a robot heard the tails of all others in this step (condition 3)."""
     if bounds.loss == 0.0:
         return True
@@ -332,12 +341,7 @@ def decide(w: int, i: int, bounds: Bounds, car: wp.vec4, want: wp.vec2, memory: 
 
 @wp.kernel
 def commit(
-    bounds: Bounds,
-    curve: CurveStruct,
-    observation: wp.array3d(dtype=float),
-    wanted: wp.array3d(dtype=float),
-    memory: Memory,
-    action_out: wp.array3d(dtype=float),
+    bounds: Bounds, curve: CurveStruct, observation: Observation, wanted: Actions, memory: Memory, action_out: Actions
 ):
     """Decide on the actions of a world's robots, one after another, in an order that shifts by one in each step."""
     w = wp.tid()

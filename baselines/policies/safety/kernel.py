@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import warp as wp
 
 from baselines.policies.own_row import (
+    Actions,
+    Observation,
     hears,
     message_age,
     offset_heard,
@@ -18,7 +20,7 @@ from baselines.policies.own_row import (
     sees,
     velocity_seen,
 )
-from baselines.policies.safety.quadratic_program import TOLERANCE, into_box, solve_quadratic_program
+from baselines.policies.safety.quadratic_program import TOLERANCE, HalfPlanes, into_box, solve_quadratic_program
 from baselines.similarity import EXPERIMENT, motion_scale
 from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.car_input import car_action, steering_and_throttle
@@ -41,6 +43,11 @@ _LONGEST = 40
 """Longest horizon [control steps]."""
 _DIFFERENCE = wp.constant(0.05)
 _NONE = wp.constant(1.0e30)
+
+Others = wp.array(dtype=wp.vec4)
+"""Relative x, y [m] and velocity [m/s] of the other robots (NEAREST,)."""
+Paths = wp.array2d(dtype=wp.vec2)
+"""Places [m] on the manoeuvres of this car, then on those of another, at each step of the horizon."""
 
 scores = wp.types.vector(length=9, dtype=wp.float32)
 
@@ -181,9 +188,7 @@ def margin(c: Constants, car: wp.vec4, other: wp.vec4, action: wp.vec2, way_out:
 
 
 @wp.func
-def barrier(
-    c: Constants, car: wp.vec4, n: int, others: wp.array(dtype=wp.vec4), action: wp.vec2, way_out: wp.vec2
-) -> float:
+def barrier(c: Constants, car: wp.vec4, n: int, others: Others, action: wp.vec2, way_out: wp.vec2) -> float:
     """Return the least margin to the n others."""
     least = float(_NONE)
     for k in range(n):
@@ -192,9 +197,7 @@ def barrier(
 
 
 @wp.func
-def agreed_way_out(
-    c: Constants, car: wp.vec4, n: int, others: wp.array(dtype=wp.vec4), path: wp.array2d(dtype=wp.vec2)
-) -> int:
+def agreed_way_out(c: Constants, car: wp.vec4, n: int, others: Others, path: Paths) -> int:
     """Return the manoeuvre b that two cars agree on if both compute the best pair of manoeuvres.
 
     b = argmax min_k max_{b'} min(m_k(b, b'), ample) - price(b) - price(b'), where m_k(b, b') is the margin if this car
@@ -247,15 +250,7 @@ def agreed_way_out(
 
 
 @wp.func
-def linearise(
-    c: Constants,
-    car: wp.vec4,
-    n: int,
-    others: wp.array(dtype=wp.vec4),
-    at: wp.vec2,
-    way_out: wp.vec2,
-    rows_out: wp.array(dtype=wp.vec3),
-):
+def linearise(c: Constants, car: wp.vec4, n: int, others: Others, at: wp.vec2, way_out: wp.vec2, rows_out: HalfPlanes):
     """Write row k, g.u >= c: m_k(at) + g.(u - at) >= 0, with g by differences towards the middle of the box.
 
     The margins are divided by `safety.unit`.
@@ -272,14 +267,7 @@ def linearise(
 
 
 @wp.func
-def see(
-    w: int,
-    i: int,
-    c: Constants,
-    own: wp.vec2,
-    observation: wp.array3d(dtype=float),
-    others_out: wp.array(dtype=wp.vec4),
-) -> int:
+def see(w: int, i: int, c: Constants, own: wp.vec2, observation: Observation, others_out: Others) -> int:
     """Write relative x, y [m] and velocity [m/s] of the robots in sight of one with a velocity; return their number."""
     n = int(0)
     for k in range(wp.min(c.robots_seen, NEAREST)):
@@ -299,8 +287,8 @@ def hear(
     c: Constants,
     curve: CurveStruct,
     memory: wp.array3d(dtype=wp.vec3),
-    observation: wp.array3d(dtype=float),
-    others_out: wp.array(dtype=wp.vec4),
+    observation: Observation,
+    others_out: Others,
 ) -> int:
     """Add the ring neighbours beyond the sight that sent in this step and the one before; return the number.
 
@@ -325,14 +313,7 @@ def hear(
 
 @wp.func
 def avoid(
-    c: Constants,
-    car: wp.vec4,
-    n: int,
-    others: wp.array(dtype=wp.vec4),
-    wanted: wp.vec2,
-    top: float,
-    path: wp.array2d(dtype=wp.vec2),
-    rows: wp.array(dtype=wp.vec3),
+    c: Constants, car: wp.vec4, n: int, others: Others, wanted: wp.vec2, top: float, path: Paths, rows: HalfPlanes
 ) -> wp.vec2:
     """Return the wanted action in the box if a way out remains after it, or else the nearest one that leaves one."""
     u = into_box(wanted, top)
@@ -360,12 +341,12 @@ def keep_clear(
     c: Constants,
     curve: CurveStruct,
     memory: wp.array3d(dtype=wp.vec3),
-    observation: wp.array3d(dtype=float),
-    wanted: wp.array3d(dtype=float),
+    observation: Observation,
+    wanted: Actions,
     others: wp.array3d(dtype=wp.vec4),
     path: wp.array4d(dtype=wp.vec2),
     rows: wp.array3d(dtype=wp.vec3),
-    action_out: wp.array3d(dtype=float),
+    action_out: Actions,
 ):
     """Write the wanted action, or the nearest one that avoids the other robots; the last arrays are working memory."""
     w, i = wp.tid()

@@ -274,26 +274,23 @@ def unmet_conditions(scenario: Scenario) -> tuple[str, ...]:
     Condition 6, on the start of an episode, is `Proved.holds`.
     """
     scenario = scenario.resolve()
-    robot, noise = scenario.robot, scenario.noise
-    unmet = []
-    if robot.throttle_min > robot.dead_zone:
-        rule = f"must be at most dead_zone, {robot.dead_zone:g}, for the motor to be off"
-        unmet.append(f"1: robot.throttle_min {rule}, got {robot.throttle_min:g}")
-    if noise.actuator > 0:
-        unmet.append(f"1: noise.actuator must be 0, got {noise.actuator:g}")
-    if (error := integration_error(scenario)) > _COARSEST:
-        rule = f"must be short enough for a relative error of {_COARSEST:g} at top speed"
-        unmet.append(f"1: task.step {rule} [s], got {scenario.task.step:g} with {error:.2g}")
+    robot, noise, task = scenario.robot, scenario.noise, scenario.task
+    coarse, rounded = integration_error(scenario), rounding_error(scenario)
     margin = ProvedParameters().of(scenario).margin
     most = _ROUNDING * (scenario.curve.half_width + scenario.curve.half_height) + margin / 2
-    if (error := rounding_error(scenario)) > most:
-        rule = f"must be long enough for a rounding error of {most:.2g} m with {scenario.task.substeps} sub-steps"
-        unmet.append(f"1: task.step {rule} [s], got {scenario.task.step:g} with {error:.2g}")
-    for field in ("position", "heading", "speed"):
-        if getattr(noise, field) > 0:
-            rule = "must be 0, since normal noise has no bound"
-            unmet.append(f"2: noise.{field} {rule}, got {getattr(noise, field):g}")
-    if round(noise.message_delay / scenario.task.step) > 0:
-        rule = f"must be below half a step of {scenario.task.step:g} s"
-        unmet.append(f"3: noise.message_delay {rule}, got {noise.message_delay:g}")
-    return tuple(unmet)
+    off = f"must be at most dead_zone, {robot.dead_zone:g}, for the motor to be off"
+    short = f"must be short enough for a relative error of {_COARSEST:g} at top speed [s]"
+    long = f"must be long enough for a rounding error of {most:.2g} m with {task.substeps} sub-steps [s]"
+    normal = "must be 0, since normal noise has no bound"
+    prompt = f"must be below half a step of {task.step:g} s"
+    rules = (
+        (robot.throttle_min <= robot.dead_zone, "1: robot.throttle_min", off, f"{robot.throttle_min:g}"),
+        (noise.actuator == 0, "1: noise.actuator", "must be 0", f"{noise.actuator:g}"),
+        (coarse <= _COARSEST, "1: task.step", short, f"{task.step:g} with {coarse:.2g}"),
+        (rounded <= most, "1: task.step", long, f"{task.step:g} with {rounded:.2g}"),
+        (noise.position == 0, "2: noise.position", normal, f"{noise.position:g}"),
+        (noise.heading == 0, "2: noise.heading", normal, f"{noise.heading:g}"),
+        (noise.speed == 0, "2: noise.speed", normal, f"{noise.speed:g}"),
+        (round(noise.message_delay / task.step) == 0, "3: noise.message_delay", prompt, f"{noise.message_delay:g}"),
+    )
+    return tuple(f"{field} {rule}, got {value}" for holds, field, rule, value in rules if not holds)

@@ -25,6 +25,8 @@ PIECES = wp.constant(16)
 """Pieces of a tail between its sampled points, in equal steps of q."""
 POINTS = wp.constant(int(PIECES) + 3)
 """Sampled points of a plan: the position of the car, and the beginning, inner points and end of its tail."""
+Plan = wp.array(dtype=wp.vec3)
+"""Sampled points of a plan (POINTS,), as `lay_out` writes them."""
 BLOCK = wp.constant(4)
 """Pieces of a tail that are compared together first."""
 BLOCKS = wp.constant(int(PIECES) // int(BLOCK) + 1)
@@ -65,9 +67,7 @@ def error_tube(curvature: float, length: float, place: float, heading: float, al
 
 
 @wp.func
-def lay_out(
-    plan_out: wp.array(dtype=wp.vec3), now: wp.vec2, middle: wp.vec3, tail: wp.vec4, tube: wp.vec4, slack: float
-):
+def lay_out(plan_out: Plan, now: wp.vec2, middle: wp.vec3, tail: wp.vec4, tube: wp.vec4, slack: float):
     """Sample a plan: points x, y, each with a bound on the deviation from the straight line before it [m].
 
     `middle` is that of the step before the tail, x, y and the bound for either half of it. Along a piece of the tail an
@@ -95,14 +95,14 @@ def lay_out(
 
 
 @wp.func
-def room_of_reaches(one: wp.array(dtype=wp.vec3), other: wp.array(dtype=wp.vec3), touch: float) -> float:
+def room_of_reaches(one: Plan, other: Plan, touch: float) -> float:
     """Return a lower bound of the distance of two plans from their reaches, less `touch` [m]."""
     apart = wp.length(wp.vec2(one[0][0] - other[0][0], one[0][1] - other[0][1]))
     return apart - one[0][2] - other[0][2] - touch
 
 
 @wp.func
-def room_between(one: wp.array(dtype=wp.vec3), other: wp.array(dtype=wp.vec3), touch: float, enough: float) -> float:
+def room_between(one: Plan, other: Plan, touch: float, enough: float) -> float:
     """Return a lower bound of the distance of two cars at equal times on two plans, less `touch` [m].
 
     If the bound is below `enough`, any value below `enough` is returned. Along each piece it is the closest approach of
@@ -151,7 +151,7 @@ def block_start(block: int) -> int:
 
 
 @wp.func
-def chord_bound(plan: wp.array(dtype=wp.vec3), block: int) -> float:
+def chord_bound(plan: Plan, block: int) -> float:
     """Return a bound on the distance of the car from a block's chord [m]: that of the points, and their own bound."""
     begin = block_start(block)
     end = block_start(block + 1)
@@ -169,14 +169,7 @@ def chord_bound(plan: wp.array(dtype=wp.vec3), block: int) -> float:
 
 @wp.func
 def room_of_blocks(
-    one: wp.array(dtype=wp.vec3),
-    other: wp.array(dtype=wp.vec3),
-    block: int,
-    other_block: int,
-    stops: bool,
-    other_stops: bool,
-    touch: float,
-    enough: float,
+    one: Plan, other: Plan, block: int, other_block: int, stops: bool, other_stops: bool, touch: float, enough: float
 ) -> float:
     """Return `swept_room` of two blocks."""
     least = float(1.0e30)
@@ -192,14 +185,7 @@ def room_of_blocks(
 
 
 @wp.func
-def swept_room(
-    one: wp.array(dtype=wp.vec3),
-    other: wp.array(dtype=wp.vec3),
-    stops: bool,
-    other_stops: bool,
-    touch: float,
-    enough: float,
-) -> float:
+def swept_room(one: Plan, other: Plan, stops: bool, other_stops: bool, touch: float, enough: float) -> float:
     """Return a lower bound of the distance of two cars, of which either may stop dead, less `touch` [m].
 
     If the bound is below `enough`, any value below `enough` is returned. A car that `stops` can be at any earlier place
