@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from torch import Tensor
 
+from baselines.policies.own_row import Rows
 from baselines.policies.reacting import Reacting, kept_apart
-from baselines.policies.rows import Rows
 from lissajous_env.envs.batch import Batch, padded
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import GONE, HIDDEN, WORKING

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from baselines.policies.base import Policy
+from baselines.policies.own_row import Rows
 from baselines.policies.reacting import kept_apart
-from baselines.policies.rows import Rows
 from lissajous_env import Scenario
 from training.learned.card import Card
 from training.learned.perception import perceive
