@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from lissajous_env.console.options import ScenarioNames
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, ScenarioNames, print_table
 from lissajous_env.parameters.scenario import PARTS
 from lissajous_env.parameters.scenario_file import changed_fields
 
