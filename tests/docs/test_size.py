@@ -9,7 +9,7 @@ LINES = 46_527
 """Lines of the packages."""
 MODULES = 312
 """Files of the packages."""
-TESTS = 27_177
+TESTS = 27_186
 """Lines of the tests."""
 
 

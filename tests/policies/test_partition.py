@@ -206,6 +206,15 @@ def test_a_robot_knows_of_failures_by_messages_or_silence_alone(faults):
     assert [robot for robot in noticed[95] if robot != 1] == [0, 4]
 
 
+def test_messages_that_are_lost_or_late_show_no_failure():
+    """Oracle: no robot fails; a message that stays the last one for some steps has the same place in all of them."""
+    scenario = lissajous_env.scenario("evaders", **{"noise.message_loss": 0.3})
+    policy, simulation = PartitionRepair(scenario, 4), lissajous_env.Simulation(scenario, 4)
+    for _ in range(60):
+        simulation.step(policy.act(simulation.observation))
+        assert not policy.plan.numpy().any()
+
+
 def test_a_plan_has_the_least_worst_case_and_not_the_most_frequent_visits(monkeypatch):
     """Oracle: the plan by share and time between visits alone, which rogues can evade for longer with 0.5 m sensors."""
     scenario = lissajous_env.scenario("evaders", **{"sensing.radius": 0.5})
