@@ -9,7 +9,7 @@ LINES = 46_527
 """Lines of the packages."""
 MODULES = 312
 """Files of the packages."""
-TESTS = 27_186
+TESTS = 27_143
 """Lines of the tests."""
 
 

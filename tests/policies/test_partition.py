@@ -134,14 +134,6 @@ def test_ring_neighbours_have_neighbouring_cells():
     assert sum(kept) >= 28
 
 
-@pytest.mark.parametrize(("length", "time"), [(2.0, 4.0), (1 / 8, 1.0)])
-def test_similar_scenarios_have_similar_plans(length, time):
-    """Oracle: the law of similarity, bit for bit."""
-    scenario = lissajous_env.scenario("evaders")
-    plan, scaled = partition_plan(scenario), partition_plan(scenario.scaled(length, time))
-    np.testing.assert_array_equal(scaled.loop, length * plan.loop)
-
-
 def test_the_ideal_guarantee_is_that_of_the_simulated_cars_and_nobody_collides():
     """Oracle: the contamination field of the simulation, with the cars' real dynamics, from the start of an episode."""
     times = played("partition", {"task.duration": 15.0}, worlds=8)
