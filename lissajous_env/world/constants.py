@@ -16,6 +16,7 @@ from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.contamination.conservative import as_reach
 from lissajous_env.world.contamination.labels import MARGIN, across, as_hops
+from lissajous_env.world.observation import message_start, track_start
 from lissajous_env.world.robots.deviations import points_of
 from lissajous_env.world.robots.faults import removal_steps, schedule_steps
 from lissajous_env.world.rogues.rows import rogue_layout
@@ -57,6 +58,10 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
         "steps": task.steps,
         "cells_total": 0 if task.grid is None else task.grid[0] * task.grid[1],
         "age_per_step": scenario.task.step / scenario.time_unit,
+        "bounds_per_step": scenario.task.step / scenario.detection_time_bound,
+        "turning": scenario.start_turning,
+        "message_start": message_start(scenario),
+        "track_start": track_start(scenario),
         "speed_unit": model.speed_unit(scenario.driven, scenario.formation, scenario.robot),
         "driving": wp.array(_driving(scenario), dtype=wp.float32, device=device, ndim=2),
         "curve_points": points_of(None if model.keeps_to_curve else scenario.driven, str(device)),

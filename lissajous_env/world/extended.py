@@ -10,6 +10,7 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.program import Stage
 from lissajous_env.device.stage import ROBOT, TARGET, WORLD, stage
+from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.extensions import (
     LARGEST,
     Extension,
@@ -25,7 +26,7 @@ from lissajous_env.world.columns import NAMES
 from lissajous_env.world.observation import layout
 from lissajous_env.world.reward import TERMS
 from lissajous_env.world.state import GONE, HIDDEN
-from lissajous_env.world.targets.motion import CUSTOM
+from lissajous_env.world.targets.motion import CUSTOM, inside
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
@@ -35,51 +36,44 @@ def read_only(array: np.ndarray) -> np.ndarray:
     return view
 
 
-class _Fixed:
-    """An object whose attributes are set once, when it is made."""
+class _Arrays:
+    """Arrays by name, read-only: on a CPU their memory, on a GPU copies, made when they are read."""
+
+    def __init__(self, arrays: Mapping[str, Any]):
+        self.__dict__["_arrays"] = arrays
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in self.__dict__.get("_arrays", {}):
+            raise AttributeError(f"a world has no {name}")
+        array = self._arrays[name]
+        view = read_only(array.numpy())
+        if array.device.is_cpu:
+            self.__dict__[name] = view
+        return view
 
     def __setattr__(self, name: str, value: Any) -> NoReturn:
         raise ValueError(f"{name} is read-only, and so are all arrays of a world")
 
 
-class WorldView(_Fixed):
+class WorldView(_Arrays):
     """Argument of an extension's function: read-only arrays over worlds, robots and targets.
 
     Attributes:
         scenario: The scenario, with every field filled in.
         clock, robots, links, messages, targets, cells, latest, tally: The arrays of `lissajous_env.world.state`, by
             their names: `world.robots.position` is (W, N, 3). So is `rogues` where `targets.rogues` is set.
-        observation: (W, N, D).
+        observation: (W, N, D) rows of the robots.
 
     On the CPU they are the simulation's own memory, in which everything is of this very step. On a GPU they are copied
     when they are read. To change one, copy it: `world.targets.position.copy()`.
     """
 
     scenario: Scenario
-    _observation: Any
 
     def __init__(self, scenario: Scenario, structs: Mapping[str, Any], observation: Any):
-        self.__dict__.update({"scenario": scenario, "_observation": observation})
-        self.__dict__.update({name: _Arrays(struct) for name, struct in structs.items()})
-
-    @property
-    def observation(self) -> Any:
-        """(W, N, D) rows of the robots."""
-        return read_only(self._observation.numpy())
-
-
-class _Arrays(_Fixed):
-    """Arrays of a struct: on a CPU its memory, on a GPU copies, made when they are read."""
-
-    def __init__(self, struct: Any):
-        self.__dict__["_struct"] = struct
-
-    def __getattr__(self, name: str) -> Any:
-        array = getattr(self.__dict__["_struct"], name)
-        view = read_only(array.numpy())
-        if array.device.is_cpu:
-            self.__dict__[name] = view
-        return view
+        super().__init__({"observation": observation})
+        self.__dict__["scenario"] = scenario
+        self.__dict__.update({name: _Arrays(fields_of(struct)) for name, struct in structs.items()})
 
 
 wp.set_module_options(OPTIONS)
@@ -127,12 +121,11 @@ def take_places(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
     """Move the targets of an extension to their new positions."""
     stage = targets.stage[w, t]
     if targets.motion[w, t] == CUSTOM and stage != HIDDEN and stage != GONE:
-        x = wp.clamp(value[w, t][0], -curve.half_width, curve.half_width)
-        y = wp.clamp(value[w, t][1], -curve.half_height, curve.half_height)
-        moved = wp.vec2(x, y) - targets.position[w, t]
+        place = inside(value[w, t], curve)
+        moved = place - targets.position[w, t]
         if wp.length_sq(moved) > 0.0:
             targets.heading[w, t] = wp.atan2(moved[1], moved[0])
-        targets.position[w, t] = wp.vec2(x, y)
+        targets.position[w, t] = place
 
 
 _LARGEST = LARGEST * (1 + 1e-6)
