@@ -16,9 +16,9 @@ import numpy as np
 import baselines
 import lissajous_env
 from baselines.benchmark.shown import number
-from baselines.policies.loop_shapes import PartitionParameters
-from baselines.policies.partition_repair import PartitionRepair
-from baselines.policies.safety.filtered import Filtered
+from baselines.policies.base import Filtered
+from baselines.policies.partition import PartitionRepair
+from baselines.policies.partition_plan import PartitionParameters
 from baselines.policies.safety.proved import Proved
 from lissajous_env.episodes.guarantee import worst_undetected_times
 from lissajous_env.parameters.scenario import Scenario
@@ -49,7 +49,6 @@ def six_rows(scenario: Scenario, num_worlds: int, proved: bool) -> Any:
     return Filtered(made, Proved) if proved else made
 
 
-NEWS = {"messages.size": 15}
 INTRUDERS = {"task.contamination": (108, 48), "targets.speed_limit": 0.6}
 CASES = {
     "evaders": Case("evaders", "partition", 256),
@@ -59,9 +58,6 @@ CASES = {
     "team": Case("team", "partition-repair", 64),
     "team with six rows": Case("team", partial(six_rows, proved=False), 64),
     "team with six rows proved": Case("team", partial(six_rows, proved=True), 64),
-    "team with messages": Case("team", "partition-repair", 128, NEWS),
-    "team with messages proved": Case("team", "partition-repair-proved", 128, NEWS),
-    "team where one stops": Case("team", "partition-repair-proved", 240, NEWS, stops=True),
     "intruders in line": Case("intruders", "line-abreast", 256, INTRUDERS),
     "team in lines": Case("team", "line-abreast-proved", 128),
     "team by a choice": Case("team", "portfolio-guarantee", 128),

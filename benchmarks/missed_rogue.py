@@ -17,8 +17,7 @@ import numpy as np
 import baselines
 import lissajous_env
 from lissajous_env.episodes.missed import play
-from lissajous_env.episodes.missed.played import resolution
-from lissajous_env.episodes.missed.replayed import replay
+from lissajous_env.episodes.missed.played import replay, resolution
 from lissajous_env.episodes.missed.search import longest_path
 from lissajous_env.world.columns import WORST_CASE
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from baselines.benchmark.shown import number
 from baselines.mpcc.solver import Mpcc, MpccParameters, Solution
-from lissajous_env.extras import missing
 from lissajous_env.parameters.scenario import Curve, Robot
+from lissajous_env.plugins import missing
 from lissajous_env.theory import closed_forms
 
 try:

@@ -25,7 +25,7 @@ from lissajous_env.world.state import WORKING
 SCENARIOS = "evaders", "intruders", "hall", "experiment"
 FILTERED = "kuramoto-mpcc", "partition", "line-abreast", "sweep", "random"
 """Policies that are also played with each filter."""
-LEFT_OUT = "still", "portfolio", "portfolio-guarantee"
+LEFT_OUT = "still", "periodic-paths", "portfolio", "portfolio-guarantee"
 NEAR = 1e-4
 """Distance of a body from a wall that counts as a contact [m]."""
 WHILE = 5.0

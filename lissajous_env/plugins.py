@@ -1,18 +1,30 @@
-"""Load objects of users and other packages: `module:attribute`, also from the current folder, and entry points."""
+"""Objects of users and other packages: how they are imported, registered and sent to other processes.
+
+They are imported by `module:attribute`, by entry points, or by a name that a module of the current folder registers.
+
+Modules of the current folder are read as text, and imported only if the requested name is registered there. The name
+must be a literal, as in `register("my-policy")` or `Scenario(name="my-scenario")`.
+"""
 
 import contextlib
 import functools
 import importlib
 import os
+import re
 import sys
 import types
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Container, Iterator
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from lissajous_env.wording import nearest, where_raised
+import cloudpickle
+
+from lissajous_env.wording import nearest, shown, where_raised
+
+PROMPT = "__main__", "__mp_main__"
+"""Modules that are other ones in other processes."""
 
 
 def import_attribute(reference: str, rule: str) -> Any:
@@ -84,3 +96,122 @@ class EntryPoints:
                 named = f"the {self.things} of the entry point {entry.name} ({entry.value})"
                 self.broken.append(f"{named} cannot be loaded: {words}")
                 warnings.warn(self.broken[-1], RuntimeWarning, stacklevel=2)
+
+
+def load_module_of(name: str, thing: str, *functions: str) -> None:
+    """Import the module in the current folder that registers a name, if there is one.
+
+    Args:
+        name: The name. `my-method-mpcc` may also result from the registration of `my-method`.
+        thing: Kind of the named object, for messages.
+        functions: Names of the registering functions.
+
+    Raises:
+        ValueError: the module cannot be imported.
+    """
+    starts = {name, *(name[:k] for k, letter in enumerate(name) if letter == "-")}
+    for registered, module in registered_here(*functions):
+        if registered in starts:
+            try:
+                import_module(module)
+            except (Exception, SystemExit) as error:
+                rule = f"{thing} {name} must be registered by a module that can be imported"
+                raise ValueError(f"{rule}, got {module}.py: {where_raised(error)}") from error
+
+
+def registered_here(*functions: str) -> Iterator[tuple[str, str]]:
+    """Yield the names that modules in the current folder register with these functions, each with its module."""
+    calls = rf"\b(?:{'|'.join(functions)})\("
+    for path in _entries():
+        source = ""
+        if path.suffix == ".py":
+            with contextlib.suppress(OSError):  # a file that cannot be read
+                source = path.read_text(encoding="utf-8", errors="replace")
+        if re.search(calls, source):
+            for name in re.findall(rf"""(?:{calls}|\bname=)\s*["']([\w.-]+)["']""", source):
+                yield name, path.stem
+
+
+def beside(name: Any, suffix: str) -> list[str]:
+    """Return the files with a suffix in the folder of a path, which for a mere name is the current folder."""
+    return [str(path) for path in _entries(name) if path.suffix == suffix and path.is_file()]
+
+
+def folders_beside(name: Any, file: str) -> list[str]:
+    """Return the folders beside a path that contain a file of some name."""
+    return [str(path) for path in _entries(name) if (path / file).is_file()]
+
+
+def _entries(name: Any = "") -> list[Path]:
+    try:
+        return sorted(Path(name).parent.iterdir())
+    except (OSError, ValueError, TypeError):  # missing or unreadable folder
+        return []
+
+
+def register(
+    registry: dict[str, Any],
+    thing: str,
+    new: Any,
+    names: tuple[str, str],
+    taken: Container[str] = (),
+    replaces: bool = False,
+) -> None:
+    """Add an object to a registry under its attribute `name`.
+
+    Args:
+        registry: Objects by name.
+        thing: Kind of the object, for messages.
+        new: The object.
+        names: Regular expression of valid names, and the rule in words.
+        taken: Names that are not in the registry but belong to other objects.
+        replaces: True if the object may replace a different one that has its name.
+
+    Raises:
+        ValueError: the name is invalid, or a different object has it.
+    """
+    name, (pattern, rule) = new.name, names
+    if not (isinstance(name, str) and re.fullmatch(pattern, name)):
+        raise ValueError(f"name of a {thing} must be {rule}, got {shown(name)}")
+    if name in taken or (registry.get(name, new) != new and not replaces):
+        raise ValueError(f"name of a {thing} must be new, got {shown(name)}, which another one has")
+    registry[name] = new
+
+
+def is_notebook() -> bool:
+    """Return True in a notebook or at a prompt, where a cell that is run again registers its objects anew."""
+    return hasattr(sys, "ps1")  # IPython sets it too
+
+
+class ByValue:
+    """Wrapper of a function or class that is itself again after unpickling, also where it cannot be imported.
+
+    What modules define is only named. A process without these modules cannot unpickle it.
+    """
+
+    def __init__(self, value: Any):
+        self.value = value
+
+    def __reduce__(self) -> tuple:
+        return cloudpickle.loads, (cloudpickle.dumps(self.value),)
+
+
+def replaces(new: Any, old: Any) -> bool:
+    """Return whether an object at a prompt, or in a notebook, is a new version of another: it has the same full name.
+
+    A cell that is run again defines its functions and classes anew.
+    """
+    names = [(getattr(each, "__module__", None), getattr(each, "__qualname__", None)) for each in (new, old)]
+    return names[0] == names[1] and names[0][0] in PROMPT and names[0][1] is not None
+
+
+class MissingExtraError(ValueError, ImportError):
+    """Error for missing libraries of an extra; the message explains how to install them."""
+
+
+def missing(what: str, extra: str, error: ImportError) -> MissingExtraError:
+    """Return the error that names the extra to install."""
+    return MissingExtraError(
+        f'{what} requires the libraries of the extra {extra} ({error}): pip install ".[{extra}]" in a checkout, '
+        f'pip install "lissajous-env[{extra}]" elsewhere'
+    )

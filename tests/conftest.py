@@ -14,7 +14,7 @@ import baselines
 import lissajous_env
 from baselines.policies import registry
 from lissajous_env.parameters import robot_models, rogues
-from lissajous_env.parameters.registry import SCENARIOS, SPACES
+from lissajous_env.parameters.named import SCENARIOS, SPACES
 
 os.environ["SDL_VIDEODRIVER"] = "dummy"
 os.environ["MPLBACKEND"] = "Agg"

@@ -7,9 +7,8 @@ from typing import Annotated, Any, Literal
 import tyro
 from rich.console import Console
 
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, make_console
-from lissajous_env.extras import missing
-from lissajous_env.parameters.overrides import Overrides, parse_overrides
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, Overrides, make_console, parse_overrides
+from lissajous_env.plugins import missing
 from training.rogue_settings import RogueTraining
 from training.settings import TrainingSettings
 
@@ -40,8 +39,6 @@ def train(
         rogue_rounds: rounds in which rogues imitate a rogue that knows the robots' future; more rounds make better
             rogues, 48 take some minutes and are the default.
         rogue_starts: rogues per episode, each with a start of its own, 96 by default.
-        output: Console output.
-        overrides: fields changed in the scenario, as in --set task.reward_collision=-5 targets.count=5
     """
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
     options = {"against": against, "rounds": rogue_rounds, "starts": rogue_starts}

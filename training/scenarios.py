@@ -8,7 +8,7 @@ from typing import Any
 
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env.parameters.assumptions import AssumptionWarning
-from lissajous_env.parameters.named_spaces import scenario_space, space_and_split
+from lissajous_env.parameters.named import scenario_space, space_and_split
 
 LEARNED, VALIDATED = "train", "validation"
 """Splits of a space from which a training draws its scenarios, and those of its validations. No training uses the split

@@ -18,8 +18,8 @@ from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import versions
 from baselines.benchmark.types import Benchmark, Cell, Failure, Finish, Rows, Work
 from baselines.policies.factories import parts
-from lissajous_env.extras import missing
 from lissajous_env.identity import MODULE
+from lissajous_env.plugins import missing
 from lissajous_env.wording import shown
 
 _RETRIES = 3

@@ -9,7 +9,7 @@ import tyro
 
 from baselines.benchmark.table import Table
 from baselines.policies.factories import Factory
-from lissajous_env.parameters import named_spaces
+from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import few_of
@@ -72,7 +72,7 @@ class Benchmark:
     """Fields changed in every scenario, as {"task.duration": 30.0}."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "scenarios", named_spaces.expanded(self.scenarios))
+        object.__setattr__(self, "scenarios", named.expanded(self.scenarios))
 
     def check(self) -> None:
         """Raise ValueError for a value that a rule forbids."""

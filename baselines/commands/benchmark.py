@@ -6,8 +6,14 @@ import tyro
 
 from baselines.benchmark.running import Benchmark, measure
 from baselines.commands.playing import progress_console
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, CommandError, OutputOptions
-from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
+from lissajous_env.console.terminal import (
+    DEFAULT_OUTPUT,
+    CommandError,
+    OutputOptions,
+    Overrides,
+    RogueName,
+    parse_overrides,
+)
 
 
 def benchmark(
@@ -25,11 +31,6 @@ def benchmark(
 
     Args:
         settings: Episodes to play, and the folder of the results.
-        rogues: rogue (adversary) that moves all targets: wander, flee, shadow, follow-gap, or hide, which requires
-            task.contamination; a learned one, such as hide-from-sweep or a folder; or several joined by +. By default
-            targets move as the scenario defines.
-        output: Console output.
-        overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
     from baselines.benchmark import written
     from baselines.benchmark.table import Table

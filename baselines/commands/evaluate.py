@@ -8,10 +8,16 @@ import tyro
 from baselines.benchmark.local import play
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.running import Benchmark, plan
-from baselines.commands.playing import made, naming, progress_console, scenarios_and_policy
-from lissajous_env.console.recordings import check_file
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions
-from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
+from baselines.commands.playing import check_file, made, naming, progress_console, scenarios_and_policy
+from lissajous_env.console.terminal import (
+    DEFAULT_OUTPUT,
+    Device,
+    OutFile,
+    OutputOptions,
+    Overrides,
+    RogueName,
+    parse_overrides,
+)
 
 _Names = Annotated[
     tuple[str, ...],
@@ -25,7 +31,7 @@ def evaluate(
     episodes: int = 64,
     seed: int = 0,
     batch: int = 16,
-    device: str = "cpu",
+    device: Device = "cpu",
     out: OutFile = None,
     rogues: RogueName = None,
     output: OutputOptions = DEFAULT_OUTPUT,
@@ -43,13 +49,7 @@ def evaluate(
         episodes: number of episodes on each scenario; more of them narrow the intervals.
         seed: seed of episode 0; episode k has seed + k.
         batch: number of episodes that are played together; it changes the speed, not the results.
-        device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         out: CSV file to which the score rows are written; without it they are only summarized.
-        rogues: rogue (adversary) that moves all targets: wander, flee, shadow, follow-gap, or hide, which requires
-            task.contamination; a learned one, such as hide-from-sweep or a folder; or several joined by +. By default
-            targets move as the scenario defines.
-        output: Console output.
-        overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
     from baselines.benchmark import tables, written
     from baselines.benchmark.table import Table

@@ -5,18 +5,17 @@ from typing import Annotated, Literal
 
 import tyro
 
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFolder, OutputOptions
 from lissajous_env.storage.folder import Folder
 
 TABLE = "table.tex"
 _Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
-_Out = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 
 
 def figures(
     folder: _Folder,
     format: Literal["pdf", "svg", "png"] = "pdf",
-    out: _Out = None,
+    out: OutFolder = None,
     against: str | None = None,
     output: OutputOptions = DEFAULT_OUTPUT,
 ) -> list[Path]:
@@ -34,7 +33,6 @@ def figures(
         format: format of the figures; pdf and svg scale without loss, png does not.
         out: folder of the figures; by default FOLDER/figures.
         against: reference policy; by default the paper's method if it was played, else the first policy.
-        output: Console output.
 
     Returns:
         Paths of the files.

@@ -4,27 +4,30 @@ import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import tyro
 from matplotlib.axes import Axes
 from rich.console import Console
 from rich.text import Text
 
 from baselines.reproduce.drawing import DARK, GREY, SERIES, Format, Picture, Sheet
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_table
+from lissajous_env.console.terminal import (
+    DEFAULT_OUTPUT,
+    Column,
+    OutputOptions,
+    Overrides,
+    ScenarioNames,
+    parse_overrides,
+    print_table,
+)
 from lissajous_env.device.devices import cores
 from lissajous_env.episodes.guarantee import Reach, fastest_rogue, reach_of
 from lissajous_env.parameters import named
-from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.folder import Folder
 from lissajous_env.theory.geometry import largest_speed
 
-_Scenarios = Annotated[
-    tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO ...]", help_behavior_hint="")
-]
 _PAPER = "experiment", "ideal"
 """The paper's two curves."""
 _SMALLEST, _LARGEST = 0.3, 1.35
@@ -32,7 +35,7 @@ _SMALLEST, _LARGEST = 0.3, 1.35
 
 
 def guarantee(
-    scenarios: _Scenarios = _PAPER,
+    scenarios: ScenarioNames = _PAPER,
     radii: int = 22,
     cells: int = 90,
     out: Path = Path("guarantee"),
@@ -54,8 +57,6 @@ def guarantee(
         cells: grid cells along the longer side of the rectangle; more of them are more precise and slower.
         out: folder of the picture.
         format: format of the picture.
-        output: Console output.
-        overrides: fields changed in every scenario, as in --set targets.speed_limit=0.3
     """
     for name, value, least, most in (("radii", radii, 2, 200), ("cells", cells, 10, 1000)):
         if not least <= value <= most:

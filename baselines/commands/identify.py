@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from lissajous_env.console.recordings import check_file
+from baselines.commands.playing import check_file
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutFile, OutputOptions, print_table
 from lissajous_env.logs.poses import TOPICS
 from lissajous_env.logs.reading import COMMAND
@@ -44,7 +44,6 @@ def identify(
         commands: topic of the commands with {}: sensor_msgs/JointState with the joints steering [rad] and throttle, or
             std_msgs/Float64MultiArray of the two; of drives geometry_msgs/Twist, TwistStamped, or speed and yaw rate.
         out: .toml file to write: a scenario with these robots.
-        output: Console output.
     """
     from lissajous_env.logs.identification import identify as fit
     from lissajous_env.logs.reading import read

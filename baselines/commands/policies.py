@@ -20,7 +20,6 @@ def policies(scenario: _ScenarioOrNone = None, output: OutputOptions = DEFAULT_O
     Args:
         scenario: name of a scenario, .toml file, or module:attribute; with it, only policies that drive its robots are
             listed.
-        output: Console output.
     """
     listed = [registry.describe(name) for name in registry.names(scenario)]
     output.print_json(listed)

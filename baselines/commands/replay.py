@@ -6,12 +6,27 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from baselines.benchmark.types import Benchmark
-from baselines.commands.playing import FORMATS, record_one, scenarios_and_policy
+from baselines.commands.playing import (
+    FORMATS,
+    check_file,
+    check_pace,
+    has_display,
+    record_one,
+    scenarios_and_policy,
+    show,
+)
 from baselines.policies import registry
-from lissajous_env.console.recordings import check_file, check_pace, has_display, show
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, Output, OutputOptions
-from lissajous_env.here import beside
-from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
+from lissajous_env.console.terminal import (
+    DEFAULT_OUTPUT,
+    Device,
+    OutFile,
+    Output,
+    OutputOptions,
+    Overrides,
+    RogueName,
+    parse_overrides,
+)
+from lissajous_env.plugins import beside
 from lissajous_env.wording import nearest
 
 if TYPE_CHECKING:
@@ -30,7 +45,7 @@ def replay(
     out: OutFile = None,
     against: _Against = None,
     seed: int = 0,
-    device: str = "cpu",
+    device: Device = "cpu",
     speed: float = 1.0,
     fps: float = 10.0,
     rogues: RogueName = None,
@@ -47,14 +62,8 @@ def replay(
         out: file to write, ending in .html, .mp4, .gif, .npz or .mcap; without it, a window opens.
         against: second policy, shown beside the first on the same seed; requires --out FILE.html.
         seed: seed of the episode; ignored for a recording.
-        device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         speed: playback speed, in seconds of the episode per second, from 0.01 to 1000.
         fps: frames per second of a GIF or MP4, from 0.1 to 50; more of them make a larger file.
-        rogues: rogue (adversary) that moves all targets: wander, flee, shadow, follow-gap, or hide, which requires
-            task.contamination; a learned one, such as hide-from-sweep or a folder; or several joined by +. By default
-            targets move as the scenario defines.
-        output: Console output.
-        overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
     check_file(out, *FORMATS)
     check_pace(speed, fps)

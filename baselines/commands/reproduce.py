@@ -15,11 +15,9 @@ from baselines.benchmark.progress import bar
 from baselines.reproduce import (
     claims,
     conditions,
-    constants,
     detection,
     equilibria,
     experiment,
-    failures,
     resilience,
     three_dimensions,
     tracking,
@@ -27,7 +25,7 @@ from baselines.reproduce import (
 from baselines.reproduce.claims import Claim, Part
 from baselines.reproduce.drawing import Format
 from baselines.reproduce.episodes import Player
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, make_console
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Device, OutputOptions, make_console
 from lissajous_env.device.devices import as_device
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import nearest, shown
@@ -37,21 +35,21 @@ PARTS: dict[str, Callable[[Player], Part]] = {
     "fig3": detection.fig3,
     "fig4": resilience.fig4,
     "fig5": three_dimensions.fig5,
-    "fig6": failures.fig6,
+    "fig6": resilience.fig6,
     "fig7": experiment.fig7,
     "fig8": experiment.fig8,
     "fig9": tracking.fig9,
     "theorem1": equilibria.theorem1,
     "theorem2": equilibria.theorem2,
     "theorem3": resilience.theorem3,
-    "theorem4": failures.theorem4,
+    "theorem4": resilience.theorem4,
     "lemmas": equilibria.lemmas,
     "bounds": conditions.bounds,
     "rogues": conditions.rogues,
     "knot": three_dimensions.knot,
     "experiment1": tracking.experiment1,
-    "printed": constants.printed,
-    "window": constants.window,
+    "printed": tracking.printed,
+    "window": tracking.window,
 }
 """Parts of the paper by name, in the order of the table."""
 
@@ -64,7 +62,7 @@ def reproduce(
     figures: _Names = ("all",),
     out: _Out = Path("results/reproduce"),
     seed: int = 0,
-    device: str = "cpu",
+    device: Device = "cpu",
     format: Format = "png",
     output: OutputOptions = DEFAULT_OUTPUT,
 ) -> list[Claim]:
@@ -81,9 +79,7 @@ def reproduce(
             printed, window; by default all of them.
         out: folder of the results; existing results in it are replaced.
         seed: seed of the first episode; episode k has seed + k.
-        device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         format: format of the pictures.
-        output: Console output.
 
     Returns:
         The rows of the table.

@@ -8,13 +8,11 @@ from typing import Annotated
 
 import tyro
 
-from baselines.commands.playing import FORMATS, progress_console
+from baselines.commands.playing import FORMATS, check_file
 from baselines.onboard import Onboard
-from baselines.ros.settings import CommandKind, WorldSettings
-from lissajous_env.console.recordings import check_file
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, print_line
+from baselines.ros.settings import CommandKind, WorldSettings, check_command
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, Overrides, parse_overrides
 from lissajous_env.parameters import named
-from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from lissajous_env.parameters.scenario_file import as_toml
 
 _Duration = Annotated[float | None, tyro.conf.arg(metavar="FLOAT")]
@@ -45,21 +43,19 @@ def launch(
         duration: duration of the episode [s]; by default that of the scenario.
         seed: seed of the episode.
         pace: largest number of simulated seconds per second; the simulation waits for the robots' decisions.
-        command: kind of the robots' commands: car, twist, twist_stamped or dart.
+        command: kind of the robots' commands: car or dart, of differential drives twist or twist_stamped.
         out: file to write, as in `lissajous ros world`.
-        output: Console output.
-        overrides: fields changed in the scenario, as in --set noise.message_loss=0.1
     """
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    from baselines.ros.launching import Team
+    import baselines.ros.library  # noqa: F401 - the extra is named before anything is started
+    from baselines.ros.launching import run_team
 
     check_file(out, *FORMATS)
     WorldSettings(pace=pace)  # for its checks, before anything is started
     changes = parse_overrides(overrides) | ({} if duration is None else {"task.duration": duration})
     made = named.scenario(scenario, **changes)
-    console = progress_console(output)
-    kind = "twist" if command.startswith("twist") else "car"
-    Onboard(policy, made, 0, kind)  # a wrong policy is reported once, and the kernels are compiled once
+    check_command(made, command)
+    Onboard(policy, made, 0)  # a wrong policy is reported once, and the kernels are compiled once
     with contextlib.ExitStack() as stack:
         given = scenario
         if changes:
@@ -71,6 +67,5 @@ def launch(
         world = ["--seed", str(seed), "--pace", str(pace), *(["--out", str(out.resolve())] if out is not None else [])]
         world += [flag for flag, given in (("--json", output.json), ("--quiet", output.quiet)) if given]
         robots = ["--policy", policy, "--message-loss", str(made.noise.message_loss), "--quiet"]
-        robots += ["--ros-args", "-p", "use_sim_time:=true"]
-        team = Team(made.num_robots, [*shared, *world], [*shared, *robots])
-        team.run(lambda words: print_line(console, words))
+        robots += ["--ros-args", "-p", "use_sim_time:=true", *(["--log-level", "warn"] if output.quiet else [])]
+        run_team(made.num_robots, [*shared, *world], [*shared, *robots])

@@ -21,12 +21,11 @@ def robot(
     Each option is also a parameter of the node. Arguments of ROS 2 can follow the options.
 
     Example:
-        lissajous ros robot --robot 2 --policy kuramoto-mpcc --scenario lab.toml --command twist
+        lissajous ros robot --robot 2 --policy kuramoto-mpcc --scenario lab.toml --frame map
 
     Args:
         settings: Defaults of the parameters.
         namespace: namespace of the node's topics; robot_K by default.
-        output: Console output.
     """
     from baselines.ros.robot import RobotNode
     from baselines.ros.running import started
@@ -37,4 +36,3 @@ def robot(
         words = f"{node.get_fully_qualified_name()} runs {node.settings.policy} on {node.scenario.name}: {node.reason}"
         print_line(progress_console(output), words)
         process.spin()
-        output.print_json({"robot": node.settings.robot, "stopped": node.reason})

@@ -6,12 +6,10 @@ import tyro
 from rich import progress as bars
 
 from baselines.benchmark.progress import bar
-from baselines.commands.playing import FORMATS, progress_console
+from baselines.commands.playing import FORMATS, check_file, progress_console, show
 from baselines.ros.settings import WorldSettings
-from lissajous_env.console.recordings import check_file, show
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, Overrides, parse_overrides
 from lissajous_env.parameters import named
-from lissajous_env.parameters.overrides import Overrides, parse_overrides
 
 
 def world(
@@ -33,8 +31,6 @@ def world(
         settings: Settings of the node.
         scenario: name of a scenario, .toml file, or module:attribute.
         out: file to write, as in `lissajous run`: .html, .mp4, .gif, .npz or .mcap.
-        output: Console output.
-        overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
     from baselines.benchmark import tables
     from baselines.ros.running import started
@@ -44,7 +40,7 @@ def world(
     made = named.scenario(scenario, **parse_overrides(overrides))
     console = output.console()
     shown = bar(progress_console(output), bars.TextColumn("{task.description}"))
-    with started(interrupts=True) as process, shown as shown_bar:
+    with started() as process, shown as shown_bar:
         node = WorldNode(made, settings)
         process.nodes.append(node)
         task = shown_bar.add_task(f"{made.name} over ROS 2", total=made.task.steps)

@@ -5,21 +5,36 @@ from typing import Annotated
 import tyro
 
 from baselines.benchmark.types import Benchmark, Cell
-from baselines.commands.playing import FORMATS, progress_console, record_one, scenarios_and_policy
+from baselines.commands.playing import (
+    FORMATS,
+    check_file,
+    has_display,
+    progress_console,
+    record_one,
+    scenarios_and_policy,
+    show,
+)
 from baselines.policies.factories import named
-from lissajous_env.console.recordings import check_file, has_display, show
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, print_line
-from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
+from lissajous_env.console.terminal import (
+    DEFAULT_OUTPUT,
+    Device,
+    OutFile,
+    OutputOptions,
+    Overrides,
+    RogueName,
+    ScenarioName,
+    parse_overrides,
+    print_line,
+)
 
 _PolicyName = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[POLICY]", help_behavior_hint="")]
-_ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
 
 
 def run(
-    scenario: _ScenarioName,
+    scenario: ScenarioName,
     policy: _PolicyName = None,
     seed: int = 0,
-    device: str = "cpu",
+    device: Device = "cpu",
     out: OutFile = None,
     rogues: RogueName = None,
     output: OutputOptions = DEFAULT_OUTPUT,
@@ -35,14 +50,8 @@ def run(
         policy: name of a policy, folder of a checkpoint or of a plan, or module:factory. If only a folder is given, its
             policy is played on the scenario for which it was made.
         seed: seed of the episode; the same seed repeats it.
-        device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         out: file to write, ending in .html, .mp4, .gif, .npz (a recording) or .mcap (a log of
             ROS); without it, a window opens if there is a display.
-        rogues: rogue (adversary) that moves all targets: wander, flee, shadow, follow-gap, or hide, which requires
-            task.contamination; a learned one, such as hide-from-sweep or a folder; or several joined by +. By default
-            targets move as the scenario defines.
-        output: Console output.
-        overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
     from baselines.benchmark import tables
     from baselines.benchmark.theorem import about_theorem

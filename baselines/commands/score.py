@@ -7,14 +7,12 @@ import tyro
 from rich import progress as bars
 
 from baselines.benchmark.progress import bar
-from baselines.commands.playing import FORMATS, progress_console
-from lissajous_env.console.recordings import check_file, show
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
+from baselines.commands.playing import FORMATS, check_file, progress_console, show
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, Overrides, parse_overrides
 from lissajous_env.logs.poses import TOPICS
 from lissajous_env.logs.scoring import GAP, own_scenario
 from lissajous_env.logs.scoring import score as score_log
 from lissajous_env.parameters import named
-from lissajous_env.parameters.overrides import Overrides, parse_overrides
 
 _Logs = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG ...")]
 _Scenario = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
@@ -49,8 +47,6 @@ def score(
         episodes: number of draws of virtual targets, each of which is scored.
         seed: seed of the first draw; by default that of the log, or 0.
         out: files to write: .csv (score rows), .html (page of the episode), or any other that `lissajous run` writes.
-        output: Console output.
-        overrides: fields changed in the scenario, as in --set sensing.radius=0.8
     """
     from baselines.benchmark import tables, written
     from baselines.benchmark.table import Table

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from baselines.onboard.commands import Actuation, Command, Twist, check_robots
+from baselines.onboard.commands import Actuation, Command, Twist
 from baselines.onboard.inputs import Message, Odometry, seen_rows
 from baselines.onboard.limits import Limits
 from baselines.policies import factories
@@ -55,7 +55,6 @@ class Onboard:
         policy: A name, a checkpoint's folder, `module:factory`, a factory, or a policy for one world.
         scenario: Scenario of the robots, which must be cars or differential drives.
         robot: Index of this robot, from 0.
-        command: `car` for steering angle and throttle; `twist` for speed and yaw rate, as differential drives require.
         limits: The limits beyond which the robot stops.
 
     Attributes:
@@ -64,8 +63,8 @@ class Onboard:
         listens: True if the policy uses the messages of the ring neighbours.
 
     Raises:
-        ValueError: the policy, the scenario or the kind of command is unknown, as `check_robots`, the index is
-            out of range, or the scenario has observation entries of extensions, which require a simulation.
+        ValueError: the policy or the scenario is unknown, its robots are neither cars nor differential drives, the
+            index is out of range, or the scenario has observation entries of extensions, which require a simulation.
     """
 
     def __init__(
@@ -73,11 +72,9 @@ class Onboard:
         policy: Any,
         scenario: str | os.PathLike[str] | Scenario,
         robot: int,
-        command: str = "car",
         limits: Limits | None = None,
     ):
         self.scenario = make_scenario(scenario).resolve()
-        check_robots(self.scenario, command)
         n = self.scenario.num_robots
         self.robot = whole_number("robot", robot, 0, n - 1)
         self.neighbours = tuple(int(each) for each in self.scenario.neighbours[self.robot])
@@ -85,7 +82,7 @@ class Onboard:
         self._policy = _made(policy, self.scenario, self.robot)
         self.listens = getattr(self._policy, "communicates", "nothing") != "nothing"
         self._builder = RowOutside(self.scenario)
-        self._actuation = Actuation(self.scenario, command)
+        self._actuation = Actuation(self.scenario)
         self._rows = wp.zeros((1, n, len(self._builder.row)), dtype=wp.float32, device="cpu")
         self._rows_host = self._rows.numpy()
         self._size = self.scenario.messages.size
@@ -190,7 +187,7 @@ class Onboard:
             return self._stopped(now, reason)
         if self._size:
             self._numbers = tuple(np.clip(self._action[-self._size :], -1, 1).tolist())
-        self._command, self._since = self._actuation.command(self._action, self._odometry.speed), now
+        self._command, self._since = self._actuation.command(self._action), now
         return self._output("")
 
     def _listen(self, now: float, heard: Sequence[Message]) -> None:

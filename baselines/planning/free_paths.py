@@ -21,16 +21,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baselines.planning.plans import SETTLED, Plan, in_turn
-from baselines.planning.rehearse import EPISODES, coarse_grid
-from baselines.policies.loop_shapes import PartitionParameters
+from baselines.planning.rehearse import EPISODES, on_coarse_grid
 from baselines.policies.path_tables import FINE, path_tables
 from baselines.policies.periodic_paths import coefficients_of, derivative_of, places_of
 from baselines.policies.settings import PolicySettings
 from baselines.policies.timed_paths import TimedPaths
 from baselines.policies.transit import arrival_steps, required_distance, speed_of, start_is_known, turning_radius_of
-from lissajous_env.extras import missing
-from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.plugins import missing
 from lissajous_env.world.simulation import Simulation
 
 NAME = "free paths"
@@ -84,10 +82,15 @@ class Limits:
     @classmethod
     def of(cls, task: Scenario) -> "Limits":
         """Return the limits of the cars of a task."""
-        room = PartitionParameters(clearance=_CLEARANCE * task.robot.radius)
         half = task.driven.half_width, task.driven.half_height
         top = min(task.robot.top_speed, task.robot.steady_speed(task.robot.drive * float(task.drive_factors.min())))
-        return cls(_FASTEST * top, turning_radius_of(task), required_distance(task, room), half, task.task.step)
+        return cls(
+            _FASTEST * top,
+            turning_radius_of(task),
+            required_distance(task, _CLEARANCE * task.robot.radius),
+            half,
+            task.task.step,
+        )
 
 
 def violation(paths: np.ndarray, period: int, limits: Limits) -> np.ndarray:
@@ -138,7 +141,7 @@ class Teams:
     """
 
     def __init__(self, task: Scenario, period: int, worlds: int, goal: str = SETTLED):
-        self.task = named.build(task, **{"task.contamination": coarse_grid(task), "task.grid": (1, 1)})
+        self.task = on_coarse_grid(task)
         self.simulation = Simulation(self.task, worlds)
         self.period, self.goal = period, goal
 
@@ -176,7 +179,7 @@ class _Team:
     def plan(self) -> Plan:
         """Return its plan."""
         rows = [[float(f"{number:.5g}") for number in row] for row in self.paths]
-        given = {"period": self.period, "paths": rows, "planned_ways": False}
+        given = {"period": self.period, "paths": rows}
         about = f"period {self.period * self.task.task.step:.3g} s, {(self.paths.shape[1] - 2) // 4} harmonics"
         return Plan(NAME, self.task, PolicySettings("periodic-paths", given), about)
 

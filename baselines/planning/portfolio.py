@@ -4,7 +4,6 @@ A prior determines which patrols are rehearsed. All robots read the same numbers
 choose the same patrol without messages, on processors of one kind.
 """
 
-import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from functools import lru_cache, partial
@@ -14,7 +13,7 @@ import numpy as np
 
 from baselines.planning.plans import absolute
 from baselines.planning.prior import Prior, complementary
-from baselines.planning.rehearse import DETECTION, GUARANTEE, grid, quietly, result_of
+from baselines.planning.rehearse import DETECTION, GUARANTEE, cells, quietly, result_of
 from baselines.policies import registry
 from baselines.policies.base import Policy, UnsuitableScenarioError
 from baselines.policies.settings import PolicySettings
@@ -96,14 +95,14 @@ def _best(given: tuple[tuple[str, tuple], ...], task: Scenario, objective: str, 
 
 def stage(scenario: Scenario, objective: str) -> Scenario:
     """Return the scenario of rehearsals: without extensions, with the rogues or the grid that the objective needs."""
-    task = dataclasses.replace(scenario, extensions=())
+    task = scenario.without_extensions()
     changes: dict[str, Any] = {"task.grid": None}
     if objective == DETECTION:
         changes["task.contamination"] = None
     else:
         changes["targets.rogues"] = None
         if task.task.contamination is None:
-            changes["task.contamination"] = grid(task, CELLS, _CELLS_IN_A_SENSOR)
+            changes["task.contamination"] = cells(task, CELLS, _CELLS_IN_A_SENSOR)
     return named.build(task, **changes)
 
 

@@ -7,8 +7,6 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.driving import slowest_top_speed
-from baselines.policies.failures import WATCH
-from baselines.policies.line_closing import close_up, closes_up, closing_of
 from baselines.policies.line_path import LineParameters, LinePlan, best_plan, loops_of
 from baselines.policies.line_transit import Effort, Pace, angle_steps, transit_from_any_angle, transit_inside
 from baselines.policies.own_row import own_phase
@@ -50,8 +48,8 @@ def choose_ways(
 
 
 @lru_cache(maxsize=16)
-def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[LinePlan, PathTables, np.ndarray, Effort]:
-    """Return the lines of a scenario, the paths of its robots, their places (N,) in the lines, and the angles.
+def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[LinePlan, PathTables, Effort]:
+    """Return the lines of a scenario, the paths of its robots, and the angles.
 
     The tables have one plan for each angle of the formation (`Effort.angles`), or one plan alone within an inset.
 
@@ -66,13 +64,13 @@ def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[LinePla
         loops = np.stack([-loops[..., 1], loops[..., 0], loops[..., 2] + np.pi / 2], axis=-1)
     if scenario.inset:
         ways = transit_inside(scenario, loops[..., :2], plan.speed, slots)
-        return plan, path_tables(scenario, ways.loop, ways.lead_in), ways.chosen, effort
+        return plan, path_tables(scenario, ways.loop, ways.lead_in), effort
     fastest = min(_FULL * slowest_top_speed(scenario), _HASTE * plan.speed)
     pace = Pace(scenario.robot.drag, max(fastest, 1.001 * plan.speed), plan.speed)
     radius = plan.aside or plan.speed * plan.step * plan.turn.short / plan.turn.angle
     loop = loops[slots, :, :2]
     places = transit_from_any_angle(scenario, effort, loops[slots, 0], radius, pace)
-    return plan, path_tables(scenario, np.broadcast_to(loop, (len(places), *loop.shape)), places), slots, effort
+    return plan, path_tables(scenario, np.broadcast_to(loop, (len(places), *loop.shape)), places), effort
 
 
 @register("line-abreast", kind="car")
@@ -85,11 +83,10 @@ class LineAbreast(TimedPaths):
     inset it is a half circle inside, and the way back is beside the lane. Several lines, where there are cars for them,
     are interleaved and spread over the period; their number is the one with the shortest worst-case undetected time of
     the ideal motion. `line_transit` computes the ways from the formation into the
-    lines, chosen so that no two cars meet; `line_closing` closes a line up.
+    lines, chosen so that no two cars meet.
 
-    A car's place in a line is fixed: neighbours on the communication ring are neighbours in a line. A line closes up
-    where one of its robots has stopped or been removed, if the others can still span the rectangle. If they cannot, or
-    where there are several lines, the others stay in their lanes. A robot that resumes catches up with its line without
+    A car's place in a line is fixed: neighbours on the communication ring are neighbours in a line. Where a robot has
+    stopped or been removed, the others stay in their lanes. A robot that resumes catches up with its line without
     regard to others: `line-abreast-safe` avoids collisions then. Lines that turn inside need larger sensors and a start
     that all robots know; others are refused.
 
@@ -112,8 +109,6 @@ class LineAbreast(TimedPaths):
         ValueError: sensing discs that are too small, or too few, for a line to span the shorter side.
     """
 
-    remembers = (*TimedPaths.remembers, "_remembered")
-
     def __init__(
         self,
         scenario: Scenario,
@@ -122,12 +117,8 @@ class LineAbreast(TimedPaths):
         parameters: LineParameters | None = None,
     ):
         self.parameters = parameters or LineParameters()
-        self.lines, tables, slots, effort = line_tables(plain_of(scenario), self.parameters)
+        self.lines, tables, effort = line_tables(plain_of(scenario), self.parameters)
         super().__init__(scenario, num_worlds, device, tables=tables)
-        self._closes = closes_up(self.scenario, self.lines)
-        self._closing = closing_of(self.scenario, self.lines, tables.lead_in)
-        self._slots = wp.array(slots, dtype=wp.int32, device=self.device)
-        self._remembered = wp.zeros((*self.shape, 2, WATCH), dtype=wp.float32, device=self.device)
         first = int(angle_steps(self.scenario, effort.angles)[0])
         self._angles = effort.angles, first, len(tables.pose)
         self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
@@ -137,7 +128,4 @@ class LineAbreast(TimedPaths):
         if len(self.tables.pose) > 1:
             inputs = [self._equilibrium, *self._angles, self._memory, observation]
             self.launch(choose_ways, self.shape, inputs, [self.plan])
-        if self._closes:
-            inputs = [self._curve, self._closing, self._slots, self._memory, observation, self._remembered]
-            self.launch(close_up, self.shape, inputs, [self.shift])
-        self.follow(observation)
+        super().decide(observation)

@@ -5,7 +5,7 @@ a random angle at the start, each car derives this angle from its own phase, so 
 approximately. So a way is chosen for each car and each of many angles such that it stays clear of the ways that the
 others have chosen for the same angle and for the nearest ones: whichever of these each car believes in, no two meet.
 A way is a shortest path of a car that turns by a given radius, an arc, a straight stretch and an arc
-(`baselines.policies.dubins`), with a speed that makes it end in time, and may end with a further straight stretch.
+(`baselines.policies.transit`), with a speed that makes it end in time, and may end with a further straight stretch.
 
 Within walls or an inset the start is known, and the ways are a transit (`baselines.policies.transit`). Float64 NumPy.
 """
@@ -17,10 +17,16 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.policies.base import UnsuitableScenarioError
-from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses
 from baselines.policies.ideal_motion import worst_undetected_time
-from baselines.policies.loop_shapes import PartitionParameters
-from baselines.policies.transit import Transit, formation_starts, planned_transit, start_is_known
+from baselines.policies.transit import (
+    TURNS,
+    Transit,
+    dubins_lengths,
+    dubins_poses,
+    formation_starts,
+    planned_transit,
+    start_is_known,
+)
 from lissajous_env.parameters.scenario import Scenario
 
 _CLEAR = 0.5
@@ -101,13 +107,13 @@ def transit_inside(scenario: Scenario, loops: np.ndarray, speed: float, slots: n
         rule = "line-abreast requires a start that all robots know within walls or an inset"
         got = f"{scenario.formation.start} and {scenario.formation.start_noise:g} rad"
         raise UnsuitableScenarioError(f"{rule}, formation.start = equilibrium and little start_noise, got {got}")
-    room = PartitionParameters(speed=speed, clearance=_CLEAR * scenario.robot.radius)
+    clearance = _CLEAR * scenario.robot.radius
     half = scenario.curve.half_width, scenario.curve.half_height
     rogues = scenario.sensing_radius, scenario.rogue_speed, scenario.task.step
     turns = [(k + 1) // 2 * (-1 if k % 2 else 1) for k in range(len(slots))]  # the smallest first
     places = np.array([(slots + turn) % len(slots) for turn in turns])
-    transits = [planned_transit(scenario, np.roll(loops, -round(phase * loops.shape[1]), axis=1), room, places)
-             for phase in _PHASES]  # fmt: skip
+    begun = [np.roll(loops, -round(phase * loops.shape[1]), axis=1) for phase in _PHASES]
+    transits = [planned_transit(scenario, loop, speed, clearance, places) for loop in begun]
     options = [ways for ways in transits if ways is not None]
     if not options:
         rule = "line-abreast requires ways from the start into the lines inside the walls, on which no two cars collide"

@@ -1,4 +1,4 @@
-"""Area partition: one cell of the rectangle for each car, and synchronised loops in the cells.
+"""Area partition: one cell of the rectangle for each car, synchronised loops in the cells, and their repair.
 
 That each robot patrols a part of its own is among the oldest strategies of multi-robot patrolling: D. Portugal, R.
 Rocha, "A survey on multi-robot patrolling algorithms" (2011). Parts of equal measure balance the work: M. Pavone, A.
@@ -7,31 +7,53 @@ Transactions on Automatic Control 56 (2011). Against an adversary with knowledge
 is as good as its weakest moment: N. Agmon, G. A. Kaminka, S. Kraus, "Multi-robot adversarial patrolling: facing a
 full-knowledge opponent", Journal of Artificial Intelligence Research 42 (2011). So the plan is the one with the least
 worst-case undetected time (`baselines.policies.partition_plan`).
+
+Robustness, that the work is completed as long as a robot can move, is the second reason for a team beside efficiency:
+N. Hazon, G. A. Kaminka, "On redundancy, efficiency, and robustness in coverage for multiple robots", Robotics and
+Autonomous Systems 56 (2008).
 """
 
-import dataclasses
 import itertools
-from collections.abc import Iterator
+import math
+import warnings
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import warp as wp
 
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.cells import tour
-from baselines.policies.loop_shapes import PartitionParameters
-from baselines.policies.partition_plan import Plan, partition_plans
-from baselines.policies.path_tables import PathTables, path_tables
+from baselines.policies.partition_plan import PartitionParameters, Plan, partition_plan, room_of
+from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.registry import register
-from baselines.policies.timed_paths import TimedPaths
+from baselines.policies.repair_plan import OFFSETS, SHAPES, Takeover, middle_of, slowed, takeover_of
+from baselines.policies.safety.filter import Safe
+from baselines.policies.taking_over import (
+    PLACES,
+    SIDE,
+    WATCH,
+    Repair,
+    rest_after_failure,
+    take_over,
+    watch_neighbours,
+)
+from baselines.policies.timed_paths import ARRIVING, TimedPaths
 from baselines.policies.transit import arrival_steps, planned_transit, required_distance, start_is_known
+from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.settings.parts import Faults
 
-_PHASES = 4
-"""Phases of the team for which a transit within an inset is sought."""
-_VARIANTS = 800
-"""Variants of plans for which a transit is sought, times the square of the number of robots; at least 4 are tried."""
+_SPARSE = 0.1
+"""Most distance of two places on a loop that are compared with those of stopped robots, in required distances."""
+_AVOIDANCE = 0.15
+"""Distance of a loop from the body of a stopped robot, in radii of a body, besides two deviations of noise."""
+_FINER = 10
+"""Share of the distance from a stopped robot by which two shifts of a loop differ."""
+_SEEN = 0.98
+"""Share of the sensing radius within which a loop passes by corners, for cars that do not follow it exactly."""
 
 
 @register("partition")
@@ -67,21 +89,29 @@ class Partition(TimedPaths):
 
 def plain_of(scenario: Scenario) -> Scenario:
     """Return a scenario without what a plan does not depend on, resolved."""
-    return dataclasses.replace(scenario.resolve(), name="", description="", extensions=(), faults=Faults())
+    return replace(scenario.resolve().without_extensions(), name="", description="", faults=Faults())
 
 
 @lru_cache(maxsize=64)
 def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tuple[Plan, PathTables, float]:
     """Return the plan of a scenario, its timed paths by robot, and how long the collision filter is needed [step]."""
-    plans = partition_plans(scenario, parameters)
-    variants = (variant for plan in plans for variant in variants_of(scenario, plan))
-    for plan in itertools.islice(variants, max(_VARIANTS // scenario.num_robots**2, 4)):
-        ways = planned_transit(scenario, plan.loop, parameters) if start_is_known(scenario) else None
+    plan = partition_plan(scenario, parameters)
+    for tried in (plan, mirrored(plan)) if scenario.inset else (plan,):
+        ways = None
+        if start_is_known(scenario):
+            ways = planned_transit(scenario, tried.loop, parameters.speed, parameters.clearance)
         if ways is not None:
-            return plan, path_tables(scenario, ways.loop, ways.lead_in), 0.0
-    check_loops_apart(scenario, plans[0].loop, parameters, "partition")
-    loop = plans[0].loop[in_ring_order(scenario, tour(plans[0].cells))]
-    return plans[0], path_tables(scenario, loop), float(arrival_steps(scenario, loop, plans[0].speed))
+            return tried, path_tables(scenario, ways.loop, ways.lead_in), 0.0
+    check_loops_apart(scenario, plan.loop, parameters.clearance, "partition")
+    loop = plan.loop[in_ring_order(scenario, tour(plan.cells))]
+    return plan, path_tables(scenario, loop), float(arrival_steps(scenario, loop, plan.speed))
+
+
+def mirrored(plan: Plan) -> Plan:
+    """Return the mirror image of a plan, in which the cars go around the other way."""
+    mirror = np.array([1.0, -1.0])
+    cells = np.concatenate([plan.cells[:, :2] * mirror, plan.cells[:, 2:]], axis=1)
+    return replace(plan, cells=cells, loop=plan.loop * mirror)
 
 
 def loops_lie_apart(loops: np.ndarray, distance: float) -> bool:
@@ -90,33 +120,16 @@ def loops_lie_apart(loops: np.ndarray, distance: float) -> bool:
     return all(np.linalg.norm(one[:, None] - other, axis=-1).min() >= distance for one, other in pairs)
 
 
-def check_loops_apart(scenario: Scenario, loops: np.ndarray, parameters: PartitionParameters, policy: str) -> None:
+def check_loops_apart(scenario: Scenario, loops: np.ndarray, clearance: float | None, policy: str) -> None:
     """Raise UnsuitableScenarioError if cars with a known start and no transit would drive onto loops that overlap.
 
     Within an inset there is no room to pass each other, so the collision filter does not separate them.
     """
-    apart = required_distance(scenario, parameters)
+    apart = required_distance(scenario, clearance)
     if scenario.inset and start_is_known(scenario) and not loops_lie_apart(loops, apart):
         rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
         rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
         raise UnsuitableScenarioError(f"{rule}, got loops that overlap, and no ways without collisions")
-
-
-def variants_of(scenario: Scenario, plan: Plan) -> Iterator[Plan]:
-    """Yield plans of the same worst case among which one with a transit is selected: the plan alone without an inset.
-
-    Within an inset they are the plan and its mirror image, in which the cars go around the other way, in some phases of
-    the team.
-    """
-    if not scenario.inset:
-        yield plan
-        return
-    mirror = np.array([1.0, -1.0])
-    cells = np.concatenate([plan.cells[:, :2] * mirror, plan.cells[:, 2:]], axis=1)
-    for shift in np.arange(_PHASES) * plan.loop.shape[1] // _PHASES:
-        turned = np.roll(plan.loop, shift, axis=1)
-        yield dataclasses.replace(plan, loop=turned)
-        yield dataclasses.replace(plan, cells=cells, loop=turned * mirror)
 
 
 def in_ring_order(scenario: Scenario, order: np.ndarray) -> np.ndarray:
@@ -124,3 +137,159 @@ def in_ring_order(scenario: Scenario, order: np.ndarray) -> np.ndarray:
     cells = np.empty(scenario.num_robots, dtype=int)
     cells[list(scenario.ring)] = order
     return cells
+
+
+@dataclass(frozen=True)
+class RepairParameters(Checked):
+    """Parameters of the repair of a partition, besides those of the partition."""
+
+    patience: int = whole(2, 1, 100)
+    """Control steps without motion after which a ring neighbour counts as failed."""
+    reserve: float = number(1.35, 1, 10)
+    """Factor by which the period is longer than the shortest, so that cars can drive longer loops in the same time."""
+
+
+@register("partition-repair")
+class PartitionRepair(TimedPaths):
+    """A partition whose robots take over the cells of ring neighbours that have failed, and drive around those.
+
+    The loops are those of a partition with all of them in phase, driven slower (`RepairParameters.reserve`), and ring
+    neighbours have neighbouring cells. If the messages of a ring neighbour show that it does not move, or if none
+    arrive, a robot drives a loop in both cells (`baselines.policies.repair_plan`). It selects the loop, and the place
+    of the loop, such that it is clear of stopped robots: beside them or around them. A robot that resumes waits on its
+    loop until its reference comes by. If the robots have no information on each other's starts, the transit uses the
+    collision filter, as in `partition`.
+
+    If the loops of different cells do not overlap, a collision filter moves a car that is off its place around others,
+    and a loop moves slowly to another place. If loops cross, as in `evaders`, only their common phase separates the
+    cars. A filter that expects the others to drive straight on does not account for this: there a robot that stops dead
+    at once before another one is not always avoided in time.
+
+    A robot learns of failures only from its own row (`baselines.policies.taking_over`): the row shows only those of
+    its ring neighbours. So a cell may remain uncovered if the ring neighbours of its robot have failed too, or have no
+    cell beside it. An `AssumptionWarning` says so where robots can fail and the loops lie apart.
+
+    Args:
+        scenario: The scenario, of cars.
+        num_worlds: W.
+        device: Warp device.
+        parameters: Parameters of the plan that are not optimised.
+        repair: Parameters of the reaction to failures.
+
+    Raises:
+        ValueError: no loops that the cars can drive have room in the rectangle, side by side.
+    """
+
+    communicates = "positions of ring neighbours"
+    remembers = (*TimedPaths.remembers, "_watched", "_standing", "_avoided", "_target", "_resting")
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: PartitionParameters | None = None,
+        repair: RepairParameters | None = None,
+    ):
+        self.parameters = replace(parameters or PartitionParameters(), in_phase=True)
+        self.repair = repair or RepairParameters()
+        self.partition, self.takeover, tables, until = timed_repair(
+            plain_of(scenario), self.parameters, self.repair.reserve
+        )
+        super().__init__(scenario, num_worlds, device, tables=tables, filtered_until=until, waits=True)
+        scenario, drift = self.scenario, self.partition.speed * self.scenario.task.step
+        self._watched = wp.zeros((*self.shape, 2, WATCH), dtype=wp.float32, device=self.device)
+        self._standing = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
+        self._avoided = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
+        self._case = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
+        self._target = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
+        self._repair = _repair_of(scenario, self.takeover, tables, drift, self.device)
+        self._repair.patience = self.repair.patience
+        self._rest, self._resting = 0.0, wp.zeros(self.shape, dtype=wp.float32, device=self.device)
+        if loops_lie_apart(self.partition.loop, required_distance(scenario, self.parameters.clearance)):
+            _warn_of_open_cells(scenario)
+            self._filter = self._filter or Safe(scenario, num_worlds, self.device, ARRIVING.of(scenario))
+            self._tolerance, self._repair.back = scenario.robot.radius, drift
+            middle = middle_of(self.takeover.loop)
+            shifted = math.sqrt(2) * int(SIDE) * self._repair.spacing
+            self._rest = (float(np.linalg.norm(middle - middle[:1], axis=-1).max()) + shifted) / drift
+
+    def decide(self, observation: wp.array) -> None:
+        """Write `action`."""
+        inputs = [self._curve, self._repair, observation, self._watched, self._standing]
+        self.launch(watch_neighbours, self.shape, inputs, [self._case])
+        inputs = [self._repair, self._curve, self._pose, self._case, observation, self._standing]
+        inputs += [self._avoided, self._target, self.plan, self.shift]
+        self.launch(take_over, self.shape, inputs, [])
+        super().decide(observation)
+        self.launch(rest_after_failure, self.shape, [self._rest, observation], [self._resting, self.action])
+
+
+def _warn_of_open_cells(scenario: Scenario) -> None:
+    """Warn that the cell of a robot that fails may remain uncovered, if robots can fail."""
+    faults = scenario.faults
+    if faults.schedule or faults.removed or faults.rate > 0 or faults.lost:
+        words = (
+            f"scenario {scenario.name}: robots can fail, and in partition-repair only ring neighbours learn of a "
+            "failure, so the cell of a failed robot may stay uncovered; another number of rows may avoid this"
+        )
+        warnings.warn(words, AssumptionWarning, stacklevel=3)
+
+
+def _avoided_distance(scenario: Scenario) -> float:
+    """Return the smallest distance of a loop from a stopped robot [m]."""
+    return (2 + _AVOIDANCE) * scenario.robot.radius + 2 * scenario.noise.position
+
+
+def _offset(scenario: Scenario) -> float:
+    """Return the spacing of the distances at which the quality of a loop is computed [m]."""
+    return _avoided_distance(scenario) * int(SIDE) / _FINER / (OFFSETS - 1)
+
+
+def _repair_of(scenario: Scenario, takeover: Takeover, tables: PathTables, drift: float, device: Any) -> Any:
+    """Return the loops of a takeover for its kernel; the middle of one drifts so far in a control step [m].
+
+    Where loops of different cells cross, a robot returns to its own loop at once.
+    """
+    half = np.array([scenario.driven.half_width, scenario.driven.half_height])
+    low, high = takeover.loop.min(axis=2), takeover.loop.max(axis=2)
+    margins = np.concatenate([np.minimum(-half - low, 0), np.maximum(half - high, 0)], axis=-1)
+    repair = Repair()
+    # With noisy measurements, a stopped robot seems to move.
+    repair.still = max(0.1 * drift, 3 * math.sqrt(2) * scenario.noise.position)
+    repair.step, repair.time_unit, repair.speed_unit = scenario.task.step, scenario.time_unit, scenario.robot.top_speed
+    repair.radius, repair.robots_seen = scenario.sight, scenario.sensing.robots_seen
+    repair.shapes, repair.first, repair.required = SHAPES, FINE * tables.lead_in, _avoided_distance(scenario)
+    repair.every = max(int(_SPARSE * _avoided_distance(scenario) / (drift / FINE)), 1)
+    repair.spacing, repair.offset = _avoided_distance(scenario) / _FINER, _offset(scenario)
+    repair.sensing, repair.drift, repair.back = _SEEN * scenario.sensing_radius, drift, math.inf
+    repair.margins = wp.array(margins, dtype=wp.vec4, device=device)
+    repair.middles = wp.array(middle_of(takeover.loop), dtype=wp.vec2, device=device)
+    repair.away = wp.array(takeover.away, dtype=wp.vec2, device=device)
+    repair.cost = wp.array(takeover.cost, dtype=wp.float32, device=device)
+    repair.corners = wp.array(takeover.corners, dtype=wp.int32, device=device)
+    return repair
+
+
+@lru_cache(maxsize=64)
+def timed_repair(
+    scenario: Scenario, parameters: PartitionParameters, reserve: float
+) -> tuple[Plan, Takeover, PathTables, float]:
+    """Return the plan, the loops for takeovers, the timed paths, and how long the filter is needed [step]."""
+    plan, ways = slowed(partition_plan(scenario, parameters), reserve), None
+    order = tour(plan.cells)
+    cell = in_ring_order(scenario, order)
+    if start_is_known(scenario):
+        turned = [in_ring_order(scenario, np.roll(way, k)) for way in (order, order[::-1]) for k in range(len(order))]
+        ways = planned_transit(scenario, plan.loop, parameters.speed, parameters.clearance, np.array(turned))
+        if ways is None:
+            check_loops_apart(scenario, plan.loop, parameters.clearance, "partition-repair")
+        else:
+            cell = ways.chosen
+    room, unit = room_of(scenario, parameters), scenario.curve.half_height
+    taken = takeover_of(plan, cell, scenario.neighbours, room, unit, _offset(scenario))
+    if ways is None:
+        return plan, taken, path_tables(scenario, taken.loop), float(arrival_steps(scenario, plan.loop, plan.speed))
+    loop = np.roll(taken.loop, -ways.lead_in.shape[1], axis=2)
+    lead_in = np.repeat(ways.lead_in[None], len(loop), axis=0)
+    return plan, taken, path_tables(scenario, loop, lead_in), 0.0

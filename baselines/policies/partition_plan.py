@@ -14,23 +14,188 @@ from functools import lru_cache
 import numpy as np
 
 from baselines.policies.base import UnsuitableScenarioError
+from baselines.policies.cells import closed_loop, divisions, evenly_spaced, length_of
 from baselines.policies.ideal_motion import coverage, worst_undetected_time
-from baselines.policies.loop_shapes import RESERVE, PartitionParameters, Room, Shape, shapes_of, smallest_distance
-from baselines.policies.transit import required_distance, slowest_speed, turning_radius_of
+from baselines.policies.transit import RESERVE, TURN, required_distance, slowest_speed, turning_radius_of
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import Checked, flag, number, whole
 
+_EXTENTS = (0.0, 0.3, 0.6, 0.9)
+"""Extents of loops that are compared, from the smallest to that of the cell."""
 _ALIKE = (0, 0, 0.0, 0.0)
 """Pattern in which all loops have the same direction and phase."""
 _TIMES, _REACH = 256, 0.25
 """Fewest times of a long period at which motions are compared; most motion between two of them, in sensing radii."""
-_PLANS = 4
-"""Plans of different shapes from which one with a transit is selected where an inset limits the ways."""
 _SHAPES, _PATTERNS = 12, 2
 """Shapes whose motion is followed, and how many of these are tried with all directions and phases."""
 _MOST_SHAPES = 60
 """Shapes whose motion is followed within an inset if none of the first has a bound."""
 _SENSED = 0.98
 """Share of the sensing radius within an inset, where errors of the following must not open a gap along a wall."""
+
+
+@dataclass(frozen=True)
+class PartitionParameters(Checked):
+    """Parameters of a partition, besides the scenario; None selects the best worst-case undetected time."""
+
+    speed: float | None = number(None, 1e-3, 1e4, "m/s")
+    """Largest speed on the loops [m/s]; None is 0.75 of the top speed, and less where grip or a turn of 0.4 rad in a
+    control step limit it."""
+    rows: int | None = whole(None, 1, 1024)
+    """Rows of cells, at most as many as robots."""
+    extent_x: float | None = number(None, 0, 1)
+    """Extent of the loops along x: 0 is a turning circle, 1 the width of the cell."""
+    extent_y: float | None = number(None, 0, 1)
+    """Extent of the loops along y: 0 is a turning circle, 1 the height of the cell."""
+    lanes: int | None = whole(None, 2, 64)
+    """Lanes of a loop, an even number."""
+    clearance: float | None = number(None, 0, 1e4, "m")
+    """Least distance of two bodies on the loops [m]; None is the radius of a body."""
+    in_phase: bool = flag(False)
+    """True if all loops have the same direction and phase, so that cars on equal loops never come nearer."""
+
+    def _check_together(self) -> None:
+        self._require(self.lanes is None or self.lanes % 2 == 0, "lanes", "must be even")
+
+
+@dataclass(frozen=True)
+class Room:
+    """Constants that a plan depends on; all lengths are relative to the half height of the rectangle."""
+
+    robots: int
+    half_width: float
+    """Half width of the rectangle that is monitored."""
+    driven: tuple[float, float]
+    """Half width and half height of the rectangle in which cars drive."""
+    sensing: float
+    apart: float
+    """Least distance of two robots."""
+    turning: float
+    speed: float
+    """Largest speed, a control step."""
+    slowest: float
+    """Speed below which cars cannot drive, a control step."""
+    grip: float
+    """Largest lateral acceleration, per control step squared."""
+    target_speed: float
+    """Of targets, a control step."""
+
+    @property
+    def inside(self) -> bool:
+        """Return whether an inset separates the rectangle in which cars drive from the one that is monitored."""
+        return self.driven != (self.half_width, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """Cells with loops of one shape."""
+
+    cells: np.ndarray
+    """(N, 6) cells."""
+    sizes: np.ndarray
+    """(N, 2) half extents of the loops."""
+    loops: np.ndarray
+    """(N, K, 2) places on loops around the origin at each control step, counter-clockwise."""
+
+    def placed(
+        self,
+        half: tuple[float, float],
+        turn_x: int = 0,
+        turn_y: int = 0,
+        phase_x: float = 0.0,
+        phase_y: float = 0.0,
+    ) -> np.ndarray:
+        """Return the loops (N, K, 2) at their cells, moved inwards where they would leave the rectangle to drive in.
+
+        Args:
+            half: Half width and half height of that rectangle.
+            turn_x: 1 if neighbours in a row go around in opposite directions.
+            turn_y: 1 if neighbouring rows go around in opposite directions.
+            phase_x: Phase of the next loop in a row less that of the one before [period].
+            phase_y: Phase of the next row less that of the one before [period].
+        """
+        room = (np.array(half) - self.sizes).min(axis=0)
+        outermost = np.abs(self.cells[:, :2]).max(axis=0)
+        shrink = np.minimum(1, np.divide(room, outermost, out=np.ones(2), where=outermost > 0))
+        column, row = self.cells[:, 4], self.cells[:, 5]
+        count = self.loops.shape[1]
+        direction = np.where((turn_x * column + turn_y * row) % 2 == 1, -1, 1)
+        shift = np.rint((phase_x * column + phase_y * row) * count)
+        at = (direction[:, None] * np.arange(count) + shift[:, None]).astype(int) % count
+        around = np.take_along_axis(self.loops, at[:, :, None], axis=1)
+        return (self.cells[:, :2] * shrink)[:, None] + around
+
+
+def smallest_distance(placed: np.ndarray, others: np.ndarray | None = None) -> float:
+    """Return the smallest distance of two robots at any control step, or half way between two.
+
+    Args:
+        placed: (N, K, 2) places on loops.
+        others: (M, K, 2) places of other robots, if the distances from these are wanted.
+    """
+    places = _with_middles(placed)
+    if others is None:
+        first, second = np.triu_indices(len(placed), 1)
+        between = places[first] - places[second]
+    else:
+        between = places[:, None] - _with_middles(others)[None]
+    return math.sqrt(float((between**2).sum(axis=-1).min(initial=math.inf)))
+
+
+def _with_middles(placed: np.ndarray) -> np.ndarray:
+    return np.concatenate([placed, (placed + np.roll(placed, -1, axis=1)) / 2], axis=1)
+
+
+def shapes_of(room: Room, parameters: PartitionParameters, half: tuple[float, float]):
+    """Yield the shapes of loops that cars can drive: in own cells, and within an inset also in shared ones."""
+    yield from _loops_in_cells(room, parameters, half, 1)
+    for members in range(2, room.robots + 1 if room.inside and not parameters.in_phase else 2):
+        if room.robots % members == 0:
+            yield from _loops_in_cells(room, parameters, half, members)
+
+
+def _loops_in_cells(room: Room, parameters: PartitionParameters, half: tuple[float, float], members: int):
+    """Yield the shapes of loops on each of which so many cars follow one another at even distances."""
+    found = divisions(room.robots // members, half)
+    if parameters.rows is not None:
+        found = [cells for cells in found if len(np.unique(np.round(cells[:, 1], 9))) == parameters.rows]
+    else:
+        stretch = [float(np.max(np.maximum(cells[:, 2] / cells[:, 3], cells[:, 3] / cells[:, 2]))) for cells in found]
+        found = [cells for cells, each in zip(found, stretch, strict=True) if each <= 2.5 * min(stretch)]
+    extents = (*_EXTENTS, 1.0) if room.inside else _EXTENTS  # sensors have to reach across the inset
+    extents_x = extents if parameters.extent_x is None else (parameters.extent_x,)
+    extents_y = extents if parameters.extent_y is None else (parameters.extent_y,)
+    all_lanes = (2, 4, 6) if parameters.lanes is None else (parameters.lanes,)
+    for cells, along_x, along_y, lanes in itertools.product(found, extents_x, extents_y, all_lanes):
+        share = np.array([along_x, along_y])
+        largest = np.minimum(cells[:, 2:4], room.driven)
+        sizes = room.turning + share * np.maximum(largest - room.turning, 0)
+        if lanes > 2 and sizes.min() < 3 * room.turning:
+            continue
+        corners = (room.turning,) if lanes > 2 else (room.turning, float(sizes.min()))
+        for corner in dict.fromkeys(corners):
+            distinct, which = np.unique(np.round(sizes, 12), axis=0, return_inverse=True)
+            loops = [closed_loop(size[0], size[1], corner, lanes) for size in distinct]
+            if all(loop is not None for loop in loops):
+                timed = _timed(loops, room, corner, members)[which.ravel()]
+                count = timed.shape[1]
+                shared = [np.roll(loop, -k * count // members, axis=0) for loop in timed for k in range(members)]
+                yield Shape(np.repeat(cells, members, axis=0), np.repeat(sizes, members, axis=0), np.array(shared))
+
+
+def speed_on(corner: float, room: Room) -> float:
+    """Return the largest speed on a loop with corners of some radius, a control step."""
+    return max(min(room.speed, math.sqrt(room.grip * corner), TURN * corner), 1.02 * room.slowest)
+
+
+def _timed(loops: list, room: Room, corner: float, members: int) -> np.ndarray:
+    """Return places (M, K, 2) on loops at each control step, for the shortest period that the cars can drive.
+
+    The period is a multiple of the number of members of a loop.
+    """
+    count = max(math.ceil(max(map(length_of, loops)) / speed_on(corner, room) - 1e-9), 8)
+    count = members * math.ceil(count / members)
+    return np.stack([evenly_spaced(loop, count) for loop in loops])
 
 
 @dataclass(frozen=True)
@@ -46,12 +211,7 @@ class Plan:
 
 
 def partition_plan(scenario: Scenario, parameters: PartitionParameters | None = None) -> Plan:
-    """Return the best partition of a scenario's rectangle; raises what `partition_plans` does."""
-    return partition_plans(scenario, parameters)[0]
-
-
-def partition_plans(scenario: Scenario, parameters: PartitionParameters | None = None) -> list[Plan]:
-    """Return the best partitions of a scenario's rectangle, the best first; only one where nothing limits the starts.
+    """Return the best partition of a scenario's rectangle.
 
     Raises:
         UnsuitableScenarioError: the rectangle is smaller than the turning circle of a car, or the loops have no room
@@ -66,15 +226,13 @@ def partition_plans(scenario: Scenario, parameters: PartitionParameters | None =
     if parameters.rows is not None and parameters.rows > scenario.num_robots:
         raise ValueError(f"rows must be at most the {scenario.num_robots} robots, got {parameters.rows}")
     best = _best(room, replace(parameters, speed=None, clearance=None))
-    if not best:
+    if best is None:
         rule = f"partition requires room for {scenario.num_robots} loops of radius {turning:.3g} m"
         rule = f"{rule}, in phase at least {room.apart * unit:.3g} m from one another"
         raise UnsuitableScenarioError(f"{rule}, got {2 * curve.half_width:g} m x {2 * curve.half_height:g} m")
-    plans = []
-    for shape, loop in best:
-        speed = float(np.linalg.norm(np.diff(loop[:, :2], axis=1), axis=2).max()) * unit / step
-        plans.append(Plan(shape.cells * np.array([unit, unit, unit, unit, 1, 1]), loop * unit, speed))
-    return plans
+    shape, loop = best
+    speed = float(np.linalg.norm(np.diff(loop[:, :2], axis=1), axis=2).max()) * unit / step
+    return Plan(shape.cells * np.array([unit, unit, unit, unit, 1, 1]), loop * unit, speed)
 
 
 def _check_circle(scenario: Scenario, turning: float) -> None:
@@ -102,7 +260,7 @@ def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
         half_width=scenario.curve.half_width / unit,
         driven=(scenario.driven.half_width / unit, scenario.driven.half_height / unit),
         sensing=(_SENSED if scenario.inset else 1.0) * scenario.sensing_radius / unit,
-        apart=required_distance(scenario, parameters) / unit,
+        apart=required_distance(scenario, parameters.clearance) / unit,
         turning=turning_radius_of(scenario) / unit,
         speed=(parameters.speed or RESERVE * robot.top_speed) * step / unit,
         slowest=slowest_speed(scenario) * step / unit,
@@ -112,8 +270,8 @@ def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
 
 
 @lru_cache(maxsize=256)
-def _best(room: Room, parameters: PartitionParameters) -> list[tuple[Shape, np.ndarray]]:
-    """Return the shapes of the best plans, the best first, and their loops (N, K, 2) at the cells."""
+def _best(room: Room, parameters: PartitionParameters) -> tuple[Shape, np.ndarray] | None:
+    """Return the shape of the best plan and its loops (N, K, 2) at the cells; None if no loops have room."""
     half = (room.half_width, 1.0)
     shapes = []
     for shape in shapes_of(room, parameters, half):
@@ -123,56 +281,42 @@ def _best(room: Room, parameters: PartitionParameters) -> list[tuple[Shape, np.n
             never, longest = coverage(thin, half, room.sensing, coarse=True)
             shapes.append((never, longest * step, len(shapes), shape))
     if not shapes:
-        return []
-    search = _Search(room, half)
-    ordered = [shape for *_, shape in sorted(shapes, key=lambda each: each[:3])]
+        return None
+    compared: list[tuple] = []
+    ordered = [shape for *_, shape in sorted(shapes, key=lambda rating: rating[:3])]
     for k, shape in enumerate(ordered[: _MOST_SHAPES if room.inside else _SHAPES]):
-        if k >= _SHAPES and search.best[0][0] < math.inf:
+        if k >= _SHAPES and min(compared, key=_score)[0][0] < math.inf:
             break
-        search.compare(shape, _ALIKE)
-    leading = sorted(search.compared, key=lambda each: each[0])[:_PATTERNS]
+        _compare(compared, room, shape, _ALIKE)
+    leading = sorted(compared, key=_score)[:_PATTERNS]
     for _, shape, _ in () if parameters.in_phase else leading:
         for turns in itertools.product((0, 1), (0, 1), (0.0, 0.5), (0.0, 0.5)):
-            search.compare(shape, turns)
-    _, shape, (turn_x, turn_y, *_) = search.best
+            _compare(compared, room, shape, turns)
+    _, shape, (turn_x, turn_y, *_) = min(compared, key=_score)
     quarters = (0.0,) if parameters.in_phase else (0.0, 0.25, 0.5, 0.75)
     for phases in itertools.product(quarters, quarters):
-        search.compare(shape, (turn_x, turn_y, *phases))
-    leading = search.ranked[: _PLANS if room.inside else 1]
-    return [(shape, shape.placed(room.driven, *pattern)) for _, shape, pattern in leading]
+        _compare(compared, room, shape, (turn_x, turn_y, *phases))
+    _, shape, pattern = min(compared, key=_score)
+    return shape, shape.placed(room.driven, *pattern)
 
 
-class _Search:
-    """Shapes and patterns that were compared, each with its score, shape and pattern, and the best of them."""
+def _score(entry: tuple) -> tuple[float, float, float]:
+    """Return the score of a compared shape: worst-case undetected time, share never visited, time between visits."""
+    return entry[0]
 
-    def __init__(self, room: Room, half: tuple[float, float]):
-        self.room, self.half = room, half
-        self.compared: list = []
 
-    @property
-    def best(self) -> tuple:
-        return min(self.compared, key=lambda each: each[0])
-
-    @property
-    def ranked(self) -> list[tuple]:
-        """Return the best pattern of each shape, the best first."""
-        first: dict[int, tuple] = {}
-        for each in sorted(self.compared, key=lambda each: each[0]):
-            first.setdefault(id(each[1]), each)
-        return list(first.values())
-
-    def compare(self, shape: Shape, pattern: tuple) -> None:
-        """Score a shape in a pattern by worst-case undetected time, share never visited, and time between visits."""
-        placed = shape.placed(self.room.driven, *pattern)
-        if smallest_distance(placed) < self.room.apart:
-            return
-        limit = 1.5 * self.best[0][0] if self.compared else math.inf
-        thin, step = _thinned(placed, self.room)
-        never, longest = coverage(thin, self.half, self.room.sensing)
-        worst = math.inf
-        if never == 0:
-            worst = worst_undetected_time(thin, self.half, self.room.sensing, self.room.target_speed, step, limit)
-        self.compared.append(((worst, never, longest * step), shape, pattern))
+def _compare(compared: list[tuple], room: Room, shape: Shape, pattern: tuple) -> None:
+    """Add a shape in a pattern with its score to those that were compared, unless robots come too near."""
+    placed, half = shape.placed(room.driven, *pattern), (room.half_width, 1.0)
+    if smallest_distance(placed) < room.apart:
+        return
+    limit = 1.5 * min(compared, key=_score)[0][0] if compared else math.inf
+    thin, step = _thinned(placed, room)
+    never, longest = coverage(thin, half, room.sensing)
+    worst = math.inf
+    if never == 0:
+        worst = worst_undetected_time(thin, half, room.sensing, room.target_speed, step, limit)
+    compared.append(((worst, never, longest * step), shape, pattern))
 
 
 def _thinned(placed: np.ndarray, room: Room) -> tuple[np.ndarray, float]:

@@ -4,9 +4,8 @@ Robot i is to be at
 
     x(t) = x_0 + sum over k = 1, 2 ... of a_k cos(2 pi k t / T) + b_k sin(2 pi k t / T)
 
-and at y(t) likewise, where T is the common period. The paths are timed (`baselines.policies.timed_paths`), and from a
-start in the equilibrium the cars enter them by a planned transit without collisions, as those of `partition` do, or
-drive to them at once.
+and at y(t) likewise, where T is the common period. The paths are timed (`baselines.policies.timed_paths`), and the cars
+drive to them at once, under the collision filter if they do not know where the others start.
 """
 
 import math
@@ -16,17 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from baselines.policies.loop_shapes import PartitionParameters
 from baselines.policies.path_tables import PathTables, path_tables
 from baselines.policies.registry import register
 from baselines.policies.timed_paths import TimedPaths
-from baselines.policies.transit import arrival_steps, planned_transit, speed_of, start_is_known
+from baselines.policies.transit import arrival_steps, speed_of, start_is_known
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.checks import Checked, flag, rows, whole
+from lissajous_env.settings.checks import Checked, rows, whole
 from lissajous_env.theory import closed_forms
-
-_PHASES = 6
-"""Phases of the team for which a transit is sought."""
 
 
 def _as_path(entry: Any) -> tuple[float, ...] | None:
@@ -46,9 +41,6 @@ class PathParameters(Checked):
     )
     """Fourier coefficients of the path of each robot: x_0, y_0, and for each harmonic a_k, b_k of x, a_k, b_k of y [m];
     None means the places of the formation on its curve."""
-    planned_ways: bool = flag(True)
-    """True to plan ways without collisions from a known start into the paths, and to select the path of each robot by
-    them; False to drive to the paths at once, which is without collisions only if an episode shows it."""
 
 
 def places_of(paths: np.ndarray, period: int) -> np.ndarray:
@@ -88,16 +80,8 @@ def timed_loops(scenario: Scenario, parameters: PathParameters) -> tuple[PathTab
         ValueError: another number of paths than of robots.
     """
     loop = _loop(scenario, parameters)
-    speed = speed_of(loop, scenario.task.step)
-    if start_is_known(scenario):
-        if not parameters.planned_ways:
-            return path_tables(scenario, loop), 0.0
-        room = PartitionParameters(speed=speed, clearance=0.2 * scenario.robot.radius)
-        for shift in np.arange(_PHASES) * loop.shape[1] // _PHASES:  # the phase of the team is free
-            ways = planned_transit(scenario, np.roll(loop, shift, axis=1), room)
-            if ways is not None:
-                return path_tables(scenario, ways.loop, ways.lead_in), 0.0
-    return path_tables(scenario, loop), float(arrival_steps(scenario, loop, speed))
+    arrival = arrival_steps(scenario, loop, speed_of(loop, scenario.task.step))
+    return path_tables(scenario, loop), 0.0 if start_is_known(scenario) else float(arrival)
 
 
 def _loop(scenario: Scenario, parameters: PathParameters) -> np.ndarray:

@@ -1,14 +1,10 @@
-"""Loops on which the other robots cover the cell of one that has failed.
+"""Loops on which the ring neighbours of a robot that has failed cover its cell.
 
-A robot has loops for several cases. Where it learns of its ring neighbours' failures alone, there are four: none of
-them has failed, the previous one, the next one, or both; in each case there is the rectangle around its own cell and
-those of the failed neighbours. Where news of all failures reach every robot (`baselines.policies.failures`), the cases
-are the numbers of failed robots in its line of cells, along x or y, which the others divide evenly: there is the
-rectangle of its share.
-
-In each case there are a few loops of different shapes, the best first. The robot drives one that is clear of the
-stopped robots. All of them have the period and the phase of the plan, so that what they differ by is small: two robots
-on equal loops in phase never come nearer than the centres of these.
+A robot has loops for four cases: none of its ring neighbours has failed, the previous one, the next one, or both. In
+each case there is the rectangle around its own cell and those of the failed neighbours, and a few loops of different
+shapes, the best first. The robot drives one that is clear of the stopped robots. All of them have the period and the
+phase of the plan, so that what they differ by is small: two robots on equal loops in phase never come nearer than the
+centres of these.
 """
 
 import itertools
@@ -20,11 +16,12 @@ import numpy as np
 
 from baselines.policies.cells import are_adjacent, closed_loop, evenly_spaced, length_of
 from baselines.policies.ideal_motion import coverage, worst_undetected_time
-from baselines.policies.loop_shapes import Room, smallest_distance, speed_on
-from baselines.policies.partition_plan import Plan
+from baselines.policies.partition_plan import Plan, Room, smallest_distance, speed_on
 
 SHAPES = 4
 """Loops of different shapes for each case."""
+CASES = 4
+"""Cases of a robot, by the sum of 1 for a failed previous and 2 for a failed next robot."""
 OFFSETS = 4
 """Distances along x and y from the middle of a rectangle at which the quality of a loop is computed."""
 _UNKNOWN = 10.0
@@ -38,39 +35,19 @@ _DISTINCT = 0.1
 """Difference of two shapes' half extents, in turning radii, from which on they count as different."""
 
 
-class Lines(NamedTuple):
-    """Lines of a partition's cells, along x or along y."""
-
-    along: int
-    """Direction of the lines: 0 for x, 1 for y."""
-    robots: np.ndarray
-    """(N, L) robots of each robot's line in the order of their cells; -1 behind the last one."""
-    centre: np.ndarray
-    """(N, 2) centre of each robot's cell [m]."""
-
-
 @dataclass(frozen=True)
 class Takeover:
-    """Loops of each robot in C cases; row SHAPES c + s is for case c.
-
-    Without lines, a case is the sum of 1 for a failed previous and 2 for a failed next robot; with lines, the number of
-    failed robots in the robot's line.
-    """
+    """Loops of each robot in its cases; row SHAPES c + s is for case c."""
 
     loop: np.ndarray
-    """(C SHAPES, N, K, 2) places at each control step of a period [m]."""
+    """(CASES SHAPES, N, K, 2) places at each control step of a period [m]."""
     away: np.ndarray
-    """(C SHAPES, N, 2) middle of each loop less the place that is best for it, of a share of a line the centre of the
-    robot's cell [m]."""
+    """(CASES SHAPES, N, 2) middle of each loop less the place that is best for it [m]."""
     cost: np.ndarray
-    """(C SHAPES, N, OFFSETS, OFFSETS) cost of a loop whose middle is k, l times `offset` from that place."""
-    offset: float
-    """Spacing of these distances [m]."""
+    """(CASES SHAPES, N, OFFSETS, OFFSETS) cost of a loop whose middle is k, l times an offset from that place."""
     corners: np.ndarray
-    """(C SHAPES, N) corners of the rectangle that only this robot watches, as bits: 1 at the left and bottom, 2 at the
-    right and bottom, 4 at the left and top, 8 at the right and top; 0 with lines."""
-    lines: Lines | None
-    """Lines of the cells; None if robots learn of their ring neighbours' failures alone."""
+    """(CASES SHAPES, N) corners of the rectangle that only this robot watches, as bits: 1 at the left and bottom, 2 at
+    the right and bottom, 4 at the left and top, 8 at the right and top."""
 
 
 class _Option(NamedTuple):
@@ -99,7 +76,7 @@ def _at_even_distances(loop: np.ndarray, count: int) -> np.ndarray:
     return np.real(np.exp(2j * np.pi * time * rates) @ waves) / len(loop)
 
 
-def takeover_of_neighbours(
+def takeover_of(
     plan: Plan, cell: np.ndarray, neighbours: np.ndarray, room: Room, unit: float, offset: float
 ) -> Takeover:
     """Return the loops of robots that take over the cells of ring neighbours.
@@ -117,9 +94,9 @@ def takeover_of_neighbours(
     cells, own = plan.cells[cell][:, :4] / unit, plan.loop[cell] / unit
     count, adjacent = len(cells), are_adjacent(cells)
     search = _LoopSearch(room, own.shape[1], offset / unit)
-    corners = np.zeros((4 * SHAPES, count), dtype=int)
-    rows = []
-    for robot, case in itertools.product(range(count), range(4)):
+    corners = np.zeros((CASES * SHAPES, count), dtype=int)
+    chosen = []
+    for robot, case in itertools.product(range(count), range(CASES)):
         taken = [neighbours[robot, side] for side in range(2) if case >> side & 1]
         taken = [other for other in taken if other >= 0 and adjacent[robot, other]]
         low = (cells[[robot, *taken], :2] - cells[[robot, *taken], 2:4]).min(axis=0)
@@ -134,8 +111,14 @@ def takeover_of_neighbours(
             options = search.beside(half, middle_of(own[robot]) + _TOWARDS * towards, towards)
         others = own[np.delete(np.arange(count), [robot, *taken])]
         options = [option for option in options if smallest_distance(option.loop[None], others) >= room.apart]
-        rows.append(options or [unmoved])
-    return _takeover(rows, 4, unit, offset, corners, None)
+        chosen.append(options or [unmoved])
+    rows = [  # of the first SHAPES of the options, the last of which is repeated
+        [of_robot[min(shape, len(of_robot) - 1)] for of_robot in chosen[case::CASES]]
+        for case in range(CASES)
+        for shape in range(SHAPES)
+    ]
+    loop, away, cost = (np.array([[entry[k] for entry in row] for row in rows]) for k in range(3))
+    return Takeover(loop * unit, away * unit, cost, corners)
 
 
 def _corners_of(low: np.ndarray, high: np.ndarray, half_width: float) -> int:
@@ -143,70 +126,6 @@ def _corners_of(low: np.ndarray, high: np.ndarray, half_width: float) -> int:
     left, right = low[0] < -half_width + _ALIKE, high[0] > half_width - _ALIKE
     bottom, top = low[1] < -1.0 + _ALIKE, high[1] > 1.0 - _ALIKE
     return sum(bool(has) << k for k, has in enumerate((left & bottom, right & bottom, left & top, right & top)))
-
-
-def lines_of(plan: Plan, cell: np.ndarray) -> Lines:
-    """Return the lines of a plan whose robots have some cells (N,), as long ones as there are."""
-    cells = plan.cells[cell]
-    divisions = []
-    for along in range(2):
-        number = cells[:, 5 - along]  # 5 is the row of a cell, 4 its column
-        lines = [np.flatnonzero(number == value) for value in np.unique(number)]
-        if all(np.ptp(cells[line, 1 - along]) < 1e-9 * plan.cells[:, 2:4].max() for line in lines):
-            divisions.append((len(lines), along, lines))
-    _, along, lines = min(divisions, key=lambda division: division[:2])
-    robots = np.full((len(cells), max(map(len, lines))), -1)
-    for line in lines:
-        robots[line, : len(line)] = line[np.argsort(cells[line, along])]
-    return Lines(along, robots, cells[:, :2])
-
-
-def takeover_of_lines(plan: Plan, cell: np.ndarray, room: Room, unit: float, offset: float) -> Takeover:
-    """Return the loops of robots that divide the line of their cells evenly when others of it have failed.
-
-    A loop drives in the middle of a share, where one robot can watch it alone, or robots watch the line side by side.
-    It passes by the loops of other lines wherever it is moved along its own. The arguments are those of
-    `takeover_of_neighbours`.
-    """
-    cells, own, lines = plan.cells[cell][:, :4] / unit, plan.loop[cell] / unit, lines_of(plan, cell)
-    count, cases = lines.robots.shape
-    along, across, reach = np.eye(2)[lines.along], 1 - lines.along, (room.half_width, 1.0)[lines.along]
-    search = _LoopSearch(room, own.shape[1], offset / unit)
-    rows = []
-    for robot, case in itertools.product(range(count), range(cases)):
-        line = lines.robots[robot][lines.robots[robot] >= 0]
-        half, centre = cells[robot, 2:4].copy(), cells[robot, :2]
-        if 0 < case < len(line):
-            half[lines.along] = reach / (len(line) - case)
-        unmoved = _Option(own[robot], np.zeros(2), search.around(0.0))
-        alone = search.alone(half, centre)
-        options = [option._replace(cost=search.around(float(option.cost[0, 0]))) for option in alone]
-        if case == 0:
-            options = [unmoved, *options]
-        elif not options or options[0].cost[0, 0] >= _UNKNOWN:
-            options = [unmoved._replace(away=middle_of(own[robot]) - centre), *search.beside(half, centre, along)]
-        others = own[np.setdiff1d(np.arange(count), line)][..., across]
-        options = [option for option in options if _distance(option.loop[:, across], others) >= room.apart]
-        rows.append(options or [unmoved])
-    return _takeover(rows, cases, unit, offset, np.zeros((cases * SHAPES, count), dtype=int), lines)
-
-
-def _distance(one: np.ndarray, others: np.ndarray) -> float:
-    """Return the least distance in phase of coordinates (K,) from others (M, K)."""
-    return float(np.abs(one - others).min(initial=math.inf))
-
-
-def _takeover(
-    options: list[list[_Option]], cases: int, unit: float, offset: float, corners: np.ndarray, lines: Lines | None
-) -> Takeover:
-    """Return the first SHAPES of the options of the cases of each robot, robot by robot; the last one is repeated."""
-    rows = [
-        [of_robot[min(shape, len(of_robot) - 1)] for of_robot in options[case::cases]]
-        for case in range(cases)
-        for shape in range(SHAPES)
-    ]
-    loop, away, cost = (np.array([[entry[k] for entry in row] for row in rows]) for k in range(3))
-    return Takeover(loop * unit, away * unit, cost, offset, corners, lines)
 
 
 class _LoopSearch:

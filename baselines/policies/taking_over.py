@@ -1,22 +1,59 @@
-"""The choice of a loop, and of a place for it, from a robot's information on failed robots."""
+"""Takeovers: what a robot knows about failed robots, and the loop that it drives because of them.
+
+A robot that has failed still sends its place, which does not move; a robot that has been removed sends nothing, so the
+age of its last message grows. A robot receives nothing else: it has no information about robots that are not its ring
+neighbours unless they are in its disc.
+"""
 
 import warp as wp
 
-from baselines.policies.failures import PLACES, STATE, WORKS
-from baselines.policies.own_row import own_works
+from baselines.policies.own_row import (
+    hears,
+    message_age,
+    offset_heard,
+    offset_seen,
+    own_heading,
+    own_position,
+    own_speed,
+    own_works,
+    sees,
+    velocity_seen,
+)
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.trig import cos_sin
 
 wp.set_module_options(OPTIONS)
 
+WORKS, STANDS, SILENT = (wp.constant(k) for k in range(3))
+"""States of a ring neighbour, as a robot believes."""
+# Entries of the memory of a ring neighbour.
+STATE, HEARD_X, HEARD_Y, AGE, STILL = (wp.constant(k) for k in range(5))
+WATCH = 5
+PLACES = wp.constant(4)
+"""Places of robots that have stopped: of the two ring neighbours, then of two that were sensed."""
 SIDE = wp.constant(12)
 """Shifts that are compared to each side, along x and y."""
 
 
 @wp.struct
 class Repair:
-    """The loops P of a takeover (`repair_plan.Takeover`) and the constants of the choice among them."""
+    """Constants of a robot's estimates of others, and the loops P of a takeover (`repair_plan.Takeover`)."""
 
+    still: float
+    """Displacement in a step below which a robot counts as stopped [m]."""
+    patience: int
+    """Number of such steps after which a ring neighbour counts as failed."""
+    step: float
+    """Control step [s]."""
+    time_unit: float
+    """Unit of an observed age [s]."""
+    speed_unit: float
+    """Unit of an observed speed [m/s]."""
+    radius: float
+    """Distance within which robots are seen [m]."""
+    robots_seen: int
+    """Number of robots in an observation."""
     shapes: int
     """Loops of a case."""
     first: int
@@ -45,6 +82,87 @@ class Repair:
     """(P, N, OFFSETS, OFFSETS) `Takeover.cost`."""
     corners: wp.array2d(dtype=int)
     """(P, N) `Takeover.corners`."""
+
+
+@wp.kernel
+def watch_neighbours(
+    curve: CurveStruct,
+    repair: Repair,
+    observation: wp.array3d(dtype=float),
+    memory: wp.array4d(dtype=float),
+    standing: wp.array3d(dtype=wp.vec3),
+    case_out: wp.array2d(dtype=int),
+):
+    """Update robot i's estimates of its ring neighbours, and of stopped robots: x, y and 1 if the place is in use.
+
+    Its case is the sum of 1 if the previous robot on the ring has failed, and 2 if the next one has.
+    """
+    w, i = wp.tid()
+    position = own_position(w, i, curve, observation)
+    case_out[w, i] = 0
+    for side in range(2):
+        known = memory[w, i, side]
+        if not hears(w, i, side, observation):
+            if known[AGE] > 0.0:
+                known[STATE] = float(SILENT)
+        else:
+            place = position + offset_heard(w, i, side, curve, observation)
+            # One step more than the age, so that 0 means that nothing was heard yet.
+            age = message_age(w, i, side, repair.time_unit, observation) + repair.step
+            if known[AGE] == 0.0:
+                known[HEARD_X] = place[0]
+                known[HEARD_Y] = place[1]
+                known[AGE] = age
+            else:
+                # A message that was heard before is older by a step and does not count.
+                if age < known[AGE] + 0.5 * repair.step:
+                    moved = wp.length(place - wp.vec2(known[HEARD_X], known[HEARD_Y]))
+                    known[STILL] = wp.where(moved < repair.still, known[STILL] + 1.0, 0.0)
+                    known[HEARD_X] = place[0]
+                    known[HEARD_Y] = place[1]
+                known[AGE] = age
+                if known[STILL] == 0.0:
+                    known[STATE] = float(WORKS)
+                if known[STILL] >= float(repair.patience):
+                    known[STATE] = float(STANDS)
+        if known[STATE] != float(WORKS):
+            case_out[w, i] += 1 + side
+        stands = wp.where(known[STATE] == float(STANDS), 1.0, 0.0)
+        standing[w, i, side] = wp.vec3(known[HEARD_X], known[HEARD_Y], stands)
+    watch_disc(w, i, position, repair, observation, standing)
+
+
+@wp.func
+def watch_disc(
+    w: int,
+    i: int,
+    position: wp.vec2,
+    repair: Repair,
+    observation: wp.array3d(dtype=float),
+    standing: wp.array3d(dtype=wp.vec3),
+):
+    """Update the places of stopped robots that are, or were, in the disc."""
+    # If a stopped robot should be in the disc but is not sensed, it is not there any more.
+    for k in range(2, PLACES):
+        known = standing[w, i, k]
+        if known[2] > 0.0 and wp.length(wp.vec2(known[0], known[1]) - position) < 0.9 * repair.radius:
+            standing[w, i, k] = wp.vec3(0.0, 0.0, 0.0)
+    own = own_speed(w, i, repair.speed_unit, observation) * cos_sin(own_heading(w, i, observation))
+    for seen in range(repair.robots_seen):
+        if sees(w, i, seen, observation):
+            velocity = own + velocity_seen(w, i, seen, repair.speed_unit, observation)
+            place = position + offset_seen(w, i, seen, repair.radius, observation)
+            is_known = bool(False)
+            room = int(0)
+            for k in range(PLACES):
+                known = standing[w, i, k]
+                if known[2] > 0.0:
+                    if wp.length(wp.vec2(known[0], known[1]) - place) < 2.0 * repair.still + 0.1 * repair.radius:
+                        is_known = True
+                elif k >= 2:
+                    room = k
+            if wp.length(velocity) * repair.step < repair.still and not is_known and room > 0:
+                standing[w, i, room] = wp.vec3(place[0], place[1], 1.0)
 
 
 @wp.func
@@ -102,78 +220,31 @@ def cost_of(costs: wp.array2d(dtype=float), away: wp.vec2, offset: float) -> flo
 
 
 @wp.kernel
-def case_of_neighbours(watched: wp.array4d(dtype=float), cases: wp.array2d(dtype=int)):
-    """Number the states of each robot's ring neighbours: 1 if the previous one has failed, and 2 if the next has."""
-    w, i = wp.tid()
-    cases[w, i] = 0
-    for side in range(2):
-        if watched[w, i, side, STATE] != float(WORKS):
-            cases[w, i] += 1 + side
-
-
-@wp.kernel
-def case_of_line(
-    reach: float,
-    along: wp.vec2,
-    lines: wp.array2d(dtype=int),
-    centres: wp.array(dtype=wp.vec2),
-    news: wp.array3d(dtype=float),
-    cases: wp.array2d(dtype=int),
-    home: wp.array2d(dtype=wp.vec2),
-):
-    """Divide each line of cells evenly among its working robots: count the others, and place each robot.
-
-    `reach` is half of the rectangle's extent along the lines [m], `along` their direction, `lines` (N, L) the robots
-    of each robot's line in order, -1 for none, `home` how far the middle of its share is from that of its cell [m].
-    """
-    w, i = wp.tid()
-    failed = int(0)
-    shares = int(0)
-    rank = int(0)
-    for k in range(lines.shape[1]):
-        j = lines[i, k]
-        if j == i:
-            rank = shares
-        if j >= 0:
-            if j != i and news[w, i, j] < 0.0:
-                failed += 1
-            else:
-                shares += 1
-    cases[w, i] = failed
-    home[w, i] = wp.vec2(0.0, 0.0)
-    if failed > 0:
-        middle = reach * (float(2 * rank + 1) / float(shares) - 1.0)
-        home[w, i] = (middle - wp.dot(centres[i], along)) * along
-
-
-@wp.kernel
 def take_over(
     repair: Repair,
     curve: CurveStruct,
     pose: wp.array3d(dtype=wp.vec4),
     cases: wp.array2d(dtype=int),
-    home: wp.array2d(dtype=wp.vec2),
     observation: wp.array3d(dtype=float),
     standing: wp.array3d(dtype=wp.vec3),
     avoided: wp.array3d(dtype=wp.vec3),
-    target: wp.array2d(dtype=wp.vec4),
+    target: wp.array2d(dtype=wp.vec2),
     plan: wp.array2d(dtype=int),
     shift: wp.array2d(dtype=wp.vec2),
 ):
     """Choose each robot's loop and shift for its case, clear of stopped robots, and move towards that shift.
 
     Of those that are clear it is the one of the least cost (`Takeover`), in which a corner of the rectangle that the
-    robot alone watches counts for more than any place if the loop never senses it. Then it is the nearest to `home`,
-    the shift that is best without stopped robots. `target` is the shift that was chosen, and the home that it was
-    chosen for. A robot that has failed keeps its loop, for which the others leave room when it resumes.
+    robot alone watches counts for more than any place if the loop never senses it. Then it is the one that is moved
+    the least. `target` is the shift that was chosen. A robot that has failed keeps its loop, for which the others leave
+    room when it resumes.
     """
     w, i = wp.tid()
     if not own_works(w, i, observation):
         return
     now = cases[w, i]
-    before = target[w, i]
     near = 0.25 * repair.spacing
-    changed = now != plan[w, i] / repair.shapes or wp.length(home[w, i] - wp.vec2(before[2], before[3])) > near
+    changed = now != plan[w, i] / repair.shapes
     stands = float(0.0)
     for k in range(PLACES):
         stands += standing[w, i, k][2]
@@ -191,14 +262,12 @@ def take_over(
             margin = repair.margins[loop, i]
             for row in range(-SIDE, SIDE + 1):
                 for column in range(-SIDE, SIDE + 1):
-                    x = wp.clamp(home[w, i][0] + float(column) * repair.spacing, margin[0], margin[2])
-                    y = wp.clamp(home[w, i][1] + float(row) * repair.spacing, margin[1], margin[3])
-                    tried = wp.vec2(x, y)
-                    moved = tried - home[w, i]
+                    x = wp.clamp(float(column) * repair.spacing, margin[0], margin[2])
+                    tried = wp.vec2(x, wp.clamp(float(row) * repair.spacing, margin[1], margin[3]))
                     # A collision costs more than a corner where targets hide, that more than any place, and that more
                     # than a shift.
-                    cost = 0.01 * wp.length(moved) / repair.required
-                    cost += cost_of(repair.cost[loop, i], repair.away[loop, i] + moved, repair.offset)
+                    cost = 0.01 * wp.length(tried) / repair.required
+                    cost += cost_of(repair.cost[loop, i], repair.away[loop, i] + tried, repair.offset)
                     if stands > 0.0 and cost < best_cost:
                         missed = repair.required - clearance_of(repair, path, tried, standing[w, i])
                         cost += 1000.0 * wp.max(missed, 0.0) / repair.required
@@ -213,8 +282,8 @@ def take_over(
         chosen = now * repair.shapes + best_shape
         shift[w, i] += repair.middles[plan[w, i], i] - repair.middles[chosen, i]
         plan[w, i] = chosen
-        target[w, i] = wp.vec4(best[0], best[1], home[w, i][0], home[w, i][1])
-    rest = wp.vec2(target[w, i][0], target[w, i][1]) - shift[w, i]
+        target[w, i] = best
+    rest = target[w, i] - shift[w, i]
     most = wp.where(now == 0, repair.back, repair.drift)
     shift[w, i] += rest * wp.min(1.0, most / wp.max(wp.length(rest), 1.0e-9))
 

@@ -1,9 +1,13 @@
 """Transits: the ways of a team of cars from where they start into loops that are synchronised, without collisions.
 
-Each car gets a path of bounded curvature (`baselines.policies.dubins`) that enters a loop where this loop's reference
-is at that time, and a speed that is a quadratic function of time. The assignment of cars to loops minimises the sum of
-the fourth powers of the arrival times. The paths are then selected one car after the other, those that arrive last
-first: each enters its loop as early as it can without coming near the cars before it.
+Each car gets a shortest path of bounded curvature that enters a loop where this loop's reference is at that time, and a
+speed that is a quadratic function of time. The assignment of cars to loops minimises the sum of the fourth powers of
+the arrival times. The paths are then selected one car after the other, those that arrive last first: each enters its
+loop as early as it can without coming near the cars before it.
+
+Shortest paths of bounded curvature are made of arcs of the smallest radius and straight lines: L. E. Dubins, "On curves
+of minimal length with a constraint on average curvature, and with prescribed initial and terminal positions and
+tangents", American Journal of Mathematics 79 (1957).
 """
 
 import math
@@ -13,13 +17,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baselines.policies.driving import SPREAD_MAX, slowest_top_speed
-from baselines.policies.dubins import TURNS, dubins_lengths, dubins_poses, dubins_reach
-from baselines.policies.loop_shapes import RESERVE, TURN, PartitionParameters
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import turning_radius
 from lissajous_env.world.robots.placing import start_headings
 
+WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
+"""Kinds of paths: left turn, straight line, right turn."""
+TURNS = np.array([[{"L": 1.0, "S": 0.0, "R": -1.0}[letter] for letter in word] for word in WORDS])
+"""(6, 3) direction of each piece of each kind: 1 to the left, 0 straight on, -1 to the right."""
+RESERVE = 0.75
+"""Share of the top speed and of the grip that ways and loops use."""
+TURN = 0.4
+"""Largest turn in a control step [rad], in which steering is constant."""
 _ROOM = 1.02
 """Corners are wider than the tightest turn of the widest-turning car by this factor."""
 _PROFILE = np.linspace(0, 1, 21)
@@ -37,10 +47,10 @@ def turning_radius_of(scenario: Scenario) -> float:
     return _ROOM * spread * turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
 
 
-def required_distance(scenario: Scenario, parameters: PartitionParameters) -> float:
-    """Return the least distance of two robots in a plan [m]."""
+def required_distance(scenario: Scenario, clearance: float | None = None) -> float:
+    """Return the least distance of two robots in a plan, whose bodies keep a clearance, or a radius [m]."""
     radius = scenario.robot.radius
-    return 2 * radius + (radius if parameters.clearance is None else parameters.clearance)
+    return 2 * radius + (radius if clearance is None else clearance)
 
 
 def slowest_speed(scenario: Scenario) -> float:
@@ -69,10 +79,10 @@ class Car:
     """Half width and half height of the rectangle that the car does not leave [m]; infinite without an inset."""
 
     @classmethod
-    def of(cls, scenario: Scenario, parameters: PartitionParameters) -> "Car":
-        """Return the limits of the cars of a scenario."""
+    def of(cls, scenario: Scenario, speed: float | None) -> "Car":
+        """Return the limits of the cars of a scenario; the largest speed is a share of the top speed by default."""
         robot, turning, driven = scenario.robot, turning_radius_of(scenario), scenario.driven
-        speed = parameters.speed or RESERVE * robot.top_speed
+        speed = speed or RESERVE * robot.top_speed
         grip = math.sqrt(RESERVE * robot.lateral_acceleration_max * turning)
         speed = min(speed, TURN * turning / scenario.task.step, grip)
         slowest = max(1.02 * slowest_speed(scenario), 0.15 * robot.top_speed)
@@ -126,17 +136,22 @@ class Transit(NamedTuple):
 
 
 def planned_transit(
-    scenario: Scenario, loop: np.ndarray, parameters: PartitionParameters, assignments: np.ndarray | None = None
+    scenario: Scenario,
+    loop: np.ndarray,
+    speed: float | None = None,
+    clearance: float | None = None,
+    assignments: np.ndarray | None = None,
 ) -> Transit | None:
     """Return the ways from the equilibrium into loops, without collisions; None if none are found.
 
     Args:
         scenario: The scenario, of cars whose start is known.
         loop: (N, K, 2) places on the loops at control steps 0, 1 ... of the episode [m].
-        parameters: Their speed and clearance limit the ways.
+        speed: Largest speed on the ways [m/s]; None for that of `Car.of`.
+        clearance: Least distance of two bodies [m]; None for the radius of a body.
         assignments: (A, N) loops of the robots that may be chosen; all by default.
     """
-    search = _Search(scenario, loop, Car.of(scenario, parameters))
+    search = _Search(scenario, loop, Car.of(scenario, speed))
     arrival = search.arrival()
     if not np.isfinite(arrival).any(axis=1).all():
         return None
@@ -151,7 +166,7 @@ def planned_transit(
     arrival = arrival[robots, chosen]
     if not np.isfinite(arrival).all():
         return None
-    lead_in = search.lead_in(chosen, arrival, required_distance(scenario, parameters))
+    lead_in = search.lead_in(chosen, arrival, required_distance(scenario, clearance))
     return None if lead_in is None else Transit(lead_in, np.roll(loop[chosen], -lead_in.shape[1], axis=1), chosen)
 
 
@@ -247,3 +262,100 @@ def _is_clear(places: np.ndarray, others: Any, apart: float) -> bool:
         if (distance < min(apart, 0.999 * distance[0])).any():
             return False
     return True
+
+
+def dubins_lengths(start: np.ndarray, end: np.ndarray, radius: float) -> np.ndarray:
+    """Return the lengths (..., 6, 3) of the three pieces of each kind of path; NaN where there is none [m].
+
+    Args:
+        start: (..., 3) x, y [m] and heading [rad] of the start.
+        end: (..., 3) x, y [m] and heading [rad] of the end; broadcasts with `start`.
+        radius: Smallest radius of a turn [m].
+    """
+    start, end = np.broadcast_arrays(start, end)
+    pieces = np.full((*start.shape[:-1], len(WORDS), 3), np.nan)
+    for k, word in enumerate(WORDS):
+        first, _, last = TURNS[k]
+        # Centres of the first and the last turn.
+        away = _centre(end, last, radius) - _centre(start, first, radius)
+        distance, bearing = np.hypot(away[..., 0], away[..., 1]), np.arctan2(away[..., 1], away[..., 0])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            if word[1] != "S":
+                # The middle turn touches both others, so its centre is 2 radii from theirs.
+                lean = np.arccos(distance / (4 * radius))
+                # Headings at both ends of the middle turn, tangents of the circles where they touch.
+                leaves = bearing + first * (np.pi / 2 - lean)
+                enters = bearing + first * (np.pi / 2 + lean) + np.pi
+                straight = radius * _turned(-first * (enters - leaves))
+            elif first == last:
+                leaves = enters = bearing
+                straight = distance
+            else:
+                straight = np.sqrt(distance**2 - 4 * radius**2)
+                leaves = enters = bearing + first * np.arcsin(2 * radius / distance)
+        pieces[..., k, 0] = radius * _turned(first * (leaves - start[..., 2]))
+        pieces[..., k, 1] = straight
+        pieces[..., k, 2] = radius * _turned(last * (end[..., 2] - enters))
+    return pieces
+
+
+def dubins_poses(
+    start: np.ndarray, pieces: np.ndarray, turns: np.ndarray, radius: np.ndarray, along: np.ndarray
+) -> np.ndarray:
+    """Return x, y [m] and heading [rad] (..., M, 3) on paths at some distances; beyond its end a path goes straight on.
+
+    Args:
+        start: (..., 3) x, y [m] and heading [rad] of the starts.
+        pieces: (..., 3) lengths of the pieces [m].
+        turns: (..., 3) directions of the pieces, rows of `TURNS`.
+        radius: (...) radii of the turns [m].
+        along: (..., M) distances from the start [m].
+    """
+    place, heading, left = start[..., None, :2], start[..., None, 2], along
+    for k in range(4):
+        length, turn = (pieces[..., k, None], turns[..., k, None]) if k < 3 else (np.inf, 0.0)
+        gone = np.clip(left, 0, length)
+        left = left - gone
+        turned = turn * gone / radius[..., None]
+        chord = (gone * np.sinc(turned / (2 * np.pi)))[..., None]
+        middle = heading + turned / 2
+        place = place + chord * np.stack([np.cos(middle), np.sin(middle)], axis=-1)
+        heading = heading + turned
+    return np.concatenate([place, heading[..., None]], axis=-1)
+
+
+def dubins_reach(start: np.ndarray, pieces: np.ndarray, turns: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Return the largest |x| and |y| (..., 2) on paths of finite pieces [m].
+
+    Args:
+        start: (..., 3) x, y [m] and heading [rad] of the starts.
+        pieces: (..., 3) lengths of the pieces [m].
+        turns: (..., 3) directions of the pieces, rows of `TURNS`.
+        radius: (...) radii of the turns [m].
+    """
+    place, heading = start[..., :2], start[..., 2]
+    reach = np.abs(place)
+    for k in range(3):
+        length, turn, wide = pieces[..., k, None], turns[..., k, None], radius[..., None]
+        # An arc is farthest out at its ends, or where it is parallel to an axis.
+        until = wide * _turned(turn * (np.arange(4) * np.pi / 2 - heading[..., None]))
+        gone = np.concatenate([np.minimum(until, length), length], axis=-1)
+        turned = turn * gone / wide
+        middle = heading[..., None] + turned / 2
+        chord = (gone * np.sinc(turned / (2 * np.pi)))[..., None]
+        passed = place[..., None, :] + chord * np.stack([np.cos(middle), np.sin(middle)], axis=-1)
+        reach = np.maximum(reach, np.abs(passed).max(axis=-2))
+        place, heading = passed[..., -1, :], heading + turned[..., -1]
+    return reach
+
+
+def _centre(pose: np.ndarray, side: float, radius: float) -> np.ndarray:
+    """Return the centre of a turn to a side (1 left, -1 right) of a pose [m]."""
+    normal = np.stack([-np.sin(pose[..., 2]), np.cos(pose[..., 2])], axis=-1)
+    return pose[..., :2] + side * radius * normal
+
+
+def _turned(angle: np.ndarray) -> np.ndarray:
+    """Return an angle in [0, 2 pi), 0 for one that is a whole turn but for rounding."""
+    turned = np.mod(angle, 2 * np.pi)
+    return np.where(turned > 2 * np.pi - 1e-9, 0.0, turned)

@@ -9,11 +9,11 @@ Raises:
 from importlib import import_module
 from typing import Any
 
-from lissajous_env.extras import missing
+from lissajous_env.plugins import missing
 
 _NAMES = {
     "diagnostic_msgs.msg": "DiagnosticArray DiagnosticStatus KeyValue",
-    "geometry_msgs.msg": "Point PoseStamped Twist TwistStamped",
+    "geometry_msgs.msg": "PoseStamped Twist TwistStamped",
     "nav_msgs.msg": "Odometry",
     "rcl_interfaces.msg": "ParameterDescriptor",
     "rclpy.exceptions": "InvalidParameterTypeException InvalidParameterValueException",
@@ -24,9 +24,8 @@ _NAMES = {
     "rclpy.signals": "SignalHandlerOptions",
     "rosgraph_msgs.msg": "Clock",
     "sensor_msgs.msg": "JointState PointCloud2 PointField",
-    "std_msgs.msg": "ColorRGBA Float32 Float64 String UInt8",
+    "std_msgs.msg": "Float32 Float64 String UInt8",
     "std_srvs.srv": "Trigger",
-    "visualization_msgs.msg": "Marker MarkerArray",
 }
 """Names that this module offers, by their modules. Their types are those of whichever distribution is installed."""
 

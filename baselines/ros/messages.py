@@ -1,4 +1,4 @@
-"""Messages of ROS 2: the input and output of `Onboard`, diagnostics and markers."""
+"""Messages of ROS 2: the input and output of `Onboard`, diagnostics."""
 
 import math
 from collections.abc import Sequence
@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from baselines.onboard import Command, Message, Odometry, Onboard, Output, Twist
+from baselines.onboard import Command, Message, Odometry, Onboard, Twist
 from baselines.ros import library as ros
-from baselines.ros.frames import Origin
-from lissajous_env.logs.filling import seconds, set_marker, set_odometry, set_pose, set_stamp
-from lissajous_env.logs.markers import Shape, ground_shapes, link_shape, robot_shapes
+from lissajous_env.logs.filling import seconds, set_odometry, set_pose, set_stamp
+from lissajous_env.logs.poses import heading_of
 
 RING = ("cos_phase", "sin_phase", "x", "y")
 """Names in a message to the ring neighbours, before `number_0`, `number_1` ... of the policy."""
@@ -25,19 +24,15 @@ COMMAND_TOPICS = {
 
 
 def yaw(orientation: Any) -> float:
-    """Return the heading of a quaternion [rad]; NaN if it is none."""
-    x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
-    if not abs(x * x + y * y + z * z + w * w - 1) < 0.01:
-        return math.nan
-    if x == 0 and y == 0:
-        return 2 * math.atan2(z, w) if w >= 0 else 2 * math.atan2(-z, -w)
-    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    """Return the heading of a quaternion [rad]; NaN if its length is not 1."""
+    heading, square = heading_of(orientation.x, orientation.y, orientation.z, orientation.w)
+    return heading if abs(square - 1) < 0.01 else math.nan
 
 
-def odometry_message(odometry: Odometry, yaw_rate: float, frame: str, child: str) -> Any:
+def odometry_message(odometry: Odometry, frame: str, child: str) -> Any:
     """Return a pose and speed as nav_msgs/Odometry."""
-    message, (x, y, heading, *_) = ros.Odometry(), odometry
-    set_odometry(message, odometry.stamp, (frame, child), (x, y, 0.0, heading), (odometry.speed, yaw_rate))
+    message, (x, y, heading, speed, stamp) = ros.Odometry(), odometry
+    set_odometry(message, stamp, (frame, child), (x, y, 0.0, heading), speed)
     return message
 
 
@@ -137,34 +132,4 @@ def diagnostics(name: str, onboard: Onboard, reason: str, values: dict[str, Any]
         status.values.append(ros.KeyValue(key=key, value=shown))
     message = ros.DiagnosticArray(status=[status])
     set_stamp(message.header, time, "")
-    return message
-
-
-def markers(
-    onboard: Onboard, output: Output, neighbours: list[tuple[float, float]], frame: str, origin: Origin, time: float
-) -> Any:
-    """Return the markers of a robot for RViz and Foxglove: curve, body, sensing disc, links to its ring neighbours.
-
-    Args:
-        onboard: The robot's policy.
-        output: The output of its latest step.
-        neighbours: x, y [m] that its neighbours sent.
-        frame: Frame of the laboratory.
-        origin: The middle of the rectangle in this frame.
-        time: Time [s].
-    """
-    scenario, robot = onboard.scenario, onboard.robot
-    shapes = ground_shapes(scenario, robot)
-    if output.message is not None:
-        heading = math.atan2(output.row[3], output.row[2])
-        place = output.message.x, output.message.y, 0.0, heading
-        shapes += robot_shapes(scenario, robot, place, not output.stopped)
-        shapes.append(link_shape(scenario, robot, place, neighbours))
-    return ros.MarkerArray(markers=[marker(shape, frame, time, origin) for shape in shapes])
-
-
-def marker(shape: Shape, frame: str, time: float, origin: Origin = Origin()) -> Any:  # noqa: B008 - it never changes
-    """Return the message of a shape at a time [s]."""
-    message = ros.Marker()
-    set_marker(message, ros.Point, shape, time, frame, origin.outside)
     return message

@@ -13,7 +13,8 @@ class Pilot:
 
     A pose counts from a quarter of a step before its time on. The robot announces it to its neighbours, and waits until
     it has heard of theirs, at most for `wait`. If no pose arrives within half a step after its time, the robot acts on
-    the one before, so that the rules by which it stops apply, and then on the next one as soon as it arrives.
+    the one before, so that the rules by which it stops apply, and then on the next one as soon as it arrives. It never
+    acts twice at one time, as while the clock of a simulation stands still.
 
     All times are on the clock of the robots [s], except for `wait`: if the clock of a simulation waits for the robot,
     the robot must not wait for this clock.
@@ -82,7 +83,8 @@ class Pilot:
         output = self.onboard.act(now, self.pose, heard, works=self.works, **seen)
         taken_at, self._taken_at, self._acted_at = self._taken_at, None, now
         if taken_at is None:
-            self._due = now + 0.5 * self._step
+            # Over half a step later, so that the pose of a step comes first on a clock that goes on by whole steps.
+            self._due = now + 0.75 * self._step
         elif self._is_late or abs(taken_at - self._due) > self._step:
             self._due = taken_at + self._step
         else:
@@ -91,7 +93,7 @@ class Pilot:
         return output
 
     def _is_due(self, now: float) -> bool:
-        if not self.started:
+        if not self.started or now == self._acted_at:
             return False
         if self._taken_at is None:
             return now >= self._due + 0.5 * self._step

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import random
+import re
 import threading
 from collections import deque
 from time import perf_counter
@@ -16,7 +17,7 @@ from baselines.ros import messages
 from baselines.ros.frames import Origin, SpeedOfPoses, relative
 from baselines.ros.messages import named_numbers, ring_message, yaw
 from baselines.ros.pilot import Pilot
-from baselines.ros.settings import RobotSettings
+from baselines.ros.settings import RobotSettings, check_command
 from lissajous_env.logs.filling import seconds
 
 NAME = "policy"
@@ -45,19 +46,18 @@ class RobotNode(ros.Node):
     def __init__(self, settings: RobotSettings, namespace: str | None = None, **options: Any):
         super().__init__(NAME, namespace=f"robot_{settings.robot}" if namespace is None else namespace, **options)
         self.settings = settings = self._declared(settings)
-        kind = "twist" if settings.command.startswith("twist") else "car"
-        self.onboard = Onboard(settings.policy, settings.scenario, settings.robot, kind, settings.limits())
+        self.onboard = Onboard(settings.policy, settings.scenario, settings.robot, settings)
+        check_command(self.onboard.scenario, settings.command)
         self.scenario, self._origin = self.onboard.scenario, Origin(*settings.origin)
         self._pilot = Pilot(self.onboard, settings.message_wait)
         self._speed = SpeedOfPoses(self.scenario.task.step)
         self._random = random.Random(settings.robot)
-        self._wrong_frame = ""
+        self._wrong_frame, self._reported = "", "?"
         self._output: Output | None = None
         self._times: deque[float] = deque(maxlen=1000)
         self._warm_up()
+        self._starts = settings.autostart
         self._connect()
-        if settings.autostart:
-            self._pilot.start(self.now)
 
     @property
     def now(self) -> float:
@@ -98,7 +98,6 @@ class RobotNode(ros.Node):
         self._send_message = self.create_publisher(ros.JointState, "message", ros.reliable(), **changes).publish
         self._send_action = self.create_publisher(ros.JointState, "action", ros.reliable(), **changes).publish
         self._send_phase = self.create_publisher(ros.Float64, "phase", ros.reliable(), **changes).publish
-        self._send_markers = self.create_publisher(ros.MarkerArray, "markers", ros.reliable(1), **changes).publish
         self._send_diagnostics = self.create_publisher(ros.DiagnosticArray, "/diagnostics", ros.reliable()).publish
         topics = messages.COMMAND_TOPICS[settings.command].items()
         made = [self.create_publisher(getattr(ros, cls), name, ros.reliable(1), **changes) for name, cls in topics]
@@ -187,7 +186,6 @@ class RobotNode(ros.Node):
                 self._output = None
             else:
                 getattr(self.onboard, name)()
-            self.get_logger().info(f"{name} was called")
             response.success, response.message = True, f"robot {self.onboard.robot}: {name}"
             return response
 
@@ -196,6 +194,11 @@ class RobotNode(ros.Node):
     def _tick(self) -> None:
         """Announce a new pose, and decide on the command of a step that is due."""
         before, now = perf_counter(), self.now
+        if now == 0:
+            return  # A simulated clock reads zero until its first message.
+        if self._starts:
+            self._starts = False
+            self._pilot.start(now)
         if (message := self._pilot.announce(now)) is not None:
             self._send_message(ring_message(message, self.settings.frame))
         if (output := self._pilot.act(now)) is not None:
@@ -227,6 +230,10 @@ class RobotNode(ros.Node):
             self._send_command()
 
     def _report(self) -> None:
+        kind = re.sub(r"\d[\d.]*", "", self.reason)  # a reason whose number changes is the same reason
+        if kind != self._reported:
+            self._reported = kind
+            self.get_logger().info(self.reason or "drives")
         now, heard = self.now, self._pilot.heard
         values: dict[str, Any] = {"policy": self.settings.policy}
         for sender, last in heard.items():
@@ -234,8 +241,3 @@ class RobotNode(ros.Node):
         times = list(self._times)
         values["time of a step, 99th percentile [s]"] = float(np.percentile(times, 99)) if times else math.nan
         self._send_diagnostics(messages.diagnostics(self.get_namespace()[1:], self.onboard, self.reason, values, now))
-        if self._output is not None:
-            places = [(message.x, message.y) for message in heard.values() if message is not None]
-            self._send_markers(
-                messages.markers(self.onboard, self._output, places, self.settings.frame, self._origin, now)
-            )

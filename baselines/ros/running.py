@@ -18,17 +18,10 @@ GRACE = 3.0
 class RosProcess:
     """ROS 2 in this process."""
 
-    interrupts: bool = False
-    """True if SIGTERM interrupts the process as Ctrl-C does."""
     nodes: list[Any] = field(default_factory=list)
     """Nodes, which are destroyed when ROS 2 ends."""
     signals: list[int] = field(default_factory=list)
     """Signals that have arrived."""
-
-    @property
-    def ended(self) -> bool:
-        """Return whether SIGTERM has arrived, which does not interrupt the process."""
-        return signal.SIGTERM in self.signals and not self.interrupts
 
     def check(self) -> None:
         """Interrupt the process if it was requested to.
@@ -37,9 +30,9 @@ class RosProcess:
         through this code. So signals are only noted, and handled here.
 
         Raises:
-            KeyboardInterrupt: after Ctrl-C, and after SIGTERM if it interrupts.
+            KeyboardInterrupt: after Ctrl-C or SIGTERM.
         """
-        if signal.SIGINT in self.signals or (self.signals and self.interrupts):
+        if self.signals:
             raise KeyboardInterrupt
 
     def spin(self) -> None:
@@ -48,7 +41,7 @@ class RosProcess:
         for node in self.nodes:
             executor.add_node(node)
         try:
-            while not self.ended:
+            while True:
                 executor.spin_once(timeout_sec=0.1)
                 self.check()
         finally:
@@ -64,13 +57,9 @@ class RosProcess:
 
 
 @contextmanager
-def started(interrupts: bool = False) -> Iterator[RosProcess]:
-    """Start ROS 2 for a block of code, which calls `RosProcess.check` where Ctrl-C may interrupt it.
-
-    Args:
-        interrupts: True if SIGTERM interrupts the block, too; otherwise it is noted.
-    """
-    process = RosProcess(interrupts)
+def started() -> Iterator[RosProcess]:
+    """Start ROS 2 for a block of code, which calls `RosProcess.check` where a signal may interrupt it."""
+    process = RosProcess()
     handlers = {number: signal.signal(number, process.note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         ros.start_ros()

@@ -1,14 +1,17 @@
 """Settings of the nodes. Those of a robot are the parameters of its node, too."""
 
 from dataclasses import dataclass
+from itertools import chain
 from typing import Annotated, Literal
 
 import tyro
 
 from baselines.onboard import Limits
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, choice, flag, number, rows, whole, word
 
-COMMANDS = ("car", "twist", "twist_stamped", "dart")
+COMMANDS = {"car": ("car", "dart"), "differential": ("twist", "twist_stamped")}
+"""Kinds of commands by `robot.kind`."""
 POSES = ("odometry", "pose")
 _FOREVER = 1e6
 
@@ -16,17 +19,13 @@ CommandKind = Literal["car", "twist", "twist_stamped", "dart"]
 _Flag = tyro.conf.FlagCreatePairsOff
 
 
-def _limit() -> float:
-    return number(0.0, 1e-3, _FOREVER, "s", or_zero=True)
-
-
 def _coordinate(value: object) -> float | None:
     return float(value) if isinstance(value, (int, float)) and abs(value) <= _FOREVER else None
 
 
 @dataclass(frozen=True)
-class RobotSettings(Checked):
-    """Settings of a robot's node, each of which is also a parameter of ROS 2 with the same name."""
+class RobotSettings(Limits):
+    """Settings of a robot's node with the limits beyond which it stops: parameters of ROS 2 with the same names."""
 
     scenario: str = word("experiment", "must be the name of a scenario or a file")
     """Name of a scenario, .toml file, or module:attribute."""
@@ -34,10 +33,10 @@ class RobotSettings(Checked):
     """Name of a policy, folder of a checkpoint, or module:factory."""
     robot: int = whole(0, 0, 1023)
     """Index of the robot, from 0."""
-    command: CommandKind = choice("car", *COMMANDS)  # noqa: RUF009
-    """Kind of commands: `car`: sensor_msgs/JointState with steering angle [rad] and throttle on `command`; `twist`:
-    geometry_msgs/Twist on `cmd_vel`; `twist_stamped`: TwistStamped on `cmd_vel`; `dart`: std_msgs/Float32 on `steering`
-    (angle divided by the largest) and `throttle`."""
+    command: CommandKind = choice("car", *chain(*COMMANDS.values()))  # noqa: RUF009
+    """Kind of commands, of cars `car`: sensor_msgs/JointState with steering angle [rad] and throttle on `command`, or
+    `dart`: std_msgs/Float32 on `steering` (angle divided by the largest) and `throttle`; of differential drives
+    `twist`: geometry_msgs/Twist on `cmd_vel`, or `twist_stamped`: TwistStamped on `cmd_vel`."""
     pose: Literal["odometry", "pose"] = choice("odometry", *POSES)
     """Kind of poses: `odometry`: nav_msgs/Odometry on `odom`; `pose`: geometry_msgs/PoseStamped on `pose`, from which
     the speed is computed."""
@@ -52,16 +51,6 @@ class RobotSettings(Checked):
     clock [s]."""
     message_loss: float = number(0.0, 0.0, 1.0)
     """Fraction of the neighbours' messages that are ignored at random, to try a bad network."""
-    pose_age: float = _limit()
-    """Largest age of the pose [s]; here and below, 0 selects the default of `baselines.onboard.Limits`."""
-    fence: float = number(0.0, 1e-3, _FOREVER, "m", or_zero=True)
-    """Largest distance of the robot from the rectangle [m]."""
-    clock_jump: float = _limit()
-    """Largest jump of the clock [s]."""
-    silence: float = _limit()
-    """Longest time without a message of a neighbour [s]."""
-    watchdog: float = _limit()
-    """Time for which a command is valid [s]."""
     autostart: Annotated[bool, _Flag] = flag(False)
     """Drive from the first pose on, without a call of the service `start`."""
 
@@ -73,17 +62,12 @@ class RobotSettings(Checked):
     def _check_together(self) -> None:
         self._require(len(self.origin) == 3, "origin", "must be x, y [m] and heading [rad]")
 
-    def limits(self) -> Limits:
-        """Return the limits beyond which the robot stops."""
-        names = ("pose_age", "fence", "clock_jump", "silence", "watchdog")
-        return Limits(**{name: getattr(self, name) or None for name in names})
-
 
 @dataclass(frozen=True)
 class WorldSettings(Checked):
     """Settings of the node that simulates the robots' hardware."""
 
-    command: CommandKind = choice("car", *COMMANDS)  # noqa: RUF009
+    command: CommandKind = choice("car", *chain(*COMMANDS.values()))  # noqa: RUF009
     """Kind of the robots' commands, as in `lissajous ros robot`."""
     seed: int = whole(0, 0, 2**31 - 1)
     """Seed of the episode."""
@@ -98,3 +82,16 @@ class WorldSettings(Checked):
     def part(self) -> str:
         """Name of these settings in error messages."""
         return "node"
+
+
+def check_command(scenario: Scenario, command: str) -> None:
+    """Check that robots understand a kind of commands.
+
+    Raises:
+        ValueError: they are neither cars nor differential drives, or understand another kind.
+    """
+    kind = scenario.robot.kind
+    if kind not in COMMANDS:
+        raise ValueError(f"scenario must be of robots of kind {' or '.join(COMMANDS)}, got {kind}")
+    if command not in COMMANDS[kind]:
+        raise ValueError(f"command must be {' or '.join(COMMANDS[kind])} for robots of kind {kind}, got {command}")

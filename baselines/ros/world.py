@@ -8,15 +8,13 @@ from typing import Any
 import numpy as np
 
 from baselines.onboard import Limits, inputs_of
-from baselines.onboard.commands import check_robots
 from baselines.ros import library as ros
 from baselines.ros import messages
-from baselines.ros.settings import WorldSettings
+from baselines.ros.settings import WorldSettings, check_command
 from baselines.ros.vehicle import Vehicle
 from lissajous_env.console.terminal import CommandError
 from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.logs.filling import seconds
-from lissajous_env.logs.markers import target_shape
 from lissajous_env.logs.reading import EPISODE
 from lissajous_env.logs.writing import FRAME, START, episode_text
 from lissajous_env.parameters.scenario import Scenario
@@ -49,14 +47,14 @@ class WorldNode(ros.Node):
         discovery: Time for which the node waits at least, so that a recorder that was there before misses nothing [s].
 
     Raises:
-        ValueError: as `baselines.onboard.commands.check_robots`.
+        ValueError: as `baselines.ros.settings.check_command`.
     """
 
     loop: Any = None
     discovery = DISCOVERY
 
     def __init__(self, scenario: Scenario, settings: WorldSettings, **options: Any):
-        check_robots(scenario, settings.command)
+        check_command(scenario, settings.command)
         super().__init__(NAME, **options)
         self.settings, self.simulation = settings, Simulation(scenario, seed=settings.seed)
         self.scenario, self._begun, self._start = self.simulation.scenario, monotonic(), START
@@ -66,9 +64,9 @@ class WorldNode(ros.Node):
         self.simulation.reset(seeds=[settings.seed])
         self._recorder = Recorder(self.simulation)
         count = self.scenario.num_robots
-        watchdog = float(Limits().of(self.scenario).watchdog or 0.0)
+        watchdog = Limits().of(self.scenario).watchdog
         self._vehicles = [Vehicle(self.scenario, watchdog) for _ in range(count)]
-        self._status, self._yaw_rate = [-1] * count, np.zeros(count)
+        self._status = [-1] * count
         self._is_there, self.awaited = [False] * count, [True] * count
         self._decided_at = [-math.inf] * count
         self.loop = ros.make_executor()
@@ -76,7 +74,6 @@ class WorldNode(ros.Node):
         self._robots = [self._connect(k) for k in range(count)]
         self._send_clock = self.create_publisher(ros.Clock, "/clock", ros.reliable(1)).publish
         self._send_episode = self.create_publisher(ros.String, EPISODE, ros.lasting()).publish
-        self._send_markers = self.create_publisher(ros.MarkerArray, "/markers", ros.reliable(1)).publish
 
     @property
     def now(self) -> float:
@@ -106,12 +103,8 @@ class WorldNode(ros.Node):
             self._await_decisions()
             while (left := begins - monotonic()) > 0:
                 self._spin(left)
-            speeds = self.simulation.robots.speed.numpy()[0].tolist()
-            actions = [base.action(self.now, speed) for base, speed in zip(self._vehicles, speeds, strict=True)]
-            before = self.simulation.robots.measured.numpy()[0, :, 2].copy()
+            actions = [base.action(self.now) for base in self._vehicles]
             self.simulation.step(np.stack(actions)[None])
-            turned = self.simulation.robots.measured.numpy()[0, :, 2] - before
-            self._yaw_rate = np.arctan2(np.sin(turned), np.cos(turned)) / self.scenario.task.step
             self._recorder.take()
             on_step()
         self._publish()
@@ -223,8 +216,5 @@ class WorldNode(ros.Node):
             aligned = f"robot_{k}/aligned"
             robot["robots"](messages.cloud_message(inputs.robots, time, aligned))
             robot["targets"](messages.cloud_message(inputs.targets, time, aligned))
-            robot["odom"](messages.odometry_message(odometry, float(self._yaw_rate[k]), frame, f"robot_{k}/base_link"))
+            robot["odom"](messages.odometry_message(odometry, frame, f"robot_{k}/base_link"))
             robot["pose"](messages.pose_message(odometry, frame))
-        present = self.simulation.targets.in_sight.numpy()[0] == 1
-        targets = target_shape(self.scenario, self.simulation.targets.position.numpy()[0][present])
-        self._send_markers(ros.MarkerArray(markers=[messages.marker(targets, frame, time)]))

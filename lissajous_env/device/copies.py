@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.by_value import PROMPT, ByValue
 from lissajous_env.device.work import Work
+from lissajous_env.plugins import PROMPT, ByValue
 from lissajous_env.wording import few_of
 
 _AS_MADE = (

@@ -7,6 +7,7 @@ and `step`, and converts the arrays of `rows` into what the library expects.
 import itertools
 import os
 from collections.abc import Mapping
+from importlib import import_module
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -17,13 +18,11 @@ from gymnasium.error import ResetNeeded
 from lissajous_env.envs.sides import Side, sides_of
 from lissajous_env.envs.true_state import state_rows, state_size
 from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
-from lissajous_env.episodes.policies import policy
 from lissajous_env.parameters import named
-from lissajous_env.parameters.draws import Draws
-from lissajous_env.parameters.named_spaces import space_and_split
+from lissajous_env.parameters.named import space_and_split
 from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.parameters.space import ScenarioSpace
+from lissajous_env.parameters.space import Draws, ScenarioSpace
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import shown
 from lissajous_env.world.observation import layout
@@ -224,11 +223,11 @@ class Batch:
         """Begin episodes in the worlds of a space; groups that are reset as a whole draw their next scenario."""
         if self._draws is None:
             seed = int(drawn_seeds(1)[0]) if self._seeds[0] == _FROM_SYSTEM else int(self._seeds[0])
-            self._draws, chosen = Draws(self.space, self.split, seed, self._changed), np.ones_like(chosen)  # type: ignore[arg-type]
+            self._draws, chosen = Draws(self.space, self.split, seed, self._changed, self._fits), np.ones_like(chosen)  # type: ignore[arg-type]
         for group, simulation in enumerate(self.simulations):
             of_group = chosen[self.worlds_of(group)]
             if of_group.all():
-                made, seed = self._draws.next(group, self._fits)
+                made, seed = self._draws.next(group)
                 self._check(made)
                 self.simulations[group], self._views = self._simulation(made, seed), Views()
             elif of_group.any():
@@ -357,7 +356,8 @@ def driver_of(robots: Any, scenario: Scenario, num_worlds: int, device: Any = "c
         ValueError: the policy is unknown, or is for another number of worlds.
     """
     if isinstance(robots, (str, os.PathLike)):
-        return policy(robots, scenario, num_worlds, device)
+        factories = import_module("baselines.policies.factories")  # which imports this package
+        return factories.named(os.fspath(robots))(scenario, num_worlds, device)
     if hasattr(robots, "act"):
         if robots.num_worlds != num_worlds:
             raise ValueError(f"robots must be driven by a policy for {num_worlds} worlds, got {robots.num_worlds}")

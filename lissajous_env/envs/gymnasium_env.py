@@ -35,11 +35,10 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
         render_mode: None, `rgb_array`, or `human` for a window.
         robots: Policy that drives the robots: a name, a policy, or a function; see `Batch`. The
             rogues are then the agent, and `rogues` is `agents`.
-        discrete_actions: True for actions (N,) that are indices of the table in `lissajous_env.envs.actions`.
+        discrete_actions: True for actions (N,) that are indices of the table in `lissajous_env.envs.sides`.
         flat_actions: True for actions (N * action_size,) instead of (N, action_size).
         max_cycles: Number of steps of an episode, instead of `task.duration`.
         device: Warp device.
-        record: True to record episodes for `replay`.
         **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`.
 
     Raises:
@@ -59,7 +58,6 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
         flat_actions: bool = False,
         max_cycles: int | None = None,
         device: Any = "cpu",
-        record: bool = False,
         **overrides: Any,
     ):
         batch = Batch(
@@ -75,7 +73,7 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
         self.observation_space, self.action_space = self._side.team_spaces(flat_actions)
         self._steps = batch.scenario.task.steps if batch.space is None else max_cycles
         self._running = False
-        self._start(batch, render_mode, record)
+        self._start(batch, render_mode)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
         """Begin an episode, as `LissajousParallelEnv.reset`."""
@@ -98,8 +96,6 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
         if not self._running:
             raise ResetNeeded(NEEDS_RESET)
         self.batch.step({self._side.agent: given})
-        if self._follower is not None:
-            self._follower.look()
         rows = self.batch.rows(self._side)
         reward = rows.reward[0].copy()
         terminated, over = bool(rows.terminated.all()), bool(self.batch.over[0])

@@ -1,25 +1,21 @@
 """The Gymnasium environment of a batch of worlds; a row is a team, or a robot with `agents_as_rows`."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from lissajous_env.envs.actions import on_host
 from lissajous_env.envs.batch import Batch
-from lissajous_env.envs.one_world import METADATA, NEEDS_RESET, Timed, followed, replay_of
+from lissajous_env.envs.one_world import NEEDS_RESET, Timed
+from lissajous_env.envs.sides import on_host
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import shown
 from lissajous_env.world.selection import world_mask
-
-if TYPE_CHECKING:
-    from lissajous_env.replay import Replay
 
 
 class LissajousVectorEnv(Timed, VectorEnv):
@@ -42,16 +38,14 @@ class LissajousVectorEnv(Timed, VectorEnv):
     Args:
         scenario: Name of a scenario, or a `Scenario`.
         num_envs: Number of worlds W.
-        render_mode: None, or `rgb_array`.
         max_cycles: Number of steps of an episode, instead of `task.duration`.
         max_episode_steps: Limit on these steps, which `gymnasium.make_vec` passes if a specification contains it.
-        discrete_actions: True for actions that are indices of the table in `lissajous_env.envs.actions`.
+        discrete_actions: True for actions that are indices of the table in `lissajous_env.envs.sides`.
         flat_actions: True for actions (W, N * action_size). Discrete actions and those of one robot are always flat.
         agents_as_rows: True for one row per robot.
         autoreset_mode: `NEXT_STEP` (the step after the end resets), `SAME_STEP` or `DISABLED`, or the enum.
         device: Warp device.
         threads: CPU threads; all cores by default.
-        record: Index of the world whose episodes are recorded for `replay`; None records none.
         **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`.
 
     Raises:
@@ -64,7 +58,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
         scenario: str | Scenario = "experiment",
         num_envs: int = 1,
         *,
-        render_mode: str | None = None,
         max_cycles: int | None = None,
         max_episode_steps: int | None = None,
         discrete_actions: bool = False,
@@ -73,17 +66,13 @@ class LissajousVectorEnv(Timed, VectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         device: Any = "cpu",
         threads: int | None = None,
-        record: int | None = None,
         **overrides: Any,
     ):
         modes = {mode.name: mode for mode in AutoresetMode}
         name = autoreset_mode.name if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
         if not isinstance(name, str) or name not in modes:
             raise ValueError(f"autoreset_mode must be one of {', '.join(modes)}, got {shown(autoreset_mode)}")
-        if render_mode is not None and not (isinstance(render_mode, str) and render_mode == "rgb_array"):
-            raise ValueError(f"render_mode must be None or rgb_array, got {shown(render_mode)}")
         self.autoreset_mode = modes[name]
-        self.render_mode = render_mode
         made = named.with_cycles(named.scenario(scenario, **overrides), max_cycles)
         if max_episode_steps is not None and whole_number("max_episode_steps", max_episode_steps) < made.task.steps:
             made = named.with_cycles(made, max_episode_steps)
@@ -94,11 +83,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
         self.simulation, self.scenario = self.batch.simulation, self.batch.scenario
         rows_each = self._side.places if agents_as_rows else 1
         self.num_envs = num_envs * rows_each
-        self.metadata = {
-            "autoreset_mode": self.autoreset_mode,
-            "render_modes": ["rgb_array"],
-            "render_fps": METADATA["render_fps"],
-        }
+        self.metadata = {"autoreset_mode": self.autoreset_mode}
         if agents_as_rows:
             self.single_observation_space, self.single_action_space = self._side.row_space(), self._side.action_space()
         else:
@@ -109,8 +94,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
         self._ended = np.zeros(num_envs, dtype=bool)
         self._begun = np.zeros(num_envs, dtype=bool)
         self._gone = np.zeros(self.simulation.action_shape[:2], dtype=bool)
-        self._gallery: Any = None
-        self._follower = followed(self.simulation, record)
 
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
@@ -134,7 +117,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
         if seed is not None:
             super().reset(seed=int(np.ravel(seed)[0]))  # checked above
         self._ended[worlds], self._begun[worlds], self._gone[worlds] = False, True, False
-        self._look()
         return self._observed(), self._infos(np.zeros(self.simulation.action_shape[:2], np.float32), self._ended)
 
     def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -149,12 +131,10 @@ class LissajousVectorEnv(Timed, VectorEnv):
         sim = self.simulation
         begins = self._ended & (self.autoreset_mode is AutoresetMode.NEXT_STEP)
         sim.step(self._of_robots(actions))
-        self._look()
         if begins.any():
             # A world that ended did not move in the step above; it returns its first observation.
             self.batch.reset(begins)
             self._gone[begins] = False
-            self._look()
         robot_reward, ended = sim.reward.numpy().copy(), sim.over
         terminated, truncated = self._flags(ended)
         reward = robot_reward.reshape(-1) if self._agents_as_rows else robot_reward.mean(axis=1)
@@ -165,44 +145,10 @@ class LissajousVectorEnv(Timed, VectorEnv):
             self._begin_again(newly, terminated | truncated, infos)
         return self._observed(), reward, terminated, truncated, infos
 
-    def render(self) -> tuple[np.ndarray, ...] | None:
-        """Draw the world of every row: (H, W, 3) uint8 each, smaller for more worlds (`lissajous_env.render.Gallery`).
-
-        Rows of one world share its picture. Return None without a render mode.
-        """
-        if self.render_mode is None:
-            gymnasium.logger.warn("render was called on an environment without a render_mode")
-            return None
-        if self._gallery is None:
-            from lissajous_env.render import Gallery
-
-            self._gallery = Gallery(self.scenario, self.simulation.num_worlds)
-        pictures = self._gallery.draw(self.simulation)
-        return tuple(picture for picture in pictures for _ in range(self._rows_each))
-
-    def replay(self, policy: str = "") -> "Replay":
-        """Return the latest complete episode of the recorded world, or else the current one, as a page.
-
-        Args:
-            policy: Name of the policy, for the page.
-
-        Raises:
-            ValueError: the environment was made without `record`, or there was no reset yet.
-        """
-        return replay_of(self._follower, policy, "record=0, the number of a world", ended=True)
-
-    def close_extras(self, **_: Any) -> None:
-        """Free the resources for drawing."""
-        self._gallery = None
-
     @property
     def score_names(self) -> tuple[str, ...]:
         """Names of the numbers in `score` of the infos."""
         return self.simulation.score_names
-
-    def _look(self) -> None:
-        if self._follower is not None:
-            self._follower.look()
 
     def _masked(self, options: Any) -> np.ndarray:
         """Return the indices of the worlds that the options of a reset select."""
@@ -259,7 +205,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
             return
         last = self._observed()
         self.batch.reset(newly)
-        self._look()
         self._ended[:] = False
         self._gone[newly] = False
         final = np.full(self.num_envs, None, dtype=object)
@@ -272,9 +217,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
     def _observed(self) -> np.ndarray:
         host = self.simulation.observation.numpy().reshape(self.observation_space.shape)  # pyright: ignore
         return host.copy() if self.simulation.device.is_cpu else host
-
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_gallery": None}
 
 
 def vector_env(scenario: str | Scenario = "experiment", num_envs: int = 1, **settings: Any) -> LissajousVectorEnv:

@@ -1,7 +1,7 @@
-"""Parts of the environments of one world: drawing, replays, scores, and their specification for Gymnasium."""
+"""Parts of the environments of one world: drawing, scores, and their specification for Gymnasium."""
 
 import copy
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -12,10 +12,6 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.selection import fold_seed
 from lissajous_env.world.simulation import Simulation
-
-if TYPE_CHECKING:
-    from lissajous_env.episodes.recording import Follower
-    from lissajous_env.replay import Replay
 
 NEEDS_RESET = "step needs a running episode: call reset first"
 METADATA = {
@@ -38,19 +34,18 @@ class OneWorld:
     batch: Batch
     render_mode: str | None
 
-    def _start(self, batch: Batch, render_mode: str | None, record: bool) -> None:
-        """Use a batch, and check the settings of drawing and recording."""
+    def _start(self, batch: Batch, render_mode: str | None) -> None:
+        """Use a batch, and check the setting of drawing."""
         known = isinstance(render_mode, str) and render_mode in METADATA["render_modes"]
         if render_mode is not None and not known:
             raise ValueError(f"render_mode must be None, rgb_array or human, got {shown(render_mode)}")
-        self.batch, self.render_mode, self._record = batch, render_mode, record
+        self.batch, self.render_mode = batch, render_mode
         self._renderer: Any = None
         self._use_simulation()
 
     def _use_simulation(self) -> None:
         self.simulation: Simulation = self.batch.simulation
         self.scenario: Scenario = self.simulation.scenario
-        self._follower = followed(self.simulation, 0 if self._record else None)
         self.close()
 
     def _begin(self, seed: int | None) -> None:
@@ -59,8 +54,6 @@ class OneWorld:
         self.batch.reset()
         if self.simulation is not self.batch.simulation:
             self._use_simulation()
-        if self._follower is not None:
-            self._follower.look()
         if self._renderer is not None:
             self._renderer.reset()
 
@@ -91,17 +84,6 @@ class OneWorld:
         self._renderer.show(METADATA["render_fps"])
         return None
 
-    def replay(self, policy: str = "") -> "Replay":
-        """Return the episode so far as a page, which notebooks display and `save` writes to a file.
-
-        Args:
-            policy: Name of the policy, for the page.
-
-        Raises:
-            ValueError: the environment was made without `record=True`, or there was no reset yet.
-        """
-        return replay_of(self._follower, policy, "record=True")
-
     def close(self) -> None:
         """Close the window, if there is one."""
         if self._renderer is not None:
@@ -126,31 +108,3 @@ class Timed:
         self._spec = copy.copy(spec)
         if self._spec is not None and self._steps is not None:
             self._spec.max_episode_steps = self._steps
-
-
-def followed(simulation: Simulation, world: int | None) -> "Follower | None":
-    """Return a recorder of a world of a simulation, or None for no world.
-
-    Raises:
-        ValueError: there is no such world.
-    """
-    if world is None:
-        return None
-    if isinstance(world, bool) or not isinstance(world, int) or not 0 <= world < simulation.num_worlds:
-        raise ValueError(f"record must be None or a world from 0 to {simulation.num_worlds - 1}, got {shown(world)}")
-    from lissajous_env.episodes.recording import Follower
-
-    return Follower(simulation, world)
-
-
-def replay_of(follower: "Follower | None", policy: str, how: str, ended: bool = False) -> "Replay":
-    """Return the current episode as a page or, if `ended`, the latest complete one if there is one.
-
-    Raises:
-        ValueError: nothing was recorded; the message contains `how` to enable it.
-    """
-    if follower is None:
-        raise ValueError(f"replay requires an environment that was made with {how}")
-    from lissajous_env.replay import Replay
-
-    return Replay(follower.recording(policy, ended))

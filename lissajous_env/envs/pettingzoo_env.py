@@ -46,11 +46,10 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         scenario: Name of a scenario, or a `Scenario`; a space of scenarios, or SPACE:SPLIT, where SPLIT is a split or a
             shift, by default `train`.
         render_mode: None, `rgb_array`, or `human` for a window; pictures of two scenarios differ in size.
-        discrete_actions: True for actions that are indices of `lissajous_env.envs.actions.action_table`, and of
+        discrete_actions: True for actions that are indices of `lissajous_env.envs.sides.action_table`, and of
             `rogue_table` for rogues.
         max_cycles: Number of steps of an episode, instead of `task.duration`.
         device: Warp device.
-        record: True to record episodes for `replay`; a step takes up to 1 ms longer.
         **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`; of a space, those that are given
             instead of drawn.
 
@@ -70,7 +69,6 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         discrete_actions: bool = False,
         max_cycles: int | None = None,
         device: Any = "cpu",
-        record: bool = False,
         **overrides: Any,
     ):
         settings: dict[str, Any] = {"discrete_actions": discrete_actions, "max_cycles": max_cycles, "device": device}
@@ -87,7 +85,7 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         self._live_robots: list[str] = []
         self._live_rogues: list[int] = []
         """Slots of the rogues that act in the next step."""
-        self._start(batch, render_mode, record)
+        self._start(batch, render_mode)
 
     @property
     def np_random(self) -> np.random.Generator:
@@ -154,8 +152,6 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         if self._on_device:
             self.simulation.action.assign(self._action.reshape(self.simulation.action_shape))
         self.simulation.advance()
-        if self._follower is not None:
-            self._follower.look()
         if self._on_device:
             self._fetch()
         agents = self._live_robots

@@ -1,4 +1,4 @@
-"""The two sides of a batch, robots and rogues: names, rows, actions and ends of their agents."""
+"""The two sides of a batch, robots and rogues: names, rows, actions, tables of discrete actions, and ends."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -7,7 +7,8 @@ import gymnasium
 import numpy as np
 import warp as wp
 
-from lissajous_env.envs.actions import action_table, on_host, rogue_table
+from lissajous_env.device.devices import is_torch
+from lissajous_env.parameters import named
 from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
@@ -171,3 +172,33 @@ def check_agents(actions: Any, live: Sequence[str]) -> None:
         missing = [agent for agent in live if agent not in actions]
         unknown = [agent for agent in actions if agent not in live]
         raise ValueError(f"actions must name each live agent once: missing {missing}, unknown or not live {unknown}")
+
+
+def action_table(scenario: str | Scenario) -> np.ndarray:
+    """Return (K, action_size) the actions from which a discrete action selects.
+
+    They are steering x throttle, phase rates, or rest and velocities in eight directions. With messages of k numbers,
+    the table contains every motion with each of k + 1 messages: first zeros, then 1 in component 0 and zeros elsewhere,
+    and so on.
+    """
+    scenario = named.build(scenario)
+    moves = np.array(scenario.model.table, dtype=np.float32)
+    words = np.eye(scenario.messages.size + 1, dtype=np.float32)[:, 1:]
+    return np.hstack([np.tile(moves, (len(words), 1)), np.repeat(words, len(moves), axis=0)])
+
+
+def rogue_table() -> np.ndarray:
+    """Return (9, 2) the actions from which a rogue's discrete action selects: rest, and eight directions."""
+    angles = np.arange(8) * (np.pi / 4)
+    return np.vstack([np.zeros((1, 2)), np.stack([np.cos(angles), np.sin(angles)], axis=1)]).astype(np.float32)
+
+
+def on_host(actions: Any) -> Any:
+    """Return arrays of other libraries as NumPy arrays, also torch's on a GPU, with a gradient, or of bfloat16."""
+    if isinstance(actions, (list, tuple)):
+        return [on_host(action) for action in actions]
+    if is_torch(actions) and hasattr(actions, "detach"):
+        plain = actions.detach().cpu().resolve_neg()
+        is_short = plain.is_floating_point() and plain.element_size() < 4  # NumPy does not have all of these types
+        return (plain.float() if is_short else plain).numpy()
+    return np.asarray(actions) if hasattr(actions, "__array__") else actions

@@ -14,10 +14,8 @@ import numpy as np
 from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.parts import Faults, Noise
-from lissajous_env.settings.robot import Robot
-from lissajous_env.settings.targets import Targets
-from lissajous_env.settings.task import Task
+from lissajous_env.settings.parts import Faults, Noise, Robot
+from lissajous_env.settings.task import Targets, Task
 from lissajous_env.theory.geometry import largest_speed
 from lissajous_env.world.score import is_open
 from lissajous_env.world.simulation import Simulation

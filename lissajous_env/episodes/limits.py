@@ -27,7 +27,7 @@ import numpy as np
 
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.targets import Targets
+from lissajous_env.settings.task import Targets
 from lissajous_env.theory.geometry import largest_speed
 from lissajous_env.theory.worst_case import clearing_time, revisiting_time
 
@@ -68,8 +68,8 @@ def mean_time_limit(scenario: str | Scenario) -> float:
 
     A target counts until the end of the episode, hence the ends of the integrals; w is a lower bound of the mean share
     of initial targets by Jensen's inequality. The bound is 0 if the discs can cover everything from the start. It is
-    NaN if nothing is proved: no targets, a custom motion or robot model, targets that appear at hotspots or anew, or an
-    episode that ends when robots are removed.
+    NaN if nothing is proved: no targets, a custom motion or robot model, targets that appear at hotspots, by an
+    extension or anew, or an episode that ends when robots are removed.
     """
     scenario = named.build(scenario)
     targets, task, speed = scenario.targets, scenario.task, robot_speed_limit(scenario)
@@ -79,7 +79,7 @@ def mean_time_limit(scenario: str | Scenario) -> float:
         or _ends_early(scenario)
         or targets.custom > 0
         or targets.rogues
-        or targets.entry == "hotspots"
+        or targets.entry in ("hotspots", "custom")
         or targets.respawn
         or targets.count + mean_arrivals == 0
     ):

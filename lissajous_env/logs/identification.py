@@ -9,16 +9,16 @@ values between the throttles of the log.
 import math
 from dataclasses import dataclass
 from itertools import pairwise, product
-from typing import Any
 
 import numpy as np
+from scipy import sparse
 from scipy.optimize import least_squares
 
 from lissajous_env.logs.inputs import INPUTS, LARGEST_STEERING
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import SOME, local_deviations, motion_of
 from lissajous_env.logs.rollouts import MODELS, Rollouts
-from lissajous_env.settings.robot import Robot
+from lissajous_env.settings.parts import Robot
 from lissajous_env.wording import few_of
 from lissajous_env.world.state import WORKING
 
@@ -27,8 +27,6 @@ _SEGMENT = 2.0
 _GAP = 0.5
 """Longest time between two poses from which a speed is computed [s]."""
 _MOST_SEGMENTS = 120
-_MOST_ZONES = 48
-"""Values of the dead zone that are compared at once."""
 _ZONES_FITTED = 4
 """Values of the dead zone to each side that are compared together with the best constants of each."""
 _DELAYS = np.arange(0.0, 0.5, 0.1)
@@ -39,7 +37,7 @@ _CHANGE = 1e-3
 """Relative change for derivatives; for the delay in seconds."""
 _ROUNDING = 1e-5
 """Least relative standard error: predictions are computed in single precision."""
-_UNKNOWN = 0.25
+_UNKNOWN = 0.1
 """Relative standard error above which a log does not determine a limit."""
 _NOISES, _SPREAD = 4.0, 0.05
 """Factors on the noise of the log and on the spread of the motion in a segment, up to which residuals are no misfit."""
@@ -47,10 +45,6 @@ _CALM = 0.1
 """Quantile of the deviations from smooth motion that counts as noise: a robot that turns fast deviates, too."""
 _LEAST_UNITS = (1e-3, 1e-2, 1e-2, 1e-1, 1.0)
 """Least units in which the smooth constants are fitted."""
-_FIRST_STEPS = 6
-"""Steps to the best starts with which a fit begins."""
-_SHARES = np.array([1.0, 0.3, 0.1, 0.0])
-"""Shares of a step to the best start that are compared."""
 _FIRST_SCALE = np.array([0.01, 0.01, 0.02, 0.02, 0.1])
 """First units of the residuals, and of the entries of a start."""
 
@@ -145,31 +139,27 @@ class _Fit:
         self._zones = np.concatenate([[self._throttles[0] - 1e-3], middles])
 
     def run(self) -> Identified:
-        """Fit in turns the smooth constants, the dead zone, and the scale of the residuals."""
+        """Fit in turns the constants, the scale of the residuals, and between fits the dead zone."""
         constants = self._best_of(self._begins())
-        zone = self._names.index("dead_zone") if "dead_zone" in self._names else None
-        if zone is not None:
-            constants = self._likely_zone(constants, zone)
         zone_error = np.nan
+        if "dead_zone" in self._names:
+            constants, zone_error = self._with_dead_zone(constants, self._names.index("dead_zone"))
         for _ in range(2):
-            constants, _, _ = self._fit(constants)
-            if zone is not None:
-                constants[zone], zone_error = self._best_zone(constants, zone)
+            constants, _ = self._fit(constants)
             self._scale = self._deviations(constants)
-        constants, errors, _ = self._fit(constants)
-        errors = np.maximum(errors, _ROUNDING * np.abs(constants))
-        if zone is not None:
-            errors[zone] = zone_error
+        constants, _ = self._fit(constants)
+        errors = self._errors(constants)
+        if "dead_zone" in self._names:
+            errors[self._names.index("dead_zone")] = zone_error
         is_limit = np.array([name in self._model.limits for name in self._names])
         unknown = np.isnan(errors) | (is_limit & (errors > _UNKNOWN * constants))
         constants, errors = np.where(unknown, self._guess, constants), np.where(unknown, np.nan, errors)
         deviations = self._deviations(constants)
-        residual = {
-            "position": float(deviations[0]),
-            "heading": float(deviations[2]),
-            "speed": float(deviations[3]) if self._known[:, 3].any() else math.nan,
-        }
+        residual = {"position": deviations[0], "heading": deviations[2], "speed": deviations[3]}
+        if not self._known[:, 3].any():
+            residual["speed"] = math.nan
         values, deviations = (dict(zip(self._names, map(float, row), strict=True)) for row in (constants, errors))
+        residual = {name: float(value) for name, value in residual.items()}
         return Identified(values, deviations, residual, len(self._measured), self._misfits(residual))
 
     def _misfits(self, residual: dict[str, float]) -> tuple[str, ...]:
@@ -215,81 +205,76 @@ class _Fit:
         for constants in sets:
             # A bad value leads the starts astray, from where the next value would not find back.
             self._starts = begun
-            fitted, _, cost = self._fit(constants, evaluations=4)
+            fitted, cost = self._fit(constants, evaluations=8)
             fits.append((cost, fitted, self._starts))
         _, best, self._starts = min(fits, key=lambda fit: fit[0])
         return best
 
-    def _fit(self, constants: np.ndarray, evaluations: int = 30) -> tuple[np.ndarray, np.ndarray, float]:
-        """Fit the smooth constants and the starts; return the constants, their standard errors, and the cost."""
-        smooth = self._smooth
-        unit = np.maximum(np.abs(constants[smooth]), _LEAST_UNITS)
+    def _fit(self, constants: np.ndarray, evaluations: int = 40) -> tuple[np.ndarray, float]:
+        """Fit the smooth constants and the starts together; return the constants and the cost."""
+        unit = np.maximum(np.abs(constants[self._smooth]), _LEAST_UNITS)
+        free, count = self._model.free, len(self._smooth)
 
-        def whole(x: np.ndarray) -> np.ndarray:
-            given = constants.copy()
-            given[smooth] = x * unit
-            return given
+        def parts(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            given, starts = constants.copy(), self._begun.copy()
+            given[self._smooth] = x[:count] * unit
+            starts[:, :free] += x[count:].reshape(-1, free) * self._scale[:free]
+            return given, starts
 
-        low = np.array(self._model.least)[smooth] / unit
-        begin: Any = np.maximum(constants[smooth] / unit, low)
-        slopes: Any = lambda x: self._slopes(whole(x), unit)  # noqa: E731
-        self._from_best_starts(constants, _FIRST_STEPS)
+        self._begun = self._starts
+        low = np.append(np.array(self._model.least)[self._smooth] / unit, np.full(len(self._starts) * free, -np.inf))
+        begin = np.append(np.maximum(constants[self._smooth] / unit, low[:count]), np.zeros(len(low) - count))
         solution = least_squares(
-            lambda x: self._from_best_starts(whole(x)).ravel(), begin, slopes, (low, np.inf), max_nfev=evaluations
+            lambda x: self._residuals(*(values[None] for values in parts(x)))[0].ravel(),
+            begin,
+            lambda x: self._slopes(*parts(x), unit),
+            (low, np.inf),
+            tr_solver="lsmr",
+            max_nfev=evaluations,
         )
-        degrees = max(int(self._known.sum()) - len(smooth) - len(self._starts) * self._model.free, 1)
-        square = solution.jac.T @ solution.jac
-        variance = np.diag(np.linalg.pinv(square)) * (2 * solution.cost / degrees)
-        errors = np.full(len(constants), np.nan)
-        errors[smooth] = np.where(np.diag(square) < 1e-16, np.nan, np.sqrt(variance) * unit)
-        fitted = whole(solution.x)
-        return fitted, errors, float((self._from_best_starts(fitted) ** 2).sum())
+        fitted, self._starts = parts(solution.x)
+        return fitted, float(solution.cost)
 
-    def _from_best_starts(self, constants: np.ndarray, steps: int = 2) -> np.ndarray:
-        """Return the residuals (K, 4) from the best start of each segment, which some Gauss-Newton steps find.
+    def _slopes(self, constants: np.ndarray, starts: np.ndarray, unit: np.ndarray) -> sparse.csr_matrix:
+        """Return the slopes (4 K, C + E S) of the residuals along C smooth constants and E entries of each of S starts.
 
-        A step that would make a segment's residuals larger is shortened, or left out.
+        A start changes the residuals of its own segment alone, so that all segments are changed at once.
         """
-        first, segments = self._begin[:-1], np.arange(len(self._starts))
-        for _ in range(steps):
-            away, slopes = self._start_slopes(constants)
-            step = np.zeros_like(self._starts)
-            step[:, : self._model.free] = self._explained(slopes, away[..., None])[..., 0]
-            tried = self._starts - _SHARES[:, None, None] * step * self._scale
-            rest = self._residuals(np.repeat(constants[None], len(_SHARES), axis=0), tried)
-            costs = np.add.reduceat((rest**2).sum(axis=2), first, axis=1)
-            self._starts = tried[np.argmin(costs, axis=0), segments]
-        return self._residuals(constants[None], self._starts[None])[0]
-
-    def _start_slopes(self, constants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the residuals (K, 4), and their slopes (K, 4, E) along each of E entries of their segment's start."""
-        entries = np.arange(self._model.free)
-        begun = np.repeat(self._starts[None], len(entries) + 1, axis=0)
-        begun[1 + entries, :, entries] += self._scale[entries, None]
-        away = self._residuals(np.repeat(constants[None], len(begun), axis=0), begun)
-        return away[0], np.moveaxis(away[1:] - away[0], 0, -1)
-
-    def _explained(self, slopes: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Return the changes of the starts (S, E, C), in units, that explain values (K, 4, C) best."""
-        first = self._begin[:-1]
-        square = np.add.reduceat(np.einsum("kia,kib->kab", slopes, slopes), first)
-        mixed = np.add.reduceat(np.einsum("kia,kic->kac", slopes, values), first)
-        return np.linalg.solve(square + 1e-9 * np.eye(slopes.shape[-1]), mixed)
-
-    def _slopes(self, constants: np.ndarray, unit: np.ndarray) -> np.ndarray:
-        """Return the slopes of the residuals along the smooth constants, less what the starts explain of them."""
-        count = len(self._smooth)
+        count, free = len(self._smooth), self._model.free
         changes = np.zeros((count, len(constants)))
         changes[np.arange(count), self._smooth] = _CHANGE * unit
         sets = np.concatenate([constants + changes, constants - changes])
-        away = self._residuals(sets, np.repeat(self._starts[None], len(sets), axis=0))
-        along = np.moveaxis(away[:count] - away[count:], 0, -1) / (2 * _CHANGE)
-        _, slopes = self._start_slopes(constants)
-        explained = self._explained(slopes, along)[self._segment]
-        return (along - np.einsum("kia,kac->kic", slopes, explained)).reshape(-1, count)
+        away = self._residuals(sets, np.repeat(starts[None], len(sets), axis=0))
+        along = (away[:count] - away[count:]).reshape(count, -1).T / (2 * _CHANGE)
+        begun = np.repeat(starts[None], 2 * free, axis=0)
+        entries = np.arange(free)
+        begun[entries, :, entries] += 0.5 * self._scale[entries, None]
+        begun[free + entries, :, entries] -= 0.5 * self._scale[entries, None]
+        away = self._residuals(np.repeat(constants[None], len(begun), axis=0), begun)
+        of_starts = (away[:free] - away[free:]).reshape(free, -1)
+        rows = np.tile(np.arange(of_starts.shape[1]), free)
+        columns = np.repeat(self._segment, 4) * free + entries[:, None]
+        shape = of_starts.shape[1], free * len(starts)
+        return sparse.hstack([along, sparse.csr_matrix((of_starts.ravel(), (rows, columns.ravel())), shape)], "csr")
 
-    def _likely_zone(self, constants: np.ndarray, zone: int) -> np.ndarray:
-        """Return constants with a dead zone near the best, which depends on the other constants and they on it."""
+    def _errors(self, constants: np.ndarray) -> np.ndarray:
+        """Return the standard errors of the constants; NaN for those on which the log does not depend."""
+        unit, count = np.maximum(np.abs(constants[self._smooth]), _LEAST_UNITS), len(self._smooth)
+        slopes = self._slopes(constants, self._starts, unit)
+        square = (slopes.T @ slopes).toarray()
+        cost = float((self._residuals(constants[None], self._starts[None]) ** 2).sum())
+        degrees = max(int(self._known.sum()) - len(square), 1)
+        variance = np.diag(np.linalg.pinv(square))[:count] * cost / degrees
+        errors = np.full(len(constants), np.nan)
+        errors[self._smooth] = np.where(np.diag(square)[:count] < 1e-16, np.nan, np.sqrt(variance) * unit)
+        return np.maximum(errors, _ROUNDING * np.abs(constants))
+
+    def _with_dead_zone(self, constants: np.ndarray, zone: int) -> tuple[np.ndarray, float]:
+        """Return constants with the best dead zone, and its standard error; NaN where no throttle lies within it.
+
+        The dead zone depends on the other constants and they on it, so that they are fitted with each of some values,
+        ever closer around the best.
+        """
         zones, width = self._zones, len(self._zones)
         while width > 1:
             around = int(np.argmin(np.abs(zones - constants[zone])))
@@ -299,24 +284,12 @@ class _Fit:
             sets[:, zone] = tried
             constants = self._best_of(sets)
             width //= _ZONES_FITTED
-        return constants
-
-    def _best_zone(self, constants: np.ndarray, zone: int) -> tuple[float, float]:
-        """Return the dead zone of the least cost and its standard error; NaN where nothing rules out a smaller one."""
-        zones = self._zones
-        for _ in range(4):  # ever finer around the best
-            tried = zones[np.unique(np.linspace(0, len(zones) - 1, _MOST_ZONES).astype(int))]
-            sets = np.repeat(constants[None], len(tried), axis=0)
-            sets[:, zone] = tried
-            costs = (self._residuals(sets, np.repeat(self._starts[None], len(tried), axis=0)) ** 2).sum(axis=(1, 2))
-            good = tried[costs <= costs.min() + 1]
-            if len(tried) == len(zones):
-                break
-            around = np.flatnonzero(np.isin(tried, good))
-            low, high = tried[max(around[0] - 1, 0)], tried[min(around[-1] + 1, len(tried) - 1)]
-            zones = zones[(zones >= low) & (zones <= high)]
-        if good[0] <= self._throttles[0]:
-            return float(self._guess[zone]), np.nan
+        without = constants.copy()
+        without[zone] = zones[0]
+        costs = [(self._residuals(given[None], self._starts[None]) ** 2).sum() for given in (constants, without)]
+        if constants[zone] == zones[0] or costs[1] <= costs[0] + 1:
+            constants[zone] = self._guess[zone]
+            return constants, np.nan
         # Any value between the throttles on both sides would do.
-        low, high = self._throttles[self._throttles < good[0]].max(), self._throttles[self._throttles > good[-1]].min()
-        return float(good.mean()), 0.5 * float(high - low)
+        place = int(np.searchsorted(self._throttles, constants[zone]))
+        return constants, 0.5 * float(self._throttles[place] - self._throttles[place - 1])

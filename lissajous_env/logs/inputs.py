@@ -8,7 +8,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
-from lissajous_env.settings.robot import Robot
+from lissajous_env.settings.parts import Robot
 from lissajous_env.world.robots.differential import commanded_speed
 
 wp.set_module_options(OPTIONS)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lissajous_env.extras import missing
+from lissajous_env.plugins import missing
 
 
 class Message(NamedTuple):
@@ -67,14 +67,9 @@ class Bags:
         self._open.close()
 
     def _opened(self, path: Path) -> list[Any]:
-        """Return the readers of a bag: one, or one for each file of a folder whose list of topics is refused."""
-        try:
-            return [self._open.enter_context(self._library.Reader(path))]
-        except self._library.ReaderError:
-            files = sorted(path.glob("*.mcap"))
-            if not files:
-                raise
-            return [self._open.enter_context(self._library.Reader(file)) for file in files]
+        """Return the readers of a file, or of those of a folder: its list of topics may have types that are refused."""
+        files = sorted(path.glob("*.mcap")) if path.is_dir() else []
+        return [self._open.enter_context(self._library.Reader(file)) for file in files or [path]]
 
     def _connections(self, bag: int) -> list[Any]:
         return [connection for reader in self._readers[bag] for connection in reader.connections]

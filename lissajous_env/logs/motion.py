@@ -72,7 +72,7 @@ class Motion:
             np.where(share < 1, values[k] + share * np.diff(values)[k], values[k + 1])
             for values in (track.heading, track.speed)
         )
-        return linear + np.where(known[k, None], bend, 0), heading, np.where(self.unknown(times), 0.0, speed)
+        return linear + np.where(known[k, None], bend, 0), heading, np.where(self.unknown(times, times), 0.0, speed)
 
     def _limited(self, k: np.ndarray, width: np.ndarray, way: np.ndarray) -> np.ndarray:
         """Return velocities with which a cubic does not overshoot, as that of a car that stops at once would."""
@@ -80,21 +80,11 @@ class Motion:
         most = _STEEPEST * np.linalg.norm(way, axis=1, keepdims=True)
         return self.velocity[k] * np.minimum(1, most / np.maximum(width * speed, 1e-12))
 
-    def unknown(self, times: np.ndarray) -> np.ndarray:
-        """Return True for the times at which the robot's pose is not known."""
-        return self._overlap(times - 2 * SAME, times + 2 * SAME, inside=True)
-
-    def blind(self, times: np.ndarray, step: float) -> np.ndarray:
-        """Return True for the times at whose end a step of some length [s] is not wholly known."""
-        return self._overlap(times - step, times)
-
-    def _overlap(self, begin: np.ndarray, end: np.ndarray, inside: bool = False) -> np.ndarray:
+    def unknown(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Return True for the intervals between two times each that are not wholly known."""
         time = self.track.time
         first = np.concatenate([[-np.inf], time[:-1][~self.known], time[-1:]])
         last = np.concatenate([time[:1], time[1:][~self.known], [np.inf]])
-        if inside:
-            k = np.searchsorted(first, begin, side="right") - 1
-            return (k >= 0) & (end <= last[np.maximum(k, 0)])
         k = np.searchsorted(last, begin + SAME, side="right")
         return first[np.minimum(k, len(first) - 1)] < end - SAME
 

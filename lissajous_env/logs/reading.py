@@ -10,30 +10,22 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.logs.clocks import SAME, Clock
+from lissajous_env.logs.filling import seconds
 from lissajous_env.logs.inputs import INPUTS
 from lissajous_env.logs.log import Log, Series, Track
 from lissajous_env.logs.messages import Bags
-from lissajous_env.logs.poses import TOPICS, Poses, Sources
+from lissajous_env.logs.poses import TOPICS, Sources
 from lissajous_env.settings.checks import is_finite, is_whole
 from lissajous_env.wording import few_of, shown
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
 
 EPISODE = "/lissajous/episode"
 COMMAND, PHASE, STATUS = "/robot_{}/command", "/robot_{}/phase", "/robot_{}/status"
-_COMMANDS = (
-    "sensor_msgs/msg/JointState",
-    "std_msgs/msg/Float64MultiArray",
-    "geometry_msgs/msg/Twist",
-    "geometry_msgs/msg/TwistStamped",
-)
 _FEWEST = 2
 _LATE = 1.0
 """Time between the first poses of two robots from which on a note says that the episode begins late [s]."""
 _UNIT = 0.01
 """Difference from 1 up to which the square of a quaternion's length is rounded."""
-
-Values = tuple[tuple[str, ...], list[float]]
-"""Names of some numbers, or (), and the numbers."""
 
 
 def read(
@@ -75,71 +67,67 @@ class _Reading:
     """The files of a log that is being read."""
 
     def __init__(self, bags: Bags, name: str, topics: tuple[str, ...], commands: str):
-        self._bags, self._name, self._commands = bags, name, commands
+        self._bags, self._name = bags, name
         sources = Sources(bags, name)
         self._robots, self._notes = sources.robots(topics)
         if "{}" not in commands and len(self._robots) > 1 and self._robots[0].bag is None:
             raise ValueError(f"commands must be a topic in which {{}} stands for a robot's number, got {commands}")
-        self._blank = Log(name, (), labels=tuple(robot.label for robot in self._robots))
+        self._commands, self._blank = commands, Log(name, (), labels=tuple(robot.label for robot in self._robots))
         self._called = self._blank.called
         poses = self._sound([sources.of(robot) for robot in self._robots])
-        self._check_frames(poses)
-        self._measured = [bool(own.measured.all()) for own in poses]
+        frames = {str(frame) for own in poses for frame in own["frame"]}
+        if len(frames) > 1:
+            got = [
+                f"{frame or 'no name'} of {self._called([k for k, own in enumerate(poses) if frame in own['frame']])}"
+                for frame in sorted(frames)
+            ]
+            raise ValueError(f"the poses of {name} must be in one frame, got {'; '.join(got)}")
         self._clock = Clock(poses, self._blank)
         self._notes += self._clock.notes
-        self._ignored: dict[str, Counter[str]] = {}
+        self._ignored: Counter[tuple[str, str]] = Counter()
 
     def log(self, origin: tuple[float, float, float]) -> Log:
         """Return the log, with poses relative to an origin."""
         tracks = [self._track(k, poses, origin) for k, poses in enumerate(self._clock.poses)]
         self._check_times(tracks)
         episode, begin = self._episode(tracks)
-        commands = self._others(self._commands, _COMMANDS, _command_of)
-        phases = self._others(PHASE, ("std_msgs/msg/Float64",), _number_of)
-        statuses = self._others(STATUS, ("std_msgs/msg/UInt8",), _status_of)
-        for (topic, reason), count in sorted(self._bags.ignored.items()):
-            self._ignored.setdefault(reason, Counter())[topic] += count
-        for reason, topics in self._ignored.items():
+        commands, phases, statuses = (self._series(pattern) for pattern in (self._commands, PHASE, STATUS))
+        reasons: dict[str, Counter[str]] = {}
+        for (topic, reason), count in sorted((self._bags.ignored + self._ignored).items()):
+            reasons.setdefault(reason, Counter())[topic] += count
+        for reason, topics in reasons.items():
             self._notes.append(f"{topics.total()} messages of {few_of(topics)} are ignored: {reason}")
         phases, statuses = (
             {k: Series(own.time, own.value[:, 0]) for k, own in series.items()} for series in (phases, statuses)
         )
-        notes = tuple(self._notes)
-        return Log(self._name, tuple(tracks), commands, phases, statuses, episode, begin, self._blank.labels, notes)
+        series = commands, phases, statuses
+        return Log(self._name, tuple(tracks), *series, episode, begin, self._blank.labels, tuple(self._notes))
 
-    def _sound(self, poses: Sequence[Poses]) -> list[Poses]:
+    def _sound(self, poses: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Return the finite poses of each robot, and note the others."""
         words, sound = [], []
         for k, own in enumerate(poses):
-            finite = np.isfinite(own.pose[:, :3]).all(axis=1) & np.isfinite(own.square)
-            broken, odd = int((~finite).sum()), int((np.abs(own.square[finite] - 1) > _UNIT).sum())
+            finite = np.isfinite(own["pose"][:, :3]).all(axis=1) & np.isfinite(own["square"])
+            broken, odd = int((~finite).sum()), int((np.abs(own["square"][finite] - 1) > _UNIT).sum())
             if finite.sum() < _FEWEST:
                 got = f"{int(finite.sum())}" + (f" and {broken} that are not finite" if broken else "")
                 name = self._robots[k].name
                 raise ValueError(f"topic {name} of {self._name} must have at least {_FEWEST} poses, got {got}")
             words += [(k, f"{broken} poses that are not finite are left out")] if broken else []
             words += [(k, f"{odd} quaternions are not of length 1")] if odd else []
-            sound.append(own.rows(finite))
+            sound.append(own[finite])
         self._notes += self._blank.grouped(words)
         return sound
 
-    def _check_frames(self, poses: Sequence[Poses]) -> None:
-        frames: dict[str, list[int]] = {}
-        for k, own in enumerate(poses):
-            for frame in set(own.frame):
-                frames.setdefault(frame, []).append(k)
-        if len(frames) > 1:
-            got = "; ".join(f"{frame or 'no name'} of {self._called(those)}" for frame, those in sorted(frames.items()))
-            raise ValueError(f"the poses of {self._name} must be in one frame, got {got}")
-
-    def _track(self, robot: int, poses: Poses, origin: tuple[float, float, float]) -> Track:
+    def _track(self, robot: int, poses: np.ndarray, origin: tuple[float, float, float]) -> Track:
         """Return a track in the frame of the rectangle."""
-        if len(poses.stamp) < _FEWEST:
+        if len(poses) < _FEWEST:
             words = f"must have at least {_FEWEST} poses in {self._name} whose stamps are set"
-            raise ValueError(f"{self._called([robot])} {words}, got {len(poses.stamp)}")
-        poses = poses.rows(np.argsort(poses.stamp, kind="stable"))
-        poses = poses.rows(np.append(np.diff(poses.stamp) > SAME, True))
-        position, heading = poses.pose[:, :3].copy(), poses.pose[:, 3].copy()
+            raise ValueError(f"{self._called([robot])} {words}, got {len(poses)}")
+        measured = bool(poses["measured"].all())
+        poses = poses[np.argsort(poses["stamp"], kind="stable")]
+        poses = poses[np.append(np.diff(poses["stamp"]) > SAME, True)]
+        position, heading, speed = poses["pose"][:, :3].copy(), poses["pose"][:, 3].copy(), poses["pose"][:, 4]
         x, y, turn = origin
         if any(origin):
             away = position[:, :2] - (x, y)
@@ -147,8 +135,7 @@ class _Reading:
             position[:, 1] = math.cos(turn) * away[:, 1] - math.sin(turn) * away[:, 0]
         known = np.isfinite(heading)
         heading[known] = np.unwrap(heading[known]) - turn
-        speed = np.where(np.isfinite(poses.pose[:, 4]), poses.pose[:, 4], np.nan)
-        return Track(poses.stamp, position, heading, speed, self._measured[robot])
+        return Track(poses["stamp"], position, heading, np.where(np.isfinite(speed), speed, np.nan), measured)
 
     def _check_times(self, tracks: Sequence[Track]) -> None:
         """Check that there is a time at which all robots have poses."""
@@ -157,42 +144,42 @@ class _Reading:
             return
         together = (first[:, None] <= last) & (first <= last[:, None])
         odd = int(np.argmin(together.sum(axis=1)))
-        rest = [k for k in range(len(tracks)) if k != odd]
+        rest = np.delete(np.arange(len(tracks)), odd)
         raise ValueError(
             f"the poses of all robots of {self._name} must overlap in time, got those of {self._called([odd])} from "
             f"{first[odd]:.3f} to {last[odd]:.3f} s and the others' from {first[rest].min():.3f} to "
             f"{last[rest].max():.3f} s: is a clock set wrong?"
         )
 
-    def _others(self, pattern: str, kinds: Sequence[str], value_of: Callable[[Any], Values | str]) -> dict[int, Series]:
+    def _series(self, pattern: str) -> dict[int, Series]:
         """Return the values of the robots that have any on the topics of a pattern.
 
         Messages without as many finite numbers, of the same names, as the first are noted.
         """
-        series = {}
+        kinds, series = _KINDS.get(pattern, _COMMANDS), {}
         for k, robot in enumerate(self._robots):
             topic = pattern.replace("{}", robot.label)
             rows, times = [], []
-            for message in self._bags.of(topic, kinds):
+            for message in self._bags.of(topic, tuple(kinds)):
                 if "{}" not in pattern and robot.bag not in (None, message.bag):
                     continue  # a topic without a number is that of one robot in each file
-                values = value_of(message.content)
-                if not isinstance(values, str) and not all(map(math.isfinite, values[1])):
-                    values = "they have numbers that are not finite"
-                if not isinstance(values, str) and rows and _shape_of(rows[0]) != _shape_of(values):
-                    values = "they have other names or another length than the first"
-                if isinstance(values, str):
-                    self._ignored.setdefault(values, Counter())[topic] += 1
-                else:
-                    rows.append(values)
-                    stamp = getattr(getattr(message.content, "header", None), "stamp", None)
-                    seconds = np.nan if stamp is None else stamp.sec + stamp.nanosec / 1e9
-                    times.append((message.bag, message.logged, seconds))
+                try:
+                    names, numbers = kinds[message.kind](message.content)
+                    _check(all(map(math.isfinite, numbers)), "they have numbers that are not finite")
+                    same = not rows or (names, len(numbers)) == (rows[0][0], len(rows[0][1]))
+                    _check(same, "they have other names or another length than the first")
+                except ValueError as error:
+                    self._ignored[topic, str(error)] += 1
+                    continue
+                stamp = getattr(getattr(message.content, "header", None), "stamp", None)
+                rows.append((names, numbers))
+                times.append((message.bag, message.logged, np.nan if stamp is None else seconds(stamp)))
             if rows:
                 time = self._times(topic, *np.array(times).T)
                 order = np.argsort(time, kind="stable")
                 order = order[np.append(np.diff(time[order]) > 0, True)]
-                series[k] = Series(time[order], np.array([row[1] for row in rows], dtype=float)[order], rows[0][0])
+                values = np.array([numbers for _, numbers in rows], dtype=float)
+                series[k] = Series(time[order], values[order], rows[0][0])
         return series
 
     def _times(self, topic: str, bag: np.ndarray, logged: np.ndarray, stamp: np.ndarray) -> np.ndarray:
@@ -228,6 +215,11 @@ class _Reading:
         return episode, float(stamps[np.argmin(np.abs(stamps - time))])
 
 
+def _check(holds: bool, reason: str) -> None:
+    if not holds:
+        raise ValueError(reason)
+
+
 def _checked_episode(text: str, name: str) -> dict[str, Any]:
     rule = f"log {name} must be undamaged, but its {EPISODE}"
     try:
@@ -244,29 +236,34 @@ def _checked_episode(text: str, name: str) -> dict[str, Any]:
     return episode
 
 
-def _shape_of(values: Values) -> tuple[tuple[str, ...], int]:
-    return values[0], len(values[1])
-
-
-def _command_of(message: Any) -> Values | str:
-    """Return the values of a command, those with names in the order of their names."""
-    twist = getattr(message, "twist", message)
-    if hasattr(twist, "linear"):
-        return INPUTS["differential"], [float(twist.linear.x), float(twist.angular.z)]
-    if not hasattr(message, "name"):
-        return (), [float(value) for value in message.data]
+def _joints(message: Any) -> tuple[tuple[str, ...], list[float]]:
+    """Return the names and positions of joints in the order of their names."""
     names = list(message.name)
-    if len(message.position) != len(names) or len(set(names)) != len(names):
-        return "they do not have one position for each name"
+    one_each = len(message.position) == len(names) == len(set(names))
+    _check(one_each, "they do not have one position for each name")
     order = sorted(range(len(names)), key=lambda k: names[k])
     return tuple(names[k] for k in order), [float(message.position[k]) for k in order]
 
 
-def _number_of(message: Any) -> Values:
-    return (), [float(message.data)]
+def _twist(twist: Any) -> tuple[tuple[str, ...], list[float]]:
+    return INPUTS["differential"], [twist.linear.x, twist.angular.z]
 
 
-def _status_of(message: Any) -> Values | str:
-    if message.data not in (int(WORKING), int(STUCK), int(REMOVED)):
-        return f"they have the unknown status {message.data}"
-    return (), [int(message.data)]
+def _status(message: Any) -> tuple[tuple[str, ...], list[float]]:
+    statuses = int(WORKING), int(STUCK), int(REMOVED)
+    _check(message.data in statuses, f"they have the unknown status {message.data}")
+    return (), [message.data]
+
+
+_COMMANDS: dict[str, Callable[[Any], tuple[tuple[str, ...], list[float]]]] = {
+    "sensor_msgs/msg/JointState": _joints,
+    "std_msgs/msg/Float64MultiArray": lambda message: ((), list(message.data)),
+    "geometry_msgs/msg/Twist": _twist,
+    "geometry_msgs/msg/TwistStamped": lambda message: _twist(message.twist),
+}
+_KINDS = {
+    PHASE: {"std_msgs/msg/Float64": lambda message: ((), [message.data])},
+    STATUS: {"std_msgs/msg/UInt8": _status},
+}
+"""Functions that return the names of some numbers, or (), and the numbers in a message, by its type; a topic with
+another pattern has commands. A message that says nothing raises a ValueError with the reason."""

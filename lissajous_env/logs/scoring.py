@@ -102,13 +102,13 @@ def score(
         raise ValueError(f"gap must be at least the control step of {scenario.task.step:g} s, got {shown(gap)}")
     times = _moments(log, scenario.task.step, gap)
     motions = _motions(log, scenario, gap)
-    hidden = np.stack([motion.blind(times, scenario.task.step) for motion in motions], axis=1)
-    hidden[0] = [motion.unknown(times[:1])[0] for motion in motions]
+    before = np.maximum(times - scenario.task.step, times[0])
+    hidden = np.stack([motion.unknown(before, times) for motion in motions], axis=1)
     status = _statuses(log, times, hidden)
     scenario = _as_logged(scenario, times, status)
     if seeds is None:
         seeds = [int(log.episode["seed"]) if log.episode else 0]
-    simulation = _simulation(log, scenario, motions, times, hidden, len(seeds))
+    simulation = PrescribedSimulation(scenario, _paths(log, scenario, motions, times, hidden), len(seeds))
     simulation.reset(seeds=np.array(list(seeds)))
     actions, refused = _actions(log, scenario, times)
     notes = [*log.notes, *remarks(log, scenario, motions, times, status), *refused]
@@ -137,7 +137,7 @@ def _unknown(motions: Sequence[Motion], times: np.ndarray, commands: bool) -> tu
     """Return the ranges of moments in which poses, speeds and commands are unknown."""
     blanks, last = [], len(times) - 1
     for robot, motion in enumerate(motions):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], motion.unknown(times).astype(int), [0]])))
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], motion.unknown(times, times).astype(int), [0]])))
         blanks += [("pose", robot, int(begin), int(end) - 1) for begin, end in edges.reshape(-1, 2)]
         if motion.derived and motion.derived != SOME:
             blanks.append(("speed", robot, 0, last))
@@ -222,45 +222,26 @@ def _as_logged(scenario: Scenario, times: np.ndarray, status: np.ndarray) -> Sce
     return dataclasses.replace(scenario, faults=faults, task=task)
 
 
-def _simulation(
-    log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.ndarray, hidden: np.ndarray, num_worlds: int
-) -> PrescribedSimulation:
-    substeps = scenario.task.substeps
-    before = np.linspace(0, 1, substeps + 1)[None, :] * scenario.task.step + (times - scenario.task.step)[:, None]
-    before[:, -1], before[1:, 0] = times, times[:-1]
-    tracks, headings, speeds, phases = [], [], [], []
+def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.ndarray, hidden: np.ndarray) -> Any:
+    """Return the fields of `lissajous_env.logs.prescribed.Paths`: the motion of the robots at some moments."""
+    substeps, step = scenario.task.substeps, scenario.task.step
+    within = np.linspace(0, 1, substeps + 1) * step + (times - step)[:, None]
+    within[:, -1], within[1:, 0] = times, times[:-1]
+    within = np.maximum(within, times[0])
+    columns = []
     for robot, motion in enumerate(motions):
-        places, _, _ = motion.at(np.maximum(before, times[0]).ravel())
+        places = motion.at(within.ravel())[0].reshape(*within.shape, 3)
+        seen = ~motion.unknown(times, times)
+        if seen.any():  # where a step is not wholly known, on straight lines between the moments around it
+            lines = [np.interp(within, times[seen], places[seen, -1, axis]) for axis in range(3)]
+            places = np.where(hidden[:, robot, None, None], np.stack(lines, axis=-1), places)
         _, heading, speed = motion.at(times)
-        places = places.reshape(len(times), substeps + 1, 3)
-        _straighten(places, hidden[:, robot], motion.unknown(times))
-        tracks.append(places)
-        headings.append(heading)
-        speeds.append(np.where(hidden[:, robot], 0.0, speed))
-        phases.append(_phases(log, scenario, robot, times, tracks[-1][:, -1], heading, hidden[:, robot]))
-    paths = np.stack(tracks, axis=1), np.stack(headings, axis=1), np.stack(speeds, axis=1), np.stack(phases, axis=1)
-    return PrescribedSimulation(scenario, *paths, hidden, num_worlds=num_worlds)
-
-
-def _straighten(places: np.ndarray, hidden: np.ndarray, unknown: np.ndarray) -> None:
-    """Put a robot on straight lines between the moments around steps that are not wholly known.
-
-    Before its first known moment, and after its last one, it stands still.
-
-    Args:
-        places: (M, S + 1, 3) places on the way to each moment [m].
-        hidden: (M,) True for steps that are not wholly known.
-        unknown: (M,) True for moments at which the pose is not known.
-    """
-    last = places.shape[1] - 1
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], hidden.astype(int), [0]]))).reshape(-1, 2)
-    for first, end in edges.tolist():
-        after = None if unknown[end - 1] else places[end - 1, last].copy()
-        before = places[first - 1, last].copy() if first else after
-        if before is None:
-            continue
-        share = (np.arange(end - first)[:, None] + np.arange(last + 1) / last) / (end - first)
-        places[first:end] = before + share[..., None] * ((before if after is None else after) - before)
+        phase = _phases(log, scenario, robot, times, places[:, -1], heading, hidden[:, robot])
+        columns.append((places, heading, np.where(hidden[:, robot], 0.0, speed), phase, hidden[:, robot].astype(int)))
+    names = ("track", "heading", "speed", "phase", "hidden")
+    return {
+        name: np.stack(of_robots, axis=1) for name, of_robots in zip(names, zip(*columns, strict=True), strict=True)
+    }
 
 
 def _phases(

@@ -1,14 +1,13 @@
-"""Write a recording as a rosbag2 file (MCAP), which Foxglove and RViz open.
+"""Write a recording as a rosbag2 file (MCAP), which tools of ROS 2 open.
 
 Topics, in the frame `map`, whose origin is the middle of the rectangle:
 
 | topic | type | content |
 |---|---|---|
-| `/robot_K/odom` | nav_msgs/Odometry | pose; speed and yaw rate |
+| `/robot_K/odom` | nav_msgs/Odometry | pose and speed |
 | `/robot_K/command` | sensor_msgs/JointState | command from this time on, of a car steering [rad] and throttle |
 | `/robot_K/phase` | std_msgs/Float64 | phase theta of (1) [rad] |
 | `/robot_K/status` | std_msgs/UInt8 | 0 working, 1 failed, 2 removed |
-| `/markers` | visualization_msgs/MarkerArray | curve, rectangle, bodies, headings, sensing discs, targets |
 | `/lissajous/episode` | std_msgs/String | JSON: scenario, seed, policy, begin [s] |
 
 The episode begins at `START` on the clock of the log. If it is itself a log that was scored, unknown poses and commands
@@ -16,7 +15,6 @@ are left out, and speeds that were computed from the poses have -1 as their firs
 """
 
 import json
-import math
 import shutil
 import tempfile
 from pathlib import Path
@@ -25,15 +23,13 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.episodes.recording import Recording
-from lissajous_env.logs.filling import set_marker, set_odometry, set_stamp
+from lissajous_env.logs.filling import set_odometry, set_stamp
 from lissajous_env.logs.inputs import INPUTS, inputs_of
-from lissajous_env.logs.markers import Shape, ground_shapes, robot_shapes, target_shape
 from lissajous_env.logs.messages import blank, rosbags, type_store
 from lissajous_env.logs.poses import ODOMETRY, TOPICS
 from lissajous_env.logs.reading import COMMAND, EPISODE, PHASE, STATUS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import replacing
-from lissajous_env.world.state import REMOVED, WORKING
 
 START = 1.0
 """Time of the reset [s]; ROS interprets 0 as no time."""
@@ -101,24 +97,6 @@ def _write(recording: Recording, topics: _Topics) -> None:
                 set_stamp(message.header, time, FRAME)
                 names, values = list(recording.scenario.action_names), commands[moment + 1, robot].astype(float)
                 topics.write(COMMAND.format(robot), time, message, name=names, position=values)
-        markers = []
-        for shape in _shapes(recording, moment):
-            markers.append(blank("visualization_msgs/msg/Marker"))
-            set_marker(markers[-1], lambda: blank("geometry_msgs/msg/Point"), shape, time, FRAME)
-        topics.write("/markers", time, blank("visualization_msgs/msg/MarkerArray"), markers=markers)
-
-
-def _shapes(recording: Recording, moment: int) -> list[Shape]:
-    """Return the shapes that change at a moment; at the first also those that never do."""
-    scenario = recording.scenario.resolve()
-    shapes = ground_shapes(scenario) if moment == 0 else []
-    for robot in range(scenario.num_robots):
-        status = int(recording.status[moment, robot])
-        x, y, z = recording.position[moment, robot].tolist()
-        place = x, y, z, float(recording.heading[moment, robot])
-        shapes += robot_shapes(scenario, robot, place, status == int(WORKING), status != int(REMOVED))
-    present = (recording.appears_at <= moment) & (recording.found_at > moment)
-    return [*shapes, target_shape(scenario, recording.target_position[moment][present])]
 
 
 def _commands(recording: Recording) -> np.ndarray:
@@ -134,12 +112,10 @@ def _commands(recording: Recording) -> np.ndarray:
 def _write_robot(
     recording: Recording, topics: _Topics, robot: int, moment: int, time: float, without_speed: bool
 ) -> None:
-    before = max(moment - 1, 0)
     heading = float(recording.heading[moment, robot])
-    turn = math.remainder(heading - float(recording.heading[before, robot]), 2 * math.pi)
     x, y, z = recording.position[moment, robot].tolist()
-    odometry, twist = blank(ODOMETRY), (float(recording.speed[moment, robot]), turn / recording.scenario.task.step)
-    set_odometry(odometry, time, (FRAME, f"robot_{robot}"), (x, y, z, heading), twist)
+    odometry, speed = blank(ODOMETRY), float(recording.speed[moment, robot])
+    set_odometry(odometry, time, (FRAME, f"robot_{robot}"), (x, y, z, heading), speed)
     odometry.twist.covariance[0] = -1.0 if without_speed else 0.0
     topics.write(TOPICS[0].format(robot), time, odometry)
     phase, status = float(recording.phase[moment, robot]), int(recording.status[moment, robot])

@@ -1,4 +1,4 @@
-"""Extensions of a scenario: reward terms, score columns, observation entries and a motion of targets.
+"""Extensions of a scenario: reward terms, score columns, observation entries, and how targets enter and move.
 
 An extension is a function of a `lissajous_env.world.extended.WorldView` (NumPy views of the state), or a Warp kernel
 over the structs of `lissajous_env.world.state` that runs as a stage of `lissajous_env.world.stages`:
@@ -10,19 +10,22 @@ over the structs of `lissajous_env.world.state` that runs as a stage of `lissajo
 A scenario lists extensions as objects, as `module:name`, or as tables with settings, such as
 {"place": "module:name", "weight": -0.5}; all environments, commands and adapters then use them. The arguments of a
 kernel are matched by name; its result goes to `value_out`.
+
+An extension may remember numbers of each world: `state={"gate": (2,)}` declares arrays that are zero when an episode of
+a world begins, unless a function `reset(world)` fills them.
 """
 
 import dataclasses
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import warp as wp
 
-from lissajous_env.by_value import PROMPT, ByValue
 from lissajous_env.identity import parts_of
-from lissajous_env.plugins import import_attribute
+from lissajous_env.plugins import PROMPT, ByValue, import_attribute
 from lissajous_env.settings.checks import Checked, choice, number, whole
 from lissajous_env.wording import few_of, nearest, shown
 
@@ -41,12 +44,23 @@ class Extension(Checked):
     """Function `run(world)` or Warp kernel."""
     place: str
     """Import path, `module:name`."""
+    state: Mapping[str, tuple[int, ...]] = dataclasses.field(default_factory=dict, kw_only=True, hash=False)
+    """Shapes of the arrays that it remembers of each world, by name."""
+    reset: Any = dataclasses.field(default=None, kw_only=True)
+    """Function `reset(world)` that fills them when an episode begins; None leaves them zero."""
 
     def __post_init__(self) -> None:
         if not callable(self.run) and not isinstance(self.run, wp.Kernel):
             raise ValueError(f"{self.kind} must be a function or a Warp kernel, got {shown(self.run)}")
         if not re.fullmatch(r"[a-z][a-z0-9_]{0,62}", self.name):
             raise ValueError(f"name of a {self.kind} must be of small letters, digits and _, got {shown(self.name)}")
+        for name, shape in self.state.items():
+            whole_shape = isinstance(shape, tuple) and all(isinstance(size, int) and size > 0 for size in shape)
+            if not (isinstance(name, str) and name.isidentifier() and whole_shape):
+                rule = f"state of the {self.kind} {self.name} must map names to tuples of whole numbers above 0"
+                raise ValueError(f"{rule}, got {shown({name: shape})}")
+        if self.reset is not None and not callable(self.reset):
+            raise ValueError(f"reset of the {self.kind} {self.name} must be a function, got {shown(self.reset)}")
         super().__post_init__()
 
     @property
@@ -67,8 +81,8 @@ class Extension(Checked):
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values that identify the extension: its settings and the parts of its function."""
-        plain = {each.name: getattr(self, each.name) for each in dataclasses.fields(self) if each.name != "run"}
-        return {"kind": self.kind, **plain, "parts": parts_of(self.run)}
+        parts = parts_of(self.run) if self.reset is None else parts_of(self.reset) | parts_of(self.run)
+        return {"kind": self.kind, "name": self.name, "place": self.place, **self.settings, "parts": parts}
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -80,7 +94,9 @@ class Extension(Checked):
 
     def __reduce__(self) -> tuple:
         if self.place.partition(":")[0] in PROMPT and not isinstance(self.run, wp.Kernel):
-            return type(self), (self.name, ByValue(self.run), self.place, *self.settings.values())
+            reset = self.reset and ByValue(self.reset)
+            more = self.settings | {"state": self.state, "reset": reset}
+            return partial(type(self), **more), (self.name, ByValue(self.run), self.place)
         return load_extension, (self.place, self.settings)
 
 
@@ -129,24 +145,39 @@ class TargetMotion(Extension):
     """
 
 
-def reward_term(weight: float = 1.0) -> Callable[[Any], RewardTerm]:
-    """Return a decorator that makes a function or kernel a `RewardTerm`."""
-    return lambda run: RewardTerm(*_origin(run), weight=weight)
+@dataclass(frozen=True)
+class TargetEntry(Extension):
+    """Law of entry for `targets.entry = custom`: (W, T, 2) places [m] of all targets.
+
+    Only the places of the targets that appear in this step, or at the reset, are used, clipped to the rectangle.
+    """
 
 
-def score_column(reduce: str = "mean") -> Callable[[Any], ScoreColumn]:
-    """Return a decorator that makes a function or kernel a `ScoreColumn`."""
-    return lambda run: ScoreColumn(*_origin(run), reduce=reduce)
+def reward_term(weight: float = 1.0, **memory: Any) -> Callable[[Any], RewardTerm]:
+    """Return a decorator that makes a function or kernel a `RewardTerm`; `memory` is `state` and `reset`."""
+    return lambda run: RewardTerm(*_origin(run), weight=weight, **memory)
 
 
-def observation_entry(size: int = 1, low: float = -1.0, high: float = 1.0) -> Callable[[Any], ObservationEntry]:
-    """Return a decorator that makes a function or kernel an `ObservationEntry`."""
-    return lambda run: ObservationEntry(*_origin(run), size=size, low=low, high=high)
+def score_column(reduce: str = "mean", **memory: Any) -> Callable[[Any], ScoreColumn]:
+    """Return a decorator that makes a function or kernel a `ScoreColumn`; `memory` is `state` and `reset`."""
+    return lambda run: ScoreColumn(*_origin(run), reduce=reduce, **memory)
 
 
-def target_motion(run: Any) -> TargetMotion:
-    """Make a function or kernel a `TargetMotion`."""
-    return TargetMotion(*_origin(run))
+def observation_entry(
+    size: int = 1, low: float = -1.0, high: float = 1.0, **memory: Any
+) -> Callable[[Any], ObservationEntry]:
+    """Return a decorator that makes a function or kernel an `ObservationEntry`; `memory` is `state` and `reset`."""
+    return lambda run: ObservationEntry(*_origin(run), size=size, low=low, high=high, **memory)
+
+
+def target_motion(run: Any = None, **memory: Any) -> Any:
+    """Make a function or kernel a `TargetMotion`; with `state` and `reset` alone, return a decorator."""
+    return TargetMotion(*_origin(run), **memory) if run is not None else partial(target_motion, **memory)
+
+
+def target_entry(run: Any = None, **memory: Any) -> Any:
+    """Make a function or kernel a `TargetEntry`; with `state` and `reset` alone, return a decorator."""
+    return TargetEntry(*_origin(run), **memory) if run is not None else partial(target_entry, **memory)
 
 
 def load_extension(place: str, settings: Mapping[str, Any] | None = None) -> Extension:
@@ -192,8 +223,9 @@ def as_extensions(given: Any) -> tuple[Extension, ...]:
     entries = [entry for one in made if isinstance(one, ObservationEntry) for entry in one.entries]
     if twice := sorted({entry for entry in entries if entries.count(entry) > 1}):
         raise ValueError(f"entries of the observation must have different names, got {few_of(twice)} twice")
-    if sum(isinstance(one, TargetMotion) for one in made) > 1:
-        raise ValueError(f"extensions must contain at most one motion of targets, got {few_of(names)}")
+    for kind, words in ((TargetMotion, "motion"), (TargetEntry, "law of entry")):
+        if sum(isinstance(one, kind) for one in made) > 1:
+            raise ValueError(f"extensions must contain at most one {words} of targets, got {few_of(names)}")
     return made
 
 

@@ -1,29 +1,56 @@
-"""Make scenarios from a name, a TOML file or `module:attribute`, with any field overridden."""
+"""Scenarios and spaces of scenarios by name, TOML file or `module:attribute`, with any field overridden.
 
+What begins with the name of a space or with the path of its file continues with a part, after `-` or `:` for a name and
+after `:` for a file: SEED or SHIFT-SEED is a scenario, SPLIT a split or a shift, and SPLIT:COUNT its first ones.
+"""
+
+import itertools
 import os
+import re
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
-from lissajous_env import here
+import gymnasium
+import pettingzoo
+
+from lissajous_env import plugins
 from lissajous_env.parameters.assumptions import violations, warn_of_violations
-from lissajous_env.parameters.named_spaces import denotes_part_of_file, scenario_of_space, space_and_split
-from lissajous_env.parameters.overriding import overridden
-from lissajous_env.parameters.registry import NAMES, SCENARIOS, is_notebook, register, register_ids
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import (
+    NAMES,
     SUFFIX,
+    check_keys,
     included_scenarios,
     is_file,
     name_in_file,
+    overridden,
     read_toml,
     scenario_from,
 )
-from lissajous_env.plugins import EntryPoints, import_attribute
+from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.settings.task import MOST_STEPS
 from lissajous_env.wording import nearest, shown, where_raised
 
+SCENARIOS: dict[str, Any] = {}
+"""Scenarios of users and of other packages, by name."""
+SPACES: dict[str, Any] = {}
+"""Spaces of scenarios by name: those of users, and those of the package that were used."""
 _INCLUDED = included_scenarios()
+_INCLUDED_SPACES = {path.stem: str(path) for path in sorted(Path(__file__).parent.glob(f"*-v*{SUFFIX}"))}
+"""Files of the included spaces, by name."""
+_TEXT, _TABLE = (str, "text"), (dict, "a table")
+_OF_SPACE = {
+    **dict.fromkeys(("name", "description", "base"), _TEXT),
+    "require": (list, "a list"),
+    **dict.fromkeys(("draw", "shift"), _TABLE),
+}
+"""Type, also in words, of the values of a space's file."""
+_OF_FILE = re.compile(rf"(.+?\{SUFFIX}):(.+)")
+_SEED = re.compile(r"(?:(.+)-)?(\d+)")
+_FIRST, _MOST = 32, 10_000
+"""Default number of scenarios that represent a split, and its limit."""
 _unused: set[str] = set()
 """Violated assumptions of scenarios in folders of policies, which matter only if a policy uses the formation."""
 _POLICY = "policy.toml"
@@ -34,6 +61,11 @@ def scenarios() -> tuple[str, ...]:
     """Return the names of the included scenarios, then those of the registered ones in alphabetical order."""
     _BROUGHT.load()
     return (*_INCLUDED, *sorted(SCENARIOS))
+
+
+def scenario_spaces() -> tuple[str, ...]:
+    """Return the names of the included and registered spaces of scenarios."""
+    return tuple(dict.fromkeys([*_INCLUDED_SPACES, *sorted(SPACES)]))
 
 
 def register_scenario(scenario: Scenario) -> Scenario:
@@ -48,10 +80,40 @@ def register_scenario(scenario: Scenario) -> Scenario:
     if not isinstance(scenario, Scenario):
         raise ValueError(f"scenario must be a Scenario to be registered, got {shown(scenario)}")
     if _INCLUDED.get(scenario.name) != scenario:
-        register(SCENARIOS, "scenario", scenario, NAMES, _INCLUDED, is_notebook())
+        plugins.register(SCENARIOS, "scenario", scenario, NAMES, _INCLUDED, plugins.is_notebook())
         warn_of_violations(scenario)
         register_ids(scenario.name)
     return scenario
+
+
+def register_scenario_space(space: ScenarioSpace) -> ScenarioSpace:
+    """Register a space, so that commands and environments accept its scenarios as NAME-SEED, and return it.
+
+    Gymnasium and PettingZoo then make environments of the space as `lissajous/NAME-v0`.
+
+    Raises:
+        ValueError: the argument is no space, its name is invalid, or a different space has that name. In a notebook, it
+            replaces one that was registered before.
+    """
+    if not isinstance(space, ScenarioSpace):
+        raise ValueError(f"space must be a ScenarioSpace to be registered, got {shown(space)}")
+    plugins.register(SPACES, "space", space, NAMES, _INCLUDED_SPACES, plugins.is_notebook())
+    register_ids(space.name, is_space=True)
+    return space
+
+
+def register_ids(name: str, is_space: bool = False) -> None:
+    """Register `lissajous/NAME-v0` with Gymnasium and PettingZoo; environments look up the scenario when made.
+
+    Batches of a space of scenarios are made by Gymnasium itself.
+    """
+    identifier, settings, module = f"lissajous/{name}-v0", {"scenario": name}, "lissajous_env.envs"
+    vector = None if is_space else f"{module}.gymnasium_vector:LissajousVectorEnv"
+    if identifier not in gymnasium.registry:
+        made = f"{module}.gymnasium_env:LissajousEnv"
+        gymnasium.register(identifier, made, kwargs=settings, vector_entry_point=vector)
+        pettingzoo.register("parallel", identifier, f"{module}.pettingzoo_env:LissajousParallelEnv", kwargs=settings)
+        pettingzoo.register("aec", identifier, f"{module}.pettingzoo_env:env", kwargs=settings)
 
 
 def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenario:
@@ -60,8 +122,7 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
     Args:
         name: A name of `scenarios()`, or one that a module of the current folder registers; a TOML file, as
             `lissajous_env.parameters.scenario_file` describes it; `module:attribute`, a `Scenario` or a function
-            without arguments that returns one; a scenario of a space, as `lissajous_env.parameters.named_spaces`
-            describes it; or a `Scenario`.
+            without arguments that returns one; a scenario of a space, as this module describes it; or a `Scenario`.
         **overrides: Dotted (`**{"curve.a": 11}`) or nested (`curve={"a": 11}`, `curve=Curve(...)`) fields. Where they
             change the number of robots, `formation.ring`, `p` and `alpha` are derived anew unless they are given too.
 
@@ -88,6 +149,18 @@ def build(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenario:
     return overridden(made, overrides) if overrides else made
 
 
+def with_cycles(made: Scenario, max_cycles: int | None) -> Scenario:
+    """Return a scenario whose episodes last `max_cycles` steps instead of `task.duration`; None changes nothing.
+
+    Raises:
+        ValueError: not a whole number from 1 to 2^20.
+    """
+    if max_cycles is None:
+        return made
+    steps = whole_number("max_cycles", max_cycles, 1, MOST_STEPS)
+    return build(made, **{"task.duration": steps * made.task.step})
+
+
 def unknown_scenario(name: Any, others: Iterable[str] = ()) -> ValueError:
     """Return the error for an unknown scenario, which suggests the closest match among scenarios and `others`."""
     if isinstance(name, str) and space_and_split(name) is not None:
@@ -105,43 +178,131 @@ def bring_scenario(name: str) -> None:
     Raises:
         ValueError: the module cannot be imported.
     """
-    if _known(name) is None:
-        here.load_module_of(name, "scenario", "register_scenario")
+    if not denotes_scenario(name):
+        plugins.load_module_of(name, "scenario", "register_scenario")
 
 
 def meant_here(name: Any) -> list[str]:
     """Return candidates for a mistyped scenario: files beside it, and scenarios that modules here register."""
-    return [*here.beside(name, SUFFIX), *(registered for registered, _ in here.registered_here("register_scenario"))]
+    registered = plugins.registered_here("register_scenario")
+    return [*plugins.beside(name, SUFFIX), *(each for each, _ in registered)]
 
 
 def denotes_scenario(name: str) -> bool:
-    """Return True for a registered name, also SPACE-SEED, for the path of a file, and for FILE.toml:SEED."""
-    return is_file(name) or denotes_part_of_file(name) or _known(name) is not None
+    """Return True for a registered name, also SPACE-SEED, and for FILE.toml and FILE.toml:SEED, which are not read."""
+    part = _OF_FILE.fullmatch(name)
+    return is_file(name) or (part is not None and bool(_SEED.fullmatch(part[2]))) or _known(name) is not None
 
 
-def with_cycles(made: Scenario, max_cycles: int | None) -> Scenario:
-    """Return a scenario whose episodes last `max_cycles` steps instead of `task.duration`; None changes nothing.
+def scenario_space(name: str | os.PathLike | ScenarioSpace) -> ScenarioSpace:
+    """Return a space of scenarios.
+
+    Args:
+        name: A name of `scenario_spaces()`; SPACE-SHIFT for one of its shifts; a TOML file with the fields of
+            `ScenarioSpace`, in which `base` is the name of a scenario and `shift` stands for `shifts`; or a space.
 
     Raises:
-        ValueError: not a whole number from 1 to 2^20.
+        ValueError: there is no such space, or its file is invalid.
     """
-    if max_cycles is None:
-        return made
-    steps = whole_number("max_cycles", max_cycles, 1, MOST_STEPS)
-    return build(made, **{"task.duration": steps * made.task.step})
+    if isinstance(name, ScenarioSpace):
+        return name
+    space, part = _split(name)
+    if space is None or part not in ("", *space.shifts):
+        known = scenario_spaces()
+        raise ValueError(f"space must be one of {', '.join(known)}, got {shown(name)}{nearest(name, known)}")
+    return space.shifted(part) if part else space
+
+
+def space_and_split(name: Any) -> tuple[ScenarioSpace, str] | None:
+    """Return the space and the split, by default `train`, that a name denotes; None for the name of anything else.
+
+    Raises:
+        ValueError: the space has no such split or shift.
+    """
+    if isinstance(name, ScenarioSpace):
+        return name, "train"
+    if is_file(name) and not os.path.exists(name):
+        return None  # a missing scenario
+    space, part = _split(name)
+    if space is None or _SEED.fullmatch(part):
+        return None
+    next(space.seeds(part or "train"))
+    return space, part or "train"
+
+
+def expanded(names: Iterable[str]) -> tuple[str, ...]:
+    """Return names of scenarios, with SPACE:SPLIT, or SPACE:SPLIT:COUNT, replaced by the first scenarios of the split.
+
+    SPACE is a name of `scenario_spaces()` or a TOML file, SPLIT is a split or a shift; COUNT is 32 by default.
+
+    Raises:
+        ValueError: there is no such space or split.
+    """
+    single: list[str] = []
+    for name in names:
+        space, part = _split(name) if ":" in name else (None, "")
+        split, _, count = part.partition(":")
+        if space is None or _SEED.fullmatch(split):
+            single.append(name)
+            continue
+        if count and not 1 <= (int(count) if count.isdecimal() else 0) <= _MOST:
+            raise ValueError(f"{name} must end in a number from 1 to {_MOST}, got {count!r}")
+        start = name[: -len(part)] if _OF_FILE.fullmatch(name) else f"{space.name}-"
+        start += f"{split}-" if split in space.shifts else ""
+        single += [f"{start}{seed}" for seed in itertools.islice(space.seeds(split), int(count or _FIRST))]
+    return tuple(single)
+
+
+def _split(name: Any) -> tuple[ScenarioSpace | None, str]:
+    """Return the space with which a name begins and the part that follows; no space for the name of anything else."""
+    text = os.fspath(name) if isinstance(name, (str, os.PathLike)) else ""
+    path, part = found.groups() if (found := _OF_FILE.fullmatch(text)) else (text, "")
+    if is_file(path):
+        return _space_in(path), part
+    known = [space for space in scenario_spaces() if re.match(rf"{re.escape(space)}([-:]|$)", text)]
+    if not known:
+        return None, ""
+    space = max(known, key=len)
+    if space not in SPACES:
+        SPACES[space] = _space_in(_INCLUDED_SPACES[space])
+    return SPACES[space], text[len(space) + 1 :]
+
+
+def _space_in(path: str) -> Any:
+    """Return the space in a file; None for the file of a scenario."""
+    table = read_toml(path)
+    if "draw" not in table:
+        return None
+    try:
+        check_keys(table, _OF_SPACE)
+        base = _registered(table["base"]) if "base" in table else Scenario()
+        rules, shifts, words = table.get("require", ()), table.get("shift", {}), table.get("description", "")
+        return ScenarioSpace(name_in_file(table, path), base, table["draw"], rules, shifts, words)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
 def _known(name: Any) -> Scenario | None:
-    """Return the scenario of a registered name, also SPACE-SEED; None for another name."""
-    if not isinstance(name, str) or ":" in name:
+    """Return the scenario of a registered name, of SPACE-SEED or of FILE.toml:SEED; None for another name.
+
+    Raises:
+        ValueError: the file cannot be read.
+    """
+    if not isinstance(name, str) or is_file(name):
         return None
-    if name not in _INCLUDED and name not in SCENARIOS:
+    if ":" not in name and name not in _INCLUDED and name not in SCENARIOS:
         _BROUGHT.load()  # scenarios of other packages, at last
-    return _INCLUDED.get(name) or SCENARIOS.get(name) or scenario_of_space(name)
+    made = _INCLUDED.get(name) or SCENARIOS.get(name)
+    space, part = (None, "") if made else _split(name)
+    seed = _SEED.fullmatch(part)
+    if space is None or seed is None or (seed[1] and seed[1] not in space.shifts):
+        return made
+    return (space.shifted(seed[1]) if seed[1] else space).sample(int(seed[2]))
 
 
 def _registered(name: str) -> Scenario:
-    if (made := _known(name)) is None:
+    """Return the scenario of a registered name, such as the base in a file, which causes no import and no reading."""
+    if ":" in name or (made := _known(name)) is None:
         raise unknown_scenario(name)
     return made
 
@@ -149,7 +310,7 @@ def _registered(name: str) -> Scenario:
 def _loaded(name: Any) -> Scenario:
     if is_file(name):
         return _of_file(name)
-    if (made := _known(name) or (scenario_of_space(name) if isinstance(name, str) else None)) is not None:
+    if (made := _known(name)) is not None:
         return made
     if not isinstance(name, str) or space_and_split(name) is not None:
         raise unknown_scenario(name)
@@ -173,7 +334,7 @@ def _of_file(path: str) -> Scenario:
 
 
 def _imported(reference: str) -> Scenario:
-    made = import_attribute(reference, "scenario must be module:attribute")
+    made = plugins.import_attribute(reference, "scenario must be module:attribute")
     rule = f"scenario {reference} must be a Scenario, or a function without arguments that returns one"
     if callable(made):
         try:
@@ -193,6 +354,6 @@ def _register_brought(brought: Any) -> None:
         brought()
 
 
-_BROUGHT = EntryPoints("lissajous_env.scenarios", "scenarios", _register_brought)
-for _name in _INCLUDED:
-    register_ids(_name)
+_BROUGHT = plugins.EntryPoints("lissajous_env.scenarios", "scenarios", _register_brought)
+for _name in (*_INCLUDED, *_INCLUDED_SPACES):
+    register_ids(_name, is_space=_name in _INCLUDED_SPACES)

@@ -13,9 +13,8 @@ from typing import Any
 
 import warp as wp
 
-from lissajous_env.by_value import ByValue, replaces
 from lissajous_env.identity import OURS
-from lissajous_env.parameters.registry import register
+from lissajous_env.plugins import ByValue, register, replaces
 from lissajous_env.wording import few_of, nearest, shown
 
 AGENTS = "agents"

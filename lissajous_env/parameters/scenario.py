@@ -9,6 +9,7 @@ import json
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -17,10 +18,8 @@ from lissajous_env.parameters.robot_models import RobotModel, driven_by_velocity
 from lissajous_env.parameters.rogues import BringsRogues
 from lissajous_env.parameters.scenario_rules import check_together
 from lissajous_env.parameters.spreading import Spreading, spreading_of
-from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Messages, Noise
-from lissajous_env.settings.robot import Robot
-from lissajous_env.settings.targets import Sensing, Targets
-from lissajous_env.settings.task import Task
+from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Messages, Noise, Robot
+from lissajous_env.settings.task import Sensing, Targets, Task
 from lissajous_env.theory import closed_forms, geometry
 
 __all__ = [
@@ -69,6 +68,11 @@ class Scenario(BringsRogues):
                 raise ValueError(f"{name} must be text, got {getattr(self, name)!r}")
         object.__setattr__(self, "extensions", as_extensions(self.extensions))
         check_together(self)
+
+    def without_extensions(self) -> "Scenario":
+        """Return the scenario without its extensions; targets of a law of entry then appear anywhere."""
+        entry = "inside" if self.targets.entry == "custom" else self.targets.entry
+        return dataclasses.replace(self, targets=dataclasses.replace(self.targets, entry=entry), extensions=())
 
     @cached_property
     def num_robots(self) -> int:
@@ -300,33 +304,27 @@ class Scenario(BringsRogues):
 
     def resolve(self) -> "Scenario":
         """Return the same scenario with every derived field filled in; it runs identically."""
-        rate_max = self.robot.phase_rate_max
-        if rate_max is None:
-            rate_max = SPRINT * self.formation.phase_rate / self.alpha
-        offset = self.robot.offset if self.robot.model_offset is None else self.robot.model_offset
-        robot = dataclasses.replace(
-            self.robot,
-            count=self.num_robots,
-            phase_rate_max=rate_max,
-            model_offset=offset,
-            throttle_max=self.robot.full_throttle,
-            speed_max=self.robot.top_speed,
-            speed_min=self.robot.lowest_speed,
-            yaw_rate_max=self.robot.top_yaw_rate,
-            acceleration_max=self.robot.top_acceleration,
-            yaw_acceleration_max=self.robot.top_yaw_acceleration,
-        )
-        formation = dataclasses.replace(
-            self.formation, coupling=self.coupling, p=self.p, alpha=self.alpha, ring=self.ring
-        )
-        sensing = dataclasses.replace(self.sensing, radius=self.sensing_radius)
-        targets = dataclasses.replace(self.targets, speed_limit=self.rogue_speed)
-        if targets.rogues is not None:
-            targets = dataclasses.replace(targets, drifting=0.0, wandering=0.0, fleeing=0.0, custom=1.0)
-        curve = dataclasses.replace(self.curve, inset=self.inset)
-        return dataclasses.replace(
-            self, curve=curve, robot=robot, formation=formation, sensing=sensing, targets=targets
-        )
+        robot, rate_max, rogues = self.robot, self.robot.phase_rate_max, self.targets.rogues is not None
+        filled: dict[str, dict[str, Any]] = {
+            "curve": {"inset": self.inset},
+            "robot": {
+                "count": self.num_robots,
+                "phase_rate_max": SPRINT * self.formation.phase_rate / self.alpha if rate_max is None else rate_max,
+                "model_offset": robot.offset if robot.model_offset is None else robot.model_offset,
+                "throttle_max": robot.full_throttle,
+                "speed_max": robot.top_speed,
+                "speed_min": robot.lowest_speed,
+                "yaw_rate_max": robot.top_yaw_rate,
+                "acceleration_max": robot.top_acceleration,
+                "yaw_acceleration_max": robot.top_yaw_acceleration,
+            },
+            "formation": {"coupling": self.coupling, "p": self.p, "alpha": self.alpha, "ring": self.ring},
+            "sensing": {"radius": self.sensing_radius},
+            "targets": {"speed_limit": self.rogue_speed}
+            | (dict.fromkeys(("drifting", "wandering", "fleeing"), 0.0) | {"custom": 1.0} if rogues else {}),
+        }
+        parts = {name: dataclasses.replace(getattr(self, name), **fields) for name, fields in filled.items()}
+        return dataclasses.replace(self, **parts)
 
     def scaled(self, length: float = 1.0, time: float = 1.0) -> "Scenario":
         """Return the similar scenario with all lengths multiplied by `length` and all times by `time`.

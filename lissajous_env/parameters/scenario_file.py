@@ -1,4 +1,6 @@
-"""Scenarios as TOML files: name, description, base scenario, and a table for each part that differs from the base.
+"""Scenarios from fields by name: overrides, dotted or nested, and TOML files.
+
+A file has a name, a description, a base scenario, and a table for each part that differs from the base:
 
     base = "failure"
     [curve]
@@ -16,27 +18,121 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from lissajous_env.here import beside
 from lissajous_env.parameters.extensions import Extension
-from lissajous_env.parameters.overriding import overridden
-from lissajous_env.parameters.registry import NAMES
 from lissajous_env.parameters.scenario import PARTS, Scenario
+from lissajous_env.plugins import beside
+from lissajous_env.settings.parts import Robot
 from lissajous_env.storage.files import read_bytes
 from lissajous_env.wording import nearest, shown
 
 SUFFIX = ".toml"
+NAMES = r"(?!.*\.toml$)\w[\w.-]{0,98}", "a word of letters, digits, _, - and . that does not end in .toml"
+"""Names of scenarios and spaces, as a pattern and in words."""
 _TEXTS = dict.fromkeys(("name", "description", "base"), (str, "text"))
 _OF_SCENARIO = {**_TEXTS, "extensions": (list, "a list"), **dict.fromkeys(PARTS, (dict, "a table"))}
 """Type, also in words, of the values of a scenario's file."""
-OF_SPACE = {**_TEXTS, "require": (list, "a list"), "draw": (dict, "a table"), "shift": (dict, "a table")}
-"""Type, also in words, of the values of a space's file."""
 _LARGEST = 1 << 16
 """Size of a file [bytes]."""
+_OF_THE_NUMBER = "ring", "p", "alpha"
+"""Fields of the formation that are valid only for the number of robots for which they were set."""
+_SHORT = {"rogues": "targets.rogues"}
+"""Short names of fields."""
+_FIELDS = {f"{part}.{field.name}": field for part, kind in PARTS.items() for field in dataclasses.fields(kind)}
+"""The fields of all parts by dotted name."""
+
+
+class UnknownSettingError(ValueError, TypeError):
+    """Error for a field that no part of a scenario has.
+
+    It is a `ValueError`, like that of every invalid setting, and a `TypeError`, like that of an unexpected keyword
+    argument: some libraries probe which keywords an environment accepts and handle only the latter.
+    """
+
+
+def by_field(overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """Return overrides by dotted names, each part by its fields; `extensions` remains as it is.
+
+    Raises:
+        UnknownSettingError: an unknown field.
+        ValueError: the override of a part is neither a mapping nor the part.
+    """
+    fields: dict[str, Any] = {}
+    for key, value in overrides.items():
+        name = _SHORT.get(key, key)
+        if name in PARTS and isinstance(value, PARTS[name]):
+            value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        elif name in PARTS and not isinstance(value, Mapping):
+            raise ValueError(f"override {name} must be a mapping or a {PARTS[name].__name__}, got {shown(value)}")
+        fields |= {f"{name}.{field}": entry for field, entry in value.items()} if name in PARTS else {name: value}
+    for name in fields:
+        if name not in _FIELDS and name != "extensions":
+            words = f"override must name one of {', '.join(PARTS)}, or a field, as in task.duration, got {name!r}"
+            # TorchRL recognizes an optional keyword by Python's own words at the end.
+            end = "" if "." in name else f" (unexpected keyword argument {name!r})"
+            raise UnknownSettingError(f"{words}{_nearest_field(name)}{end}")
+    return fields
+
+
+def overridden(base: Scenario, overrides: Mapping[str, Any]) -> Scenario:
+    """Return a scenario with fields overridden; `lissajous_env.scenario` documents overrides and errors."""
+    given = by_field(overrides)
+    changed: dict[str, dict[str, Any]] = {part: {} for part in PARTS}
+    for dotted in given.keys() & _FIELDS:
+        part, _, name = dotted.partition(".")
+        changed[part][name] = given[dotted]
+    whole: dict[str, Any] = {"extensions": given["extensions"]} if "extensions" in given else {}
+    try:
+        changed["robot"] = _one_limit(base.robot, changed["robot"])
+        whole |= {
+            part: dataclasses.replace(getattr(base, part), **fields) for part, fields in changed.items() if fields
+        }
+        robot, curve = whole.get("robot", base.robot), whole.get("curve", base.curve)
+        if (curve.a + curve.b if robot.count is None else robot.count) != base.num_robots:
+            anew = {name: None for name in _OF_THE_NUMBER if f"formation.{name}" not in given}
+            whole["formation"] = dataclasses.replace(whole.get("formation", base.formation), **anew)
+        return dataclasses.replace(base, **whole)
+    except ValueError as error:
+        raise ValueError(f"{error}{_origin(str(error), base, given)}") from error
+
+
+def _one_limit(robot: Robot, fields: dict[str, Any]) -> dict[str, Any]:
+    """Reset `throttle_max` or `speed_max` to None where the other one, or the motor, is overridden.
+
+    A new motor preserves the throttle of a robot that has both values, such as a resolved one.
+    """
+    pair = {"throttle_max", "speed_max"}
+    given = pair & {name for name, value in fields.items() if value is not None}
+    if len(given) == 1:
+        return dict.fromkeys(pair) | fields
+    both = robot.throttle_max is not None and robot.speed_max is not None
+    if both and not pair & fields.keys() and {"drag", "drive", "offset"} & fields.keys():
+        return fields | {"speed_max": None}
+    return fields
+
+
+def _origin(words: str, base: Scenario, given: Container[str]) -> str:
+    """Return a hint if the field of an error was not overridden but inherited from `base`; "" otherwise."""
+    dotted = words.partition(" ")[0]
+    part, _, name = dotted.partition(".")
+    if dotted not in _FIELDS or dotted in given or getattr(getattr(base, part), name) == _FIELDS[dotted].default:
+        return ""
+    default = _FIELDS[dotted].default
+    return f"; it comes from the scenario {base.name}: change it too, {dotted}={default!r} is the default"
+
+
+def _nearest_field(name: str) -> str:
+    """Return "; did you mean task.duration?" for `duration`, `tasks.duration` or a similar name."""
+    if "." in name and (hint := nearest(name, _FIELDS)):
+        return hint
+    last = name.rpartition(".")[2]
+    if same := [dotted for dotted in _FIELDS if dotted.endswith(f".{last}")]:
+        return f"; did you mean {' or '.join(same)}?"
+    return nearest(last, PARTS) or nearest(last, (dotted.partition(".")[2] for dotted in _FIELDS))
 
 
 def read_toml(path: str, largest: int = _LARGEST) -> dict[str, Any]:
@@ -146,16 +242,20 @@ def as_toml(scenario: Scenario) -> str:
     """
     if scenario.extensions:
         raise ValueError(f"extensions must be empty for a scenario's file, got {len(scenario.extensions)}")
-    lines = [
-        f"name = {toml_value('name', scenario.name)}",
-        f"description = {toml_value('description', scenario.description)}",
-    ]
-    for part in PARTS:
-        fields = [(field, getattr(getattr(scenario, part), field.name)) for field in dataclasses.fields(PARTS[part])]
-        changed = [(field.name, value) for field, value in fields if value != field.default]
-        lines += ["", f"[{part}]"] if changed else []
-        lines += [f"{name} = {toml_value(f'{part}.{name}', value)}" for name, value in changed]
+    lines = [f"{name} = {toml_value(name, getattr(scenario, name))}" for name in ("name", "description")]
+    for part, changed in changed_fields(scenario).items():
+        lines += ["", f"[{part}]", *(f"{name} = {toml_value(f'{part}.{name}', now)}" for name, now in changed.items())]
     return "\n".join(lines) + "\n"
+
+
+def changed_fields(scenario: Scenario) -> dict[str, dict[str, Any]]:
+    """Return by part the fields of a scenario that differ from their defaults; parts without one are missing."""
+    changed: dict[str, dict[str, Any]] = {}
+    for dotted, field in _FIELDS.items():
+        part, _, name = dotted.partition(".")
+        if (value := getattr(getattr(scenario, part), name)) != field.default:
+            changed.setdefault(part, {})[name] = value
+    return changed
 
 
 def toml_value(name: str, value: Any) -> str:

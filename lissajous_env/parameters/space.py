@@ -1,4 +1,4 @@
-"""A distribution of scenarios: fields drawn by expressions and a seed, with splits that share no scenario."""
+"""Distributions of scenarios, and sequences of draws: fields are expressions of a seed, splits share no scenario."""
 
 import bisect
 import functools
@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from lissajous_env.parameters.overriding import by_field, overridden
 from lissajous_env.parameters.scenario import PARTS, Scenario
+from lissajous_env.parameters.scenario_file import by_field, overridden
 from lissajous_env.settings.checks import LAST_SEED, is_finite, whole_number
 from lissajous_env.settings.formulas import Formula, Names
 from lissajous_env.wording import nearest, shown
@@ -19,6 +19,8 @@ SPLITS = {"train": 0.8, "validation": 0.1, "test": 0.1}
 _SCALE = "length", "time"
 _MOST_TRIES = 1000
 """Limit on the draws for one scenario that rules reject."""
+_MOST_DRAWS = 10_000
+"""Limit on the draws for the next scenario of a group that fits."""
 _RANDOM: dict[str, Callable[..., Any]] = {
     "uniform": lambda at, low, high: low + (high - low) * at,
     "log_uniform": lambda at, low, high: low * (high / low) ** at,
@@ -226,8 +228,12 @@ class ScenarioSpace:
 
     def _uniform(self, what: str, seed: int) -> float:
         """Return a number in [0, 1) that depends on the space's name, the seed and the purpose alone."""
-        digest = hashlib.sha256(f"{self.name}/{seed}/{what}".encode()).digest()
-        return int.from_bytes(digest[:8]) / 2**64
+        return _hashed(f"{self.name}/{seed}/{what}") / 2**64
+
+
+def _hashed(text: str) -> int:
+    """Return a number below 2^64 that depends on a text alone."""
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8])
 
 
 def _property(made: Scenario, dotted: str) -> Any:
@@ -260,3 +266,45 @@ def _choice(name: str, choices: Any, weights: Any) -> Callable[[Names], Any]:
         raise ValueError(f"{name}.weights {rule}, got {shown(weights)}")
     above = list(itertools.accumulate(shares))
     return lambda names: choices[bisect.bisect(above, names("uniform")(0, above[-1]))]
+
+
+class Draws:
+    """Scenarios of a split for groups of worlds: those of a group depend on the seed and on its number alone.
+
+    Args:
+        space: The space.
+        split: Split or shift from which scenarios are drawn.
+        seed: Whole number from 0 to 2^31 - 1.
+        change: Function that returns a drawn scenario with fields changed.
+        fits: Function that returns False for scenarios to skip.
+    """
+
+    def __init__(
+        self,
+        space: ScenarioSpace,
+        split: str,
+        seed: int,
+        change: Callable[[Scenario], Scenario],
+        fits: Callable[[Scenario], bool],
+    ):
+        self.seed, self._change, self._fits = seed, change, fits
+        self.split = None if split in space.shifts else split
+        self.space = space.shifted(split) if split in space.shifts else space
+        self._counts: dict[int, int] = {}
+        """Number of draws of each group so far, those included that were not used."""
+
+    def next(self, group: int) -> tuple[Scenario, int]:
+        """Return the next scenario of a group, and a seed for its worlds.
+
+        Raises:
+            ValueError: ten thousand draws contain none that fits.
+        """
+        start = f"{self.space.name}/{self.seed}"
+        for _ in range(_MOST_DRAWS):
+            draw = self._counts[group] = self._counts.get(group, -1) + 1
+            seed = _hashed(f"{start}/scenario/{group}/{draw}") % LAST_SEED
+            if self.split is not None and self.space.split_of(seed) != self.split:
+                continue
+            if self._fits(made := self._change(self.space.sample(seed))):
+                return made, _hashed(f"{start}/episodes/{group}/{draw}") % LAST_SEED // 2
+        raise ValueError(f"space {self.space.name} must contain more scenarios of the largest size, got none")

@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from lissajous_env.episodes.recording import Recording
-from lissajous_env.extras import missing
+from lissajous_env.plugins import missing
 from lissajous_env.render import palette
 from lissajous_env.render.renderer import Renderer
 from lissajous_env.render.window import Window

@@ -1,16 +1,130 @@
-"""The task of a scenario: time, grids and the reward; the other parts are in `parts.py`."""
+"""The targets of a scenario, the sensors that detect them, and the task; the other parts are in `parts.py`."""
 
 from dataclasses import dataclass
 from typing import Any
 
-from lissajous_env.settings.checks import Checked, choice, flag, is_whole, number, rows, whole
+from lissajous_env.settings.checks import Checked, choice, flag, is_whole, number, rows, whole, word
 
 MOST_STEPS = 2**20
 """Limit on the steps of an episode."""
+MOST_TARGETS = 2**21
+"""Limit on the targets of an episode."""
 
 
 def _as_lines(entry: Any) -> int | None:
     return entry if is_whole(entry) and 1 <= entry <= 4096 else None
+
+
+@dataclass(frozen=True)
+class Sensing(Checked):
+    """The sensor of a robot: an omnidirectional disc on the ground."""
+
+    radius: float | None = number(None, 1e-6, 1e5, "m")
+    """Radius within which targets are detected, and cells and robots sensed, r_s [m]; None means the smallest that
+    satisfies (8)."""
+    sight: float | None = number(None, 1e-6, 1e5, "m")
+    """Radius within which targets and robots are observed [m], at least `radius`; None means `radius`."""
+    targets_seen: int = whole(4, 0, 32)
+    """Number of targets in sight in an observation, nearest first."""
+    robots_seen: int = whole(2, 0, 32)
+    """Number of robots in sight in an observation, nearest first."""
+    tracks_seen: int = whole(0, 0, 64)
+    """Number of tracks in an observation, nearest first: targets that the robot remembers or was told of."""
+    teammates_seen: int = whole(0, 0, 64)
+    """Number of teammates in an observation, nearest first, at the places that their last messages contained."""
+    memory: float = number(10.0, 1e-3, 1e6, "s")
+    """Time for which a robot remembers a track, and a teammate's place [s]."""
+    shared: str = choice("none", "none", "ring", "team")
+    """Robots whose sightings and places a robot receives: none, its two ring neighbours, or the whole team; see
+    `lissajous_env.world.tracks`."""
+
+    def _check_together(self) -> None:
+        seen = self.sight is None or self.radius is None or self.sight >= self.radius
+        self._require(seen, "sight", f"must be at least radius = {self.radius} [m]")
+
+    @property
+    def has_tracks(self) -> bool:
+        """True if the observation contains tracks or teammates."""
+        return self.tracks_seen + self.teammates_seen > 0
+
+
+@dataclass(frozen=True)
+class Targets(Checked):
+    """The targets: number, arrival and motion. Targets outside the four shares of motion do not move."""
+
+    count: int = whole(20, 0, MOST_TARGETS)
+    """Targets present from the start."""
+    arrival_rate: float = number(0.0, 1e-9, 1e6, "1/s", or_zero=True)
+    """Rate of the Poisson process by which further targets appear [1/s]."""
+    entry: str = choice("inside", "inside", "boundary", "unseen", "hotspots", "custom")
+    """Place where targets appear: anywhere in the rectangle, on its boundary, where no working robot senses, mostly
+    around a few places, which are drawn for each episode and unknown to the robots, or where the scenario's own
+    `target_entry` says. For `unseen`, if 64 random places are all sensed, the last one is used, and the target is
+    detected at once."""
+    hotspots: int = whole(3, 1, 64)
+    """Number of the places of `hotspots`: each uniform in the middle 85 % of the width and of the height, with weights
+    that are gamma variates of shape 2."""
+    hotspot_spread: float = number(0.2, 0, 1e4, "m")
+    """Standard deviation of the distance between a target's entry and its hotspot, along x and y [m]; entries beyond
+    the boundary are moved onto it."""
+    hotspot_uniform: float = number(0.1, 0, 1)
+    """Share of targets that appear anywhere in the rectangle with `hotspots`."""
+    respawn: bool = flag(False)
+    """True if a detected target appears anew in the next step, where `entry` says, with the motion and speed that it
+    had."""
+    drifting: float = number(0.0, 0, 1)
+    """Share of targets that move straight and bounce off the boundary."""
+    wandering: float = number(1.0, 0, 1)
+    """Share of targets whose heading follows a random walk."""
+    fleeing: float = number(0.0, 0, 1)
+    """Share of targets that flee from the nearest robot within `flee_radius` and otherwise wander."""
+    custom: float = number(0.0, 0, 1)
+    """Share of targets that move by the scenario's own `target_motion`."""
+    speed: float = number(0.2, 0, 1e4, "m/s")
+    """Speed of drifting and wandering targets [m/s]; the highest one if `speed_min` is given."""
+    speed_min: float | None = number(None, 0, 1e4, "m/s")
+    """Lowest speed of drifting and wandering targets [m/s], each of which draws its own from here to `speed`; None
+    means `speed`."""
+    turn_rate: float = number(1.0, 0, 1e3, "rad/sqrt(s)")
+    """Standard deviation of a wandering target's change of heading in one second [rad/sqrt(s)]."""
+    flee_radius: float = number(0.9, 1e-6, 1e5, "m")
+    """Distance to a robot below which a fleeing target flees [m]."""
+    flee_speed: float = number(0.6, 0, 1e4, "m/s")
+    """Speed of a target while it flees [m/s]; lower along the boundary."""
+    flight: str = choice("nearest", "nearest", "all")
+    """Direction of flight: away from the nearest robot; or from all robots within `flee_radius` and from the walls,
+    each robot with a weight of one over its distance, and each wall with half of that."""
+    speed_limit: float | None = number(None, 0, 1e4, "m/s")
+    """Speed limit of evading targets, for the worst-case undetected time [m/s]; None means the highest speed of these
+    targets. Required where targets move by the scenario's own motion."""
+    leave: bool = flag(True)
+    """True if a target leaves once it is detected."""
+    rogues: str | None = word(None, "must be agents, the name of a rogue, the folder of one, or several joined by +")
+    """Adversary that moves all targets within `speed_limit`, instead of the motions above: `agents`, the name of a
+    rogue, the folder of a learned one, or several of these joined by `+`; see `lissajous_env.world.rogues`."""
+    sight: float | None = number(None, 1e-6, 1e5, "m")
+    """Distance within which a rogue observes robots [m]; None means that it observes all of them."""
+
+    def _check_together(self) -> None:
+        total = self.drifting + self.wandering + self.fleeing + self.custom
+        self._require(total < 1 + 1e-9, "fleeing", "must not make drifting + wandering + fleeing + custom exceed 1")
+        is_lower = self.speed_min is None or self.speed_min <= self.speed
+        self._require(is_lower, "speed_min", f"must be at most speed = {self.speed:g} [m/s]")
+        self._require(self.leave or not self.respawn, "respawn", "must be False if targets do not leave")
+        self._require(self.rogues is None or not self.respawn, "respawn", "must be False with rogues")
+        rule = f"must be None or at least the speed of these targets, {self.speed_max:g} m/s"
+        self._require(self.speed_limit is None or self.speed_limit >= self.speed_max, "speed_limit", rule)
+
+    @property
+    def slowest(self) -> float:
+        """Lowest speed of drifting and wandering targets [m/s]: `speed_min`, or `speed` by default."""
+        return self.speed if self.speed_min is None else self.speed_min
+
+    @property
+    def speed_max(self) -> float:
+        """Highest speed of drifting, wandering and fleeing targets [m/s]."""
+        roaming = self.drifting + self.wandering + self.fleeing > 0
+        return max(self.speed if roaming else 0.0, self.flee_speed if self.fleeing > 0 else 0.0)
 
 
 @dataclass(frozen=True)

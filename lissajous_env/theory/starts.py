@@ -8,8 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from lissajous_env.settings.parts import Curve, Formation
-from lissajous_env.settings.robot import Robot
+from lissajous_env.settings.parts import Curve, Formation, Robot
 from lissajous_env.theory import closed_forms, geometry
 
 STARTS = 64

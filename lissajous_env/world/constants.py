@@ -116,8 +116,8 @@ def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, dev
     large.append(n * known * (32 + 4 * (delay + 1)))
     check_room([*large, n * (delay + 1) * (16 + 4 * k), 2 * n * row_size * 4], w, device)
     each, robot = (w,), (w, n)
-    bits, field_row = (w, hops.rows, (hops.columns + 31) // 32), (w, hops.rows)
-    there = w, hops.rows + 2 * int(MARGIN), bits[2] + 2, hops.history_length
+    field_row = w, hops.rows
+    there = w, hops.rows + 2 * int(MARGIN), (hops.columns + 31) // 32 + 2, hops.history_length
     mates = w, n, n if scenario.sensing.has_tracks else 0
     discs, swept = (w, words, rows), (w, (hops.columns + 63) // 64, hops.rows)
     of_robots = {name: robot for name, array in variables_of(EpisodeTotals).items() if array.type.ndim == 2}
@@ -131,7 +131,7 @@ def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, dev
                                            "mate_at": mates, "heard_at": mates}),
         "cells": (Cells, (w, rows), {"sensed_at": (w, rows, columns), "sensed_by": (w, n, words, rows),
                                      "sensed": discs, "in_discs": discs, "coming": discs}),
-        "contamination": (Contamination, each, {"labels": (w, *labels), "settled": bits, "sensed": swept,
+        "contamination": (Contamination, each, {"labels": (w, *labels), "sensed": swept,
                                                 "swept": swept, "there": there, "row_oldest": field_row,
                                                 "row_ages": field_row}),
         "latest": (StepEvents, robot, {"in_sight": each, "waiting": each, "idle_ended": each,

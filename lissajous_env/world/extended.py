@@ -1,8 +1,10 @@
 """Extensions of a scenario: their view of a world, their stages, and the places of these among those of the package."""
 
+import math
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NoReturn
+from typing import Any, NoReturn, Self
 
 import numpy as np
 import warp as wp
@@ -10,13 +12,13 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.program import Stage
 from lissajous_env.device.stage import ROBOT, TARGET, WORLD, stage
-from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.extensions import (
     LARGEST,
     Extension,
     ObservationEntry,
     RewardTerm,
     ScoreColumn,
+    TargetEntry,
     TargetMotion,
 )
 from lissajous_env.parameters.robot_models import RobotModel, is_shipped, model_of
@@ -36,44 +38,85 @@ def read_only(array: np.ndarray) -> np.ndarray:
     return view
 
 
-class _Arrays:
-    """Arrays by name, read-only: on a CPU their memory, on a GPU copies, made when they are read."""
-
-    def __init__(self, arrays: Mapping[str, Any]):
-        self.__dict__["_arrays"] = arrays
-
-    def __getattr__(self, name: str) -> Any:
-        if name not in self.__dict__.get("_arrays", {}):
-            raise AttributeError(f"a world has no {name}")
-        array = self._arrays[name]
-        view = read_only(array.numpy())
-        if array.device.is_cpu:
-            self.__dict__[name] = view
-        return view
+class _Fixed:
+    """An object whose attributes are set once, when it is made."""
 
     def __setattr__(self, name: str, value: Any) -> NoReturn:
         raise ValueError(f"{name} is read-only, and so are all arrays of a world")
 
 
-class WorldView(_Arrays):
+class WorldView(_Fixed):
     """Argument of an extension's function: read-only arrays over worlds, robots and targets.
 
     Attributes:
         scenario: The scenario, with every field filled in.
         clock, robots, links, messages, targets, cells, latest, tally: The arrays of `lissajous_env.world.state`, by
             their names: `world.robots.position` is (W, N, 3). So is `rogues` where `targets.rogues` is set.
-        observation: (W, N, D) rows of the robots.
+        observation: (W, N, D).
+        state: The extension's own arrays (W, ...), by the names that it declared; only these can be written.
 
     On the CPU they are the simulation's own memory, in which everything is of this very step. On a GPU they are copied
     when they are read. To change one, copy it: `world.targets.position.copy()`.
     """
 
     scenario: Scenario
+    state: Mapping[str, np.ndarray]
+    clock: Any
+    _observation: Any
+    _name: str
+    _drawn: int
 
-    def __init__(self, scenario: Scenario, structs: Mapping[str, Any], observation: Any):
-        super().__init__({"observation": observation})
-        self.__dict__["scenario"] = scenario
-        self.__dict__.update({name: _Arrays(fields_of(struct)) for name, struct in structs.items()})
+    def __init__(self, scenario: Scenario, structs: Mapping[str, Any], observation: Any, name: str, state: Any):
+        own = {"state": state, "_observation": observation, "_name": name, "_drawn": 0}
+        self.__dict__.update({"scenario": scenario} | own)
+        self.__dict__.update({struct_name: _Arrays(struct) for struct_name, struct in structs.items()})
+
+    @property
+    def observation(self) -> Any:
+        """(W, N, D) rows of the robots."""
+        return read_only(self._observation.numpy())
+
+    def again(self) -> Self:
+        """Begin a call of the extension, which draws the first random numbers of its step."""
+        self.__dict__["_drawn"] = 0
+        return self
+
+    def random(self, *shape: int) -> np.ndarray:
+        """Draw uniform numbers (W, *shape) in [0, 1).
+
+        They depend on the seed of a world, on the step, the name of the extension, and on how many it drew before in
+        this step, and not on the other worlds.
+        """
+        count = math.prod(shape)
+        key = self.clock.seed.astype(np.uint64) << np.uint64(32) | self.clock.step.astype(np.uint64)
+        key = _mixed(key ^ np.uint64(zlib.crc32(self._name.encode())) << np.uint64(31))
+        numbers = np.arange(self._drawn + 1, self._drawn + count + 1, dtype=np.uint64) * _GOLDEN
+        self.__dict__["_drawn"] += count
+        return (_mixed(key[:, None] + numbers) >> np.uint64(11)).reshape(-1, *shape) * 2.0**-53
+
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+
+
+def _mixed(word: np.ndarray) -> np.ndarray:
+    """Return the words of 64 bits, mixed (the finalizer of SplitMix64: Steele, Lea and Flood, 2014)."""
+    word = (word ^ word >> np.uint64(30)) * np.uint64(0xBF58476D1CE4E5B9)
+    word = (word ^ word >> np.uint64(27)) * np.uint64(0x94D049BB133111EB)
+    return word ^ word >> np.uint64(31)
+
+
+class _Arrays(_Fixed):
+    """Arrays of a struct: on a CPU its memory, on a GPU copies, made when they are read."""
+
+    def __init__(self, struct: Any):
+        self.__dict__["_struct"] = struct
+
+    def __getattr__(self, name: str) -> Any:
+        array = getattr(self.__dict__["_struct"], name)
+        view = read_only(array.numpy())
+        if array.device.is_cpu:
+            self.__dict__[name] = view
+        return view
 
 
 wp.set_module_options(OPTIONS)
@@ -128,6 +171,15 @@ def take_places(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
         targets.position[w, t] = place
 
 
+@stage(TARGET, writes="targets: before, position")
+def take_entry(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
+    """Put the targets that appear now at the places of an extension."""
+    if targets.stage[w, t] == HIDDEN and targets.appears_at[w, t] <= clock.step[w]:
+        place = inside(value[w, t], curve)
+        targets.position[w, t] = place
+        targets.before[w, t] = place
+
+
 _LARGEST = LARGEST * (1 + 1e-6)
 """The same of numbers that were rounded to 32 bits."""
 
@@ -141,7 +193,8 @@ class ExtensionStages:
         observation: (W, N, D) the rows.
 
     Attributes:
-        kept: For each `ScoreColumn`, by name, its sum, largest, least and last (W, 4) of the episode.
+        kept: For each `ScoreColumn`, by name, its sum, largest, least and last (W, 4) of the episode; and the state of
+            the extensions.
     """
 
     def __init__(self, scenario: Scenario, structs: Mapping[str, Any], observation: wp.array):
@@ -149,7 +202,7 @@ class ExtensionStages:
         self.device: Any = observation.device
         _check_names(scenario)
         self.kept: dict[str, wp.array] = {}
-        self._view = WorldView(scenario, structs, observation) if scenario.extensions else None
+        self._world = structs, observation
         self._after: dict[str, list[Stage]] = {}
         """Stages of a step, by the stage that they follow."""
         self._after_reset: dict[str, list[Stage]] = {}
@@ -170,16 +223,21 @@ class ExtensionStages:
             elif isinstance(each, ScoreColumn):
                 place, over, takes, value = "reward", WORLD, keep_column, self._room(shape[:1], wp.float64)
                 self.kept[each.name] = own["kept_out"] = self._room((shape[0], 4), wp.float64)
-            elif isinstance(each, TargetMotion):
-                place, over, takes = "collisions", TARGET, take_places
+            elif isinstance(each, (TargetMotion, TargetEntry)):
+                moves = isinstance(each, TargetMotion)
+                place, over, takes = ("collisions", TARGET, take_places) if moves else ("respawn", TARGET, take_entry)
                 value = self._room((shape[0], scenario.target_capacity), wp.vec2)
             else:
                 continue
-            run, take = self._run(each, over, value), Stage(f"{each.name} taken", takes, own=own | {"value": value})
+            state = self._remembered(each, shape[0])
+            run, take = (
+                self._run(each, over, value, state),
+                Stage(f"{each.name} taken", takes, own=own | {"value": value}),
+            )
             moves = isinstance(each, TargetMotion) and run[0].is_kernel  # the kernel writes the places itself
             self._after.setdefault(place, []).extend(run if moves else [*run, take])
-            if isinstance(each, ObservationEntry):
-                self._after_reset.setdefault("observation", []).extend([*run, take])
+            if isinstance(each, (ObservationEntry, TargetEntry)):
+                self._after_reset.setdefault(place, []).extend([*run, take])
             elif isinstance(each, ScoreColumn):
                 self._after_reset.setdefault("score", []).append(take)
 
@@ -199,20 +257,44 @@ class ExtensionStages:
     def _room(self, shape: tuple[int, ...], dtype: Any = wp.float32) -> wp.array:
         return wp.zeros(shape, dtype=dtype, device=self.device)
 
-    def _run(self, each: Extension, over: str, value: wp.array) -> list[Stage]:
+    def _remembered(self, each: Extension, worlds: int) -> dict[str, wp.array]:
+        """Return the arrays of an extension's state, which a reset fills anew; those of a function are on the CPU."""
+        device = self.device if isinstance(each.run, wp.Kernel) else "cpu"
+        shapes = {name: (worlds, *shape) for name, shape in each.state.items()}
+        state = {name: wp.zeros(shape, dtype=wp.float32, device=device) for name, shape in shapes.items()}
+        self.kept |= {f"{each.name}.{name}": array for name, array in state.items()}
+        fresh = self._world[0]["clock"].fresh
+
+        def begin() -> None:
+            begins = fresh.numpy() == 1
+            filled = {name: np.zeros_like(array.numpy()) for name, array in state.items()}
+            if each.reset is not None:
+                each.reset(WorldView(self.scenario, *self._world, f"{each.name} reset", filled))
+            for name, array in state.items():
+                array.assign(np.where(begins.reshape(-1, *[1] * (array.ndim - 1)), filled[name], array.numpy()))
+
+        if state:
+            self._after_reset.setdefault("arrays", []).append(Stage(f"{each.name} begins", begin))
+        return state
+
+    def _run(self, each: Extension, over: str, value: wp.array, state: dict[str, wp.array]) -> list[Stage]:
         """Return the stages of an extension's own kernel or function, which writes into `value`."""
         if isinstance(each.run, wp.Kernel):
-            runs = [Stage(each.name, each.run, over, own={"value_out": value})]
+            runs = [Stage(each.name, each.run, over, own=state | {"value_out": value})]
             # A motion writes places itself; a GPU would have to be waited for.
             if self.device.is_cpu and not isinstance(each, TargetMotion):
                 runs.append(Stage(f"{each.name} checked", lambda: _check_numbers(each, value.numpy())))
             return runs
         shape = tuple(value.numpy().shape)
         short = shape[:-1] if isinstance(each, ObservationEntry) and each.size == 1 else shape
+        memory = {name: array.numpy() for name, array in state.items()}  # of the same memory
+        view, fresh = WorldView(self.scenario, *self._world, each.name, memory), self._world[0]["clock"].fresh
 
         def call() -> None:
+            resets = bool(memory) and fresh.numpy().any()
+            before = {name: array.copy() for name, array in memory.items()} if resets else {}
             try:
-                result = np.asarray(each.run(self._view))
+                result = np.asarray(each.run(view.again()))
             except SystemExit as error:  # which would end the process without a word
                 where = where_raised(error)
                 raise RuntimeError(f"{each.kind} {each.name} must return numbers, got {where}") from error
@@ -228,6 +310,8 @@ class ExtensionStages:
                 taken = result.reshape(shape).astype(value.numpy().dtype)
             _check_numbers(each, taken)
             value.assign(taken)
+            for name, array in memory.items() if resets else ():  # a reset of some worlds changes nothing in the others
+                array[fresh.numpy() == 0] = before[name][fresh.numpy() == 0]
 
         call.__doc__ = each.about
         return [Stage(each.name, call)]
@@ -239,7 +323,7 @@ def _check_numbers(each: Extension, numbers: np.ndarray) -> None:
     if numbers.size == 0 or max(float(numbers.max()), -float(numbers.min())) * weight <= _LARGEST:
         return  # a NaN is the largest and compares as False
     place = np.argwhere(~(np.abs(numbers).astype(float) * weight <= _LARGEST))[0]
-    thing = "target" if isinstance(each, TargetMotion) else "robot"
+    thing = "target" if isinstance(each, (TargetMotion, TargetEntry)) else "robot"
     where = f"{thing}_{place[1]} in world {place[0]}" if len(place) > 1 else f"world {place[0]}"
     largest = f"of at most {LARGEST:g}{', weight included' if isinstance(each, RewardTerm) else ''}"
     rule = f"must return finite numbers {largest}"
@@ -258,7 +342,8 @@ def _check_motion(model: RobotModel, robots: Any) -> None:
 
 def _check_names(scenario: Scenario) -> None:
     """Refuse a name that the package uses."""
-    entries = layout(replace(scenario, extensions=())).names
+    others = tuple(each for each in scenario.extensions if not isinstance(each, ObservationEntry))
+    entries = layout(replace(scenario, extensions=others)).names
     taken = {RewardTerm: TERMS, ScoreColumn: NAMES, ObservationEntry: entries}
     for each in scenario.extensions:
         names = each.entries if isinstance(each, ObservationEntry) else (each.name,)

@@ -14,7 +14,7 @@ from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import place_of
-from lissajous_env.settings.targets import Sensing
+from lissajous_env.settings.task import Sensing
 from lissajous_env.world.observation import TEAMMATE, TRACK
 from lissajous_env.world.observing import empty, far, keep_nearest
 from lissajous_env.world.robots.bins import Bins

@@ -61,12 +61,12 @@ def test_tables_fit_and_cut_nothing(command, width, capsys, monkeypatch):
 
 @pytest.mark.parametrize(
     ("line", "code"),
-    [("nothing <&- >&- 2>&-", 2), ("--help > /dev/full", 1), ("--help | true", 1)],
+    [("nothing <&- >&- 2>&-", 2), ("--help > /dev/full", 1)],
 )
 def test_streams_that_are_closed_or_full_end_no_command_in_a_traceback(line, code):
     command = f"set -o pipefail; {sys.executable} -m lissajous_env {line}"
     ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)
-    assert ended.returncode == code or ("|" in line and ended.returncode == 0)
+    assert ended.returncode == code
     assert "Traceback" not in ended.stderr
     assert "Exception ignored" not in ended.stderr
     assert "\ufffd" not in ended.stdout
@@ -91,21 +91,6 @@ def loaded(**place):
     ended = subprocess.run([sys.executable, "-c", LOAD], capture_output=True, text=True, env=environment, timeout=120)
     assert ended.returncode == 0, ended.stderr
     return ended.stdout.splitlines()
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["HOME", "WARP_CACHE_PATH"])
-def test_kernels_that_cannot_be_kept_are_compiled_for_one_run(name):
-    note, compiling = loaded(**{name: "/dev/null/nowhere"})
-    assert "cannot be written to (Not a directory): kernels are compiled for this run alone" in note
-    assert compiling == "compiling kernels, once: about 10 s"
-
-
-@pytest.mark.long
-def test_the_first_run_says_that_it_compiles(tmp_path):
-    place = {"WARP_CACHE_PATH": str(tmp_path)}
-    assert loaded(**place) == ["compiling kernels, once: about 10 s"]
-    assert loaded(**place) == []
 
 
 def test_the_command_says_that_it_compiles_unless_quiet(monkeypatch, capsys):

@@ -10,6 +10,7 @@ import pickle
 import numpy as np
 import pytest
 
+import baselines
 import lissajous_env
 from lissajous_env import ScenarioSpace, Simulation
 
@@ -234,7 +235,7 @@ def test_rows_and_rewards_are_those_of_the_simulation_until_the_time_limit_which
         simulation = Simulation(made, adapter.worlds, seed=int(episode.simulation.score()[0]["seed"]))
     else:
         simulation = Simulation(made, adapter.worlds, seed=7)
-    driver = lissajous_env.policy("still", made, adapter.worlds) if roles == "rogues" else None
+    driver = baselines.make("still", made, adapter.worlds) if roles == "rogues" else None
     n, compared = made.num_robots, 0
     for step in range(1, made.task.steps + 1):
         for side, of in rows.items():

@@ -10,7 +10,6 @@ import pytest
 import warp as wp
 from gymnasium.error import ResetNeeded
 
-import lissajous_env
 from lissajous_env import LissajousEnv, Simulation, env, parallel_env, vector_env
 
 
@@ -53,9 +52,8 @@ def test_arguments_of_a_simulation(words):
     (parallel_env, {"render_mode": "ansi"}, "render_mode must be None, rgb_array or human, got 'ansi'"),
     (env, {"render_mode": 1}, "render_mode must be None, rgb_array or human, got 1"),
     (LissajousEnv, {"render_mode": ""}, "render_mode must be None, rgb_array or human, got ''"),
-    (vector_env, {"render_mode": "human"}, "render_mode must be None or rgb_array"),
     (vector_env, {"autoreset_mode": "NEVER"}, "must be one of NEXT_STEP, SAME_STEP, DISABLED, got 'NEVER'"),
-    (vector_env, {"robot.radios": 1.0}, r"got robot.radios; did you mean robot.radius\?"),
+    (vector_env, {"robot.radios": 1.0}, r"got 'robot.radios'; did you mean robot.radius\?"),
 ])  # fmt: skip
 def test_settings_of_an_environment(make, settings, words):
     with pytest.raises(ValueError, match=words):
@@ -80,16 +78,6 @@ def test_what_is_no_action():
     simulation = Simulation("failure", 2)
     for action, words in ACTIONS:
         assert_refused(simulation, lambda action=action: simulation.step(action), words)
-
-
-@pytest.mark.parametrize("dtype", [np.int64, np.float16, np.float64, np.uint8])
-def test_numbers_of_any_size_are_taken_as_what_they_are(dtype):
-    # Oracle: the same numbers as float32.
-    simulations = [Simulation("failure", 2) for _ in range(2)]
-    for simulation, kind in zip(simulations, (dtype, np.float32), strict=True):
-        simulation.step(np.ones((2, 5, 1), dtype=kind))
-    states = [simulation.save_state() for simulation in simulations]
-    assert all(states[0][name].tobytes() == states[1][name].tobytes() for name in states[0])
 
 
 WORLDS = r"^worlds must be (a mask of shape \(3,\)|from 0 to 2|a mask or indices of worlds|in one row, each once), got"
@@ -187,13 +175,6 @@ def test_discrete_actions():
         assert_refused(agents.simulation, lambda actions=actions: agents.step(actions), words)
 
 
-def test_a_large_seed_is_folded():
-    # Gymnasium allows any whole number from 0. Oracle: the same again, and different from its neighbour.
-    agents, seed = parallel_env("experiment"), 10**40
-    rows = [agents.reset(seed=s)[0]["robot_0"].tobytes() for s in (seed, seed, seed + 1)]
-    assert rows[0] == rows[1] != rows[2]
-
-
 MADE = {
     "parallel": lambda: parallel_env("failure"),
     "team": lambda: LissajousEnv("failure"),
@@ -224,8 +205,3 @@ def test_what_an_environment_does_not_take(name):
     for method, given, words in (call for kind, *call in CALLS if kind == name):
         call = functools.partial(getattr(made, method), **given)
         assert_refused(made.simulation, call, words)
-
-
-def test_names_come_with_the_nearest():
-    with pytest.raises(ValueError, match=r"scenario must be one of .*, got 'faliure'; did you mean failure\?"):
-        lissajous_env.parallel_env("faliure")

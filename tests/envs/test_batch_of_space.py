@@ -5,7 +5,7 @@ import pytest
 
 import lissajous_env
 from lissajous_env import Batch, ScenarioSpace, Simulation, scenario
-from lissajous_env.parameters.draws import Draws
+from lissajous_env.parameters.space import Draws
 
 DRAW = {
     "curve": {"choices": [{"a": 1, "b": 2}, {"a": 3, "b": 2}], "half_height": "uniform(0.8, 1.0)"},
@@ -114,11 +114,14 @@ def test_invalid_arguments_are_refused_by_name(changes, words):
         Batch(**{"scenario": SPACE, "num_worlds": 4} | changes)
 
 
-def test_a_drawn_scenario_is_changed_only_if_the_group_plays_it():
-    # Oracle: the scenarios of another sequence from the same seed, without a change.
-    changed = []
-    draws, plain = Draws(SPACE, seed=5, change=lambda made: changed.append(made) or made), Draws(SPACE, seed=5)
-    played = [draws.next(0) for _ in range(4)]
-    assert played == [plain.next(0) for _ in range(4)]
-    assert draws.counts[0] > 4
-    assert len(changed) == 4
+def test_draws_that_do_not_fit_are_skipped(monkeypatch):
+    # Oracle: the scenarios of another sequence from the same seed, without those that are skipped.
+    def draws(fits):
+        return Draws(SPACE, "train", 5, lambda made: made, fits)
+
+    every, few = draws(lambda made: True), draws(lambda made: made.num_robots == 3)
+    due = [drawn for drawn in (every.next(0) for _ in range(20)) if drawn[0].num_robots == 3]
+    assert [few.next(0) for _ in due] == due
+    monkeypatch.setattr("lissajous_env.parameters.space._MOST_DRAWS", 9)
+    with pytest.raises(ValueError, match="space small must contain more scenarios of the largest size, got none"):
+        draws(lambda made: False).next(0)

@@ -13,7 +13,7 @@ import lissajous_env
 from baselines.commands.exploit import exploit
 from lissajous_env.console.terminal import Output
 from lissajous_env.episodes.missed import missed_rogue, missed_rogues
-from lissajous_env.episodes.missed.replayed import record_again
+from lissajous_env.episodes.missed.played import record_again
 from lissajous_env.replay import page
 
 GRID = {"task.contamination": (90, 40)}

@@ -24,7 +24,7 @@ from browser import (
 import baselines
 import lissajous_env
 from lissajous_env.episodes.missed import missed_rogue
-from lissajous_env.episodes.missed.replayed import record_again
+from lissajous_env.episodes.missed.played import record_again
 from lissajous_env.replay import Replay, page
 
 

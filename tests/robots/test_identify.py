@@ -10,32 +10,40 @@ from lissajous_env.logs.inputs import INPUTS, actions_of, inputs_of
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import motion_of
 from lissajous_env.logs.reading import read
-from lissajous_env.logs.rollouts import MODELS, Rollouts
-from lissajous_env.settings.robot import Robot
+from lissajous_env.logs.rollouts import MODELS
+from lissajous_env.settings.parts import Robot
 
 CONSTANTS = tuple(MODELS["car"].constants)
 NOISE = {"noise.position": 0.01, "noise.heading": 0.02, "noise.speed": 0.02, "faults.schedule": ()}
 
 
-def drive(robots, late=0, seed=1, faster=False, **fields):
-    """Log of simulated cars under random commands, which the cars receive `late` steps later, with true constants."""
+def logs(robots, late=0, seed=1, same=4, share=1.0, **fields):
+    """Log of simulated robots under random commands, the same for some steps, which are received `late` steps later."""
     made = lissajous_env.scenario("experiment", **(NOISE | fields)).resolve()
     simulation, random = lissajous_env.Simulation(made, seed=seed), np.random.default_rng(seed)
-    same = 1 if faster else 4  # steps in which the commands are the same
-    wanted = np.repeat(random.uniform(-1, 1, (made.task.steps // same, 5, 2)), same, axis=0).astype(np.float32)
+    wanted = np.repeat(random.uniform(-share, share, (-(-made.task.steps // same), 5, 2)), same, axis=0)
     poses = [simulation.robots.measured.numpy()[0].copy()]
     for k in range(made.task.steps):
-        simulation.step(wanted[max(k - late, 0)][None])
+        simulation.step(wanted[max(k - late, 0)][None].astype(np.float32))
         poses.append(simulation.robots.measured.numpy()[0].copy())
     poses, time = np.array(poses, dtype=float), np.arange(made.task.steps + 1) * made.task.step
-    given, logs = inputs_of(made.robot, wanted), []
+    given = inputs_of(made.robot, wanted[: made.task.steps].astype(np.float32))
     for i in robots:
         x, y, heading, speed = poses[:, i].T
         track = Track(time, np.stack([x, y, 0 * x], axis=1), np.unwrap(heading), speed)
-        own = [simulation.robots.wheelbase.numpy()[0, i], made.robot.drag, simulation.robots.drive.numpy()[0, i]]
-        true = [*own, made.robot.offset, made.robot.dead_zone, late * made.task.step]
-        logs.append((track, Series(time[:-1], given[:, i]), dict(zip(CONSTANTS, map(float, true), strict=True))))
-    return logs
+        yield track, Series(time[:-1], given[:, i]), constants_of(simulation, i) | {"delay": late * made.task.step}
+
+
+def constants_of(simulation, robot):
+    """True constants of a robot, those of its own body included."""
+    made, wheelbase, drive = simulation.scenario.robot, simulation.robots.wheelbase, simulation.robots.drive
+    wheelbase, drive = float(wheelbase.numpy()[0, robot]), float(drive.numpy()[0, robot])
+    if made.kind == "car":
+        constants = {"wheelbase": wheelbase, "drag": made.drag, "drive": drive}
+        return constants | {"offset": made.offset, "dead_zone": made.dead_zone}
+    factors = {"speed_factor": 1.0, "yaw_factor": made.wheelbase / wheelbase}
+    limits = {"acceleration_max": made.acceleration_max * drive / made.drive}
+    return factors | limits | {"yaw_acceleration_max": made.yaw_acceleration_max}
 
 
 def standing(track):
@@ -55,7 +63,7 @@ def check(found, true, rel, names=CONSTANTS[:4]):
 @pytest.fixture(scope="module")
 def minute():
     """A minute of noisy odometry: the track, the commands, the true constants, and what is identified."""
-    ((track, commands, true),) = drive([3])
+    ((track, commands, true),) = logs([3])
     return track, commands, true, identify(track, commands, Robot())
 
 
@@ -76,7 +84,7 @@ def test_the_constants_of_a_car_are_recovered_within_two_percent_from_a_minute_o
 def test_poses_without_speeds_are_enough(noisy):
     # Oracle: the constants with which the car was simulated. Differences of positions are no speeds.
     fields = {} if noisy else dict.fromkeys((name for name in NOISE if name.startswith("noise")), 0.0)
-    ((track, commands, true),) = drive([2], **fields, **{"task.duration": 60.0 if noisy else 20.0})
+    ((track, commands, true),) = logs([2], **fields, **{"task.duration": 60.0 if noisy else 20.0})
     found = identify(without_speeds(track, 0 * track.speed if noisy else np.nan * track.speed), commands, Robot())
     check(found, true, 0.02 if noisy else 1e-3)
     for name in CONSTANTS[:4]:
@@ -86,7 +94,7 @@ def test_poses_without_speeds_are_enough(noisy):
 
 
 def test_commands_in_another_order_are_matched_by_name_or_named_as_a_misfit():
-    ((track, commands, _),) = drive([2], **{"task.duration": 12.0})
+    ((track, commands, _),) = logs([2], **{"task.duration": 12.0})
     named = Series(commands.time, commands.value[:, ::-1], ("throttle", "steering"))
     np.testing.assert_array_equal(named.columns(INPUTS["car"]), commands.value)
     swapped = identify(track, Series(commands.time, commands.value[:, ::-1]), Robot())
@@ -95,7 +103,7 @@ def test_commands_in_another_order_are_matched_by_name_or_named_as_a_misfit():
 
 def test_a_dead_zone_and_a_delay_of_a_car_that_reverses_are_recovered():
     back = {"robot.speed_min": -5.0, "robot.throttle_min": 0.0, "robot.dead_zone": 0.12}
-    ((track, commands, true),) = drive([1], late=2, **back)
+    ((track, commands, true),) = logs([1], late=2, **back)
     assert track.speed.min() < -1.0
     guess = lissajous_env.scenario("experiment", **back | {"robot.dead_zone": 0.0}).resolve().robot
     check(identify(track, commands, guess), true, 0.02, CONSTANTS)
@@ -111,38 +119,6 @@ def test_a_bad_first_guess_uneven_times_and_failures_do_not_matter(minute):
     check(identify(thinned, commands, guess, status), true, 0.03)
 
 
-def test_more_data_leaves_smaller_errors(minute):
-    # A law of statistics: four times the data halves the standard errors, about.
-    track, commands, _, much = minute
-    little = identify(Track(track.time[:151], track.position[:151], track.heading[:151], track.speed[:151]), commands)
-    for name in ("wheelbase", "drive"):
-        assert 1.3 < little.errors[name] / much.errors[name] < 4
-
-
-def test_rollouts_are_the_motion_of_the_simulation():
-    # Oracle: a simulated car without noise, whose steps are as long as these.
-    quiet = {name: 0.0 for name in NOISE if name.startswith("noise")}
-    made = lissajous_env.scenario("experiment", **{"faults.schedule": (), "task.duration": 3.0} | quiet).resolve()
-    simulation, action = lissajous_env.Simulation(made), np.array([0.4, 0.2], np.float32)
-    places = [simulation.robots.measured.numpy()[0, 0].copy()]
-    for _ in range(30):
-        simulation.step(np.broadcast_to(action, (1, 5, 2)))
-        places.append(simulation.robots.measured.numpy()[0, 0].copy())
-    places, time = np.array(places), 0.1 * np.arange(31)
-    command = np.repeat(inputs_of(made.robot, action[None]), 30, axis=0)
-    own = [simulation.robots.wheelbase.numpy()[0, 0], made.robot.drag, simulation.robots.drive.numpy()[0, 0]]
-    constants = np.array([[*own, made.robot.offset, made.robot.dead_zone, 0.0]])
-    rollouts = Rollouts(made.robot, np.array([0, 31]), time, time[:-1], command)
-    predicted = rollouts.predict(constants, np.pad(places[None, :1], ((0, 0), (0, 0), (0, 1))))[0]
-    np.testing.assert_allclose(predicted[:, [0, 1, 3]], places[:, [0, 1, 3]], atol=2e-5)
-    np.testing.assert_allclose(np.cos(predicted[:, 2] - places[:, 2]), 1, atol=1e-9)
-
-
-def test_actions_and_commands_are_inverse():
-    action = np.random.default_rng(0).uniform(-1, 1, (7, 3, 2)).astype(np.float32)
-    np.testing.assert_allclose(actions_of(Robot(), inputs_of(Robot(), action)), action, atol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -155,21 +131,16 @@ def test_actions_and_commands_are_inverse():
     ],
 )
 def test_a_log_that_shows_nothing_is_refused(change, words):
-    ((track, commands, _),) = drive([0], **{"task.duration": 10.0})
+    ((track, commands, _),) = logs([0], **{"task.duration": 10.0})
     with pytest.raises(ValueError, match=words):
         identify(*change(track, commands))
 
 
-@pytest.mark.parametrize(("seed", "noise"), [(1, {}), (5, {"noise.position": 0.01, "noise.heading": 0.02})])
+@pytest.mark.parametrize(("seed", "noise"), [(1, 0.0), (5, 1.0)])
 def test_logged_speeds_count_exactly_if_they_lead_from_pose_to_pose(seed, noise):
     # Law: however fast a car turns between two poses, its speeds are used; no others are.
-    for track, *_ in drive(
-        [0, 1],
-        seed=seed,
-        faster=True,
-        **{name: noise.get(name, 0.0) for name in ("noise.position", "noise.heading", "noise.speed")},
-        **{"task.duration": 20.0},
-    ):
+    noises = {"noise.position": 0.01 * noise, "noise.heading": 0.02 * noise, "noise.speed": 0.0}
+    for track, *_ in logs([0, 1], seed=seed, same=1, **noises, **{"task.duration": 20.0}):
         assert motion_of(track).derived == ""
         for wrong in (0 * track.speed, 3 * track.speed, -track.speed):
             changed = Track(track.time, track.position, track.heading, wrong)
@@ -178,33 +149,13 @@ def test_logged_speeds_count_exactly_if_they_lead_from_pose_to_pose(seed, noise)
 
 DRIVE_CONSTANTS = tuple(MODELS["differential"].constants)
 DRIVE = Robot(kind="differential")
-LIMITS = {"robot.speed_max": 1.2, "robot.yaw_rate_max": 3.0, "robot.speed_min": -0.6}
-RATES = {"robot.acceleration_max": 0.8, "robot.yaw_acceleration_max": 5.0}
-
-
-def drive_log(robot, late=0, seed=1, share=1.0, **fields):
-    """Log of a simulated drive under random commands, received `late` steps later, and its true constants."""
-    given = {"robot.kind": "differential", **LIMITS, **RATES, **NOISE, **fields}
-    made = lissajous_env.scenario("experiment", **given).resolve()
-    simulation, random = lissajous_env.Simulation(made, seed=seed), np.random.default_rng(seed)
-    wanted = np.repeat(random.uniform(-share, share, (made.task.steps // 8 + 1, 5, 2)), 8, axis=0)
-    poses = [simulation.robots.measured.numpy()[0, robot].copy()]
-    for k in range(made.task.steps):
-        simulation.step(wanted[max(k - late, 0)][None].astype(np.float32))
-        poses.append(simulation.robots.measured.numpy()[0, robot].copy())
-    time = np.arange(made.task.steps + 1) * made.task.step
-    x, y, heading, speed = np.array(poses, dtype=float).T
-    track = Track(time, np.stack([x, y, 0 * x], axis=1), np.unwrap(heading), speed)
-    motor = simulation.robots.drive.numpy()[0, robot] / made.robot.drive
-    wheels = simulation.robots.wheelbase.numpy()[0, robot] / made.robot.wheelbase
-    true = [1.0, 1 / wheels, 0.8 * motor, 5.0, late * made.task.step]
-    commands = Series(time[:-1], inputs_of(made.robot, wanted[: made.task.steps, robot]))
-    return track, commands, dict(zip(DRIVE_CONSTANTS, map(float, true), strict=True))
+LIMITS = {"robot.kind": "differential", "robot.speed_max": 1.2, "robot.yaw_rate_max": 3.0, "robot.speed_min": -0.6}
+RATES = LIMITS | {"robot.acceleration_max": 0.8, "robot.yaw_acceleration_max": 5.0}
 
 
 def test_the_constants_of_a_drive_are_recovered_from_half_a_minute_of_noisy_odometry():
     # Oracle: the constants with which the drive was simulated, those of its own body included.
-    track, commands, true = drive_log(3, late=2, **{"task.duration": 30.0})
+    ((track, commands, true),) = logs([3], late=2, same=8, **RATES, **{"task.duration": 30.0})
     found = identify(track, commands, DRIVE)
     for name in DRIVE_CONSTANTS:
         assert found.values[name] == pytest.approx(true[name], rel=0.02, abs=0.01), name
@@ -215,27 +166,29 @@ def test_the_constants_of_a_drive_are_recovered_from_half_a_minute_of_noisy_odom
 
 def test_a_limit_that_no_command_reaches_is_given():
     # Story: with steps of 0.1 m/s and 0.3 rad/s, a tenth of a second is long enough for any acceleration.
-    fast = {"robot.acceleration_max": 50.0, "robot.yaw_acceleration_max": 500.0}
-    track, commands, _ = drive_log(1, share=0.1, **fast, **{"task.duration": 20.0})
+    fast = LIMITS | {"robot.acceleration_max": 50.0, "robot.yaw_acceleration_max": 500.0}
+    ((track, commands, _),) = logs([1], same=8, share=0.1, **fast, **{"task.duration": 20.0})
     found = identify(track, commands, DRIVE)
     assert np.isnan(found.errors["acceleration_max"])
     assert np.isfinite(found.errors["speed_factor"])
 
 
 def test_other_commands_are_refused():
-    track, commands, _ = drive_log(0, **{"task.duration": 10.0})
+    ((track, commands, _),) = logs([0], same=8, **RATES, **{"task.duration": 10.0})
     with pytest.raises(ValueError, match=r"commands must be speed \[m/s\] and yaw rate .* got steering, throttle"):
         identify(track, Series(commands.time, commands.value, ("steering", "throttle")), DRIVE)
     with pytest.raises(ValueError, match="log must be of a robot whose speed and yaw rate change"):
         identify(track, Series(commands.time, 0 * commands.value), DRIVE)
 
 
-def test_twists_are_actions_again():
-    robot = lissajous_env.scenario("experiment", **{"robot.kind": "differential", **LIMITS}).resolve().robot
-    actions = np.random.default_rng(0).uniform(-1, 1, (100, 2))
+@pytest.mark.parametrize("fields", [{}, LIMITS])
+def test_commands_are_actions_again(fields):
+    robot = lissajous_env.scenario("experiment", **fields).resolve().robot
+    actions = np.random.default_rng(0).uniform(-1, 1, (7, 3, 2)).astype(np.float32)
     np.testing.assert_allclose(actions_of(robot, inputs_of(robot, actions)), actions, atol=1e-6)
-    np.testing.assert_allclose(inputs_of(robot, np.array([[1, 1], [-1, -1]])), [[1.2, 3.0], [-0.6, -3.0]])
-    assert actions_of(robot, np.array([9.0, -9.0])).tolist() == [1, -1]
+    if fields:
+        np.testing.assert_allclose(inputs_of(robot, np.array([[1, 1], [-1, -1]])), [[1.2, 3.0], [-0.6, -3.0]])
+        assert actions_of(robot, np.array([9.0, -9.0])).tolist() == [1, -1]
 
 
 @pytest.mark.parametrize("stamps", [False, True])

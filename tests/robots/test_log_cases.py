@@ -9,7 +9,6 @@ import re
 
 import numpy as np
 import pytest
-from command_line import called
 from log_messages import (
     EPOCH,
     KINDS,
@@ -287,7 +286,7 @@ REFUSED = {
     ),
     "array": (
         [("/poses", array(EPOCH + t, [circle(k, t) for k in range(5 - (t > 2))]), EPOCH + t) for t in TIMES], {},
-        "must have as many poses in every message, got 5 and 4",
+        "must have as many poses in every message, got 5 in 21 and fewer in 20",
     ),
 }  # fmt: skip
 
@@ -299,20 +298,3 @@ def test_a_log_is_refused_by_name(case, tmp_path):
         scored(tmp_path, messages, **how)
     assert words in str(caught.value)
     assert "undamaged" not in str(caught.value)
-
-
-def test_a_score_is_written_and_scored_again_by_the_command(tmp_path, capsys):
-    write(tmp_path / "log", [each for each in shrunk() if not (each[0][7] == "1" and 1 < each[2] - EPOCH < 2.5)])
-    rows = []
-    for log, more in ((tmp_path / "log", ("--scenario", "evaders")), (tmp_path / "again.mcap", ())):
-        out = ("--out", tmp_path / "again.mcap") if more else ()
-        code, printed, err = called(capsys, "score", log, *more, *out, "--json")
-        assert (code, err) == (0, "")
-        rows.append(json.loads(printed)["episodes"][0])
-    first, second = rows
-    assert (first["smoothness"], first["return_mean"]) == (None, None)
-    for name, value in first.items():
-        assert second[name] == (pytest.approx(value, rel=1e-3) if isinstance(value, float) else value), name
-    again = read(tmp_path / "again.mcap")
-    assert (again.commands, again.episode["policy"]) == ({}, "log")
-    assert np.diff(again.tracks[1].time).max() > 1.4

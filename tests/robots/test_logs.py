@@ -90,17 +90,9 @@ def test_standard_tools_read_a_log(logged):
     recording, path = logged
     with AnyReader([path]) as reader:
         kinds = {each.topic: (each.msgtype, each.msgcount) for each in reader.connections}
-        markers = [each for each in reader.connections if each.topic == "/markers"]
-        _, _, raw = next(reader.messages(markers))
-        first = reader.deserialize(raw, markers[0].msgtype)
     frames = len(recording)
     assert kinds["/robot_2/odom"] == ("nav_msgs/msg/Odometry", frames)
     assert kinds["/robot_2/command"] == ("sensor_msgs/msg/JointState", frames - 1)
-    assert kinds["/markers"] == ("visualization_msgs/msg/MarkerArray", frames)
-    assert {each.ns for each in first.markers} == {
-        "rectangle", "curve", "bodies", "headings", "sensors", "targets"
-    }  # fmt: skip
-    assert {each.header.frame_id for each in first.markers} == {"map"}
 
 
 def circle(count=101, robots=5):
@@ -173,10 +165,3 @@ def test_the_commands_score_and_identify(logged, tmp_path, capsys):
     assert found.robot.drive == pytest.approx(recording.scenario.robot.drive, rel=0.03)
     assert all(f"residuals of robot {k} over" in out for k in (0, 3))
     assert "warning" not in out
-
-
-def test_run_writes_a_log(tmp_path, capsys):
-    out = tmp_path / "run.mcap"
-    code, _, err = called(capsys, "run", "failure", "kuramoto", "--set", "task.duration=2", "--quiet", "--out", out)
-    assert (code, err) == (0, "")
-    assert len(read(out).tracks) == 5

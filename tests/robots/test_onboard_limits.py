@@ -126,7 +126,8 @@ def test_an_action_that_is_not_finite_stops_a_robot():
 
 
 def test_a_twist_at_rest_is_zero():
-    onboard = baselines.Onboard("kuramoto-mpcc", "experiment", 0, "twist")
+    drives = lissajous_env.scenario("experiment", **{"robot.kind": "differential"})
+    onboard = baselines.Onboard("kuramoto-mpcc", drives, 0)
     assert onboard.act(0.0, None).command == (0.0, 0.0)
     assert onboard.act(0.1, None).message is None
 

@@ -1,6 +1,6 @@
 """A world and its robots over ROS 2, each as a process of its own, launched and ended together."""
 
-import os
+import contextlib
 import signal
 import subprocess
 import sys
@@ -12,6 +12,7 @@ pytest.importorskip("rclpy", reason='ROS 2 is not installed: pip install ".[ros]
 from command_line import called
 from ros_team import PATIENCE, process, use_domain, wait_until
 
+from baselines.ros import launching
 from baselines.ros.launching import alone
 from lissajous_env.console.terminal import CommandError
 
@@ -21,54 +22,68 @@ def _domain():
     use_domain()
 
 
-PAIR = "--set", "robot.count=2", "formation.p=1", "formation.ring=(0,1)", "faults.schedule=()"
+SCRIPT = 'test "$0$2" = "{ends}" && {how}; exec sleep 100'
+"""A process of a team that ends if it is the named one, and sleeps otherwise; its arguments follow."""
 
 
-def state_of(pid):
-    """State, parent and command of a process, as Linux has them; an ended one has state Z."""
-    try:
-        _, _, rest = Path(f"/proc/{pid}/stat").read_text().rpartition(")")
-        command = Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode()
-    except OSError:
-        return "Z", 0, ""
-    state, parent, *_ = rest.split()
-    return state, int(parent), command
+@pytest.fixture
+def started(monkeypatch):
+    """The processes that a team starts."""
+    processes, start = [], launching._process
+
+    def remember(command):
+        processes.append(start(command))
+        return processes[-1]
+
+    monkeypatch.setattr(launching, "_process", remember)
+    return processes
 
 
-def children_of(pid):
-    """Commands of the processes that a process has started and that are alive."""
-    everyone = {int(path.name): state_of(path.name) for path in Path("/proc").glob("[0-9]*")}
-    return {
-        child: command for child, (state, parent, command) in everyone.items() if parent == pid and " ros " in command
-    }
-
-
-def is_alive(pid):
-    return state_of(pid)[0] != "Z"
+@pytest.mark.parametrize(
+    ("ends", "how", "words"),
+    [
+        ("robot1", "kill -9 $$", "robot_1 was ended by signal 9; all others were stopped"),
+        ("robot0", "exit 0", "robot_0 has ended with code 0; all others were stopped"),
+        ("world", "exit 3", "world has ended with code 3; all others were stopped"),
+        ("world", "exit 0", None),
+    ],
+)
+def test_all_processes_end_with_one(ends, how, words, started, monkeypatch):
+    monkeypatch.setattr(launching, "PROGRAM", ["sh", "-c", SCRIPT.format(ends=ends, how=how)])
+    with pytest.raises(CommandError, match=words) if words else contextlib.nullcontext():
+        launching.run_team(2, [], [])
+    assert len(started) == 3
+    assert all(process.poll() is not None for process in started)
 
 
 @pytest.mark.usefixtures("ctrl_c")
-@pytest.mark.parametrize("ends", ["robot", "interrupt", pytest.param("kill", marks=pytest.mark.long)])
-def test_all_processes_end_with_one_or_with_the_launch(ends, tmp_path):
-    with open(tmp_path / "said", "w+", encoding="utf-8") as said:
-        launched = process("launch", *PAIR, stdout=said, stderr=said, cwd=tmp_path)
+def test_all_processes_end_at_ctrl_c(started, monkeypatch):
+    monkeypatch.setattr(launching, "PROGRAM", ["sh", "-c", SCRIPT.format(ends="world", how="kill -INT $PPID")])
+    with pytest.raises(KeyboardInterrupt):
+        launching.run_team(2, [], [])
+    assert [process.returncode for process in started] == [-signal.SIGTERM] * 3
+
+
+def is_alive(pid):
+    try:
+        return ") Z " not in Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return False
+
+
+@pytest.mark.long
+def test_all_processes_end_when_the_launch_is_killed(tmp_path):
+    pair = "--set", "robot.count=2", "formation.p=1", "formation.ring=(0,1)", "faults.schedule=()"
+    with open(tmp_path / "log", "w+", encoding="utf-8") as log:
+        launched = process("launch", *pair, stdout=log, stderr=log, cwd=tmp_path)
         try:
-            wait_until(lambda: text(said).count(": drives") == 2)
-            children = children_of(launched.pid)
-            assert len(children) == 3
-            robot = next(pid for pid, command in children.items() if "--robot 1" in command)
-            if ends == "robot":
-                os.kill(robot, signal.SIGKILL)
-            else:
-                launched.send_signal(signal.SIGINT if ends == "interrupt" else signal.SIGKILL)
-            code = launched.wait(PATIENCE)
-            wait_until(lambda: not any(is_alive(pid) for pid in children))
+            wait_until(lambda: (tmp_path / "log").read_text().count(": drives") == 2)
+            children = Path(f"/proc/{launched.pid}/task/{launched.pid}/children").read_text().split()
         finally:
             launched.kill()
             launched.wait()
-        assert code == {"robot": 1, "interrupt": 130, "kill": -signal.SIGKILL}[ends]
-        if ends == "robot":
-            assert "error: robot_1 was ended by signal 9; all others were stopped" in text(said)
+    assert len(children) == 3
+    wait_until(lambda: not any(map(is_alive, children)))
 
 
 def test_a_second_team_in_the_same_domain_is_refused():
@@ -99,11 +114,6 @@ def test_a_process_ends_although_ros_does_not():
     # Fast DDS can wait for itself for ever when several participants end at once; a robot's process was found so.
     done = subprocess.run([sys.executable, "-c", WAITS_FOR_ITSELF], stdout=subprocess.PIPE, text=True, timeout=PATIENCE)
     assert (done.returncode, done.stdout) == (1, "done\n")
-
-
-def text(file):
-    file.seek(0)
-    return file.read()
 
 
 @pytest.mark.parametrize(

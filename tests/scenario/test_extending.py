@@ -20,13 +20,13 @@ from baselines.policies import registry
 from lissajous_env.console import cli
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.parameters import named
-from lissajous_env.parameters import registry as registry_of_names
 from lissajous_env.plugins import import_attribute
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "extending.md"
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", DOCS.read_text(encoding="utf-8"), flags=re.DOTALL)
 FILES = {body.splitlines()[0].removeprefix("# "): body for language, body in BLOCKS if language != "bash"}
 COMMANDS = [line for language, body in BLOCKS if language == "bash" for line in body.splitlines()]
+REGISTER_IDS = named.register_ids
 OURS = "from lissajous_env.console.cli import main; main()"
 
 
@@ -120,7 +120,7 @@ def test_the_commands_of_the_docs_run(line, home, ended):
 
 
 def test_the_programs_of_the_docs_run(here, capsys, monkeypatch):
-    monkeypatch.setattr(named, "register_ids", registry_of_names.register_ids)
+    monkeypatch.setattr(named, "register_ids", REGISTER_IDS)
     sys.path.append(str(here))  # as Python does for a program
     for name in ("use_corridor.py", "my_function.py"):
         runpy.run_path(name, run_name="__main__")
@@ -181,21 +181,6 @@ def test_a_scenario_is_described_by_what_it_sets(here, capsys, monkeypatch):
     assert [(each["name"], each["curve"]["half_width"]) for each in found] == [("corridor", 2.4), ("knot", 1.8)]
 
 
-def test_a_function_makes_a_scenario_too(here):
-    source = "import lissajous_env\ndef make():\n    return lissajous_env.scenario('knot')\n"
-    (here / "my_maker.py").write_text(source)
-    assert lissajous_env.scenario("my_maker:make") == lissajous_env.scenario("knot")
-
-
-def test_registered_scenarios_come_after_those_that_ship_in_one_order(here):
-    shipped = lissajous_env.scenarios()
-    for name in ("zebra", "ant"):
-        made = lissajous_env.register_scenario(lissajous_env.Scenario(name=name))
-        assert lissajous_env.register_scenario(lissajous_env.Scenario(name=name)) == made, "the same again is fine"
-    assert lissajous_env.scenarios() == (*shipped, "ant", "zebra")
-    assert (lissajous_env.scenario("ant"), made.name) == (made, "ant")
-
-
 def test_a_policy_of_ones_own_is_the_paper_s(here):
     # Oracle: the included policy, in Warp. Both round in float32, each in its own order.
     theirs = baselines.make("kuramoto", "failure", 2)
@@ -229,17 +214,6 @@ def test_a_function_is_a_policy(here):
     rows = lissajous_env.evaluate(act, short, seeds=range(5))
     assert str(rows) == str(evaluate(Whole(), short, range(5)))
     assert len({row["return_mean"] for row in rows}) > 1
-
-
-def test_a_memory_is_forgotten_of_the_worlds_that_begin_anew(here):
-    pytest.importorskip("torch")
-    policy = brought("my_memory:Swing")("failure", 2)
-    rows = lissajous_env.Simulation("failure", 2).observation
-    first = [policy.act(rows).numpy().copy() for _ in range(3)]
-    policy.reset([True, False])
-    again = policy.act(rows).numpy()
-    np.testing.assert_array_equal(again[0], first[0][0])
-    assert (again[1] > first[2][1]).all(), "the other world goes on"
 
 
 def test_news_of_a_stopped_robot_goes_around_the_ring(here):
@@ -287,34 +261,3 @@ def test_a_package_brings_both_by_name(home, tmp_path):
     assert (ended.returncode, ended.stderr) == (0, "")
     assert json.loads(ended.stdout)["episodes"][0]["scenario"] == "corridor"
     assert call(line, elsewhere).returncode == 2, "without the package there is neither"
-
-
-@pytest.mark.long
-def test_a_benchmark_goes_on_and_sees_that_a_scenario_has_changed(home, tmp_path):
-    write_files(tmp_path)
-    line = "lissajous benchmark --scenarios corridor.toml --policies kuramoto --out found --episodes"
-    assert call(f"{line} 2", tmp_path).returncode == 0
-    before = (tmp_path / "found" / "episodes.jsonl").read_text()
-    assert call(f"{line} 3", tmp_path).returncode == 0
-    assert (tmp_path / "found" / "episodes.jsonl").read_text().startswith(before)
-    (tmp_path / "corridor.toml").write_text(FILES["corridor.toml"].replace("2.4", "2.5"))
-    ended = call(f"{line} 4", tmp_path)
-    assert ended.returncode == 2
-    assert "scenarios.corridor.curve.half_width: 2.4 there, 2.5 now" in ended.stderr
-    # The same name from elsewhere, with the same numbers, is the same scenario.
-    (tmp_path / "corridor.toml").unlink()
-    assert call(f"{line} 3".replace("corridor.toml", "my_scenarios:corridor"), tmp_path).returncode == 0
-
-
-@pytest.mark.long
-def test_ray_plays_what_is_ones_own(home, tmp_path):
-    # Oracle: the engine local. Its workers are processes that were started elsewhere.
-    pytest.importorskip("ray")
-    write_files(tmp_path)
-    line = "lissajous benchmark --scenarios my_scenarios:corridor corridor-2.toml --policies my_policies:MyKuramoto"
-    (tmp_path / "corridor-2.toml").write_text(FILES["corridor.toml"])
-    for engine in ("local", "ray"):
-        ended = call(f"{line} --episodes 2 --engine {engine} --out {engine}", tmp_path)
-        assert ended.returncode == 0, ended.stderr
-    local, ray = (tmp_path / engine / "episodes.csv" for engine in ("local", "ray"))
-    assert ray.read_bytes() == local.read_bytes()

@@ -8,7 +8,6 @@ import warp as wp
 
 import baselines
 import lissajous_env
-from lissajous_env.parameters import robot_models
 from lissajous_env.parameters.extensions import load_extension
 from lissajous_env.world.state import Clock, Robots
 
@@ -86,14 +85,6 @@ def test_a_term_adds_to_the_reward_and_nothing_else_changes(term):
     added = rewards - without
     assert set(np.round(added, 4).ravel()) == {0.0, -2.0}
     assert simulation.score()[0]["return_mean"] == pytest.approx(rewards[:, 0].sum(axis=0).mean(), abs=1e-4)
-
-
-def test_a_robot_that_was_removed_earns_no_term():
-    crashing = {"robot.radius": 0.5, "task.on_collision": "remove"}
-    simulation, _ = played(made(near_wall, **crashing))
-    gone = simulation.terminated.numpy()
-    assert gone.any()
-    assert (simulation.reward_terms.numpy()[gone][:, -1] == 0).all()
 
 
 def test_a_column_is_reduced_over_the_episode_and_starts_anew_with_it():
@@ -200,6 +191,8 @@ def test_what_a_function_returns_is_checked(door, value, message):
         (lambda: lissajous_env.observation_entry(0)(returning(1)), "wrong.size must be a whole number"),
         (lambda: lissajous_env.observation_entry(low=1.0)(returning(1)), "wrong.high must be above low = 1"),
         (lambda: lissajous_env.reward_term()(5), "reward term must be a function or a Warp kernel, got 5"),
+        (lambda: lissajous_env.reward_term(np.nan)(returning(1)), "wrong.weight must be from .*, got nan"),
+        (lambda: lissajous_env.observation_entry(low=-np.inf)(returning(1)), "wrong.low must be from .*, got -inf"),
     ],
 )
 def test_what_is_no_extension_is_refused_by_name(make, message):
@@ -262,18 +255,98 @@ def test_a_model_of_robots_drives_everywhere(slider):
         assert (row["lateral_error_max"] > 0.05) == (name == "random")
 
 
-def test_a_model_is_drawn_as_a_disc_with_a_tip_or_in_its_own_shape(slider, monkeypatch):
-    scenario = lissajous_env.scenario("experiment", **{"robot.kind": "slider"})
+def draw_gates(world):
+    """Draw two gates on the left edge for each episode."""
+    world.state["gate"][:] = (2.0 * world.random(2) - 1.0) * world.scenario.curve.half_height
 
-    def picture():
-        env = lissajous_env.parallel_env(scenario, render_mode="rgb_array")
-        env.reset(seed=1)
-        return env.render()
 
-    plain = picture()
-    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * 0.7
-    shaped = lissajous_env.RobotModel(
-        "slider", slider.actions, slider.table, slide, slider.speed_unit, shape=lambda robot: [(square, None)]
-    )
-    monkeypatch.setitem(robot_models._MODELS, "slider", shaped)
-    assert (picture() != plain).any()
+@lissajous_env.target_entry(state={"gate": (2,), "entered": ()}, reset=draw_gates)
+def gates(world):
+    """Let targets enter at one of two gates, whose places the robots do not know."""
+    half, count = world.scenario.curve.half_width, world.targets.position.shape[1]
+    which = (world.random(count) > 0.5).astype(int)
+    world.state["entered"] += 1
+    return np.stack([np.full(which.shape, -half), np.take_along_axis(world.state["gate"], which, axis=1)], axis=-1)
+
+
+AT_GATES = {"targets.entry": "custom", "targets.count": 3, "targets.arrival_rate": 2.0, "targets.wandering": 0.0}
+
+
+def entered(simulation):
+    """Targets that have appeared, and the gates (W, 2) of their worlds."""
+    return simulation.targets.stage.numpy() > 0, simulation._extended.kept["gates.gate"].numpy()
+
+
+def test_targets_enter_where_an_extension_says_which_remembers_its_draws():
+    simulation, _ = played(made(gates, **AT_GATES), worlds=3)
+    there, gate = entered(simulation)
+    places = simulation.targets.position.numpy()
+    assert there.sum(axis=1).min() > 3
+    np.testing.assert_array_equal(places[there][:, 0], np.float32(-1.8))
+    off = np.abs(places[..., 1][..., None] - gate[:, None, :]).min(axis=2)
+    np.testing.assert_array_equal(off[there], 0.0)
+    assert len(np.unique(gate)) == 6
+    assert simulation._extended.kept["gates.entered"].numpy().tolist() == [31, 31, 31]
+
+
+def test_the_state_of_an_extension_begins_anew_with_an_episode_and_depends_on_the_seed_alone():
+    scenario = made(gates, **AT_GATES)
+    simulation, _ = played(scenario, worlds=3)
+    before = entered(simulation)[1].copy()
+    simulation.reset([1], seeds=[77])
+    after = entered(simulation)[1]
+    np.testing.assert_array_equal(after[[0, 2]], before[[0, 2]])
+    alone = lissajous_env.Simulation(scenario, 1, seed=77)
+    alone.reset(seeds=[77])
+    np.testing.assert_array_equal(entered(alone)[1][0], after[1])
+    assert simulation._extended.kept["gates.entered"].numpy().tolist() == [31, 1, 31]
+
+
+def test_the_state_of_an_extension_is_saved_copied_and_pickled():
+    simulation, _ = played(made(gates, **AT_GATES), worlds=2, steps=5)
+    copies = [pickle.loads(pickle.dumps(simulation)), lissajous_env.Simulation(simulation.scenario, 2)]
+    copies[1].load_state(simulation.save_state())
+    for each in (simulation, *copies):
+        for _ in range(20):
+            each.step(np.zeros(each.action_shape, np.float32))
+    for each in copies:
+        np.testing.assert_array_equal(each.targets.position.numpy(), simulation.targets.position.numpy())
+        np.testing.assert_array_equal(entered(each)[1], entered(simulation)[1])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda: made(gates), "targets.entry must be custom with the law of entry gates, got inside"),
+        (lambda: made(**AT_GATES), "targets.entry must not be custom without a target_entry, got custom"),
+        (lambda: lissajous_env.target_entry(draw_gates, state={"a b": (2,)}), "state of the target entry draw_gates"),
+        (lambda: lissajous_env.reward_term(state={"a": 2})(draw_gates), "must map names to tuples of whole numbers"),
+        (lambda: lissajous_env.reward_term(reset=3)(draw_gates), "reset of the reward term draw_gates must be a func"),
+    ],
+)
+def test_laws_of_entry_and_states_are_checked(change, words):
+    with pytest.raises(ValueError, match=words):
+        change()
+
+
+def test_random_numbers_of_an_extension_are_uniform_and_independent():
+    # Oracle: the moments of the uniform distribution; the correlation between worlds, steps and calls.
+    drawn = []
+
+    @lissajous_env.score_column()
+    def draws(world):
+        drawn.append((world.random(50), world.random(50)))
+        return world.random()
+
+    played(made(draws), worlds=8, steps=20)
+    numbers = np.array(drawn)
+    assert numbers.shape == (20, 2, 8, 50)
+    assert (numbers.min() >= 0, numbers.max() < 1) == (True, True)
+    assert numbers.mean() == pytest.approx(0.5, abs=0.01)
+    assert numbers.var() == pytest.approx(1 / 12, abs=0.002)
+    for one, other in (
+        (numbers[1:], numbers[:-1]),
+        (numbers[:, :1], numbers[:, 1:]),
+        (numbers[:, :, 1:], numbers[:, :, :-1]),
+    ):
+        assert abs(np.corrcoef(one.ravel(), other.ravel())[0, 1]) < 0.04

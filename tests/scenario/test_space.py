@@ -10,8 +10,8 @@ import pytest
 import lissajous_env
 from baselines.policies.factories import split_scenarios_and_policy
 from lissajous_env import ScenarioSpace, register_scenario_space, scenario, scenario_space
-from lissajous_env.parameters.named_spaces import expanded
-from lissajous_env.parameters.overriding import UnknownSettingError
+from lissajous_env.parameters.named import expanded
+from lissajous_env.parameters.scenario_file import UnknownSettingError
 from lissajous_env.parameters.space import SPLITS
 from lissajous_env.settings.formulas import Formula
 
@@ -84,7 +84,7 @@ def test_a_seed_gives_the_same_scenario_always_and_other_seeds_others():
 
 
 def test_values_are_in_their_ranges_and_spread_over_them():
-    made = [space().sample(seed) for seed in range(400)]
+    made = [space().sample(seed) for seed in range(200)]
     heights = np.array([each.curve.half_height for each in made])
     shares = np.array([each.sensing.radius for each in made]) / heights
     assert heights.min() >= 0.8
@@ -164,14 +164,6 @@ def test_a_field_is_given_by_any_name_and_for_shifts_too(overrides):
         assert (made.curve.a, made.curve.b) == (3, 2)
 
 
-def test_what_follows_from_a_given_field_by_a_formula_changes_with_it():
-    space = scenario_space("monitoring-v1")
-    given = space.overridden({"robot.radius": 0.2})
-    for seed in range(3):
-        before, after = space.sample(seed).robot, given.sample(seed).robot
-        assert after.wheelbase / after.radius == pytest.approx(before.wheelbase / before.radius)
-
-
 def test_an_environment_takes_given_fields_as_a_training_does():
     # Both are before the scale, in the units of the space.
     of = scenario_space("monitoring-v1")
@@ -196,20 +188,16 @@ def test_a_shift_changes_its_draws_alone():
     ("draw", "words"),
     [
         ({"curves": {}}, r"draw must name one of .*did you mean curve\?"),
-        ({"curve": {"half_hight": 1.0}}, r"curve.half_hight.*did you mean curve.half_height\?"),
-        ({"curve": {"half_height": "uniform(2.0)"}}, r"formula 'uniform\(2.0\)' must have a value, got"),
+        ({"curve": {"half_hight": 1.0}}, r"curve.half_hight'.*did you mean curve.half_height\?"),
         ({"curve": {"half_height": "log_uniform(0.0, 1.0)"}}, "must have a value, got float division by zero"),
         ({"curve": {"half_height": "uniform(-2.0, -1.0)"}}, "seed 0 of space: curve.half_height must be from"),
-        ({"curve": {"half_height": "choice()"}}, "must have a value"),
         ({"curve": {"choices": []}}, "draw.curve.choices must be a list of at least one value"),
         ({"curve": {"choices": [{"a": 1}], "weights": [1, 2]}}, "draw.curve.weights must be 1 numbers"),
         ({"curve": {"half_height": "__import__('os')"}}, "formula must be an expression of .*, uniform, log_uniform"),
         ({"curve": {"half_height": "robot.nothing"}}, "no number of a scenario"),
-        ({"curve": {"half_height": "1 / 0"}}, "formula '1 / 0' must have a value"),
         ({"curve": {"half_height": "curve.half_width", "half_width": "curve.half_height"}},
          "curve.half_height, which depends on itself"),
         ({"scale": {"depth": 2.0}}, "draw.scale must contain length or time, got 'depth'"),
-        ({"curve": 3}, "draw.curve must be a mapping"),
     ],
 )  # fmt: skip
 def test_an_invalid_draw_is_refused_by_name(draw, words):
@@ -255,6 +243,14 @@ def test_a_space_in_a_file_and_the_names_of_its_scenarios(tmp_path, monkeypatch)
         expanded(["mine.toml:tset"])
 
 
+def test_the_base_in_a_file_is_registered_and_no_other_file(tmp_path, monkeypatch):
+    # Story: a space names itself as its base.
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text(TOML.replace("experiment", "mine.toml:0"))
+    with pytest.raises(ValueError, match=r"mine.toml: scenario must be one of .*, got 'mine.toml:0'"):
+        scenario_space("mine.toml")
+
+
 def test_a_registered_space_is_known_by_name():
     of = register_scenario_space(space("of-mine"))
     assert scenario("of-mine-4") == of.sample(4)
@@ -278,14 +274,6 @@ def test_the_shipped_space_never_changes():
     for name, digests in FROZEN.items():
         of = scenario_space(name)
         assert [each.digest() for split in (*SPLITS, *of.shifts) for each in first(of, split, 1)] == digests, name
-
-
-def test_the_shipped_space_is_drawn_without_fail():
-    of = scenario_space("monitoring-v1")
-    for split in (*SPLITS, *of.shifts):
-        for each in first(of, split, 40):
-            assert each.clusters == 1
-            assert each.robot.radius < each.robot_radius_bound
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ pytest.importorskip("stable_baselines3")
 
 from rich.console import Console
 
+import baselines
 import lissajous_env
 from tests.command_line import called
 from training.learned import checkpoint
@@ -117,7 +118,7 @@ def test_no_learned_rogue_outlasts_the_bound(trained, tmp_path):
     for rogue in (folder, *tmp_path.iterdir()):
         for policy in ("still", "sweep"):
             played = lissajous_env.scenario(made, rogues=str(rogue))
-            rows = lissajous_env.evaluate(lissajous_env.policy(policy, played, 6), played, range(6))
+            rows = lissajous_env.evaluate(baselines.make(policy, played, 6), played, range(6))
             assert all(row["detection_time_max"] <= row["guaranteed_detection_time"] + 1e-6 for row in rows)
 
 
@@ -147,7 +148,7 @@ def test_a_folder_is_named_like_a_script(trained, tmp_path, capsys, monkeypatch)
     code, out, error = called(capsys, *arguments, "--rogues", folder)
     assert code == 0, error
     rows = lissajous_env.evaluate(
-        lissajous_env.policy("sweep", lissajous_env.scenario("experiment", **SMALL), 2), "experiment", range(2),
+        baselines.make("sweep", lissajous_env.scenario("experiment", **SMALL), 2), "experiment", range(2),
         rogues=str(folder), **SMALL,
     )  # fmt: skip
     told = [row["detection_time_mean"] for row in json.loads(out)["episodes"]]
@@ -177,7 +178,7 @@ def test_bad_input_is_refused_by_name(trained, capsys, tmp_path):
     with pytest.raises(ValueError, match=r"rogues must be the folder of a rogue, got .*, which drives robots of kind"):
         lissajous_env.scenario("evaders", rogues=str(find("learned-intruders")))
     with pytest.raises(ValueError, match="must drive robots of kind rogue"):
-        lissajous_env.policy(str(folder), "experiment")
+        baselines.make(str(folder), "experiment")
     damaged = tmp_path / "damaged"
     damaged.mkdir()
     (damaged / checkpoint.FILE).write_text("{}")

@@ -121,7 +121,7 @@ def test_a_recurrent_model_of_rows_of_the_action_table():
     # Oracle: a count of the steps of each world's episode, and the table.
     model = Recurrent()
     policy = training.sb3.ModelPolicy(model, "experiment", 3)
-    table = lissajous_env.envs.actions.action_table(policy.scenario)
+    table = lissajous_env.envs.sides.action_table(policy.scenario)
     simulation = lissajous_env.Simulation("experiment", 3)
     for _ in range(4):
         policy.act(simulation.observation.numpy())

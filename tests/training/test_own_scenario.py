@@ -11,6 +11,7 @@ pytest.importorskip("torch")
 from publish import publish
 from test_trainer import QUIET, SMALL
 
+import baselines
 import lissajous_env
 import training
 from lissajous_env.console import cli
@@ -162,4 +163,4 @@ def test_a_file_of_a_model_is_played_by_a_module(file, word, tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.zip").touch()
     with pytest.raises(ValueError, match=rf"policy must be one of .* got '{file}'; write a function.*{word}"):
-        lissajous_env.policy(file, "experiment")
+        baselines.make(file, "experiment")

@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
+import baselines
 import lissajous_env
 
 pytest.importorskip("stable_baselines3")
@@ -12,7 +13,7 @@ pytest.importorskip("stable_baselines3")
 from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.vec_env import VecCheckNan, VecMonitor
 
-from lissajous_env.envs.actions import rogue_table
+from lissajous_env.envs.sides import rogue_table
 from training.sb3 import RobotVecEnv, RogueVecEnv
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -68,6 +69,6 @@ def test_ppo_trains_both_sides_in_turn_within_the_proved_bound():
     robots = RobotVecEnv("experiment", 4, seed=0, rogues="learned-here", **SHORT)
     PPO("MlpPolicy", robots, n_steps=20, batch_size=100).learn(2 * 20 * robots.num_envs)
     scenario = lissajous_env.scenario("experiment", rogues="learned-here", **bounded)
-    scores = lissajous_env.evaluate(lissajous_env.policy("sweep", scenario, 8), scenario, seeds=range(8))
+    scores = lissajous_env.evaluate(baselines.make("sweep", scenario, 8), scenario, seeds=range(8))
     for score in [*rogues.scores, *scores]:
         assert score["detection_time_max"] <= score["guaranteed_detection_time"] + 1e-6

@@ -12,7 +12,7 @@ from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize, VecVideoRecorder
 from stable_baselines3.common.vec_env.dummy_vec_env import DummyVecEnv
 
-from lissajous_env.envs.actions import action_table
+from lissajous_env.envs.sides import action_table
 from training.sb3 import ModelPolicy, RobotVecEnv, RogueVecEnv
 
 SHORT = lissajous_env.scenario("experiment", **{"task.duration": 0.8})

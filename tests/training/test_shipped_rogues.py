@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import baselines
 import lissajous_env
 from benchmarks.rogues import rows
 from lissajous_env.parameters.rogues import folder_of, rogue_of, shipped_rogues
@@ -55,7 +56,7 @@ def test_the_stored_times_are_those_of_the_shipped_weights():
     for rogue in ("hide-from-sweep", "follow-gap"):
         many = {"targets.count": 48, "targets.arrival_rate": 48 / scenario.task.duration}
         made = lissajous_env.scenario(scenario, rogues=rogue, **many, **{"targets.speed_limit": scenario.rogue_speed})
-        rows = lissajous_env.evaluate(lissajous_env.policy("sweep", made, 4), made, range(10_000, 10_004))
+        rows = lissajous_env.evaluate(baselines.make("sweep", made, 4), made, range(10_000, 10_004))
         found[rogue] = np.array([row["detection_time_mean"] for row in rows])
     ours = found["hide-from-sweep"]
     assert np.abs(ours.mean() - stored["learned"]["mean"]) < 4 * max(ours.std(ddof=1), 0.2) / 2

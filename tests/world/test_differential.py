@@ -8,7 +8,7 @@ from one_robot import driven, one_robot
 
 import baselines
 import lissajous_env
-from lissajous_env.envs.actions import action_table
+from lissajous_env.envs.sides import action_table
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.world.observation import layout
 

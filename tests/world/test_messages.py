@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from lissajous_env.envs.actions import action_table
+from lissajous_env.envs.sides import action_table
 from lissajous_env.world.observation import layout, message_start
 
 QUIET = {"targets.count": 4, "targets.arrival_rate": 0.0, "task.grid": None, "task.duration": 8.0}

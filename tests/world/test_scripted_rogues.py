@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+import baselines
 import lissajous_env
 from lissajous_env import Simulation
 from lissajous_env.console.cli import main
@@ -19,7 +20,7 @@ def played(rogues, steps, policy="sweep", **settings):
     """A simulation after some steps, and the observations of rogues before each."""
     scenario = lissajous_env.scenario("experiment", rogues=rogues, **SMALL | settings)
     simulation, rows = Simulation(scenario, 2), []
-    driver = lissajous_env.policy(policy, scenario, 2)
+    driver = baselines.make(policy, scenario, 2)
     for _ in range(steps):
         rows.append(simulation.rogue_observation.numpy().copy())
         simulation.step(driver.act(simulation.observation))
@@ -90,7 +91,7 @@ def test_hide_goes_where_a_target_can_have_been_undetected_for_longest():
     times = {}
     for name in ("hide", "wander"):
         scenario = lissajous_env.scenario("evaders", rogues=name, **settings)
-        rows = lissajous_env.evaluate(lissajous_env.policy("sweep", scenario, 8), scenario, seeds=range(8))
+        rows = lissajous_env.evaluate(baselines.make("sweep", scenario, 8), scenario, seeds=range(8))
         times[name] = np.mean([row["detection_time_mean"] for row in rows])
     assert times["hide"] > 2 * times["wander"]
 
@@ -101,7 +102,7 @@ def test_no_rogue_outlasts_the_proved_bound(name, policy):
     settings = BOUNDED | {"targets.arrival_rate": 1.0, "targets.count": 4, "sensing.radius": 0.5}
     scenario = lissajous_env.scenario("experiment", rogues=name, **SMALL | settings)
     simulation = Simulation(scenario, 4)
-    driver = lissajous_env.policy(policy, scenario, 4)
+    driver = baselines.make(policy, scenario, 4)
     weights = np.random.default_rng(2).normal(size=(4, rogue_layout(scenario).size, 2))
     for _ in range(scenario.task.steps):
         action = np.einsum("wtd,wda->wta", simulation.rogue_observation.numpy(), weights)
@@ -147,7 +148,7 @@ def test_commands_name_a_script(capsys, tmp_path):
     code, said = run("run", "evaders", "sweep", "--rogues", "flee", "--json", "--out", str(tmp_path / "a.npz"), *short)
     assert code == 0
     scenario = lissajous_env.scenario("evaders", rogues="flee", **{"task.duration": 5.0})
-    due = lissajous_env.evaluate(lissajous_env.policy("sweep", scenario), scenario, seeds=[0])[0]
+    due = lissajous_env.evaluate(baselines.make("sweep", scenario), scenario, seeds=[0])[0]
     assert json.loads(said.out)["detection_time_mean"] == due["detection_time_mean"]
     code, said = run("evaluate", "evaders", "sweep", "--rogues", "agents", *short)
     assert code == 2

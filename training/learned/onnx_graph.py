@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from lissajous_env import Scenario
-from lissajous_env.extras import missing
+from lissajous_env.plugins import missing
 from lissajous_env.storage.files import replacing
 from lissajous_env.world.observation import layout
 from training.learned import checkpoint

@@ -22,7 +22,7 @@ from gymnasium.spaces import Box, Discrete, MultiDiscrete
 
 from baselines.policies.base import Policy
 from lissajous_env import Scenario
-from lissajous_env.envs.actions import action_table
+from lissajous_env.envs.sides import action_table
 from lissajous_env.wording import shown
 from training.learned.card import Card
 from training.learned.wiring import Wiring

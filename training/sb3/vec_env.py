@@ -166,7 +166,7 @@ class RogueVecEnv(BatchVecEnv):
         seed: Seed of world 0; world k has seed + k, and draws its next seeds from it. Without a seed here or by
             `seed`, the first reset draws seeds from the operating system.
         threads: CPU threads; all cores by default.
-        discrete_actions: True for actions that are indices of `lissajous_env.envs.actions.rogue_table`: rest, or one
+        discrete_actions: True for actions that are indices of `lissajous_env.envs.sides.rogue_table`: rest, or one
             of eight directions at full speed.
         render_mode: None, or `rgb_array` for pictures of the worlds.
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
@@ -206,7 +206,7 @@ class RobotVecEnv(BatchVecEnv):
         seed: Seed of world 0; world k has seed + k, and draws its next seeds from it. Without a seed here or by
             `seed`, the first reset draws seeds from the operating system.
         threads: CPU threads; all cores by default.
-        discrete_actions: True for actions that are indices of `lissajous_env.envs.actions.action_table`, as for DQN.
+        discrete_actions: True for actions that are indices of `lissajous_env.envs.sides.action_table`, as for DQN.
         render_mode: None, or `rgb_array` for pictures of the worlds, as for `VecVideoRecorder`.
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
     """

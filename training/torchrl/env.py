@@ -84,7 +84,7 @@ class LissajousTorchEnv(EnvBase):
         seed: Seed of world 0, where world k has seed + k, or of the sequence of a space's scenarios. Without a seed
             here or by `set_seed`, seeds are drawn from the operating system, so that environments in several processes
             differ.
-        discrete_actions: Let actions be rows of `lissajous_env.envs.actions.action_table`, and of `rogue_table`.
+        discrete_actions: Let actions be rows of `lissajous_env.envs.sides.action_table`, and of `rogue_table`.
         state: Return the true state, `lissajous_env.envs.true_state.state_names`.
         threads: CPU threads of the simulation; all cores by default.
         **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`.

@@ -6,7 +6,7 @@
 Fields of the scenario are `+task.PART.FIELD`; with `task.state=true` central critics read the true state.
 """
 
-from lissajous_env.extras import missing
+from lissajous_env.plugins import missing
 
 try:
     from benchmarl.environments import task_config_registry

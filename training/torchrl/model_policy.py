@@ -16,7 +16,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from baselines.policies.base import Policy
 from lissajous_env import Scenario
-from lissajous_env.envs.actions import action_table
+from lissajous_env.envs.sides import action_table
 from lissajous_env.wording import shown
 from training.torchrl.env import GROUP
 

@@ -18,8 +18,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lissajous_env.episodes.evaluation import ActingPolicy, name_of
-from lissajous_env.episodes.missed.played import Played, play
-from lissajous_env.episodes.missed.replayed import Replayed, replay
+from lissajous_env.episodes.missed.played import Played, Replayed, play, replay
 from lissajous_env.episodes.missed.search import Path, longest_path
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import WORST_CASE

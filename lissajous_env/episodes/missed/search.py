@@ -9,14 +9,13 @@ set. So every path that is returned is undetected, and no path on the lattice is
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import compile_quietly
-from lissajous_env.episodes.missed.played import Played, resolution
+from lissajous_env.episodes.missed.played import Path, Played, resolution
 
 wp.set_module_options(OPTIONS)
 
@@ -31,20 +30,6 @@ _MARGIN = 4e-6
 """Share of all lengths by which discs are made larger, for numbers of 32 bits."""
 _ROUNDING = 1e-6
 """Relative increase of the speed limit, for numbers of 32 bits: a whole number of nodes stays one."""
-
-
-class Path(NamedTuple):
-    """A rogue's path: it appears at the end of a step and is undetected at the end of all steps until the last."""
-
-    appears_at: int
-    """Step at whose end it appears."""
-    places: np.ndarray
-    """(K + 1, 2) its positions at the ends of the steps from then on [m]."""
-
-    @property
-    def steps(self) -> int:
-        """K, the number of control steps for which it is undetected."""
-        return len(self.places) - 1
 
 
 @wp.struct

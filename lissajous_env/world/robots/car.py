@@ -25,8 +25,7 @@ from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
-from lissajous_env.settings.parts import Curve, Formation, Noise
-from lissajous_env.settings.robot import Robot
+from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.world.robots.faults import COAST, rolling
 from lissajous_env.world.robots.walls import WALL, begin_track, end_motion, stop_at_walls

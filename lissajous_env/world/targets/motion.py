@@ -8,7 +8,7 @@ from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import TARGET, WORLD, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import atan2, cos_sin
-from lissajous_env.settings.targets import Targets as TargetSettings
+from lissajous_env.settings.task import Targets as TargetSettings
 from lissajous_env.world.state import FOUND, HIDDEN, NEVER
 
 wp.set_module_options(MOTION)
