@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from baselines.benchmark.statistics import bootstrap_interval
 from baselines.policies.as_cars import like_cars
 from baselines.policies.patrol_path import SweepParameters, corner_radius, lookahead
 from baselines.policies.settings import PolicySettings
@@ -77,7 +78,7 @@ class Figures:
     messages: str
     """Content of the messages that the policy uses."""
     detection_low: float = math.nan
-    """Lower end of the 95 % interval of `detection_time`, by Student's t over the episodes [s]; NaN below two."""
+    """Lower end of the 95 % bootstrap interval of `detection_time` over the episodes [s]; NaN below two."""
     detection_high: float = math.nan
     """Upper end of the same [s]."""
 
@@ -156,7 +157,8 @@ def figures_of(
         clearance: Least distance of two bodies [m].
     """
     duration, body = plan.scenario.task.duration, 2 * plan.scenario.robot.radius
-    detection_low, detection_high = t_interval(_of(DETECTION_TIME, rows))
+    detection = np.array(_of(DETECTION_TIME, rows))
+    detection_low, detection_high = bootstrap_interval(detection[~np.isnan(detection)], cut=0.0)
     collisions_failed = sum(_of(COLLISIONS, failed))
     return Figures(
         worst_case=worst_case(rows),
@@ -186,20 +188,6 @@ def bounds_of(rows: Sequence[dict[str, Any]], name: str = WORST_CASE.name) -> li
     That is so, too, where the time was still growing at the end, for less than half of the episode.
     """
     return [math.inf if row[OPEN.name] or row[GROWN] else row[name] for row in rows]
-
-
-def t_interval(values: Sequence[float]) -> tuple[float, float]:
-    """Return the ends of the 95 % interval of the mean of values, by Student's t; NaN for fewer than two.
-
-    There are too few episodes of a plan for a bootstrap. Values that are NaN are left out.
-    """
-    from scipy.special import stdtrit  # slow to import
-
-    known = np.array([value for value in values if not math.isnan(value)])
-    if len(known) < 2:
-        return math.nan, math.nan
-    off = float(stdtrit(len(known) - 1, 0.975) * known.std(ddof=1) / math.sqrt(len(known)))
-    return float(known.mean()) - off, float(known.mean()) + off
 
 
 def _of(column: Column, rows: Sequence[dict[str, Any]]) -> list[Any]:
