@@ -18,7 +18,7 @@ from baselines.planning.families.included import default_policies, defaults
 from baselines.planning.family import Family
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import Figures, Plan, Planned, pareto_optimal
-from baselines.planning.rehearse import BEST, CONFIRMED, Episodes
+from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at
 from baselines.planning.request import Request
 from baselines.planning.search import AHEAD, Search
 from baselines.policies.settings import PolicySettings
@@ -181,6 +181,23 @@ def test_fewer_robots_and_bodies_apart_come_first():
     assert len(pareto_optimal([planned(2.0, robots=6), few])) == 2
     close, clear, worse = planned(1.0, too_close=True), planned(2.0), planned(3.0, too_close=True)
     assert pareto_optimal([worse, close, clear]) == [clear, close]
+
+
+def test_a_look_ends_early_and_compares_as_a_plan_does(small):
+    """Story: a plan with a bound also loses robots; beyond a cutoff it has no bound, and a collision ends it."""
+    partition, random = (Plan("hand", lissajous_env.scenario(small), PolicySettings(name))
+                         for name in ("partition", "random"))  # fmt: skip
+    whole, cut, hit = (look_at(*given) for given in (
+        (partition, Episodes(failures=1), math.inf), (partition, Episodes(failures=1), 0.1),
+        (random, Episodes(failures=1), math.inf),
+    ))  # fmt: skip
+    assert whole.figures.worst_case < math.inf
+    assert [row["lost"] for row in whole.failed_rows] == [(robot,) for robot in range(5)]
+    assert (cut.figures.worst_case, cut.figures.settled, cut.figures.worst_case_failed) == (math.inf,) * 3
+    assert hit.figures.collisions > 0
+    assert cut.failed_rows == hit.failed_rows == []
+    first = planned(2.0, failed=5.0), planned(3.0, failed=4.0)
+    assert min(first, key=lambda each: each.figures.by_failures) == first[1]
 
 
 def test_ctrl_c_prints_the_best_so_far(small, capsys, monkeypatch):
