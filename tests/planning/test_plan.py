@@ -15,9 +15,8 @@ import baselines
 import lissajous_env
 from baselines.planning import report
 from baselines.planning.families.included import default_policies, defaults
-from baselines.planning.family import Family
 from baselines.planning.planner import Outcome
-from baselines.planning.plans import Figures, Plan, Planned, pareto_optimal
+from baselines.planning.plans import Family, Figures, Plan, Planned, pareto_optimal
 from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at
 from baselines.planning.request import Request
 from baselines.planning.search import AHEAD, Search
