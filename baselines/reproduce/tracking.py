@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from baselines.mpcc.parameters import MpccParameters
+from baselines.mpcc.model import MpccParameters
 from baselines.reproduce.claims import SILENT, Claim, Part, at_most, reported, within_range
 from baselines.reproduce.drawing import BLUE, DARK, GREEN, RED, Picture, Sheet
 from baselines.reproduce.episodes import SEEDS, Played, Player, spread_of_cars

@@ -116,7 +116,7 @@ def test_moved_paths_are_moved_stretched_and_delayed():
 def test_free_paths_keep_the_limits_of_the_cars():
     pytest.importorskip("cma")
     start = best_known(EVADERS).plan({"stored": "evaders"})
-    found = optimise({WHOLE: [start], SETTLED: [start]}, 12)
+    found = optimise({WHOLE: [start], SETTLED: [start]}, 4)
     assert len(found) >= 2
     for plan in found:
         assert plan.scenario == EVADERS

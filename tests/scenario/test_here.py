@@ -22,7 +22,7 @@ class MyStill(baselines.Policy):
 """
 METHOD = """
 import baselines
-from baselines.policies.coordinators.kuramoto import Kuramoto
+from baselines.policies.coordinators import Kuramoto
 
 baselines.register_coordinator("my-way", Kuramoto, about="Kuramoto once more.")
 """
