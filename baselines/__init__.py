@@ -6,10 +6,11 @@ from functools import partial
 
 from baselines import policies
 from baselines.policies.base import Policy
-from baselines.policies.combinations import COMBINATIONS, ON_REQUEST, register_coordinator, with_tracker
-from baselines.policies.coordinators.base import NumpyCoordinator
+from baselines.policies.combinations import register_coordinator, with_tracker
+from baselines.policies.coordinators import NumpyCoordinator
+from baselines.policies.index_rule import Index
 from baselines.policies.patrol import Laps, RandomWaypoint, Still, Sweep
-from baselines.policies.reacting import Chase, Follow, Force, Index, Lanes
+from baselines.policies.reacting import Chase, Cover, Follow, Force, Lanes, VoronoiPursuit
 from baselines.policies.registry import make, names, register
 from baselines.policies.rows import Rows
 
@@ -27,16 +28,21 @@ __all__ = [
     "with_tracker",
 ]
 
-for _name, (_coordinator, _tracker, _about) in COMBINATIONS.items():
-    register(_name, _tracker.kind, partial(_tracker, _coordinator), about=_about, on_request=_name in ON_REQUEST)
 register("sweep", "car", Sweep, about="Single-file patrol along the boundary, or in lanes.")
 register("laps", "car", Laps, about="The loop of `sweep`, each car independently, at top speed.")
 for _name, _factory, _scenarios, _about in (
     ("lanes", Lanes, (), "Patrol of vertical lanes, the robots at equal distances; it observes no target."),
     ("follow", Follow, ("watch",), "Drive to the nearest target in sight."),
     ("a-cmommt", Force, ("watch",), "Forces towards targets and away from robots (Parker, 2002)."),
+    ("greedy-cover", Cover, ("watch",), "Drive where the most known targets are near."),
     ("pure-pursuit", partial(Chase, lead=0.0), ("intercept",), "Drive to the nearest target in sight of any robot."),
     ("lead-pursuit", Chase, ("intercept",), "Drive to where the nearest target in sight of any robot will be."),
+    (
+        "voronoi-pursuit",
+        VoronoiPursuit,
+        ("intercept",),
+        "Shrink the Voronoi cell of the nearest target in sight of any robot (Huang et al., 2011).",
+    ),
     ("index", partial(Index, learns=False), ("hotspots",), "Drive to the most targets per time, at uniform rates."),
     ("index-learned", Index, ("hotspots",), "Drive to the most targets per time, at rates that it learns."),
 ):

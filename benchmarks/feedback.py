@@ -19,8 +19,8 @@ import figures
 import numpy as np
 
 import lissajous_env
-from baselines.policies.dividing import Cover, VoronoiPursuit
-from baselines.policies.reacting import Chase, Follow, Force, Index, Lanes
+from baselines.policies.index_rule import Index
+from baselines.policies.reacting import Chase, Cover, Follow, Force, Lanes, VoronoiPursuit
 from lissajous_env.world.state import FOUND, PRESENT
 
 WORLDS, TUNED_ON, PLAYED_ON = 256, 4242, 10_000
@@ -59,11 +59,6 @@ class SeesAll:
 
 class CoverAll(SeesAll, Cover):
     """Greedy cover of all targets."""
-
-    def __init__(self, scenario, num_worlds):
-        super().__init__(scenario, num_worlds)
-        count = self.scenario.targets.count
-        self._pairs = np.array([(i, j) for i in range(count) for j in range(i)])
 
 
 class ChaseAll(SeesAll, Chase):

@@ -26,7 +26,6 @@ import numpy as np
 from patrol import geometric_mean, in_words
 from prior import FIRST_SEED, scenarios_of
 
-from baselines.planning.budget import Budget
 from baselines.planning.planner import Outcome
 from baselines.planning.portfolio import NAMES, chosen, ordered
 from baselines.planning.prior import Prior
@@ -47,8 +46,8 @@ Results = dict[tuple[str, str], dict[str, Any]]
 
 def best_plan(made: Scenario, seconds: float) -> PolicySettings | None:
     """Return the plan with the shortest worst case of a search; None if each has a collision or no bound."""
-    outcome = Outcome.of(Request(made))
-    outcome.search(Budget(seconds=seconds), fixed_start=True)
+    outcome = Outcome.of(Request(made, seconds=seconds, fixed_start=True))
+    outcome.search()
     plans = [each for each in outcome.plans if math.isfinite(each.figures.worst_case)]
     return plans[0].plan.settings if plans else None
 

@@ -25,10 +25,8 @@ from baselines.benchmark import bounds
 from baselines.benchmark.bounds import GRIDS, as_played, bounds_of
 from baselines.benchmark.shown import number
 from baselines.planning import portfolio
-from baselines.planning.budget import Budget
-from baselines.planning.families.defaults import included
-from baselines.planning.families.known import as_family
-from baselines.planning.families.timed import lines, partitions, timed
+from baselines.planning.families.cars import lines, partitions, timed
+from baselines.planning.families.included import as_family, defaults
 from baselines.planning.family import Family, Settings
 from baselines.planning.plans import SETTLED, WHOLE, Figures, Plan, Planned
 from baselines.planning.rehearse import Episodes, play, quietly
@@ -147,7 +145,7 @@ def measure_again(name: str) -> None:
 def row_of(name: str) -> list[str]:
     """Return the row of a scenario: its lower bound, and the stored plans beside the best default policies [s]."""
     task = as_played(name, {})
-    family = included(task)
+    family = defaults(task)
     played = []
     with quietly():
         for each in family.starts:
@@ -184,7 +182,7 @@ def main() -> None:
             families += [lambda task, of=of: filtered(of(task), task) for of in (partitions, lines)]
         search = Search(task, Episodes(), families, options.seed, fixed_start=True, clock=time.process_time)
         with quietly():
-            search.run(Budget(seconds=options.seconds), free_paths=True)
+            search.run(seconds=options.seconds, free_paths=True)
         command = f"python benchmarks/known.py {name} --seconds {options.seconds:g} --seed {options.seed}"
         command += " --filtered" if options.filtered else ""
         kept = keep(name, search.finals, command)

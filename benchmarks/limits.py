@@ -16,9 +16,9 @@ import numpy as np
 import baselines
 import lissajous_env
 from baselines.benchmark.shown import number
+from baselines.policies.base import Filtered
 from baselines.policies.partition import PartitionRepair
 from baselines.policies.partition_plan import PartitionParameters
-from baselines.policies.safety.filtered import Filtered
 from baselines.policies.safety.proved import Proved
 from lissajous_env.episodes.guarantee import worst_undetected_times
 from lissajous_env.parameters.scenario import Scenario

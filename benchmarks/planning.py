@@ -15,8 +15,7 @@ from typing import Any
 import figures
 import numpy as np
 
-from baselines.planning.budget import Budget
-from baselines.planning.families.defaults import included
+from baselines.planning.families.included import defaults
 from baselines.planning.planner import Outcome
 from baselines.planning.rehearse import play, quietly
 from baselines.planning.request import Request
@@ -51,16 +50,16 @@ def in_words(request: dict[str, Any]) -> str:
     )
 
 
-def row_of(seed: int, budget: Budget) -> tuple[list[str], bool]:
+def row_of(seed: int, **extent: Any) -> tuple[list[str], bool]:
     """Plan a request and play its defaults; return the row, and whether the best plan is worse than a default."""
     request: dict[str, Any] = {name: float(f"{value:.3g}") for name, value in drawn(seed).items()}
     request["robots"] = int(request["robots"])
-    outcome = Outcome.of(Request(**request))
+    outcome = Outcome.of(Request(**request, **extent))
     wall, processors = time.monotonic(), time.process_time()
-    outcome.search(budget)
+    outcome.search()
     wall, processors = time.monotonic() - wall, time.process_time() - processors
     (task,) = outcome.tasks.values()
-    family, worst_cases = included(task), {}
+    family, worst_cases = defaults(task), {}
     with quietly():
         for settings in family.starts:
             try:
@@ -87,7 +86,7 @@ def main() -> None:
     options = parser.parse_args()
     rows, worse = [], 0
     for seed in range(options.first, options.first + options.requests):
-        row, is_worse = row_of(seed, Budget.of(options.plans, options.seconds))
+        row, is_worse = row_of(seed, plans=options.plans, seconds=options.seconds)
         rows.append(row)
         worse += is_worse
         print(" | ".join(row), flush=True)

@@ -18,8 +18,7 @@ import baselines
 import lissajous_env
 from baselines.benchmark.shown import in_words, number
 from baselines.benchmark.statistics import summarize_largest
-from baselines.policies.base import Policy
-from baselines.policies.safety.filtered import Filtered
+from baselines.policies.base import Filtered, Policy
 from baselines.policies.safety.proved import Proved, ProvedParameters
 
 FILTERS = ("", "-safe", "-proved")

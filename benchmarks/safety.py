@@ -14,7 +14,7 @@ import baselines
 import lissajous_env
 from baselines.benchmark.shown import number
 from baselines.policies import registry
-from baselines.policies.safety.filtered import Filtered
+from baselines.policies.base import Filtered
 
 POLICIES = ("kuramoto-mpcc", "open-loop-mpcc", "tracked-reference-mpcc", "consensus-gvf", "sweep", "random")
 FILTERS = ("-safe", "-proved")

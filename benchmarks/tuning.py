@@ -38,9 +38,9 @@ import numpy as np
 import lissajous_env
 from baselines.benchmark.statistics import bootstrap_interval, interquartile_mean
 from baselines.mpcc.solver import MpccParameters
-from baselines.policies.base import Policy, UnsuitableScenarioError
-from baselines.policies.combinations import COMBINATIONS
-from baselines.policies.coordinators.arc_length import ArcParameters, ground_speed
+from baselines.policies import registry
+from baselines.policies.arc_length import ArcParameters, ground_speed
+from baselines.policies.base import Filtered, Policy, UnsuitableScenarioError
 from baselines.policies.line_abreast import LineAbreast
 from baselines.policies.line_path import LineParameters, plans_of
 from baselines.policies.partition import Partition, PartitionRepair, RepairParameters
@@ -48,8 +48,7 @@ from baselines.policies.partition_plan import PartitionParameters
 from baselines.policies.patrol import Laps, Sweep
 from baselines.policies.patrol_path import SweepParameters, cruising_speed
 from baselines.policies.safety.filter import Safe, SafetyParameters
-from baselines.policies.safety.filtered import Filtered
-from baselines.policies.trackers.vector_field import FieldParameters, WithVectorField
+from baselines.policies.vector_field import FieldParameters, WithVectorField
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.folder import Folder, Journal
 
@@ -96,7 +95,8 @@ def make(name: str, scenario: Scenario, settings: Settings, num_worlds: int = 1,
     elif name == "line-abreast":
         policy = LineAbreast(planned, num_worlds, device, LineParameters(**parts.get("line", {})))
     else:
-        coordinator, tracker, _ = COMBINATIONS[name]
+        factory = registry.check(name, scenario).factory
+        tracker, coordinator = factory.func, factory.args[0]
         if name.startswith("arc"):
             coordinator = partial(coordinator, parameters=ArcParameters(**parts.get("arc", {})))
         given: Any = MpccParameters.of(scenario, **parts.get("mpcc", {}))

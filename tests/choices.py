@@ -4,7 +4,6 @@ from collections.abc import Iterable
 
 from baselines.planning import portfolio
 from baselines.policies import registry
-from baselines.policies.combinations import COMBINATIONS
 
 FILTERED = ("sweep", "kuramoto-mpcc", "partition-repair", "learned-intruders")
 """Policies that are tested under each collision filter too, one of each kind of memory."""
@@ -26,7 +25,7 @@ def differing(names: Iterable[str]) -> tuple[str, ...]:
     policies `FILTERED` alone.
     """
     policies = {name: registry.unwrapped(name) for name in playing_all(names)}
-    alike = {name for name in COMBINATIONS if name.endswith(("-mpcc", "-gvf")) and name not in TRACKED}
+    alike = {name for name in policies if name.endswith(("-mpcc", "-gvf")) and name not in TRACKED}
     return tuple(
         name for name, (policy, suffix) in policies.items() if name not in alike and (not suffix or policy in FILTERED)
     )

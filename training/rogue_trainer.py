@@ -15,7 +15,6 @@ import torch
 from rich.console import Console
 from torch import Tensor, nn
 
-from baselines.benchmark.progress import in_words
 from baselines.policies.factories import named
 from lissajous_env import Scenario, Simulation
 from lissajous_env.console.terminal import make_console
@@ -90,7 +89,7 @@ class RogueTrainer:
         self._imitate()
         history["scores"] = self._evaluated(str(settings.out))
         self._save({})
-        self._say(f"after {in_words(history['seconds'])}: {_words(history['scores'])}")
+        self._say(f"after {history['seconds']:.0f} s: {_words(history['scores'])}")
         return history
 
     def _imitate(self) -> None:

@@ -6,46 +6,20 @@ from typing import Any
 from rich import progress as bars
 from rich.console import Console
 from rich.markup import escape
-from rich.text import Text
-
-_FIRST = 2.0
-"""Time after which the remaining time is shown [s]."""
-
-
-class Clock(bars.ProgressColumn):
-    """Elapsed and remaining time, in words; the remaining time is shown as soon as it can be estimated."""
-
-    def render(self, task: bars.Task) -> Text:
-        """Return words for a task; its field `left` is the remaining work if the pace so far does not determine it."""
-        gone, done, left = task.elapsed or 0.0, task.completed, task.fields.get("left")
-        words = in_words(gone)
-        if left is not None:
-            words += f", {left}" if left else ""
-        elif task.total and done > 0 and gone > _FIRST and not task.finished:
-            words += f", {in_words(gone / done * (task.total - task.completed))} left"
-        return Text(words, style="cyan", no_wrap=True)
-
-
-def in_words(seconds: float) -> str:
-    """Return a duration in words, as `1 min 20 s`; above a minute to 5 s, above an hour to a minute."""
-    if round(seconds) < 60:
-        return f"{seconds:.0f} s"
-    if (rounded := 5 * round(seconds / 5)) < 3600:
-        minutes, rest = divmod(rounded, 60)
-        return f"{minutes} min {rest} s" if rest else f"{minutes} min"
-    hours, minutes = divmod(round(seconds / 60), 60)
-    days, hours = divmod(hours, 24)
-    return f"{days} d {hours} h" if days else f"{hours} h {minutes} min" if minutes else f"{hours} h"
 
 
 def bar(console: Console, name: bars.ProgressColumn | None, *numbers: bars.ProgressColumn) -> bars.Progress:
-    """Return a bar for a terminal, and none elsewhere; a narrow terminal omits first the bar itself, then the name."""
+    """Return a bar with the elapsed and the remaining time for a terminal, and none elsewhere.
+
+    A narrow terminal omits first the bar itself, then the name.
+    """
     shown = [name] if name is not None and console.width >= 80 else []
     shown += [bars.BarColumn(bar_width=None)] if console.width >= 100 else []
     return bars.Progress(
         *shown,
         *numbers,
-        Clock(),
+        bars.TimeElapsedColumn(),
+        bars.TimeRemainingColumn(),
         console=console,
         transient=True,
         expand=console.width >= 100,

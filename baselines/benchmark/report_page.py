@@ -1,14 +1,13 @@
 """The page of a benchmark, `report.html`: all scenarios together, then the failures, each scenario and all episodes."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from baselines.benchmark.bounds import Bounds
-from baselines.benchmark.failing import KINDS, badness, failed, headline, worst_first
 from baselines.benchmark.plot_styles import COLOURS, styles_of
 from baselines.benchmark.shown import (
     DERIVED,
@@ -27,7 +26,18 @@ from baselines.benchmark.types import Failure
 from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.report import report
-from lissajous_env.world.columns import COLLISIONS, COLUMNS, DETECTION_TIME, LARGEST, OPEN, WHOLE, WORST_CASE, Column
+from lissajous_env.world.columns import (
+    COLLISIONS,
+    COLUMNS,
+    DETECTED,
+    DETECTION_TIME,
+    LARGEST,
+    OPEN,
+    SENSED,
+    WHOLE,
+    WORST_CASE,
+    Column,
+)
 
 FORMAT = "lissajous report 3"
 MOST_EPISODES = 20_000
@@ -37,6 +47,65 @@ _DIGITS = 5
 
 Key = tuple[str, str, int]
 """Scenario, policy and seed of an episode."""
+_HALF = 0.5
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A way to fail."""
+
+    name: str
+    words: str
+    """Predicate of which the policy is the subject."""
+    about: str
+    """Rule in words."""
+    applies: Callable[[Row], bool]
+    """Function that tests a score row."""
+
+
+KINDS = (
+    Kind(
+        "unseen",
+        "missed more than half",
+        "Less than half of the targets were detected, or less than half of the cells were covered.",
+        lambda row: row[DETECTED.name] < _HALF or row[SENSED.name] < _HALF,
+    ),
+    Kind(
+        "open",
+        "lost the guarantee",
+        "The worst-case undetected time was still growing when the episode ended and was at least half of the episode, "
+        "or no robot was left.",
+        lambda row: row[OPEN.name] == 1,
+    ),
+    Kind("collided", "collided", "Two robots collided.", lambda row: row[COLLISIONS.name] > 0),
+)
+"""The gravest first."""
+
+
+def failed(row: Row) -> list[bool]:
+    """Return for each of `KINDS` whether an episode failed in that way; NaN is no failure."""
+    return [kind.applies(row) for kind in KINDS]
+
+
+def headline(scenario: Scenario) -> Column:
+    """Return the main column of a scenario: the worst-case undetected time if computed, else the detection time."""
+    return DETECTION_TIME if scenario.task.contamination is None else WORST_CASE
+
+
+def badness(row: Row, scenario: Scenario) -> tuple[float, ...]:
+    """Return a key by which episodes are sorted, larger being worse.
+
+    It is the number of ways in which the episode failed, then the headline of its scenario over T_max, the collisions,
+    and the mean detection time over T_max. A missing number counts as 0.
+    """
+    bound = scenario.detection_time_bound
+    times = (row[headline(scenario).name] / bound, row[COLLISIONS.name], row[DETECTION_TIME.name] / bound)
+    return sum(failed(row)), *(0.0 if math.isnan(number) else number for number in times)
+
+
+def worst_first(rows: Sequence[Row], scenarios: Mapping[str, Scenario]) -> list[int]:
+    """Return the indices of some rows, the worst episode first; of equal ones the earlier first."""
+    return sorted(range(len(rows)), key=lambda k: badness(rows[k], scenarios[rows[k]["scenario"]]), reverse=True)
 
 
 @dataclass(frozen=True)
@@ -108,7 +177,6 @@ class Report:
             "description": scenario.description,
             "facts": _facts(scenario, bounds, reference),
             "notes": list(self.notes.get(name, [])),
-            "headline": headline(scenario).name,
             "reference": None if reference is None else number_of[reference],
             "measures": [
                 _described(column)

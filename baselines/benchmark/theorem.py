@@ -8,7 +8,7 @@ import warp as wp
 
 from baselines.benchmark.types import Cell
 from baselines.policies import registry
-from baselines.policies.safety.filtered import Filtered
+from baselines.policies.base import Filtered
 from baselines.policies.safety.proved import Proved, ProvedParameters, unmet_conditions
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.parameters.scenario import Scenario

@@ -22,8 +22,7 @@ import warp as wp
 
 from baselines.mpcc import kernel
 from baselines.mpcc.kernel import EARLY, KEEP, Scratch
-from baselines.mpcc.model import MpccStruct, tabulate, vec5
-from baselines.mpcc.parameters import MpccParameters
+from baselines.mpcc.model import MpccParameters, MpccStruct, tabulate, vec5
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, cores, is_torch

@@ -8,9 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from baselines.planning.plans import Plan
-from baselines.planning.rehearse import Look
-from lissajous_env.parameters.scenario import Scenario
+from baselines.planning.plans import Plan, Planned, in_turn
 
 Settings = Mapping[str, Any]
 """The settings of a plan within its family, by name."""
@@ -22,40 +20,43 @@ _ELITE = 4
 """Best plans of a family that are changed."""
 
 
+def _no_plan(settings: Mapping[str, Any]) -> Plan:
+    raise ValueError(f"the family has no plan of {dict(settings)}")
+
+
 @dataclass
 class Family:
     """A family of plans for a task: each of its plans is made of settings, which a search may change."""
 
     name: str
-    plan: Callable[[Settings], Plan]
+    plan: Callable[[Settings], Plan] = _no_plan
     """Function that returns the plan of some settings, or raises ValueError if there is no such plan."""
-    starts: Sequence[Settings]
+    starts: Sequence[Settings] = ()
     """Settings that are tried first, the most promising ones first; none if the family does not fit the task."""
     space: Mapping[str, Choices] = field(default_factory=dict)
     """Values that the settings may have; empty for a family whose plans are not changed."""
     refusal: str = ""
     """Reason why the family has no plan for the task; "" if it may have some."""
-    looks: list[tuple[Settings, Look]] = field(default_factory=list)
+    looks: list[tuple[Settings, Planned]] = field(default_factory=list)
     """Plans that were looked at."""
     unmade: list[str] = field(default_factory=list)
     """Reasons of settings of which there is no plan."""
 
     @property
-    def alive(self) -> list[tuple[Settings, Look]]:
-        """Return the plans that were looked at and are not out."""
-        return [each for each in self.looks if not each[1].fails]
+    def alive(self) -> list[tuple[Settings, Planned]]:
+        """Return the plans that were looked at and did not collide."""
+        return [each for each in self.looks if not each[1].figures.collisions]
 
     @property
     def best(self) -> float:
         """Return the least worst-case undetected time [s]."""
-        return min((look.worst_case for _, look in self.alive), default=math.inf)
+        return min((look.figures.worst_case for _, look in self.alive), default=math.inf)
 
     def elite(self) -> list[Settings]:
         """Return the settings of the best plans, alternately without and with failures."""
-        by_worst = sorted(self.alive, key=lambda each: each[1].by_worst_case)
-        by_failed = sorted(self.alive, key=lambda each: each[1].by_failed)
-        mixed = itertools.chain.from_iterable(zip(by_worst, by_failed, strict=True))
-        return [settings for settings, _ in itertools.islice(mixed, 2 * _ELITE)]
+        by_worst = sorted(self.alive, key=lambda each: each[1].figures.objectives)
+        by_failed = sorted(self.alive, key=lambda each: each[1].figures.by_failures)
+        return [settings for settings, _ in itertools.islice(in_turn([by_worst, by_failed]), 2 * _ELITE)]
 
     def changed(self, settings: Settings, random: np.random.Generator) -> dict[str, Any]:
         """Return settings of which about a third differ, by a factor of about 1.25 where they are numbers."""
@@ -68,17 +69,14 @@ class Family:
         """Return the reason why the family has no plan, with numbers."""
         if self.refusal:
             return self.refusal
-        looks = [look for _, look in self.looks]
-        collided = [look for look in looks if look.collisions]
-        refusals = [*self.unmade, *(look.refusal for look in looks if look.refusal)]
-        if not (looks or self.unmade):
+        if not (self.looks or self.unmade):
             return "the search ended before it tried one"
-        words = [f"{len(looks)} plans were looked at"]
-        if collided:
-            fewest = min(collided, key=lambda look: look.collisions)
-            words.append(f"{len(collided)} collide, for example {fewest.plan.settings.policy} ({fewest.plan.about})")
-        if refusals:
-            words.append(f"{len(refusals)} cannot be made: {refusals[0]}")
+        words = [f"{len(self.looks)} plans were looked at"]
+        if collided := [look for _, look in self.looks if look.figures.collisions]:
+            fewest = min(collided, key=lambda look: look.figures.collisions).plan
+            words.append(f"{len(collided)} collide, for example {fewest.settings.policy} ({fewest.about})")
+        if self.unmade:
+            words.append(f"{len(self.unmade)} cannot be made: {self.unmade[0]}")
         if self.alive:
             words.append(f"{len(self.alive)} remain, but none of them was played to the end")
         return "; ".join(words)
@@ -94,18 +92,3 @@ def _drawn(choices: Choices, near: Any, random: np.random.Generator) -> Any:
     else:
         value = near * math.exp(0.22 * random.standard_normal())
     return float(f"{min(max(value, low), high):.4g}")
-
-
-def without_plans(name: str, refusal: str) -> Family:
-    """Return a family that has no plan for a task, for a reason."""
-
-    def plan(settings: Settings) -> Plan:
-        raise ValueError(refusal)
-
-    return Family(name, plan, [], refusal=refusal)
-
-
-def of_cars_alone(name: str, policies: str, task: Scenario) -> Family:
-    """Return a family of policies of cars for robots of another kind."""
-    words = f"{policies} drive cars, and the robots are of kind {task.robot.kind} (give a turning radius)"
-    return without_plans(name, words)

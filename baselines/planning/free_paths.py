@@ -21,13 +21,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baselines.planning.plans import SETTLED, Plan, in_turn
-from baselines.planning.rehearse import EPISODES, coarse_grid
+from baselines.planning.rehearse import EPISODES, on_coarse_grid
 from baselines.policies.path_tables import FINE, path_tables
 from baselines.policies.periodic_paths import coefficients_of, derivative_of, places_of
 from baselines.policies.settings import PolicySettings
 from baselines.policies.timed_paths import TimedPaths
 from baselines.policies.transit import arrival_steps, required_distance, speed_of, start_is_known, turning_radius_of
-from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import missing
 from lissajous_env.world.simulation import Simulation
@@ -142,7 +141,7 @@ class Teams:
     """
 
     def __init__(self, task: Scenario, period: int, worlds: int, goal: str = SETTLED):
-        self.task = named.build(task, **{"task.contamination": coarse_grid(task), "task.grid": (1, 1)})
+        self.task = on_coarse_grid(task)
         self.simulation = Simulation(self.task, worlds)
         self.period, self.goal = period, goal
 

@@ -7,17 +7,18 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from baselines.planning import free_paths
-from baselines.planning.budget import Budget
 from baselines.planning.families import families_apart
 from baselines.planning.plans import Planned, best_of
 from baselines.planning.rehearse import quietly
-from baselines.planning.request import Request
+from baselines.planning.request import PLANS, Request
 from baselines.planning.search import Search
 from lissajous_env.episodes.limits import guaranteed_time_limit
 from lissajous_env.parameters.scenario import Scenario
 
-OnProgress = Callable[[float, "Outcome", Search], None]
-"""Called during the planning with the share that is done, the outcome so far, and the running search."""
+_LEAST = 1.0
+"""Shortest duration of a search [s]."""
+OnProgress = Callable[[float, "Outcome"], None]
+"""Called during the planning with the share that is done and the outcome so far."""
 
 
 @dataclass
@@ -29,19 +30,10 @@ class Outcome:
     """Scenarios on which plans were compared, by number of robots."""
     limits: dict[int, float] = field(default_factory=dict)
     """Lower bounds of the worst case of every policy [s], by number of robots; NaN if none is proved."""
+    searches: dict[int, Search] = field(default_factory=dict)
+    """Searches that were begun, by number of robots."""
     finals: list[Planned] = field(default_factory=list)
-    """All plans that were played to the end."""
-    refusals: dict[int, dict[str, str]] = field(default_factory=dict)
-    """Reasons why families have no plan without collisions, by number of robots."""
-    untried: dict[int, list[str]] = field(default_factory=dict)
-    """Families of which no plan was tried, by number of robots."""
-    looks: int = 0
-    """Number of plans that were looked at."""
-    broken: list[str] = field(default_factory=list)
-    """Reasons of plans whose final episodes failed."""
-    interrupted: bool = False
-    budget: Budget = field(default_factory=Budget)
-    """Extent of the search."""
+    """All plans that were played to the end by searches that have ended."""
     seconds: float = 0.0
     """Duration of the search [s]."""
 
@@ -62,6 +54,26 @@ class Outcome:
         return best_of(self.finals)
 
     @property
+    def looks(self) -> int:
+        """Return the number of plans that were looked at."""
+        return sum(len(search.looks) for search in self.searches.values())
+
+    @property
+    def interrupted(self) -> bool:
+        """Return whether Ctrl-C ended a search."""
+        return any(search.interrupted for search in self.searches.values())
+
+    @property
+    def refusals(self) -> dict[int, dict[str, str]]:
+        """Return the reasons why families have no plan without collisions, by number of robots."""
+        return {number: search.refusals() for number, search in self.searches.items()}
+
+    @property
+    def untried(self) -> list[str]:
+        """Return the families of which a search tried no plan, although they may have some."""
+        return list(dict.fromkeys(name for search in self.searches.values() for name in search.untried()))
+
+    @property
     def fewest_robots(self) -> int | None:
         """Return the fewest robots of a plan that guarantees the requested time; None if there is no such plan."""
         return min((each.plan.scenario.num_robots for each in self.plans if self.guarantees(each)), default=None)
@@ -74,61 +86,45 @@ class Outcome:
         failed = figures.worst_case_failed if self.request.failures else 0.0
         return max(figures.worst_case, failed) <= self.request.guarantee
 
-    def search(
-        self,
-        budget: Budget | None = None,
-        optimise: bool = False,
-        fixed_start: bool = False,
-        on_progress: OnProgress | None = None,
-    ) -> None:
+    def search(self, on_progress: OnProgress | None = None) -> None:
         """Search for plans on the task of each number of robots, and add them.
 
         With a guarantee, the search begins with the fewest robots and ends with those of whom a plan meets it.
 
         Args:
-            budget: Extent of the search: plans for each number of robots, or the duration of all.
-            optimise: True to improve free-form paths by CMA-ES too; requires the extra `plan`.
-            fixed_start: True to include only plans whose robots begin where the scenario places them.
-            on_progress: Called with the share that is done, the outcome so far and the running search.
+            on_progress: Called with the share that is done and the outcome so far.
 
         Raises:
-            MissingExtraError: `optimise`, and the library for it is not installed.
+            MissingExtraError: free-form paths are requested, and the library for them is not installed.
         """
-        if optimise:
+        request, begin = self.request, time.monotonic()
+        if request.optimise:
             free_paths.require_cma()
-        self.budget, begin = budget or Budget(), time.monotonic()
-        guarantee, seed = self.request.guarantee, self.request.seed
         # A team whose lower bound is above the requested time cannot meet it.
+        guarantee = request.guarantee
         open_ones = [number for number, limit in self.limits.items() if not (guarantee and limit > guarantee)]
-        count = len(open_ones)
-        while open_ones and not self.interrupted and self.fewest_robots is None:
-            number = open_ones.pop(0)
-            families = families_apart(self.request.clearance)
-            running = Search(self.tasks[number], self.request.episodes, families, seed, fixed_start)
+        for k, number in enumerate(open_ones):
+            families = families_apart(request.clearance)
+            search = Search(self.tasks[number], request.episodes, families, request.seed, request.fixed_start)
+            self.searches[number] = search
+            left = None if request.seconds is None else request.seconds - (time.monotonic() - begin)
+            part = None if left is None else max(left / (len(open_ones) - k), _LEAST)
 
-            def progress(share: float, running: Search = running, before: int = count - len(open_ones) - 1) -> None:
+            def progress(share: float, before: int = k) -> None:
                 if on_progress is not None:
-                    on_progress((before + min(share, 1.0)) / count, self, running)
+                    on_progress((before + min(share, 1.0)) / len(open_ones), self)
 
-            part = self.budget.part(time.monotonic() - begin, len(open_ones) + 1)
             with quietly():
-                running.run(part, progress, optimise)
-            self.finals += running.finals
-            self.untried[number] = running.untried()
-            self.refusals[number] = running.refusals()
-            self.looks += len(running.looks)
-            self.broken += running.broken
-            self.interrupted = running.interrupted
+                search.run(request.plans or PLANS, part, progress, request.optimise)
+            self.finals += search.finals
+            if search.interrupted or self.fewest_robots is not None:
+                break
         self.seconds = time.monotonic() - begin
 
 
 def plan(
     scenario: str | os.PathLike[str] | Scenario | None = None,
     *,
-    plans: int | None = None,
-    seconds: float | None = None,
-    optimise: bool = False,
-    fixed_start: bool = False,
     on_progress: OnProgress | None = None,
     **requested: Any,
 ) -> Outcome:
@@ -136,12 +132,7 @@ def plan(
 
     Args:
         scenario: Scenario from which missing values are taken; without it, the rectangle and the robots must be given.
-        plans: Number of plans that are tried for each number of robots, 200 by default; a fifth as many of the best
-            ones are then played to the end.
-        seconds: Duration of the search [s], in place of a number of plans.
-        optimise: True to improve free-form paths by CMA-ES too; requires the extra `plan`.
-        fixed_start: True to include only plans whose robots begin where the scenario places them.
-        on_progress: Called with the share that is done, the outcome so far and the running search.
+        on_progress: Called with the share that is done and the outcome so far.
         **requested: The other fields of `baselines.planning.request.Request`.
 
     Returns:
@@ -150,7 +141,6 @@ def plan(
     Raises:
         ValueError: a value is invalid or missing.
     """
-    budget = Budget.of(plans, seconds)
     outcome = Outcome.of(Request(scenario, **requested))
-    outcome.search(budget, optimise, fixed_start, on_progress)
+    outcome.search(on_progress)
     return outcome

@@ -89,6 +89,12 @@ class Figures:
         detection = math.inf if math.isnan(self.detection_time) else self.detection_time
         return float(self.too_close), self.worst_case, self.settled, failed, detection, self.distance, float(rank)
 
+    @property
+    def by_failures(self) -> tuple[float, ...]:
+        """Return the same numbers, the worst case with failures first."""
+        close, worst_case, settled, failed, *others = self.objectives
+        return close, failed, worst_case, settled, *others
+
 
 @dataclass(frozen=True)
 class Planned:

@@ -13,7 +13,7 @@ import numpy as np
 
 from baselines.planning.plans import absolute
 from baselines.planning.prior import Prior, complementary
-from baselines.planning.rehearse import DETECTION, GUARANTEE, grid, quietly, result_of
+from baselines.planning.rehearse import DETECTION, GUARANTEE, cells, quietly, result_of
 from baselines.policies import registry
 from baselines.policies.base import Policy, UnsuitableScenarioError
 from baselines.policies.settings import PolicySettings
@@ -102,7 +102,7 @@ def stage(scenario: Scenario, objective: str) -> Scenario:
     else:
         changes["targets.rogues"] = None
         if task.task.contamination is None:
-            changes["task.contamination"] = grid(task, CELLS, _CELLS_IN_A_SENSOR)
+            changes["task.contamination"] = cells(task, CELLS, _CELLS_IN_A_SENSOR)
     return named.build(task, **changes)
 
 

@@ -22,10 +22,8 @@ from lissajous_env.episodes.limits import guaranteed_time_limit
 from lissajous_env.parameters import named
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.wording import where_raised
 from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, OPEN, WORST_CASE
 from lissajous_env.world.robots.faults import removal_steps
-from lissajous_env.world.score import is_open
 from lissajous_env.world.simulation import Simulation
 
 EPISODES, CONFIRMED, BEST, MOST_LOSSES = 4, 16, 64, 64
@@ -66,10 +64,12 @@ class Episodes:
         return named.build(scenario, **{"faults.lost": scenario.faults.lost + self.failures})
 
     def losses(self, scenario: Scenario) -> list[tuple[int, ...]]:
-        """Return the robots that are removed in each episode with failures.
+        """Return the robots that are removed in each episode with failures; none without failures.
 
         These are all combinations of as many robots as fail, or, of more than `MOST_LOSSES`, so many random ones.
         """
+        if not self.failures:
+            return []
         robots, lost = scenario.num_robots, self.with_failures(scenario).faults.lost
         if self.combinations(scenario) <= MOST_LOSSES:
             return list(itertools.combinations(range(robots), lost))
@@ -81,41 +81,6 @@ class Episodes:
     def combinations(self, scenario: Scenario) -> int:
         """Return the number of combinations of as many robots as fail in an episode with failures."""
         return math.comb(scenario.num_robots, self.with_failures(scenario).faults.lost)
-
-
-@dataclass(frozen=True)
-class Look:
-    """The result of a first look at a plan."""
-
-    plan: Plan
-    collisions: int
-    worst_case: float
-    """Worst-case undetected time [s]; infinite if the episodes show no bound, or ended because others are better."""
-    worst_case_failed: float
-    """The same with failures; 0 without."""
-    settled: float = math.inf
-    """Worst-case undetected time of the second half of the episodes [s]."""
-    too_close: bool = False
-    """True if two bodies come closer than the requested clearance."""
-    mean_age: float = math.inf
-    """Mean over cells and time of how long a target can have been undetected [s], to compare plans without a bound."""
-    refusal: str = ""
-    """Reason why the plan cannot be played."""
-
-    @property
-    def by_worst_case(self) -> tuple[float, ...]:
-        """Return numbers by which plans are sorted, without failures first."""
-        return self.too_close, self.worst_case, self.settled, self.worst_case_failed, self.mean_age
-
-    @property
-    def by_failed(self) -> tuple[float, ...]:
-        """Return numbers by which plans are sorted, with failures first."""
-        return self.too_close, self.worst_case_failed, self.worst_case, self.settled, self.mean_age
-
-    @property
-    def fails(self) -> bool:
-        """Return whether the plan is out."""
-        return bool(self.refusal) or self.collisions > 0
 
 
 class _Run:
@@ -135,8 +100,8 @@ class _Run:
         remove_early(self.simulation, losses)
         self.settled = np.zeros(len(losses), dtype=int)
         """Longest undetected time since the middle of the episodes [steps]."""
-        self.before = np.zeros(len(losses), dtype=int)
-        """Longest undetected time before the last step [steps]."""
+        self.grows = np.zeros(len(losses), dtype=bool)
+        """True for an episode that has ended with its longest undetected time."""
         self.beyond = np.zeros(len(losses))
         """Largest distance of any part of a body beyond the edge of the rectangle so far [m]; 0 with walls."""
 
@@ -146,32 +111,25 @@ class _Run:
         return self.simulation.contamination.age_max.numpy()
 
     @property
-    def gap(self) -> float:
-        """Return the smallest distance of two bodies so far [m]."""
-        robot = self.simulation.scenario.robot
-        return float(self.simulation.tally.min_separation.numpy().min()) - 2 * robot.radius
-
-    @property
     def collisions(self) -> int:
         """Return the collisions of all episodes so far."""
         return int(self.simulation.tally.collisions.numpy().sum())
 
-    def play(self, until: int, is_over: Callable[[], bool] = lambda: False) -> bool:
-        """Play until a step, and return True; return False where `is_over` has ended the episodes earlier."""
-        runner = EpisodeRunner(self.policy, self.simulation)
-        has_walls = self.simulation.scenario.task.boundary == "wall"
+    def play(self, until: int, is_over: Callable[[], bool] = lambda: False) -> None:
+        """Play until a step, or until `is_over`."""
+        runner, task = EpisodeRunner(self.policy, self.simulation), self.simulation.scenario.task
         self.policy.reset()
         for self.step in range(1, until + 1):
-            if self.step == until:
-                self.before[:] = self.longest
+            before = self.longest.copy() if self.step == task.steps else None
             runner.step()
-            if not has_walls:
+            if before is not None:
+                self.grows = self.longest > before
+            if task.boundary != "wall":
                 np.maximum(self.beyond, self._beyond_now(), out=self.beyond)
             if 2 * self.step > until:
                 np.maximum(self.settled, self.simulation.contamination.age.numpy(), out=self.settled)
             if self.step % _EVERY == 0 and is_over():
-                return False
-        return True
+                return
 
     def _beyond_now(self) -> np.ndarray:
         """Return by how much a body sticks out of the rectangle in each episode now [m]."""
@@ -181,8 +139,8 @@ class _Run:
 
     def rows(self) -> list[dict[str, Any]]:
         """Return the score rows of the episodes, with what `plans` adds to these."""
-        step, grows = self.simulation.scenario.task.step, self.longest > self.before
-        more = zip(self.simulation.score(), self._losses, self.settled, grows, self.beyond, strict=True)
+        step = self.simulation.scenario.task.step
+        more = zip(self.simulation.score(), self._losses, self.settled, self.grows, self.beyond, strict=True)
         return [
             {"policy": self.plan.settings.policy}
             | row
@@ -191,56 +149,41 @@ class _Run:
         ]
 
 
-def look_at(plan: Plan, episodes: Episodes, cutoff: float) -> Look:
-    """Play a plan for half of its duration on a coarse grid; end at the first collision, or beyond a cutoff [s]."""
-    try:
-        task = plan.scenario.task
-        scenario = named.build(plan.scenario, **{"task.contamination": coarse_grid(plan.scenario), "task.grid": (1, 1)})
-        until = max(round(_SHARE * task.steps), 1)
-        look = _look(plan, scenario, episodes, [()] * _SCREENED, until, cutoff)
-        if not episodes.failures or look.collisions:
-            return look
-        if look.worst_case == math.inf:
-            return dataclasses.replace(look, worst_case_failed=math.inf)
-        scenario, losses = episodes.with_failures(scenario), episodes.losses(scenario)
-        losses = losses[:: math.ceil(len(losses) / _SCREENED_LOSSES)]
-        failed = _look(plan, scenario, episodes, losses, task.steps, math.inf)
-        too_close = look.too_close or failed.too_close
-        return dataclasses.replace(look, worst_case_failed=failed.worst_case, too_close=too_close)
-    except Exception as error:  # one policy that fails must not end the search
-        return Look(plan, 0, math.inf, math.inf, refusal=reason_of(error))
+def look_at(plan: Plan, episodes: Episodes, cutoff: float) -> Planned:
+    """Play half of some episodes of a plan on a coarse grid; they end at the first collision, or beyond a cutoff [s].
 
-
-def _look(
-    plan: Plan, scenario: Scenario, episodes: Episodes, losses: Sequence[tuple[int, ...]], until: int, cutoff: float
-) -> Look:
-    """Return the collisions, the worst cases and the mean age [s] of some episodes, which may end early."""
-    run, step = _Run(plan, scenario, episodes.seed, losses), scenario.task.step
-    ended = run.play(until, lambda: bool(run.collisions) or run.longest.max() * step > cutoff)
-    if run.collisions:
-        return Look(plan, run.collisions, math.inf, 0.0)
-    field = run.simulation.contamination
-    too_close = run.gap < episodes.clearance
-    age = float(field.mean_age_sum.numpy().max()) / run.step * step
-    at_end = zip(run.longest, field.age.numpy(), strict=True)
-    if not (ended or run.step == until) or any(is_open(*each, until) for each in at_end):
-        return Look(plan, 0, math.inf, 0.0, too_close=too_close, mean_age=age)
-    worst_case, settled = float(run.longest.max()) * step, int(run.settled.max()) * step
-    return Look(plan, 0, worst_case, 0.0, settled, too_close, age)
+    A plan beyond the cutoff has no bound in the result, and a plan without a bound none with failures.
+    """
+    scenario, until = on_coarse_grid(plan.scenario), max(round(_SHARE * plan.scenario.task.steps), 1)
+    run = _Run(plan, scenario, episodes.seed, [()] * _SCREENED)
+    run.play(until, lambda: bool(run.collisions) or run.longest.max() * scenario.task.step > cutoff)
+    seen = _planned(run, episodes)
+    if seen.figures.collisions:
+        return seen
+    if run.step < until or seen.figures.worst_case == math.inf:
+        without = dict.fromkeys(("worst_case", "settled", "worst_case_failed"), math.inf)
+        return dataclasses.replace(seen, figures=dataclasses.replace(seen.figures, **without))
+    losses = episodes.losses(plan.scenario)
+    return _planned(run, episodes, losses[:: math.ceil(len(losses) / _SCREENED_LOSSES) or 1])
 
 
 def play(plan: Plan, episodes: Episodes) -> Planned:
     """Play the final episodes of a plan, all of them to the end."""
     run = _Run(plan, plan.scenario, episodes.seed, [()] * episodes.count)
     run.play(plan.scenario.task.steps)
-    rows, failed = run.rows(), []
-    if episodes.failures and not run.collisions:
-        scenario = episodes.with_failures(plan.scenario)
-        lossy = _Run(plan, scenario, episodes.seed, episodes.losses(plan.scenario))
+    planned = _planned(run, episodes, [] if run.collisions else episodes.losses(plan.scenario))
+    return dataclasses.replace(planned, limit=guaranteed_time_limit(plan.scenario))
+
+
+def _planned(run: _Run, episodes: Episodes, losses: Sequence[tuple[int, ...]] = ()) -> Planned:
+    """Return a plan with the figures of episodes that were played, and of whole ones in which robots are lost."""
+    plan, scenario, rows, failed = run.plan, run.simulation.scenario, run.rows(), []
+    if losses:
+        lossy = _Run(plan, episodes.with_failures(scenario), episodes.seed, losses)
         lossy.play(scenario.task.steps)
         failed = lossy.rows()
     figures = figures_of(rows, failed, plan, run.policy.communicates, episodes.clearance)
-    return Planned(plan, figures, guaranteed_time_limit(plan.scenario), rows, failed)
+    return Planned(plan, figures, math.nan, rows, failed)
 
 
 def remove_early(simulation: Simulation, losses: Sequence[tuple[int, ...]]) -> None:
@@ -257,7 +200,7 @@ def remove_early(simulation: Simulation, losses: Sequence[tuple[int, ...]]) -> N
     simulation.robots.removed_at.assign(removed_at)
 
 
-def grid(scenario: Scenario, longest: int, cells_in_a_sensor: float) -> tuple[int, int]:
+def cells(scenario: Scenario, longest: int, cells_in_a_sensor: float = 0.0) -> tuple[int, int]:
     """Return columns and rows of about square cells.
 
     Args:
@@ -271,15 +214,11 @@ def grid(scenario: Scenario, longest: int, cells_in_a_sensor: float) -> tuple[in
     return columns, rows
 
 
-def reason_of(error: Exception) -> str:
-    """Return why a plan cannot be played."""
-    return str(error) if isinstance(error, ValueError) else where_raised(error)
-
-
-def coarse_grid(scenario: Scenario) -> tuple[int, int]:
-    """Return columns and rows of the contamination grid of a first look."""
+def on_coarse_grid(scenario: Scenario) -> Scenario:
+    """Return a scenario whose contamination is computed on the grid of a first look."""
     printed = scenario.task.contamination or (1, 1)
-    return min(grid(scenario, _COARSE, _COARSE_CELLS_IN_A_SENSOR), printed)
+    coarse = min(cells(scenario, _COARSE, _COARSE_CELLS_IN_A_SENSOR), printed)
+    return named.build(scenario, **{"task.contamination": coarse, "task.grid": (1, 1)})
 
 
 def quietly() -> warnings.catch_warnings:

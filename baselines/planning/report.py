@@ -1,95 +1,70 @@
-"""Reports of planning: tables for the terminal, folders of plans that commands play, and a picture of the best ones."""
+"""Reports of planning: a table for the terminal, and folders of plans that commands play."""
 
 import dataclasses
 import json
 import math
 import statistics
-from collections.abc import Sequence
-from itertools import cycle
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from matplotlib.patches import Circle
 
 from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
 from baselines.benchmark.shown import between
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import SETTLED_TIME, Figures, Planned, bounds_of
-from baselines.planning.rehearse import Episodes, quietly
+from baselines.planning.rehearse import Episodes
 from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE
-from baselines.reproduce.drawing import GREY, SERIES, Sheet
 from lissajous_env.console.terminal import Column, plain, print_table
 from lissajous_env.parameters.scenario_file import as_toml
 from lissajous_env.storage.folder import Folder
 from lissajous_env.world.columns import OPEN, WORST_CASE
-from lissajous_env.world.simulation import Simulation
 
-FIGURES, PICTURE = "plans.json", "plans.png"
-"""Files of a folder of plans."""
-_DRAWN = 3
-"""Plans in a picture."""
-_SHARE = 0.3
-"""Share of an episode whose paths are drawn, its end."""
+FIGURES = "plans.json"
+"""File of a folder of plans, with the figures of all."""
 
 
 def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> None:
     """Print a table of plans."""
-    failures = outcome.request.failures
-    columns = [
-        Column("", name="number"),
-        Column("plan", left=True),
-        Column("N") if len(outcome.tasks) > 1 else None,
-        Column(f"worst case [s]\n{_played(plans)} episodes"),
-        Column(f"second half [s]\n{_played(plans)} episodes"),
-        Column(f"with {failures} lost [s]\n{_losses(outcome)} episodes") if failures else None,
-        Column("lower\nbound [s]", rank=1),
-        Column("detected in\nmean [s]", rank=1),
-        Column("least gap\n[m]", rank=2),
-        Column("outside\n[m]", rank=1) if _is_open(outcome) else None,
-        Column("driven\n[m/min]", rank=2),
-        Column("messages", left=True, rank=3),
-        Column("details", prose=True, rank=4),
+    failures, episodes = outcome.request.failures, f"{_played(plans)} episodes"
+    is_open = any(task.task.boundary != "wall" for task in outcome.tasks.values())
+    columns: list[tuple[bool, Column, Callable[[Planned], str]]] = [
+        (True, Column("plan", left=True), _name),
+        (len(outcome.tasks) > 1, Column("N"), lambda each: str(each.plan.scenario.num_robots)),
+        (True, Column(f"worst case [s]\n{episodes}"), lambda each: worst_in_words(each.figures.worst_case, each.rows)),
+        (
+            True,
+            Column(f"second half [s]\n{episodes}"),
+            lambda each: worst_in_words(each.figures.settled, each.rows, SETTLED_TIME),
+        ),
+        (failures > 0, Column(f"with {failures} lost [s]\n{_losses(outcome)} episodes"), _failed),
+        (True, Column("lower\nbound [s]", rank=1), lambda each: _number(each.limit)),
+        (True, Column("detected in\nmean [s]", rank=1), lambda each: _detection(each.figures)),
+        (True, Column("least gap\n[m]", rank=2), lambda each: _number(each.figures.clearance)),
+        (is_open, Column("outside\n[m]", rank=1), lambda each: _number(each.figures.outside)),
+        (True, Column("driven\n[m/min]", rank=2), lambda each: _number(each.figures.distance)),
+        (True, Column("messages", left=True, rank=3), lambda each: each.figures.messages),
+        (True, Column("details", prose=True, rank=4), lambda each: each.plan.about),
     ]
-    rows = []
-    for k, each in enumerate(plans, start=1):
-        figures = each.figures
-        rows.append([
-            str(k),
-            f"{each.plan.settings.policy} (close)" if figures.too_close else each.plan.settings.policy,
-            str(each.plan.scenario.num_robots) if len(outcome.tasks) > 1 else None,
-            worst_in_words(figures.worst_case, each.rows),
-            worst_in_words(figures.settled, each.rows, SETTLED_TIME),
-            _failed(each) if failures else None,
-            _number(each.limit),
-            _detection(figures),
-            _number(figures.clearance),
-            _number(figures.outside) if _is_open(outcome) else None,
-            _number(figures.distance),
-            figures.messages,
-            each.plan.about,
-        ])  # fmt: skip
-    kept = [k for k, column in enumerate(columns) if column is not None]
-    print_table(console, [c for c in columns if c is not None], [[row[k] or "" for k in kept] for row in rows])
+    shown = [(column, words) for is_shown, column, words in columns if is_shown]
+    rows = [[str(k), *(words(each) for _, words in shown)] for k, each in enumerate(plans, start=1)]
+    print_table(console, [Column("", name="number"), *(column for column, _ in shown)], rows)
 
 
-def _is_open(outcome: Outcome) -> bool:
-    """Return whether bodies may leave the rectangle."""
-    return any(task.task.boundary != "wall" for task in outcome.tasks.values())
+def _name(each: Planned) -> str:
+    return f"{each.plan.settings.policy} (close)" if each.figures.too_close else each.plan.settings.policy
 
 
 def untried_in_words(outcome: Outcome) -> str:
     """Return a warning that names the families of which no plan was tried; "" if there is none."""
-    names = list(dict.fromkeys(name for families in outcome.untried.values() for name in families))
-    if not names:
+    if not outcome.untried:
         return ""
     remedy = "" if outcome.fewest_robots else f": {_more(outcome)} are needed"
-    return f"Not tried: {', '.join(names)}. Their plans may be better{remedy}."
+    return f"Not tried: {', '.join(outcome.untried)}. Their plans may be better{remedy}."
 
 
 def _more(outcome: Outcome) -> str:
     """Return the option that extends the search."""
-    return "more --plans" if outcome.budget.seconds is None else "more --seconds"
+    return "more --plans" if outcome.request.seconds is None else "more --seconds"
 
 
 def sentences(outcome: Outcome) -> list[str]:
@@ -107,8 +82,8 @@ def sentences(outcome: Outcome) -> list[str]:
         words[0] += f", and {_losses(outcome)} in which {lost} after a quarter of the episode ({all_or_some})"
     words[0] += f". The search took {outcome.seconds:.0f} s."
     words[0] += " A guarantee is the largest time of these episodes; the median is in brackets where it differs."
-    if outcome.broken:
-        words.append(f"{len(outcome.broken)} plans failed when they were simulated to the end: {outcome.broken[0]}.")
+    if broken := [reason for search in outcome.searches.values() for reason in search.broken]:
+        words.append(f"{len(broken)} plans failed when they were simulated to the end: {broken[0]}.")
     if outcome.plans and all(math.isinf(each.figures.worst_case) for each in outcome.plans):
         words.append("No plan has a bound on the time for which such a target can stay undetected.")
     elif outcome.plans and episodes.failures:
@@ -209,11 +184,11 @@ def open_folder(path: Path) -> Folder:
     Raises:
         ValueError: it cannot be written to, or a file of a user has the name of one of the plans.
     """
-    return Folder(path, [FIGURES, PICTURE, *(f"{k}/" for k in range(1, 10))])
+    return Folder(path, [FIGURES, *(f"{k}/" for k in range(1, 10))])
 
 
 def write(folder: Folder, plans: Sequence[Planned], episodes: Episodes) -> None:
-    """Write plans as folders 1, 2 ..., their figures and a picture; remove the plans of an earlier call."""
+    """Write plans as folders 1, 2 ..., and their figures; remove the plans of an earlier call."""
     for name in folder.written:
         if "/" in name and not name.endswith("/"):
             folder.remove(name)
@@ -223,7 +198,6 @@ def write(folder: Folder, plans: Sequence[Planned], episodes: Episodes) -> None:
         folder.write(f"{k}/{SCENARIO_FILE}", as_toml(made.scenario))
         folder.write(f"{k}/{POLICY_FILE}", each.plan.settings.as_toml())
     folder.write(FIGURES, json.dumps(plain({"episodes": episodes, "plans": as_rows(plans)}), indent=2) + "\n")
-    folder.write(PICTURE, draw(plans, episodes.seed))
 
 
 def as_rows(plans: Sequence[Planned]) -> list[dict[str, Any]]:
@@ -243,48 +217,3 @@ def as_rows(plans: Sequence[Planned]) -> list[dict[str, Any]]:
         }
         for each in plans
     ]
-
-
-def draw(plans: Sequence[Planned], seed: int) -> bytes:
-    """Return a PNG of the first plans: the first episode of each."""
-    shown = plans[:_DRAWN]
-    with Sheet("plans", "The best plans", 3.4 * max(len(shown), 1) + 0.6, 3.1) as sheet:
-        for k, each in enumerate(shown):
-            axes = sheet.figure.add_subplot(1, len(shown), k + 1)
-            _draw_plan(axes, each, seed)
-            words = f"worst case in {len(each.rows)} episodes [s]: {worst_in_words(each.figures.worst_case, each.rows)}"
-            axes.set_title(f"{k + 1}: {each.plan.settings.policy}\n{words}", fontsize=8)
-        return sheet.picture(
-            "Paths of the robots in the last third of an episode; discs: bodies and sensing ranges at its end."
-        ).content()
-
-
-def _draw_plan(axes, each: Planned, seed: int) -> None:
-    scenario = each.plan.scenario
-    path = _paths(each, seed)
-    A, B = scenario.curve.half_width, scenario.curve.half_height
-    axes.plot([-A, A, A, -A, -A], [-B, -B, B, B, -B], color=GREY, lw=0.8)
-    for robot, colour in zip(range(scenario.num_robots), cycle(SERIES)):
-        axes.plot(*path[:, robot].T, color=colour, lw=1)
-        at = tuple(path[-1, robot])
-        axes.add_patch(Circle(at, scenario.sensing_radius, color=colour, alpha=0.12, lw=0))
-        axes.add_patch(Circle(at, scenario.robot.radius, color=colour))
-    axes.set_aspect("equal")
-    axes.set_xlim(-1.05 * A, 1.05 * A)
-    axes.set_ylim(-1.08 * B, 1.08 * B)
-    axes.set_axis_off()
-
-
-def _paths(each: Planned, seed: int) -> np.ndarray:
-    """Return the positions (steps, N, 2) of the robots in the last part of the first episode [m]."""
-    scenario = each.plan.scenario
-    with quietly():
-        policy, simulation = each.plan.settings.make(scenario), Simulation(scenario, seed=seed, threads=1)
-    steps = scenario.task.steps
-    first = steps - max(round(_SHARE * steps), 1)
-    found = []
-    for step in range(steps):
-        simulation.step(policy.act(simulation.observation))
-        if step >= first:
-            found.append(simulation.robots.position.numpy()[0, :, :2].copy())
-    return np.array(found)

@@ -3,14 +3,14 @@
 import dataclasses
 import math
 import os
-from collections.abc import Sequence
+import re
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 from baselines.benchmark.bounds import GRIDS
 from baselines.planning.plans import top_speed
-from baselines.planning.rehearse import Episodes, grid
+from baselines.planning.rehearse import Episodes, cells
 from baselines.policies.as_cars import like_cars
 from baselines.similarity import motion_scale
 from lissajous_env.episodes.guarantee import CELLS
@@ -41,74 +41,98 @@ _GRID = 36
 """Cells of the coverage grid along the longer side of the rectangle."""
 _LEAST, _MOST = 0.01, 1e4
 """Range of lengths [m] and speeds [m/s]."""
-_LAST_SEED, _LONGEST = 2**31 - 1000, 10**6
+_LAST_SEED, _LONGEST = 2**31 - 1000, 1e6
 """Largest seed; longest time [s]."""
+PLANS = 200
+"""Default number of plans that are tried: about a minute on two cores for five cars in a hall of 40 m x 25 m."""
 _NEEDED = {"width": "m", "height": "m", "robots": "", "robot_radius": "m", "sensor_radius": "m", "speed": "m/s"}
 """Units of what must be given without a scenario."""
+_RANGES = {
+    **{name: (_LEAST, _MOST, unit) for name, unit in _NEEDED.items() if unit},
+    "turning_radius": (_LEAST, _MOST, "m"),
+    "acceleration": (_LEAST, _MOST, "m/s^2"),
+    "rogue_speed": (0.0, 100.0, "m/s"),
+    "clearance": (0.0, _MOST, "m"),
+    "guarantee": (1e-3, _LONGEST, "s"),
+    "seconds": (1.0, _LONGEST, "s"),
+}
+"""Smallest and largest value of the numbers, with their units."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """Subject of a search for plans: a scenario, a rectangle and robots, or a scenario with some of these changed.
+    """Subject and extent of a search for plans: a scenario, a rectangle and robots, or a scenario with changes.
 
     Raises:
         ValueError: a value is invalid or missing.
     """
 
     scenario: str | os.PathLike[str] | Scenario | None = None
-    """Scenario from which missing values are taken; without it, the rectangle and the robots must be given."""
+    """Name of a scenario, .toml file, or module:attribute from which missing options are taken; without it, the
+    rectangle and the robots must be given."""
     width: float | None = None
     """Width of the rectangle [m]."""
     height: float | None = None
     """Height of the rectangle [m]."""
     open: bool = False
-    """True for open ground, where bodies may leave the rectangle. A rectangle that is given by its sides has walls
-    otherwise, and a scenario its own boundary."""
-    robots: int | Sequence[int] | None = None
-    """Number of robots, or a pair of the fewest and the most."""
+    """Plan for open ground: bodies may leave the rectangle, and the table has the space outside that a plan needs.
+    Without it, a rectangle that is given by its width and height has walls."""
+    robots: int | str | None = None
+    """Number of robots, or a range such as 3:8."""
     robot_radius: float | None = None
     """Radius of a robot's body [m]."""
     sensor_radius: float | None = None
-    """Sensing radius [m]."""
+    """Radius of a robot's sensing disc [m]."""
     speed: float | None = None
     """Top speed of the robots [m/s]."""
     turning_radius: float | None = None
-    """Radius of a car's tightest circle [m]; None for points on the curve, or the scenario's robots."""
-    robot: str | None = None
-    """Kind of the robots, as in `robot.kind`; None for the scenario's, cars with a turning radius, or points."""
+    """Radius of a car's tightest circle [m]; without it and a kind of robots, robots are points that stay on the curve,
+    and all plans are formations."""
+    robot: Literal["curve", "car", "differential"] | None = None
+    """Kind of the robots: points on the curve, cars, or differential drives, which turn on the spot."""
     acceleration: float | None = None
-    """Largest acceleration of differential drives [m/s^2]; None for the default of `robot.acceleration_max`."""
+    """Largest acceleration of differential drives [m/s^2]."""
     rogue_speed: float | None = None
-    """Top speed of evading targets [m/s]."""
-    entry: str | None = None
-    """Place where targets appear, as in `targets.entry`."""
+    """Top speed of evading targets that know the robots' future [m/s]; 0 by default."""
+    entry: Literal["inside", "boundary", "unseen"] | None = None
+    """Place where targets appear: anywhere in the rectangle, on its boundary, or outside all sensing discs."""
     failures: int = 0
-    """Robots that fail for good: each combination of as many is removed in an episode of its own, after a quarter of
-    it; of more than 64 combinations, 64 are drawn at random."""
+    """Number of robots that fail for good: each combination of as many is removed once, after a quarter of an episode;
+    of more than 64 combinations, 64 are drawn at random."""
     guarantee: float | None = None
-    """Time within which every target must be detected [s]; the search ends at the fewest robots that achieve it."""
+    """Time within which every target must be detected [s]; if robots is a range, the search ends at the smallest number
+    that achieves it."""
     clearance: float | None = None
-    """Least distance of two bodies [m]; plans whose bodies come closer are ranked after the others. A tenth of a body's
-    diameter by default."""
+    """Least distance of two bodies [m]; plans whose bodies come closer are marked and come after the others. It is a
+    tenth of a body's diameter by default."""
+    plans: int | None = None
+    """Number of plans that are tried for each number of robots, 200 by default; a fifth as many of the best ones are
+    then simulated to the end. The result does not depend on the speed of the machine."""
+    seconds: float | None = None
+    """Duration of the search [s], in place of a number of plans."""
+    optimise: bool = False
+    """Also improve paths of any form by CMA-ES, from the best plans; requires the extra `plan` and a longer search."""
+    fixed_start: bool = False
+    """Include only plans whose robots begin where the scenario places them."""
     seed: int = 0
-    """Seed of the episodes and of the search."""
+    """Seed of the simulated episodes and of the search."""
 
     def __post_init__(self) -> None:
         for name, unit in _NEEDED.items():
             if self.scenario is None and getattr(self, name) is None:
                 rule = f"{name} must be given without a scenario"
                 raise ValueError(f"{rule}{f' [{unit}]' if unit else ''}, got None")
-        for name, unit in (*_NEEDED.items(), ("turning_radius", "m"), ("acceleration", "m/s^2")):
+        for name, (least, most, unit) in _RANGES.items():
             value = getattr(self, name)
-            if name != "robots" and value is not None and not _LEAST <= value <= _MOST:
-                raise ValueError(f"{name} must be from {_LEAST:g} to {_MOST:g} [{unit}], got {shown(value)}")
+            if value is not None and not least <= value <= most:
+                raise ValueError(f"{name} must be from {least:g} to {most:.10g} [{unit}], got {shown(value)}")
         self._check_kind()
-        if self.rogue_speed is not None and not 0 <= self.rogue_speed <= 100:
-            raise ValueError(f"rogue_speed must be from 0 to 100 [m/s], got {shown(self.rogue_speed)}")
-        if self.clearance is not None and not 0 <= self.clearance <= _MOST:
-            raise ValueError(f"clearance must be from 0 to {_MOST:g} [m], got {shown(self.clearance)}")
-        check_time("guarantee", self.guarantee, 1e-3)
         whole_number("seed", self.seed, 0, _LAST_SEED)
+        if self.plans is not None:
+            whole_number("plans", self.plans)
+            if self.seconds is not None:
+                rule = "plans must be omitted if seconds is given"
+                raise ValueError(f"{rule}, got {self.plans} and {self.seconds:g} s")
         if not isinstance(self.failures, int) or not 0 <= self.failures < self.numbers[0]:
             rule = f"failures must be a whole number from 0 to {self.numbers[0] - 1}, fewer than the robots"
             raise ValueError(f"{rule}, got {shown(self.failures)}")
@@ -148,12 +172,10 @@ class Request:
         if self.robots is None:
             assert self.base is not None
             return range(self.base.num_robots, self.base.num_robots + 1)
-        pair = (self.robots, self.robots) if isinstance(self.robots, int) else tuple(self.robots)
-        if len(pair) != 2 or not all(isinstance(each, int) for each in pair):
-            raise ValueError(f"robots must be a number or a pair, the fewest and the most, got {shown(self.robots)}")
-        few, many = pair
+        ends = re.fullmatch(r"(\d{1,4})(?::(\d{1,4}))?", str(self.robots))
+        few, many = (int(ends[1]), int(ends[2] or ends[1])) if ends else (0, 0)
         if not 2 <= few <= many <= 64:
-            raise ValueError(f"robots must be a number, or a range few:many, from 2 to 64, got {few}:{many}")
+            raise ValueError(f"robots must be a number or a range such as 3:8, from 2 to 64, got {shown(self.robots)}")
         return range(few, many + 1)
 
     def task(self, num_robots: int) -> Scenario:
@@ -175,7 +197,7 @@ class Request:
         else:
             scenario = self._changed(self.base, num_robots)
         if scenario.task.contamination is None:
-            changed["task.contamination"] = GRIDS.get(scenario.name) or grid(scenario, CELLS, 4.0)
+            changed["task.contamination"] = GRIDS.get(scenario.name) or cells(scenario, CELLS, 4.0)
         return named.build(scenario.without_extensions(), **changed)
 
     def _rectangle(self, num_robots: int, inset: float) -> Scenario:
@@ -187,7 +209,7 @@ class Request:
         """
         width, height, radius = self.width or 0.0, self.height or 0.0, self.sensor_radius or 0.0
         robot = _robot(Robot(kind="curve"), self)
-        chosen = _best_design(width / 2, height / 2, robot, radius, robot.top_speed, num_robots, inset)
+        chosen = paper_design(width / 2, height / 2, robot, radius, robot.top_speed, num_robots, inset)
         # Mean distance along the curve for a radian of the robots' phase [m/rad].
         unit = chosen.alpha * curve_length(chosen.curve.driven) / (2 * math.pi)
         moving = self.rogue_speed or 0.0
@@ -224,28 +246,20 @@ class Request:
             changed["targets.entry"] = self.entry
         if self.open:
             changed["task.boundary"] = "open"
-        curve = scenario.curve
+        curve, is_resized = scenario.curve, False
         halves = (self.width or 2 * curve.half_width) / 2, (self.height or 2 * curve.half_height) / 2
         if halves != (curve.half_width, curve.half_height) or num_robots != scenario.num_robots:
-            inset = 0.0 if self.open else scenario.inset
+            is_resized, inset = True, 0.0 if self.open else scenario.inset
             speed = robot.top_speed if robot.kind != "curve" else self.speed or top_speed(scenario)
             sensor = self.sensor_radius or scenario.sensing_radius
-            changed |= _best_design(*halves, robot, sensor, speed, num_robots, inset).overrides
+            changed |= paper_design(*halves, robot, sensor, speed, num_robots, inset).overrides
             changed |= {f"faults.{name}": () for name in ("schedule", "removed")}
-            changed |= {"robot.count": None, "sensing.radius": sensor}
-            changed["task.grid"] = _cells(halves, _GRID)
-            changed["task.contamination"] = None
+            changed |= {"robot.count": None, "sensing.radius": sensor, "task.contamination": None}
         made = named.build(scenario, **changed)
-        if self.speed is None or made.robot.kind != "curve":
-            return made
-        fastest = self.speed / (made.alpha * largest_speed(made.driven))
-        return named.build(made, **{"robot.phase_rate_max": fastest})
-
-
-def check_time(name: str, value: float | None, least: float) -> None:
-    """Raise ValueError for a time that is out of its range [s]."""
-    if value is not None and not least <= value <= _LONGEST:
-        raise ValueError(f"{name} must be from {least:g} to {_LONGEST} [s], got {shown(value)}")
+        more: dict[str, Any] = {"task.grid": cells(made, _GRID)} if is_resized else {}
+        if self.speed is not None and made.robot.kind == "curve":
+            more["robot.phase_rate_max"] = self.speed / (made.alpha * largest_speed(made.driven))
+        return named.build(made, **more)
 
 
 def _robot(robot: Robot, request: Request) -> Robot:
@@ -264,21 +278,21 @@ def _robot(robot: Robot, request: Request) -> Robot:
     return dataclasses.replace(robot, **changed)
 
 
-def _best_design(
+def paper_design(
     half_width: float, half_height: float, robot: Robot, sensor: float, speed: float, num_robots: int, inset: float
 ) -> Design:
     """Return the design of the paper's formation that meets the bounds best, with a place for each robot at the start.
 
     Four and six robots share places in every stable equilibrium (2) (Lemma 1). They begin equally spaced instead.
     """
-    turning, grip = _turning_radius(robot), robot.lateral_acceleration_max
+    turning, grip = turning_radius_of(robot), robot.lateral_acceleration_max
     best = best_design(half_width, half_height, num_robots, robot.radius, sensor, speed, turning, grip, inset)
     if closed_forms.cluster_size(num_robots, best.p, best.alpha) > 1:
         return dataclasses.replace(best, p=1, alpha=1)
     return best
 
 
-def _turning_radius(robot: Robot) -> float:
+def turning_radius_of(robot: Robot) -> float:
     """Return the radius of the tightest circle of a car, or of one that a robot moves like [m]; 0 for points."""
     if robot.kind == "car":
         return turning_radius(robot.wheelbase, robot.steering_max)
@@ -302,12 +316,6 @@ def _times(made: Scenario) -> dict[str, Any]:
     return {
         "task.step": step,
         "task.duration": duration,
-        "task.grid": _cells((width, height), _GRID),
+        "task.grid": cells(made, _GRID),
         "targets.arrival_rate": float(f"{_TARGETS / duration:.6g}"),
     }
-
-
-def _cells(sides: tuple[float, float], longest: int) -> tuple[int, int]:
-    """Return columns and rows of a grid of about square cells."""
-    columns, rows = (max(round(longest * side / max(sides)), 1) for side in sides)
-    return columns, rows

@@ -2,26 +2,33 @@
 
 import dataclasses
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
-from baselines.planning.budget import Budget
 from baselines.planning.families import FAMILIES
-from baselines.planning.families.defaults import DEFAULTS
+from baselines.planning.families.included import DEFAULTS
 from baselines.planning.family import Family, Settings
 from baselines.planning.free_paths import optimise
-from baselines.planning.in_order import AHEAD, in_order
 from baselines.planning.plans import SETTLED, WHOLE, Plan, Planned, best_of, in_turn
-from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, Look, look_at, play, reason_of
+from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at, play
+from baselines.planning.request import PLANS
 from baselines.policies.settings import PolicySettings
 from lissajous_env.device.devices import cores
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import where_raised
 
+AHEAD = 8
+"""Plans that are begun before the first of them has ended, whatever the number of cores."""
+_TICK = 0.2
+"""Time between two reports of the progress [s]."""
+_FINALS, _FEWEST_FINALS = 5, 3
+"""Plans that are tried for one that is played to the end, and plans that are played to the end at least."""
 _LOOKING = 0.7
 """Share of the time after which no plan is looked at."""
 _LOOKING_LESS, _OPTIMISING = 0.25, 0.9
@@ -30,8 +37,6 @@ _TIMED = DEFAULTS, KNOWN, "partition", "lines"
 """Families that may have plans of timed paths."""
 _CUTOFF = 3.0
 """Looks end where the worst case is beyond that of the best plan by this factor, and worse defaults are not played."""
-_FEWEST_FINALS = 3
-"""Plans that are played to the end after Ctrl-C."""
 _FRUITLESS = 200
 """Changed plans in a row that are none, or known, after which no family has more."""
 
@@ -72,7 +77,7 @@ class Search:
         self._optimised: list[Plan] = []
 
     @property
-    def looks(self) -> list[Look]:
+    def looks(self) -> list[Planned]:
         """Return all looks so far."""
         return [look for family in self.families for _, look in family.looks]
 
@@ -91,21 +96,27 @@ class Search:
         return [each.name for each in self.families if each.starts and not (each.looks or each.unmade)]
 
     def run(
-        self, budget: Budget, on_progress: Callable[[float], None] = lambda _: None, free_paths: bool = False
+        self,
+        plans: int = PLANS,
+        seconds: float | None = None,
+        on_progress: Callable[[float], None] = lambda _: None,
+        free_paths: bool = False,
     ) -> None:
-        """Search until the budget is spent.
+        """Search until a number of plans, or in its place a duration, is spent.
 
         Ctrl-C ends the search for plans, and once more the final episodes of the best ones.
 
         Args:
-            budget: Extent of the search.
+            plans: Plans that are tried; a fifth as many of the best ones are then played to the end.
+            seconds: Duration [s]; None for a search that ends with its number of plans.
             on_progress: Called with the share of the search that is done.
             free_paths: True to improve free-form paths too.
         """
-        self._budget, self._on_progress = budget, on_progress
+        self._plans_max, self._seconds, self._on_progress = plans, seconds, on_progress
+        self._finals_max = max(_FEWEST_FINALS, plans // _FINALS)
         begin = self._time()
         self._clock = lambda: self._time() - begin
-        self._ahead = AHEAD if budget.seconds is None else cores()
+        self._ahead = AHEAD if seconds is None else cores()
         self._optimises = free_paths and self.task.robot.kind == "car"
         self.families = [family_of(self.task) for family_of in self._make_families]
         with ThreadPoolExecutor(min(cores(), AHEAD)) as threads:
@@ -119,32 +130,38 @@ class Search:
 
     def _is_late(self, share: float = 1.0) -> bool:
         """Return whether a share of the time is over."""
-        return self._budget.seconds is not None and self._clock() > share * self._budget.seconds
+        return self._seconds is not None and self._clock() > share * self._seconds
 
     def _report(self) -> None:
         """Report the share of the search that is done."""
-        budget = self._budget
-        if budget.seconds is not None:
-            self._on_progress(self._clock() / budget.seconds)
+        if self._seconds is not None:
+            self._on_progress(self._clock() / self._seconds)
         else:
-            self._on_progress((len(self.looks) + len(self.finals)) / (budget.plans + budget.finals))
+            self._on_progress((len(self.looks) + len(self.finals)) / (self._plans_max + self._finals_max))
 
     def _look(self, threads: ThreadPoolExecutor) -> None:
         """Look at plans until their number, or a share of the time, is spent."""
 
         def is_over() -> bool:
-            if self._budget.seconds is None:
-                return len(self._known) >= self._budget.plans
+            if self._seconds is None:
+                return len(self._known) >= self._plans_max
             # Without a plan that may be played to the end there is nothing to print.
             share = _LOOKING_LESS if self._optimises else _LOOKING
-            return bool(self.looks) and self._is_late(share if any(not look.fails for look in self.looks) else 1.0)
+            return bool(self.looks) and self._is_late(share if self._alive() else 1.0)
 
         calls = (
             ((family, settings), partial(look_at, plan, self.episodes, self._cutoff()))
             for family, settings, plan in self._plans()
         )
-        for (family, settings), ended in in_order(threads, calls, is_over, self._report, self._ahead):
-            family.looks.append((settings, ended.result()))
+        for (family, settings), ended in self._in_order(threads, calls, is_over):
+            try:
+                family.looks.append((settings, ended.result()))
+            except Exception as error:  # one policy that fails must not end the search
+                family.unmade.append(_reason_of(error))
+
+    def _alive(self) -> list[Planned]:
+        """Return the plans that were looked at and did not collide."""
+        return [look for family in self.families for _, look in family.alive]
 
     def _cutoff(self) -> float:
         """Return the worst case beyond which a plan is not among the best ones [s]."""
@@ -184,26 +201,29 @@ class Search:
 
     def _optimise(self, threads: ThreadPoolExecutor) -> None:
         """Improve free-form paths, from the best plan of timed paths and the default, which has a reserve of speed."""
-        budget = self._budget
-        left = budget.plans if budget.seconds is None else _OPTIMISING * budget.seconds - self._clock()
+        seconds = self._seconds
+        left = self._plans_max if seconds is None else _OPTIMISING * seconds - self._clock()
         if not self._optimises or left <= 0:
             return
-        timed = [look for look in self.looks if not look.fails and look.plan.family in _TIMED]
-        orders = {WHOLE: lambda look: look.by_worst_case, SETTLED: lambda look: (look.settled, *look.by_worst_case)}
-        default = Plan(DEFAULTS, self.task, PolicySettings("partition"))
-        starts = {goal: [default, *(look.plan for look in sorted(timed, key=of)[:1])] for goal, of in orders.items()}
-        clock = None if budget.seconds is None else self._time
-        self._optimised = optimise(starts, left, self._report, self._seed, clock)
+        timed = [look for look in self._alive() if look.plan.family in _TIMED]
+        orders = {
+            WHOLE: lambda look: look.figures.objectives,
+            SETTLED: lambda look: (look.figures.settled, *look.figures.objectives),
+        }
+        default, starts = Plan(DEFAULTS, self.task, PolicySettings("partition")), {}
+        for goal, order in orders.items():
+            starts[goal] = [default, *(look.plan for look in sorted(timed, key=order)[:1])]
+        self._optimised = optimise(starts, left, self._report, self._seed, None if seconds is None else self._time)
 
     def _finish(self, threads: ThreadPoolExecutor) -> None:
         """Play the best plans to the end, and all defaults that may be among them: no printed plan is worse."""
         looks, cutoff = self.ranked(), self._cutoff()
-        defaults = [look.plan for look in looks if look.plan.family == DEFAULTS and look.worst_case <= cutoff]
+        defaults = [look.plan for look in looks if look.plan.family == DEFAULTS and look.figures.worst_case <= cutoff]
         plans = [*self._optimised, *(look.plan for look in looks)]
         if self.interrupted:
             plans, defaults = plans[:_FEWEST_FINALS], []
-        elif self._budget.seconds is None:
-            plans = plans[: self._budget.finals]
+        elif self._seconds is None:
+            plans = plans[: self._finals_max]
         self._play(threads, [(plan, self.episodes) for plan in [*plans, *defaults]])
 
     def _confirm(self, threads: ThreadPoolExecutor) -> None:
@@ -225,23 +245,49 @@ class Search:
             return bool(self._finals) and not self.interrupted and self._is_late()
 
         played = False
-        for plan, ended in in_order(threads, iter(distinct.values()), is_over, self._report, self._ahead):
+        for plan, ended in self._in_order(threads, iter(distinct.values()), is_over):
             played = True
             try:
                 self._finals[plan.key] = ended.result()
             except Exception as error:  # one policy that fails must not end the search
                 self._finals.pop(plan.key, None)
-                self.broken.append(reason_of(error))
+                self.broken.append(_reason_of(error))
         return played
 
-    def ranked(self) -> list[Look]:
+    def _in_order(
+        self,
+        threads: ThreadPoolExecutor,
+        calls: Iterator[tuple[Any, Callable[[], Planned]]],
+        is_over: Callable[[], bool],
+    ) -> Iterator[tuple[Any, Future]]:
+        """Run calls in threads, and yield what each was for with its result, in the order in which they began.
+
+        A call is taken from the iterator when the result of the one `AHEAD` before it has been used, whatever the
+        number of cores and their load. So what the next call depends on is the same on every machine.
+        """
+        waiting: deque[tuple[Any, Future]] = deque()
+        try:
+            while True:
+                while len(waiting) < self._ahead and not is_over() and (call := next(calls, None)) is not None:
+                    waiting.append((call[0], threads.submit(call[1])))
+                if not waiting:
+                    return
+                while wait([waiting[0][1]], _TICK).not_done:
+                    self._report()
+                self._report()
+                yield waiting.popleft()
+        finally:
+            for _, future in waiting:
+                future.cancel()
+
+    def ranked(self) -> list[Planned]:
         """Return the plans that are worth to be played to the end, the most important ones first.
 
         These are the best without and with failures, the best of each family and of each policy, then all by their
         worst-case undetected time.
         """
-        alive = sorted((look for look in self.looks if not look.fails), key=lambda look: look.by_worst_case)
-        by_failed = sorted(alive, key=lambda look: look.by_failed)
+        alive = sorted(self._alive(), key=lambda look: look.figures.objectives)
+        by_failed = sorted(alive, key=lambda look: look.figures.by_failures)
         firsts = _first_of_each(alive, lambda look: look.plan.family)
         known = [look for look in alive if look.plan.family == KNOWN]
         policies = _first_of_each(alive, lambda look: look.plan.settings.policy)
@@ -249,6 +295,11 @@ class Search:
         return list({look.plan.key: look for look in order}.values())
 
 
-def _first_of_each(looks: Sequence[Look], of: Callable[[Look], Any]) -> list[Look]:
+def _first_of_each(looks: Sequence[Planned], of: Callable[[Planned], Any]) -> list[Planned]:
     """Return the first look of each group."""
     return list({of(look): look for look in reversed(looks)}.values())[::-1]
+
+
+def _reason_of(error: Exception) -> str:
+    """Return why a plan cannot be played."""
+    return str(error) if isinstance(error, ValueError) else where_raised(error)

@@ -36,11 +36,41 @@ class UnsuitableScenarioError(ValueError):
     """Error for a scenario that a policy cannot play, such as a rectangle that its motion does not fit in."""
 
 
-class Filter(Copyable):
+class Remembering:
+    """Base class of what remembers something of W worlds from step to step: policies, filters and coordinators."""
+
+    remembers: tuple[str, ...] = ()
+    """Names of attributes with Warp arrays (W, ...) that are zero when an episode begins."""
+    num_worlds: int
+
+    def reset(self, worlds: Any = None) -> None:
+        """Reset the memory of some worlds, or of all.
+
+        Args:
+            worlds: (W,) mask or indices of the worlds; all by default.
+
+        Raises:
+            ValueError: `worlds` is neither a mask of this shape nor indices from 0 to W - 1.
+        """
+        self.forget(world_mask(worlds, self.num_worlds))
+
+    def forget(self, mask: np.ndarray) -> None:
+        """Reset the memory of the worlds in a mask (W,), whose episodes begin anew.
+
+        By default the arrays of `remembers` become zero, and whatever remembers something among the attributes is
+        reset.
+        """
+        for name in self.remembers:
+            clear_worlds(getattr(self, name), mask)
+        for part in vars(self).values():
+            if isinstance(part, Remembering):
+                part.reset(mask)
+
+
+class Filter(Copyable, Remembering):
     """Base class of filters: functions from observations and wanted actions to safer actions.
 
-    A subclass implements `__call__` and `memory`. A policy with a filter is
-    `baselines.policies.safety.filtered.Filtered`.
+    A subclass implements `__call__`. A policy with a filter is `Filtered`.
 
     Args:
         scenario: The scenario.
@@ -83,19 +113,8 @@ class Filter(Copyable):
         """
         raise NotImplementedError(f"{type(self).__name__} must have a method __call__(observation, wanted, out)")
 
-    @property
-    def memory(self) -> list[wp.array]:
-        """Arrays (W, ...) that are zero when an episode begins."""
-        raise NotImplementedError(f"{type(self).__name__} must have a property memory")
 
-    def reset(self, worlds: Any = None) -> None:
-        """Zero the memory of some worlds, a mask (W,) or indices; of all by default."""
-        mask = world_mask(worlds, self.num_worlds)
-        for array in self.memory:
-            clear_worlds(array, mask)
-
-
-class Policy(Copyable):
+class Policy(Copyable, Remembering):
     """Base class of policies, for a batch of W worlds of N robots of one scenario, on one device.
 
     A subclass implements one method, `decide`, and also `forget` if it has a memory:
@@ -117,8 +136,6 @@ class Policy(Copyable):
     drives any."""
     communicates: str = "nothing"
     """Content of the messages that the policy uses; "nothing" if messages do not change its actions."""
-    remembers: tuple[str, ...] = ()
-    """Names of attributes with Warp arrays (W, ...) that are zero when an episode begins."""
     stays_inside: bool = True
     """True if actions of cars are changed where they would leave a car no way to stay inside walls
     (`baselines.policies.inside`); False for a policy that stays inside by itself."""
@@ -142,17 +159,6 @@ class Policy(Copyable):
         self._compiled = False
         self.launch = launcher(self.device)
         """Launches a kernel, `launch(kernel, dim, inputs, outputs)`; with the same arguments again at little cost."""
-
-    def reset(self, worlds: Any = None) -> None:
-        """Reset the memory of some worlds, or of all.
-
-        Args:
-            worlds: (W,) mask or indices of the worlds; all by default.
-
-        Raises:
-            ValueError: `worlds` is neither a mask of this shape nor indices from 0 to W - 1.
-        """
-        self.forget(world_mask(worlds, self.num_worlds))
 
     def decide(self, observation: Any) -> Any:
         """Return actions (W, N, action_size) in [-1, 1] for observations (W, N, D); a subclass implements this.
@@ -180,17 +186,6 @@ class Policy(Copyable):
         for part in vars(self).values():
             if isinstance(part, Policy):
                 part.restrict(robot)
-
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the memory of the worlds in a mask (W,), whose episodes begin anew.
-
-        By default a policy zeros the arrays of `remembers`, and resets the policies and filters in its attributes.
-        """
-        for name in self.remembers:
-            clear_worlds(getattr(self, name), mask)
-        for part in vars(self).values():
-            if isinstance(part, (Policy, Filter)):
-                part.reset(mask)
 
     def act(self, observation: Any) -> Any:
         """Return actions (W, N, action_size) in [-1, 1] for observations (W, N, D).
@@ -276,3 +271,31 @@ class Policy(Copyable):
 
         stream = wp.stream_from_torch(torch.cuda.current_stream(wp.device_to_torch(self.device)))
         return wp.ScopedStream(stream, sync_enter=True, sync_exit=True)
+
+
+class Filtered(Policy):
+    """A policy whose actions pass through a filter: the filter decides last.
+
+    Args:
+        policy: The policy.
+        filter: Class of the filter, such as `baselines.policies.safety.proved.Proved`.
+        parameters: Parameters of the filter; by default those that it has for the scenario.
+
+    Raises:
+        ValueError: the filter is for robots of another kind.
+    """
+
+    arrays = "warp"
+
+    def __init__(self, policy: Policy, filter: type[Filter], parameters: Any = None):
+        self.stays_inside = not filter.stays_inside
+        super().__init__(policy.scenario, policy.num_worlds, policy.device)
+        given = {} if parameters is None else {"parameters": parameters}
+        self.policy = policy
+        self.filter = filter(self.scenario, self.num_worlds, self.device, **given)
+        self.kind, self.communicates = filter.kind, filter.communicates
+        self.name = policy.name + filter.suffix
+
+    def decide(self, observation: wp.array) -> None:
+        """Let the policy act, and filter its actions."""
+        self.filter(observation, self.policy.act(observation), self.action)

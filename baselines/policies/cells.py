@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-ARC = 0.02
-"""Angle between the points of an arc [rad]."""
+_FINE = 79
+"""Points of an arc, at most 0.02 rad apart."""
 
 
 def divisions(count: int, half: tuple[float, float]) -> list[np.ndarray]:
@@ -68,7 +68,7 @@ def closed_loop(half_width: float, half_height: float, corner: float, lanes: int
     between = 2 * b / (lanes - 1)
     if between < 2 * corner - slack or (lanes > 2 and 2 * a < 4 * corner - slack):
         return None
-    return _rounded(lane_corners(a, b, corner, lanes), corner)
+    return rounded(lane_corners(a, b, corner, lanes), corner, _FINE)
 
 
 def lane_corners(half_width: float, half_height: float, corner: float, lanes: int) -> np.ndarray:
@@ -88,13 +88,18 @@ def lane_corners(half_width: float, half_height: float, corner: float, lanes: in
     return np.array(corners)
 
 
-def _rounded(corners: np.ndarray, radius: float) -> np.ndarray:
-    """Replace each right angle of a polygon by an arc."""
+def rounded(corners: np.ndarray, radius: float, points: int) -> np.ndarray:
+    """Return a polygon (K, 2) of right angles with arcs of so many points in their place [m].
+
+    An arc is as wide as the radius, or as half of the shorter side at its corner allows [m].
+    """
     onward = np.roll(corners, -1, axis=0) - corners
-    onward = onward / np.linalg.norm(onward, axis=1, keepdims=True)
-    t = np.linspace(0, math.pi / 2, math.ceil(math.pi / 2 / ARC))[:, None]
+    sides = np.linalg.norm(onward, axis=1, keepdims=True)
+    onward = onward / sides
+    wide = np.minimum(radius, np.minimum(sides, np.roll(sides, 1, axis=0)) / 2)[:, None]
+    t = np.linspace(0, math.pi / 2, points)[:, None]
     arcs = (1 - np.cos(t)) * onward[:, None] - (1 - np.sin(t)) * np.roll(onward, 1, axis=0)[:, None]
-    return (corners[:, None] + radius * arcs).reshape(-1, 2)
+    return (corners[:, None] + wide * arcs).reshape(-1, 2)
 
 
 def length_of(loop: np.ndarray) -> float:

@@ -10,48 +10,18 @@ from functools import partial
 from typing import Any
 
 from baselines.policies import registry
-from baselines.policies.coordinators.arc_length import KuramotoByArc
-from baselines.policies.coordinators.base import Coordinator
-from baselines.policies.coordinators.borkar import RUNNING, OpenLoop, TrackedReference
-from baselines.policies.coordinators.consensus import Consensus
-from baselines.policies.coordinators.kuramoto import Kuramoto
-from baselines.policies.trackers.base import Coordinated, OnCurve
-from baselines.policies.trackers.mpcc import WithMpcc
-from baselines.policies.trackers.vector_field import WithVectorField
+from baselines.policies.arc_length import KuramotoByArc
+from baselines.policies.coordinators import RUNNING, Consensus, Coordinator, Kuramoto, OpenLoop, TrackedReference
+from baselines.policies.trackers import Coordinated, OnCurve, WithMpcc
+from baselines.policies.vector_field import WithVectorField
 from lissajous_env.wording import nearest, shown
 
-COORDINATORS: dict[str, tuple[Callable[..., Coordinator], str]] = {
-    "kuramoto": (Kuramoto, "Time-inverted Kuramoto coordination, the paper's method"),
-    "open-loop": (OpenLoop, "Constant phase rate of every robot, without feedback (Borkar et al.)"),
-    "tracked-reference": (
-        TrackedReference,
-        "Each robot tracks its own reference, which stops with the robot (Borkar et al.)",
-    ),
-    "running-reference": (
-        partial(TrackedReference, parameters=RUNNING),
-        "Each robot tracks its own reference, which keeps moving if the robot stops",
-    ),
-    "consensus": (Consensus, "Linear consensus with the desired spacing given (Yao et al.)"),
-    "arc": (KuramotoByArc, "Kuramoto on the arc length, at constant ground speed, without the guarantee"),
-}
-"""Coordinators by name, each with a description."""
-
 TRACKERS: dict[str, tuple[type[Coordinated], str]] = {
-    "": (OnCurve, ""),
-    "-mpcc": (WithMpcc, ", for cars with model predictive contouring control"),
-    "-gvf": (WithVectorField, ", for cars that follow a guiding vector field (Yao et al.)"),
+    "points": (OnCurve, ""),
+    "mpcc": (WithMpcc, ", for cars with model predictive contouring control"),
+    "gvf": (WithVectorField, ", for cars that follow a guiding vector field (Yao et al.)"),
 }
-"""Trackers by the suffix of their name, each with the end of the description."""
-
-COMBINATIONS = {
-    coordination + suffix: (coordinator, tracker, f"{what}{how}.")
-    for suffix, (tracker, how) in TRACKERS.items()
-    for coordination, (coordinator, what) in COORDINATORS.items()
-}
-"""Coordinator, tracker and description by the name of the policy."""
-
-ON_REQUEST = ("kuramoto-gvf", "open-loop-gvf", "tracked-reference-gvf", "running-reference-gvf", "arc-gvf")
-"""Policies that a benchmark plays only if they are named; they differ from `-mpcc` in the tracker alone."""
+"""Trackers by name, each with the end of the description of a policy; the name is its suffix, except for points."""
 
 
 def with_tracker(
@@ -70,21 +40,20 @@ def with_tracker(
     Raises:
         ValueError: the tracker is unknown, or the coordinator is not callable.
     """
-    trackers = {suffix.lstrip("-") or "points": made for suffix, (made, _) in TRACKERS.items()}
-    if tracker not in trackers:
-        raise ValueError(
-            f"tracker must be one of {', '.join(trackers)}, got {shown(tracker)}{nearest(tracker, trackers)}"
-        )
+    if tracker not in TRACKERS:
+        rule = f"tracker must be one of {', '.join(TRACKERS)}"
+        raise ValueError(f"{rule}, got {shown(tracker)}{nearest(tracker, TRACKERS)}")
     if not callable(coordinator):
         raise ValueError(f"coordinator must be coordinator(scenario, num_worlds, device), got {shown(coordinator)}")
-    return partial(trackers[tracker], coordinator, **settings)
+    return partial(TRACKERS[tracker][0], coordinator, **settings)
 
 
 def register_coordinator(name: str, coordinator: Callable[..., Coordinator] | None = None, about: str = "") -> Any:
     """Register a policy for each tracker: `name` for points, `name-mpcc` and `name-gvf` for cars.
 
     Without `coordinator`, return a decorator, as in `@register_coordinator("mine")`. The policies for cars also accept
-    the suffixes of collision filters. A benchmark plays `name-gvf` only if it is named.
+    the suffixes of collision filters. A benchmark plays `name-gvf` only if it is named, except for the whole method of
+    Yao et al.
 
     Args:
         name: Name of the coordinator.
@@ -100,7 +69,18 @@ def register_coordinator(name: str, coordinator: Callable[..., Coordinator] | No
     if coordinator is None:
         return partial(register_coordinator, name, about=about)
     what = (about or getattr(coordinator, "__doc__", None) or "").partition("\n")[0].rstrip(".")
-    for suffix, (_, how) in TRACKERS.items():
-        factory = with_tracker(coordinator, suffix.lstrip("-") or "points")
-        registry.register(name + suffix, None, factory, about=f"{what}{how}.", on_request=suffix == "-gvf")
+    for tracker, (_, how) in TRACKERS.items():
+        word = name if tracker == "points" else f"{name}-{tracker}"
+        on_request = tracker == "gvf" and coordinator is not Consensus
+        registry.register(word, None, with_tracker(coordinator, tracker), about=f"{what}{how}.", on_request=on_request)
     return coordinator
+
+
+register_coordinator("kuramoto", Kuramoto, "Time-inverted Kuramoto coordination, the paper's method")
+register_coordinator("open-loop", OpenLoop, "Constant phase rate of every robot, without feedback (Borkar et al.)")
+_OWN = "Each robot tracks its own reference, which"
+register_coordinator("tracked-reference", TrackedReference, f"{_OWN} stops with the robot (Borkar et al.)")
+_RUNNING = partial(TrackedReference, parameters=RUNNING)
+register_coordinator("running-reference", _RUNNING, f"{_OWN} keeps moving if the robot stops")
+register_coordinator("consensus", Consensus, "Linear consensus with the desired spacing given (Yao et al.)")
+register_coordinator("arc", KuramotoByArc, "Kuramoto on the arc length at constant ground speed, without the guarantee")

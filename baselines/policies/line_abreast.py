@@ -128,4 +128,4 @@ class LineAbreast(TimedPaths):
         if len(self.tables.pose) > 1:
             inputs = [self._equilibrium, *self._angles, self._memory, observation]
             self.launch(choose_ways, self.shape, inputs, [self.plan])
-        self.follow(observation)
+        super().decide(observation)

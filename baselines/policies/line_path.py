@@ -89,10 +89,6 @@ class Turn(NamedTuple):
 class LinePlan:
     """The lines of a scenario."""
 
-    half_length: float
-    """Half of the longer side, along which lines sweep [m]."""
-    half_span: float
-    """Half of the shorter side, which lines span [m]."""
     speed: float
     """Speed of the lines [m/s]."""
     step: float
@@ -168,9 +164,9 @@ def best_plan(scenario: Scenario, parameters: LineParameters) -> LinePlan:
 
 def ideal_worst_case(scenario: Scenario, plan: LinePlan) -> float:
     """Return the worst-case undetected time [s] of lines that have formed and follow their path without error."""
-    half = plan.half_length, plan.half_span
+    half = sorted((scenario.curve.half_width, scenario.curve.half_height), reverse=True)
     loop = loops_of(plan)[..., :2]
-    return worst_undetected_time(loop, half, scenario.sensing_radius, scenario.rogue_speed, plan.step)
+    return worst_undetected_time(loop, (half[0], half[1]), scenario.sensing_radius, scenario.rogue_speed, plan.step)
 
 
 def turns_inside(scenario: Scenario) -> bool:
@@ -265,15 +261,14 @@ def plans_of(scenario: Scenario, parameters: LineParameters, lines: int) -> tupl
 
 def _outer_plan(scenario: Scenario, parameters: LineParameters, lines: int) -> LinePlan:
     """Return the plan of so many lines that turn outside of the rectangle."""
-    curve, step = scenario.curve, scenario.task.step
-    A, B = max(curve.half_width, curve.half_height), min(curve.half_width, curve.half_height)
+    step = scenario.task.step
     _, lanes, line_of = lanes_of(scenario, lines)
     limit = speed_limit(spacing_of(scenario, lines), scenario.sensing_radius, scenario.rogue_speed, step)
     speed = min(_speed_of(scenario, parameters), limit)
     turn = turn_of(_largest_turn(scenario, parameters, speed))
-    reach = A + parameters.settle
+    reach = max(scenario.curve.half_width, scenario.curve.half_height) + parameters.settle
     sweep = max(math.ceil(2 * reach / (speed * step) - 1e-9), 1)
-    return LinePlan(A, B, 2 * reach / (sweep * step), step, sweep, turn, reach, lanes, line_of)
+    return LinePlan(2 * reach / (sweep * step), step, sweep, turn, reach, lanes, line_of)
 
 
 def _inner_plan(scenario: Scenario, parameters: LineParameters, lines: int, fastest: float) -> LinePlan:
@@ -281,8 +276,7 @@ def _inner_plan(scenario: Scenario, parameters: LineParameters, lines: int, fast
 
     A sweep of k steps and a half circle of n steps span the driven rectangle if v dt (k / 2 + n / pi) is half of it.
     """
-    curve, driven, step = scenario.curve, scenario.driven, scenario.task.step
-    A, B = max(curve.half_width, curve.half_height), min(curve.half_width, curve.half_height)
+    driven, step = scenario.driven, scenario.task.step
     half, long = max(driven.half_width, driven.half_height), 4
     while True:
         sweep = max(math.ceil(2 * (half / (fastest * step) - long / math.pi) - 1e-9), 1)
@@ -292,7 +286,7 @@ def _inner_plan(scenario: Scenario, parameters: LineParameters, lines: int, fast
         long += 1
     turn = Turn(0, long, 0.0)
     _, lanes, line_of = lanes_of(scenario, lines, speed * step * turn.aside)
-    return LinePlan(A, B, speed, step, sweep, turn, half - speed * step * turn.aside, lanes, line_of)
+    return LinePlan(speed, step, sweep, turn, half - speed * step * turn.aside, lanes, line_of)
 
 
 def _speed_of(scenario: Scenario, parameters: LineParameters) -> float:

@@ -16,7 +16,6 @@ Autonomous Systems 56 (2008).
 import itertools
 import math
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -26,7 +25,7 @@ import warp as wp
 
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.cells import tour
-from baselines.policies.partition_plan import PartitionParameters, Plan, partition_plan, partition_plans, room_of
+from baselines.policies.partition_plan import PartitionParameters, Plan, partition_plan, room_of
 from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.registry import register
 from baselines.policies.repair_plan import OFFSETS, SHAPES, Takeover, middle_of, slowed, takeover_of
@@ -36,7 +35,6 @@ from baselines.policies.taking_over import (
     SIDE,
     WATCH,
     Repair,
-    Watch,
     rest_after_failure,
     take_over,
     watch_neighbours,
@@ -48,10 +46,6 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.settings.parts import Faults
 
-_PHASES = 4
-"""Phases of the team for which a transit within an inset is sought."""
-_VARIANTS = 800
-"""Variants of plans for which a transit is sought, times the square of the number of robots; at least 4 are tried."""
 _SPARSE = 0.1
 """Most distance of two places on a loop that are compared with those of stopped robots, in required distances."""
 _AVOIDANCE = 0.15
@@ -101,15 +95,23 @@ def plain_of(scenario: Scenario) -> Scenario:
 @lru_cache(maxsize=64)
 def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tuple[Plan, PathTables, float]:
     """Return the plan of a scenario, its timed paths by robot, and how long the collision filter is needed [step]."""
-    plans, known = partition_plans(scenario, parameters), start_is_known(scenario)
-    variants = (variant for plan in plans for variant in variants_of(scenario, plan))
-    for plan in itertools.islice(variants, max(_VARIANTS // scenario.num_robots**2, 4)):
-        ways = planned_transit(scenario, plan.loop, parameters.speed, parameters.clearance) if known else None
+    plan = partition_plan(scenario, parameters)
+    for tried in (plan, mirrored(plan)) if scenario.inset else (plan,):
+        ways = None
+        if start_is_known(scenario):
+            ways = planned_transit(scenario, tried.loop, parameters.speed, parameters.clearance)
         if ways is not None:
-            return plan, path_tables(scenario, ways.loop, ways.lead_in), 0.0
-    check_loops_apart(scenario, plans[0].loop, parameters.clearance, "partition")
-    loop = plans[0].loop[in_ring_order(scenario, tour(plans[0].cells))]
-    return plans[0], path_tables(scenario, loop), float(arrival_steps(scenario, loop, plans[0].speed))
+            return tried, path_tables(scenario, ways.loop, ways.lead_in), 0.0
+    check_loops_apart(scenario, plan.loop, parameters.clearance, "partition")
+    loop = plan.loop[in_ring_order(scenario, tour(plan.cells))]
+    return plan, path_tables(scenario, loop), float(arrival_steps(scenario, loop, plan.speed))
+
+
+def mirrored(plan: Plan) -> Plan:
+    """Return the mirror image of a plan, in which the cars go around the other way."""
+    mirror = np.array([1.0, -1.0])
+    cells = np.concatenate([plan.cells[:, :2] * mirror, plan.cells[:, 2:]], axis=1)
+    return replace(plan, cells=cells, loop=plan.loop * mirror)
 
 
 def loops_lie_apart(loops: np.ndarray, distance: float) -> bool:
@@ -128,23 +130,6 @@ def check_loops_apart(scenario: Scenario, loops: np.ndarray, clearance: float | 
         rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
         rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
         raise UnsuitableScenarioError(f"{rule}, got loops that overlap, and no ways without collisions")
-
-
-def variants_of(scenario: Scenario, plan: Plan) -> Iterator[Plan]:
-    """Yield plans of the same worst case among which one with a transit is selected: the plan alone without an inset.
-
-    Within an inset they are the plan and its mirror image, in which the cars go around the other way, in some phases of
-    the team.
-    """
-    if not scenario.inset:
-        yield plan
-        return
-    mirror = np.array([1.0, -1.0])
-    cells = np.concatenate([plan.cells[:, :2] * mirror, plan.cells[:, 2:]], axis=1)
-    for shift in np.arange(_PHASES) * plan.loop.shape[1] // _PHASES:
-        turned = np.roll(plan.loop, shift, axis=1)
-        yield replace(plan, loop=turned)
-        yield replace(plan, cells=cells, loop=turned * mirror)
 
 
 def in_ring_order(scenario: Scenario, order: np.ndarray) -> np.ndarray:
@@ -213,13 +198,13 @@ class PartitionRepair(TimedPaths):
         )
         super().__init__(scenario, num_worlds, device, tables=tables, filtered_until=until, waits=True)
         scenario, drift = self.scenario, self.partition.speed * self.scenario.task.step
-        self._watch = _watch_of(scenario, self.partition, self.repair.patience)
         self._watched = wp.zeros((*self.shape, 2, WATCH), dtype=wp.float32, device=self.device)
         self._standing = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
         self._avoided = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
         self._case = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self._target = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
         self._repair = _repair_of(scenario, self.takeover, tables, drift, self.device)
+        self._repair.patience = self.repair.patience
         self._rest, self._resting = 0.0, wp.zeros(self.shape, dtype=wp.float32, device=self.device)
         if loops_lie_apart(self.partition.loop, required_distance(scenario, self.parameters.clearance)):
             _warn_of_open_cells(scenario)
@@ -231,7 +216,7 @@ class PartitionRepair(TimedPaths):
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        inputs = [self._curve, self._watch, observation, self._watched, self._standing]
+        inputs = [self._curve, self._repair, observation, self._watched, self._standing]
         self.launch(watch_neighbours, self.shape, inputs, [self._case])
         inputs = [self._repair, self._curve, self._pose, self._case, observation, self._standing]
         inputs += [self._avoided, self._target, self.plan, self.shift]
@@ -256,14 +241,9 @@ def _avoided_distance(scenario: Scenario) -> float:
     return (2 + _AVOIDANCE) * scenario.robot.radius + 2 * scenario.noise.position
 
 
-def _watch_of(scenario: Scenario, plan: Plan, patience: int) -> Any:
-    watch, step = Watch(), scenario.task.step
-    # With noisy measurements, a stopped robot seems to move.
-    watch.still = max(0.1 * plan.speed * step, 3 * math.sqrt(2) * scenario.noise.position)
-    watch.patience, watch.step, watch.time_unit = patience, step, scenario.time_unit
-    watch.speed_unit, watch.radius = scenario.robot.top_speed, scenario.sight
-    watch.robots_seen = scenario.sensing.robots_seen
-    return watch
+def _offset(scenario: Scenario) -> float:
+    """Return the spacing of the distances at which the quality of a loop is computed [m]."""
+    return _avoided_distance(scenario) * int(SIDE) / _FINER / (OFFSETS - 1)
 
 
 def _repair_of(scenario: Scenario, takeover: Takeover, tables: PathTables, drift: float, device: Any) -> Any:
@@ -275,9 +255,13 @@ def _repair_of(scenario: Scenario, takeover: Takeover, tables: PathTables, drift
     low, high = takeover.loop.min(axis=2), takeover.loop.max(axis=2)
     margins = np.concatenate([np.minimum(-half - low, 0), np.maximum(half - high, 0)], axis=-1)
     repair = Repair()
+    # With noisy measurements, a stopped robot seems to move.
+    repair.still = max(0.1 * drift, 3 * math.sqrt(2) * scenario.noise.position)
+    repair.step, repair.time_unit, repair.speed_unit = scenario.task.step, scenario.time_unit, scenario.robot.top_speed
+    repair.radius, repair.robots_seen = scenario.sight, scenario.sensing.robots_seen
     repair.shapes, repair.first, repair.required = SHAPES, FINE * tables.lead_in, _avoided_distance(scenario)
     repair.every = max(int(_SPARSE * _avoided_distance(scenario) / (drift / FINE)), 1)
-    repair.spacing, repair.offset = _avoided_distance(scenario) / _FINER, takeover.offset
+    repair.spacing, repair.offset = _avoided_distance(scenario) / _FINER, _offset(scenario)
     repair.sensing, repair.drift, repair.back = _SEEN * scenario.sensing_radius, drift, math.inf
     repair.margins = wp.array(margins, dtype=wp.vec4, device=device)
     repair.middles = wp.array(middle_of(takeover.loop), dtype=wp.vec2, device=device)
@@ -302,9 +286,8 @@ def timed_repair(
             check_loops_apart(scenario, plan.loop, parameters.clearance, "partition-repair")
         else:
             cell = ways.chosen
-    offset = _avoided_distance(scenario) * int(SIDE) / _FINER / (OFFSETS - 1)
     room, unit = room_of(scenario, parameters), scenario.curve.half_height
-    taken = takeover_of(plan, cell, scenario.neighbours, room, unit, offset)
+    taken = takeover_of(plan, cell, scenario.neighbours, room, unit, _offset(scenario))
     if ways is None:
         return plan, taken, path_tables(scenario, taken.loop), float(arrival_steps(scenario, plan.loop, plan.speed))
     loop = np.roll(taken.loop, -ways.lead_in.shape[1], axis=2)

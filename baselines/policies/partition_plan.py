@@ -26,8 +26,6 @@ _ALIKE = (0, 0, 0.0, 0.0)
 """Pattern in which all loops have the same direction and phase."""
 _TIMES, _REACH = 256, 0.25
 """Fewest times of a long period at which motions are compared; most motion between two of them, in sensing radii."""
-_PLANS = 4
-"""Plans of different shapes from which one with a transit is selected where an inset limits the ways."""
 _SHAPES, _PATTERNS = 12, 2
 """Shapes whose motion is followed, and how many of these are tried with all directions and phases."""
 _MOST_SHAPES = 60
@@ -213,12 +211,7 @@ class Plan:
 
 
 def partition_plan(scenario: Scenario, parameters: PartitionParameters | None = None) -> Plan:
-    """Return the best partition of a scenario's rectangle; raises what `partition_plans` does."""
-    return partition_plans(scenario, parameters)[0]
-
-
-def partition_plans(scenario: Scenario, parameters: PartitionParameters | None = None) -> list[Plan]:
-    """Return the best partitions of a scenario's rectangle, the best first; only one where nothing limits the starts.
+    """Return the best partition of a scenario's rectangle.
 
     Raises:
         UnsuitableScenarioError: the rectangle is smaller than the turning circle of a car, or the loops have no room
@@ -233,15 +226,13 @@ def partition_plans(scenario: Scenario, parameters: PartitionParameters | None =
     if parameters.rows is not None and parameters.rows > scenario.num_robots:
         raise ValueError(f"rows must be at most the {scenario.num_robots} robots, got {parameters.rows}")
     best = _best(room, replace(parameters, speed=None, clearance=None))
-    if not best:
+    if best is None:
         rule = f"partition requires room for {scenario.num_robots} loops of radius {turning:.3g} m"
         rule = f"{rule}, in phase at least {room.apart * unit:.3g} m from one another"
         raise UnsuitableScenarioError(f"{rule}, got {2 * curve.half_width:g} m x {2 * curve.half_height:g} m")
-    plans = []
-    for shape, loop in best:
-        speed = float(np.linalg.norm(np.diff(loop[:, :2], axis=1), axis=2).max()) * unit / step
-        plans.append(Plan(shape.cells * np.array([unit, unit, unit, unit, 1, 1]), loop * unit, speed))
-    return plans
+    shape, loop = best
+    speed = float(np.linalg.norm(np.diff(loop[:, :2], axis=1), axis=2).max()) * unit / step
+    return Plan(shape.cells * np.array([unit, unit, unit, unit, 1, 1]), loop * unit, speed)
 
 
 def _check_circle(scenario: Scenario, turning: float) -> None:
@@ -279,8 +270,8 @@ def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
 
 
 @lru_cache(maxsize=256)
-def _best(room: Room, parameters: PartitionParameters) -> list[tuple[Shape, np.ndarray]]:
-    """Return the shapes of the best plans, the best first, and their loops (N, K, 2) at the cells."""
+def _best(room: Room, parameters: PartitionParameters) -> tuple[Shape, np.ndarray] | None:
+    """Return the shape of the best plan and its loops (N, K, 2) at the cells; None if no loops have room."""
     half = (room.half_width, 1.0)
     shapes = []
     for shape in shapes_of(room, parameters, half):
@@ -290,56 +281,42 @@ def _best(room: Room, parameters: PartitionParameters) -> list[tuple[Shape, np.n
             never, longest = coverage(thin, half, room.sensing, coarse=True)
             shapes.append((never, longest * step, len(shapes), shape))
     if not shapes:
-        return []
-    search = _Search(room, half)
-    ordered = [shape for *_, shape in sorted(shapes, key=lambda each: each[:3])]
+        return None
+    compared: list[tuple] = []
+    ordered = [shape for *_, shape in sorted(shapes, key=lambda rating: rating[:3])]
     for k, shape in enumerate(ordered[: _MOST_SHAPES if room.inside else _SHAPES]):
-        if k >= _SHAPES and search.best[0][0] < math.inf:
+        if k >= _SHAPES and min(compared, key=_score)[0][0] < math.inf:
             break
-        search.compare(shape, _ALIKE)
-    leading = sorted(search.compared, key=lambda each: each[0])[:_PATTERNS]
+        _compare(compared, room, shape, _ALIKE)
+    leading = sorted(compared, key=_score)[:_PATTERNS]
     for _, shape, _ in () if parameters.in_phase else leading:
         for turns in itertools.product((0, 1), (0, 1), (0.0, 0.5), (0.0, 0.5)):
-            search.compare(shape, turns)
-    _, shape, (turn_x, turn_y, *_) = search.best
+            _compare(compared, room, shape, turns)
+    _, shape, (turn_x, turn_y, *_) = min(compared, key=_score)
     quarters = (0.0,) if parameters.in_phase else (0.0, 0.25, 0.5, 0.75)
     for phases in itertools.product(quarters, quarters):
-        search.compare(shape, (turn_x, turn_y, *phases))
-    leading = search.ranked[: _PLANS if room.inside else 1]
-    return [(shape, shape.placed(room.driven, *pattern)) for _, shape, pattern in leading]
+        _compare(compared, room, shape, (turn_x, turn_y, *phases))
+    _, shape, pattern = min(compared, key=_score)
+    return shape, shape.placed(room.driven, *pattern)
 
 
-class _Search:
-    """Shapes and patterns that were compared, each with its score, shape and pattern, and the best of them."""
+def _score(entry: tuple) -> tuple[float, float, float]:
+    """Return the score of a compared shape: worst-case undetected time, share never visited, time between visits."""
+    return entry[0]
 
-    def __init__(self, room: Room, half: tuple[float, float]):
-        self.room, self.half = room, half
-        self.compared: list = []
 
-    @property
-    def best(self) -> tuple:
-        return min(self.compared, key=lambda each: each[0])
-
-    @property
-    def ranked(self) -> list[tuple]:
-        """Return the best pattern of each shape, the best first."""
-        first: dict[int, tuple] = {}
-        for each in sorted(self.compared, key=lambda each: each[0]):
-            first.setdefault(id(each[1]), each)
-        return list(first.values())
-
-    def compare(self, shape: Shape, pattern: tuple) -> None:
-        """Score a shape in a pattern by worst-case undetected time, share never visited, and time between visits."""
-        placed = shape.placed(self.room.driven, *pattern)
-        if smallest_distance(placed) < self.room.apart:
-            return
-        limit = 1.5 * self.best[0][0] if self.compared else math.inf
-        thin, step = _thinned(placed, self.room)
-        never, longest = coverage(thin, self.half, self.room.sensing)
-        worst = math.inf
-        if never == 0:
-            worst = worst_undetected_time(thin, self.half, self.room.sensing, self.room.target_speed, step, limit)
-        self.compared.append(((worst, never, longest * step), shape, pattern))
+def _compare(compared: list[tuple], room: Room, shape: Shape, pattern: tuple) -> None:
+    """Add a shape in a pattern with its score to those that were compared, unless robots come too near."""
+    placed, half = shape.placed(room.driven, *pattern), (room.half_width, 1.0)
+    if smallest_distance(placed) < room.apart:
+        return
+    limit = 1.5 * min(compared, key=_score)[0][0] if compared else math.inf
+    thin, step = _thinned(placed, room)
+    never, longest = coverage(thin, half, room.sensing)
+    worst = math.inf
+    if never == 0:
+        worst = worst_undetected_time(thin, half, room.sensing, room.target_speed, step, limit)
+    compared.append(((worst, never, longest * step), shape, pattern))
 
 
 def _thinned(placed: np.ndarray, room: Room) -> tuple[np.ndarray, float]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from baselines.policies.cells import lane_corners, length_of, resampled
+from baselines.policies.cells import lane_corners, length_of, resampled, rounded
 from baselines.similarity import motion_scale
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, flag, number, whole
@@ -119,7 +119,7 @@ def patrol_loop(scenario: Scenario, parameters: SweepParameters | None = None) -
     around = at_boundary or B - inset <= radius
     lanes = parameters.lanes or (2 if around else 2 * math.ceil((B - inset) / (2 * radius) + 0.5))
     corners = lane_corners(A - inset, B - inset, corner, lanes)
-    path = resampled(_rounded(corners, corner), _POINTS)
+    path = resampled(rounded(corners, corner, 16), _POINTS)
     if lanes == 2 and parameters.bow > 0:
         path = resampled(_bowed(path, np.array([A - inset, B - inset]), corner, parameters.bow), _POINTS)
     return path
@@ -133,20 +133,3 @@ def _bowed(path: np.ndarray, half_sides: np.ndarray, corner: float, bow: float) 
     rows, side = np.arange(len(path)), from_sides.argmin(axis=1)
     path[rows, side] -= np.sign(path[rows, side]) * inwards
     return path
-
-
-def _rounded(corners: np.ndarray, radius: float) -> np.ndarray:
-    """Replace each corner by an arc, as wide as `radius` or as half of its shorter side allows."""
-    path = []
-    for before, at, after in zip(np.roll(corners, 1, axis=0), corners, np.roll(corners, -1, axis=0), strict=True):
-        to_before, to_after = before - at, after - at
-        sides = np.linalg.norm(to_before), np.linalg.norm(to_after)
-        u, v = to_before / sides[0], to_after / sides[1]
-        half = math.acos(np.clip(u @ v, -1, 1)) / 2
-        cut = min(radius / math.tan(half), min(sides) / 2)
-        centre = at + (u + v) / np.linalg.norm(u + v) * (cut / math.cos(half))
-        start, stop = at + cut * u - centre, at + cut * v - centre
-        turn = math.atan2(start[0] * stop[1] - start[1] * stop[0], start @ stop)
-        for t in np.linspace(0, turn, 16):
-            path.append(centre + math.cos(t) * start + math.sin(t) * np.array([-start[1], start[0]]))
-    return np.array(path)

@@ -1,13 +1,14 @@
 """Policies that react to the targets that they observe, for cars whose actions are velocities.
 
-`Follow`, `Force` and `Chase` move by what a robot has in sight or on its tracks, and patrol while there is nothing.
-`Index` learns where targets appear. `Lanes` is the patrol: it observes no target, so it is the measure of what reacting
-is worth. All keep away from the robots in sight, and each robot uses its own row alone: where the robots of a team
-divide work, each computes the whole division from the same places.
+A rule wishes a velocity by what a robot has in sight or on its tracks, and patrols in `Lanes` while there is nothing.
+`Lanes` observes no target, so it is the measure of what reacting is worth; `index_rule.Index` learns where targets
+appear. All keep away from the robots in sight, and each robot uses its own row alone: where the robots of a team divide
+work, each computes the whole division from the places and tracks that it knows, so a team that shares both agrees.
 
-Distances in their settings are in units of `sensing.sight`, or of the sensing radius for `Lanes` and `Index`.
+Distances in their settings are in units of `sensing.sight`, or of the sensing radius for `Lanes` and the index rule.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,8 @@ _APART = 6.25
 """Distance below which robots repel each other [body radius]."""
 _REPULSION = 1.5
 """Weight of that repulsion."""
-_NOWHERE = 1e6
-"""Distance of a thing that is not there, in units of its policy."""
+_POINTS = 21, 13
+"""Points along the longer and the shorter side of the rectangle that stand for its area."""
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
@@ -35,13 +36,19 @@ def towards(offset: np.ndarray, slow: float) -> np.ndarray:
     return unit(offset) * np.minimum(np.linalg.norm(offset, axis=-1, keepdims=True) / slow, 1.0)
 
 
-def nearest(offset: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nearest (W, N, 2) of relative places (W, N, K, 2) that are there (W, N, K), and whether one is."""
-    if offset.shape[2] == 0:
-        return np.zeros_like(offset[:, :, 0, :]), np.zeros(there.shape[:2], bool)
+def nearest(offset: np.ndarray, there: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the value (W, N, 2) of the nearest thing that is there, and its distance (W, N) [m], infinite without one.
+
+    Args:
+        offset: (W, N, K, 2) relative places of the things [m].
+        there: (W, N, K) whether they are there.
+        values: (W, N, K, 2) their values.
+    """
     far = np.where(there, np.linalg.norm(offset, axis=-1), np.inf)
-    first = far.argmin(axis=-1)
-    return np.take_along_axis(offset, first[..., None, None], axis=2)[:, :, 0], np.any(there, axis=-1)
+    if far.shape[2] == 0:
+        return values.sum(axis=2), np.full(far.shape[:2], np.inf)
+    first = far.argmin(axis=-1)[..., None, None]
+    return np.take_along_axis(values, first, axis=2)[:, :, 0], far.min(axis=-1)
 
 
 def kept_apart(wish: np.ndarray, rows: Rows) -> np.ndarray:
@@ -56,6 +63,29 @@ def known_places(rows: Rows) -> np.ndarray:
     """Return x, y of each robot and of the teammates that it knows (W, N, 1 + M, 2) [m]; NaN for unknown ones."""
     mates = np.where(rows.teammates[..., None], rows.teammate_offset, np.nan)
     return np.concatenate([rows.position[:, :, None], rows.position[:, :, None] + mates], axis=2)
+
+
+def divided(
+    scores: Callable[[np.ndarray], np.ndarray], take: Callable[[np.ndarray], None], shape: tuple, least: float = 0.0
+) -> np.ndarray:
+    """Return the own thing (W, N) of each robot, -1 for none, in a greedy division among the robots that it knows.
+
+    The pair of a robot and a thing with the highest score is chosen, and then those of the other robots, one by one.
+
+    Args:
+        scores: Function of (W, N, R, 1), 1 for robots without a thing and 0 for others, that returns (W, N, R, K).
+        take: Function of the things (W, N) that were chosen, after which the scores are computed anew.
+        shape: (W, N, R), for R robots that each robot knows, its own first.
+        least: Score that is not enough for a pair to be chosen.
+    """
+    own, free = np.full(shape[:2], -1), np.ones((*shape, 1))
+    for _ in range(shape[2]):
+        score = scores(free)
+        robot, thing = np.divmod(score.reshape(*shape[:2], -1).argmax(axis=-1), score.shape[3])
+        own = np.where((robot == 0) & (score.max(axis=(2, 3)) > least), thing, own)
+        np.put_along_axis(free, robot[..., None, None], 0.0, axis=2)
+        take(thing)
+    return own
 
 
 def comb(half: np.ndarray, lanes: int, edge: float) -> np.ndarray:
@@ -74,20 +104,30 @@ def comb(half: np.ndarray, lanes: int, edge: float) -> np.ndarray:
         lower = low if k == lanes - 1 else inner
         corners += [(x, high), (x, lower)] if k % 2 == 0 else [(x, inner), (x, high)]
     corners += [(across[-1], low), (across[0], low)]
-    kept = [corner for k, corner in enumerate(corners) if k == 0 or corner != corners[k - 1]]
-    return np.array(kept)
+    return np.array([corner for k, corner in enumerate(corners) if k == 0 or corner != corners[k - 1]])
 
 
 class Reacting(Policy):
-    """Base of these policies: a subclass returns the velocities that it wishes, without regard to other robots."""
+    """Base of these policies: a subclass returns the velocities that it wishes, without regard to other robots.
+
+    Args:
+        scenario: The scenario, whose actions are velocities.
+        num_worlds: W.
+        device: Warp device.
+        **settings: Values for attributes of the class, by their names.
+    """
 
     kind = "velocity"
 
-    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
         super().__init__(scenario, num_worlds, device)
         made = self.scenario
         if not made.task.action == "velocity":
             raise UnsuitableScenarioError(f"task.action must be velocity, got {made.task.action}")
+        for name, value in settings.items():
+            if not hasattr(type(self), name):
+                raise ValueError(f"setting of {self.name} must be an attribute of the class, got {name}")
+            setattr(self, name, value)
         self.half = np.array([made.curve.half_width, made.curve.half_height])
         self.top, self.step, self.sight = made.robot.top_speed, made.task.step, made.sight
 
@@ -111,28 +151,19 @@ class Lanes(Reacting):
     """Patrol in vertical lanes: robots follow each other, evenly spaced, on one closed tour; it observes no target.
 
     Each robot takes the nearest free place on the tour at the start, as soon as the first messages can have arrived.
-
-    Args:
-        scenario: The scenario.
-        num_worlds: W.
-        device: Warp device.
-        lanes: Number of lanes, even; by default they are about 1.1 `reach` apart.
-        reach: Distance that a robot searches to each side [m]; by default the sensing radius.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        lanes: int | None = None,
-        reach: float | None = None,
-    ):
-        super().__init__(scenario, num_worlds, device)
-        reach = self.scenario.sensing_radius if reach is None else reach
+    lanes: int | None = None
+    """Number of lanes, even; by default they are about 1.1 `reach` apart."""
+    reach: float | None = None
+    """Distance that a robot searches to each side [m]; by default the sensing radius."""
+
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
+        super().__init__(scenario, num_worlds, device, **settings)
+        reach = self.scenario.sensing_radius if self.reach is None else self.reach
         edge = min(0.8 * reach, 0.5 * float(self.half.min()))
         fitting = 2 * round((1 + (2 * self.half[0] - 2 * edge) / (1.1 * reach)) / 2)
-        self.corners = comb(self.half, max(fitting, 2) if lanes is None else lanes, edge)
+        self.corners = comb(self.half, max(fitting, 2) if self.lanes is None else self.lanes, edge)
         self._along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.corners, axis=0), axis=1))])
         self._ahead = 0.5 * reach
         self._steps = np.zeros(self.num_worlds, int)
@@ -159,61 +190,64 @@ class Lanes(Reacting):
         self._earlier = np.concatenate([rows.position[:, :, None], self._earlier[:, :, :-1]], axis=2)
         self._earlier[starts] = rows.position[starts][:, :, None]
         if chooses.any():
-            slots = self.place(self._ahead + spacing * np.arange(self.num_robots))
             places = known_places(rows)
             places[:, :, 0] = self._earlier[:, :, -1]
-            self._slot[chooses] = _nearest_slots(places[chooses], slots)
+            self._slot[chooses] = self._nearest_slots(places[chooses], spacing)
         way = 0.95 * self.top * self.step * self._steps + self._ahead
         self._steps += 1
         return towards(self.place(way[:, None] + spacing * self._slot) - rows.position, 0.5 * self._ahead)
 
+    def _nearest_slots(self, places: np.ndarray, spacing: float) -> np.ndarray:
+        """Return the slot (W, N) of each robot, for the places (W, N, 1 + M, 2) [m] that it knows, its own first."""
+        slots = self.place(self._ahead + spacing * np.arange(self.num_robots))
+        far = np.linalg.norm(places[..., None, :] - slots, axis=-1)
+        far = np.where(np.isnan(far), np.inf, far)
 
-def _nearest_slots(places: np.ndarray, slots: np.ndarray) -> np.ndarray:
-    """Return the slot (W, N) of each robot, where pairs of a robot and a slot are chosen by their distance.
+        def take(slot: np.ndarray) -> None:
+            np.put_along_axis(far, slot[..., None, None], np.inf, axis=3)
 
-    Args:
-        places: (W, N, 1 + M, 2) place of a robot and of the others that it knows [m].
-        slots: (S, 2) places of the slots [m].
-    """
-    far = np.linalg.norm(places[..., None, :] - slots, axis=-1)
-    far = np.where(np.isnan(far), np.inf, far)
-    own = np.zeros(far.shape[:2], int)
-    count = len(slots)
-    for _ in range(far.shape[2]):
-        pair = far.reshape(*far.shape[:2], -1).argmin(axis=-1)
-        robot, slot = pair // count, pair % count
-        fits = np.isfinite(np.take_along_axis(far.reshape(*far.shape[:2], -1), pair[..., None], axis=-1)[..., 0])
-        own = np.where((robot == 0) & fits, slot, own)
-        taken = (np.arange(far.shape[2])[:, None] == robot[..., None, None]) | (
-            np.arange(count) == slot[..., None, None]
-        )
-        far = np.where(taken, np.inf, far)
-    return own
+        return divided(lambda free: np.where(free > 0, -far, -np.inf), take, far.shape[:3], -np.inf)
 
 
 class Searching(Reacting):
-    """Base of the policies that patrol in lanes while they know of no target."""
+    """Base of the rules, which patrol in lanes while they know of no target; a subclass implements `react`."""
 
-    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
-        super().__init__(scenario, num_worlds, device)
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
+        super().__init__(scenario, num_worlds, device, **settings)
         self.patrol = Lanes(scenario, num_worlds, device, reach=self.scenario.sight)
+
+    def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+        """Return the wished velocities (W, N, 2) [top speed], and whether a robot reacts to a target (W, N)."""
+        raise NotImplementedError(f"{type(self).__name__} must have a method react(rows)")
+
+    def wish(self, rows: Rows) -> np.ndarray:
+        """React to targets, or patrol."""
+        velocity, reacts = self.react(rows)
+        return np.where(reacts[..., None], velocity, self.patrol.wish(rows))
 
     def expected_offset(self, rows: Rows) -> np.ndarray:
         """Return where known targets are now (W, N, K, 2), relative to the robot, if they kept their velocity [m]."""
         # A target keeps its velocity for about twice the time in which a robot drives as far as it sees.
         longest = 1.875 * self.sight / self.top
+        return self.offset_after(rows, np.minimum(rows.track_age, longest))
+
+    def offset_after(self, rows: Rows, time: np.ndarray) -> np.ndarray:
+        """Return the places of tracks (W, N, K, 2), relative to the robot, after times (W, N, K) [s] [m]."""
         here = rows.position[:, :, None]
-        guess = rows.track_offset + rows.track_velocity * np.minimum(rows.track_age, longest)[..., None]
-        return np.clip(here + guess, -self.half, self.half) - here
+        return np.clip(here + rows.track_offset + rows.track_velocity * time[..., None], -self.half, self.half) - here
+
+    def in_sight(self, rows: Rows) -> np.ndarray:
+        """Return whether a track is of an undetected target that some robot has in sight (W, N, K)."""
+        return rows.tracks & (rows.track_age < 0.5 * self.step) & ~rows.track_leaves
 
 
 class Follow(Searching):
-    """Follow the nearest target in sight; patrol in lanes if there is none."""
+    """Follow the nearest target in sight."""
 
-    def wish(self, rows: Rows) -> np.ndarray:
+    def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """Drive to the nearest target in sight."""
-        offset, there = nearest(rows.target_offset, rows.targets_seen)
-        return np.where(there[..., None], towards(offset, 0.375 * self.sight), self.patrol.wish(rows))
+        offset, far = nearest(rows.target_offset, rows.targets_seen, rows.target_offset)
+        return towards(offset, 0.375 * self.sight), np.isfinite(far)
 
 
 class Force(Searching):
@@ -221,32 +255,19 @@ class Force(Searching):
 
     Reference: L. E. Parker, "Distributed algorithms for multi-robot observation of multiple moving targets", Autonomous
     Robots 12 (2002) 231-255.
-
-    Args:
-        scenario: The scenario.
-        num_worlds: W.
-        device: Warp device.
-        shared: Weight of a target that another robot has in sight.
-        reach: Distance up to which targets attract [sight].
-        apart: Distance up to which robots repel each other [sight].
-        push: Weight of the repulsion.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        shared: float = 0.0,
-        reach: float = 2.0,
-        apart: float = 3.0,
-        push: float = 1.0,
-    ):
-        super().__init__(scenario, num_worlds, device)
-        self.shared, self.reach, self.apart, self.push = shared, reach, apart, push
+    shared: float = 0.0
+    """Weight of a target that another robot has in sight."""
+    reach: float = 2.0
+    """Distance up to which targets attract [sight]."""
+    apart: float = 3.0
+    """Distance up to which robots repel each other [sight]."""
+    push: float = 1.0
+    """Weight of the repulsion."""
 
-    def wish(self, rows: Rows) -> np.ndarray:
-        """Add the forces; patrol without any target in reach."""
+    def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+        """Add the forces, if any target is in reach."""
         guess = self.expected_offset(rows)
         far = np.linalg.norm(guess, axis=-1)
         weight = np.where(rows.track_of_other, self.shared, 1.0) * np.clip(far / (0.375 * self.sight), 0.0, 1.0)
@@ -255,118 +276,96 @@ class Force(Searching):
         mates = np.where(rows.teammates, np.linalg.norm(rows.teammate_offset, axis=-1), np.inf)
         repels = np.clip(1 - mates / (self.apart * self.sight), 0.0, 1.0)
         force -= self.push * (unit(rows.teammate_offset) * repels[..., None]).sum(axis=2)
-        return np.where((weight != 0).any(axis=-1)[..., None], force, self.patrol.wish(rows))
+        return force, (weight != 0).any(axis=-1)
 
 
 class Chase(Searching):
-    """Pursue the nearest target in sight of any robot, at the place where it will be; patrol in lanes if there is none.
+    """Pursue the nearest target in sight of any robot, at the place where it will be."""
 
-    Args:
-        scenario: The scenario.
-        num_worlds: W.
-        device: Warp device.
-        lead: Time for which the velocity of a target is extrapolated, in units of the time in which the robot drives to
-            where the target is; 0 is pure pursuit.
-    """
+    lead: float = 0.8
+    """Time for which the velocity of a target is extrapolated, in units of the time in which the robot drives to where
+    the target is; 0 is pure pursuit."""
 
-    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", lead: float = 0.8):
-        super().__init__(scenario, num_worlds, device)
-        self.lead = lead
-
-    def wish(self, rows: Rows) -> np.ndarray:
+    def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """Drive to where the nearest target will be."""
-        now = rows.tracks & (rows.track_age < 0.5 * self.step) & ~rows.track_leaves
-        far = np.where(now, np.linalg.norm(rows.track_offset, axis=-1), _NOWHERE * self.sight)
-        when = np.minimum(self.lead * far / self.top, 0.9 * self.sight / self.top)
-        here = rows.position[:, :, None]
-        ahead = np.clip(here + rows.track_offset + rows.track_velocity * when[..., None], -self.half, self.half) - here
-        first = far.argmin(axis=-1)[..., None, None]
-        goal = np.take_along_axis(ahead, first, axis=2)[:, :, 0]
-        return np.where(np.any(now, axis=-1, keepdims=True), towards(goal, 0.02 * self.sight), self.patrol.wish(rows))
+        direct = np.linalg.norm(rows.track_offset, axis=-1)
+        when = np.minimum(self.lead * direct / self.top, 0.9 * self.sight / self.top)
+        goal, far = nearest(rows.track_offset, self.in_sight(rows), self.offset_after(rows, when))
+        return towards(goal, 0.02 * self.sight), np.isfinite(far)
 
 
-class Index(Reacting):
-    """Drive where the expected number of targets per time is largest: rates of cells times the time since a visit.
+class Cover(Searching):
+    """Greedy cover: pairs of a robot and a place are chosen by the known targets around the place, per driving time.
 
-    The rate of a cell is the mean of a gamma distribution, whose prior is the uniform rate with the weight of half a
-    detection. Robots choose one after the other, and leave out what others will cover.
-
-    Args:
-        scenario: The scenario.
-        num_worlds: W.
-        device: Warp device.
-        learns: False for uniform rates.
-        delay: Time that is added to the driving time to a place, in units of sensing radius over top speed.
-
-    Raises:
-        UnsuitableScenarioError: no targets appear during an episode, or the robots do not share tracks and places.
+    Places are those of known targets, extrapolated, and the middles between two of them.
     """
 
-    def __init__(
-        self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", learns: bool = True, delay: float = 1.0
-    ):
-        super().__init__(scenario, num_worlds, device)
-        made, radius = self.scenario, self.scenario.sensing_radius
-        if made.targets.arrival_rate == 0:
-            raise UnsuitableScenarioError("targets.arrival_rate must be above 0 for an index rule [1/s], got 0")
-        if made.sensing.shared != "team" or min(made.sensing.tracks_seen, made.sensing.teammates_seen) == 0:
-            rule = "must be team, with sensing.tracks_seen and sensing.teammates_seen above 0, for an index rule"
-            raise UnsuitableScenarioError(f"sensing.shared {rule}, got {made.sensing.shared}")
-        self.learns, self.radius, self.delay = learns, radius, delay * radius / self.top
-        self.counts = np.ceil(2 * self.half / (1.7 * radius)).astype(int)
-        axes = [(np.arange(n) + 0.5) * 2 * h / n - h for n, h in zip(self.counts, self.half, strict=True)]
-        self.cells = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-        self._near = (np.linalg.norm(self.cells[:, None] - self.cells, axis=-1) < radius).astype(float)
-        self._left = (np.linalg.norm(self.cells[:, None] - self.cells, axis=-1) >= 1.2 * radius).astype(float)
-        shape = (*self.shape, len(self.cells))
-        self._idle, self._found, self._watched = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-        self.forget(np.ones(self.num_worlds, bool))
+    delay: float = 0.75
+    """Time that is added to the driving time to a place, in units of sight over top speed."""
+    fade: float = 2.25
+    """Age at which a track counts 1/e of a target in sight, in the same unit."""
+    margin: float = 0.6
+    """Distance within which targets around a place count [sight]."""
 
-    def forget(self, mask: np.ndarray) -> None:
-        """Forget all detections; every cell has been idle for the same time."""
-        self._idle[mask] = 10 * self.radius / self.top
-        self._found[mask] = self._watched[mask] = 0.0
+    def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+        """Drive to the own place, if the robot has one."""
+        unit_time = self.sight / self.top
+        at = rows.position[:, :, None] + self.expected_offset(rows)
+        pairs = np.stack(np.tril_indices(at.shape[2], -1), axis=-1)
+        places = np.concatenate([at, at[:, :, pairs].mean(axis=3)], axis=2)
+        worth = np.where(rows.tracks, np.exp(-rows.track_age / (self.fade * unit_time)), 0.0)
+        covers = np.linalg.norm(places[:, :, :, None] - at[:, :, None], axis=-1) < self.margin * self.sight
+        away = np.linalg.norm(known_places(rows)[:, :, :, None] - places[:, :, None], axis=-1)
+        time = away / self.top + self.delay * unit_time
+        time = np.where(np.isnan(time), np.inf, time)
 
-    def expected(self) -> np.ndarray:
-        """Return the expected number of undetected targets in each cell (W, N, cells)."""
-        return self.rates() * self._idle
+        def rates(free: np.ndarray) -> np.ndarray:
+            return free * (covers * worth[:, :, None]).sum(axis=-1)[:, :, None] / time
 
-    def rates(self) -> np.ndarray:
-        """Return the expected rates (W, N, cells) [1/s]."""
-        uniform = self.scenario.targets.arrival_rate / len(self.cells)
-        if not self.learns:
-            return np.full(self._idle.shape, uniform)
-        return (self._found + 0.5) / (self._watched + 0.5 / uniform)
+        def take(place: np.ndarray) -> None:
+            worth[np.take_along_axis(covers, place[..., None, None], axis=2)[:, :, 0]] = 0.0
 
-    def wish(self, rows: Rows) -> np.ndarray:
-        """Update what the robot knows, divide the cells among the team, and drive to the own one."""
-        places = known_places(rows)
-        far = np.nan_to_num(np.linalg.norm(places[:, :, :, None] - self.cells, axis=-1), nan=_NOWHERE * self.radius)
-        covered = (far < self.radius).any(axis=2)
-        waited = self._idle + self.step
-        self._watched += np.where(covered, waited, 0.0)
-        self._idle = np.where(covered, 0.0, waited)
-        where = (rows.position[:, :, None] + rows.track_offset + self.half) / (2 * self.half) * self.counts
-        column, line = np.moveaxis(np.clip(where.astype(int), 0, self.counts - 1), -1, 0)
-        world, robot, track = np.nonzero(rows.track_leaves)
-        np.add.at(self._found, (world, robot, (column * self.counts[1] + line)[world, robot, track]), 1.0)
-        goal = self._divide(self.expected(), far / self.top)
-        return towards(self.cells[goal] - rows.position, self.radius / 3)
+        own = divided(rates, take, time.shape[:3])
+        goal = np.take_along_axis(places, np.maximum(own, 0)[..., None, None], axis=2)[:, :, 0]
+        return towards(goal - rows.position, 0.25 * self.sight), own >= 0
 
-    def _divide(self, mass: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Return the own cell (W, N) where each robot in turn has the largest mass in its disc per time.
 
-        Args:
-            mass: (W, N, cells) expected number of targets.
-            time: (W, N, 1 + M, cells) driving times of the robots that each robot knows, its own first [s].
-        """
-        goal = np.zeros(self.shape, int)
-        free = np.ones((*time.shape[:3], 1))
-        for _ in range(time.shape[2]):
-            worth = (mass @ self._near)[:, :, None] * free / (time + self.delay) - (1 - free)
-            best = worth.reshape(*self.shape, -1).argmax(axis=-1)
-            robot, cell = best // len(self.cells), best % len(self.cells)
-            goal = np.where(robot == 0, cell, goal)
-            np.put_along_axis(free, robot[..., None, None], 0.0, axis=2)
-            mass = mass * self._left[cell]
-        return goal
+class VoronoiPursuit(Searching):
+    """Pursuit that shrinks a target's Voronoi cell: drive to the middle of the border between it and the own cell.
+
+    A robot pursues the nearest of the targets that any robot has in sight, and drives straight to it where it is near
+    or the cells have no common border. Cells are those of points in the rectangle, by the time to reach them.
+
+    Reference: H. Huang, W. Zhang, J. Ding, D. M. Stipanović, C. J. Tomlin, "Guaranteed decentralized pursuit-evasion in
+    the plane with multiple pursuers", IEEE Conference on Decision and Control 2011, 4835-4840.
+    """
+
+    near: float = 0.3
+    """Distance within which a robot drives straight to its target [sight]."""
+    width: float = 0.15
+    """Width of the strip of points around the border [sight]."""
+    fade: float = 0.4
+    """Distance from the target at which a point of the border counts 1/e [sight]."""
+
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
+        super().__init__(scenario, num_worlds, device, **settings)
+        targets = self.scenario.targets
+        self.pace = self.top / max(targets.speed, targets.flee_speed if targets.fleeing > 0 else 0.0, 1e-9)
+        counts = _POINTS if self.half[0] >= self.half[1] else _POINTS[::-1]
+        axes = [np.linspace(-half, half, count) for half, count in zip(self.half, counts, strict=True)]
+        self.points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+
+    def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+        """Drive to the border of the nearest target's cell, or to the target."""
+        offset, far = nearest(rows.track_offset, self.in_sight(rows), rows.track_offset)
+        target = rows.position + offset
+        robots = np.linalg.norm(known_places(rows)[:, :, :, None] - self.points, axis=-1)
+        own = robots[:, :, 0] <= np.nanmin(robots, axis=2)
+        way = np.linalg.norm(target[:, :, None] - self.points, axis=-1)
+        apart = np.abs(self.pace * way - robots[:, :, 0]) / (self.width * self.sight)
+        weight = np.where(own, np.exp(-(apart**2) - way / (self.fade * self.sight)), 0.0)
+        mass = weight.sum(axis=-1)
+        border = (weight[..., None] * self.points).sum(axis=2) / np.maximum(mass, 1e-9)[..., None]
+        at_border = (mass > 1e-3) & (far > self.near * self.sight)
+        goal = np.where(at_border[..., None], border, target)
+        return towards(goal - rows.position, 0.02 * self.sight), np.isfinite(far)

@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from baselines.policies.as_cars import AsCars
-from baselines.policies.base import Filter, Policy
+from baselines.policies.base import Filter, Filtered, Policy
 from baselines.policies.safety.filter import Safe
-from baselines.policies.safety.filtered import Filtered
 from baselines.policies.safety.proved import Proved
 from lissajous_env import plugins
-from lissajous_env.identity import parts_of
+from lissajous_env.identity import OURS, parts_of
 from lissajous_env.parameters.named import build as build_scenario
 from lissajous_env.parameters.robot_models import model_of, robot_kinds
 from lissajous_env.parameters.scenario import Scenario
@@ -150,38 +149,31 @@ def entry_of(name: str) -> Entry | None:
     return _entries().get(unwrapped(name)[0])
 
 
-def factory_of(name: str) -> Callable[..., Policy]:
-    """Return the factory of a registered policy without its suffix."""
-    return _entries()[unwrapped(name)[0]].factory
-
-
 def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
     """Return the names of the policies, or of those that can drive the robots of a scenario; with filters come last."""
-    suited = [name + suffix for suffix in ("", *_FILTERS) for name in _entries() if _suits(name, suffix)]
-    if scenario is None:
-        return tuple(suited)
-    kind = build_scenario(scenario).actuation
-    return tuple(name for name in suited if _drives(name, kind))
-
-
-def _suits(plain: str, suffix: str) -> bool:
-    """Return whether a registered policy may have a filter."""
-    return not suffix or _entries()[plain].kind in (None, _FILTERS[suffix].kind)
+    kind = None if scenario is None else build_scenario(scenario).actuation
+    every = [name + suffix for suffix in ("", *_FILTERS) for name in _entries()]
+    return tuple(name for name in every if _drives(name, kind))
 
 
 def _kind_of(name: str) -> str | None:
-    """Return the kind of robots that a registered policy drives by itself."""
-    plain, suffix = unwrapped(name)
-    return _FILTERS[suffix].kind if suffix else _entries()[plain].kind
+    """Return the kind of robots that a registered policy drives, of any that its filter requires; None for any."""
+    entry, suffix = entry_of(name), unwrapped(name)[1]
+    if entry is not None and entry.kind is None and suffix:
+        return _FILTERS[suffix].kind
+    return None if entry is None else entry.kind
 
 
-def _drives(name: str, kind: str) -> bool:
-    """Return whether a policy drives robots of a kind, by itself or as if they were cars."""
-    own, (plain, suffix) = _kind_of(name), unwrapped(name)
-    if own in (None, kind):
+def _drives(name: str, kind: str | None) -> bool:
+    """Return whether a registered policy, which its filter must suit, drives robots of a kind, maybe as cars."""
+    own, wrapped = _kind_of(name), _FILTERS.get(unwrapped(name)[1])
+    if wrapped is not None and own != wrapped.kind:
+        return False
+    if kind is None or own in (None, kind):
         return True
     as_cars = own == "car" and kind != _VELOCITY and model_of(kind).as_car is not None
-    return as_cars and not _entries()[plain].learned and (not suffix or _FILTERS[suffix].as_car)
+    entry = entry_of(name)
+    return as_cars and entry is not None and not entry.learned and (wrapped is None or wrapped.as_car)
 
 
 def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
@@ -196,49 +188,47 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
         raise ValueError(f"policy must be a name or a folder, got {shown(name)}")
     made = build_scenario(scenario)
     if is_folder(name):
-        folder, suffix = unwrapped(name)
-        return _filtered(_loader_of(folder).make(folder, made, num_worlds, device), suffix, str(name))
-    check(name, made)
-    return build(name, factory_of(name), made, num_worlds, device)
+        folder = unwrapped(name)[0]
+        return build(str(name), partial(_loader_of(folder).make, folder), made, num_worlds, device)
+    return build(name, check(name, made).factory, made, num_worlds, device)
 
 
-def check(name: str, made: Scenario) -> None:
-    """Raise a ValueError if the name is unknown, or if the policy is for another kind of robot."""
+def check(name: str, made: Scenario) -> Entry:
+    """Return the entry of a policy that drives the robots of a scenario.
+
+    Raises:
+        ValueError: the name is unknown, or the policy is for another kind of robot.
+    """
     bring(name)
     entry, suffix = entry_of(name), unwrapped(name)[1]
     if entry is None:
         known = names()
-        hint = _player_of(name) or nearest(name, [*known, *meant_here(name)])
+        here = [folder for file in LOADERS for folder in plugins.folders_beside(name, file)]
+        hint = _player_of(name) or nearest(name, [*known, *here, *(policy for policy, _ in registered_here())])
         words = f"policy must be one of the {len(known)} that `lissajous policies` lists, got {shown(name)}{hint}"
         raise ValueError("; ".join([words, *_BROUGHT.broken]))
-    if not _suits(unwrapped(name)[0], suffix):
-        rule = f"policy must drive robots of kind {_FILTERS[suffix].kind} to be wrapped by {suffix}"
-        raise ValueError(f"{rule}, got {name}, which drives kind {entry.kind}{nearest(name, names(made))}")
     if not _drives(name, made.actuation):
         rule = f"policy for {made.name} must drive robots of kind {made.actuation}"
+        if not _drives(name, None):
+            rule = f"policy must drive robots of kind {_FILTERS[suffix].kind} to be wrapped by {suffix}"
         raise ValueError(f"{rule}, got {name}, which drives kind {_kind_of(name)}{nearest(name, names(made))}")
+    return entry
 
 
 def build(name: str, factory: Callable[..., Policy], scenario: Scenario, num_worlds: int, device: Any) -> Policy:
-    """Return a policy that a factory makes, under a name of the registry, and with the filter that the name has.
+    """Return a policy that a factory makes, under a name, and with the filter that the name has.
 
     A policy of cars drives the robots of another model as if they were cars.
     """
     plain, suffix = unwrapped(name)
     if _kind_of(name) not in (None, scenario.actuation):
         policy: Policy = AsCars(partial(build, name, factory), scenario, num_worlds, device)
-        policy.name = name
-        return policy
-    policy = factory(scenario, num_worlds, device)
-    policy.name = plain
-    return _filtered(policy, suffix, name)
-
-
-def _filtered(policy: Policy, suffix: str, name: str) -> Policy:
-    """Return a policy with the filter of a suffix, under a name; without a suffix, the policy itself."""
-    if suffix:
-        policy = Filtered(policy, _FILTERS[suffix])
-        policy.name = name
+    else:
+        policy = factory(scenario, num_worlds, device)
+        policy.name = plain
+        if suffix:
+            policy = Filtered(policy, _FILTERS[suffix])
+    policy.name = name
     return policy
 
 
@@ -291,7 +281,7 @@ def ships(name: str) -> bool:
     """Return whether a policy is included, and not one that a user or another package registered."""
     entry = entry_of(name)
     made = _origin(entry.factory)[0] if entry is not None else None
-    return getattr(made, "__module__", "").partition(".")[0] in ("baselines", "training")
+    return getattr(made, "__module__", "").partition(".")[0] in OURS
 
 
 def is_classical(name: str) -> bool:
@@ -321,18 +311,10 @@ def registered_here() -> list[tuple[str, str]]:
     return list(plugins.registered_here(*_REGISTER))
 
 
-def meant_here(name: str) -> list[str]:
-    """Return candidates for an unknown name: folders of policies beside it, and policies of the modules here."""
-    folders = [folder for file in LOADERS for folder in plugins.folders_beside(name, file)]
-    return [*folders, *(policy for policy, _ in registered_here())]
-
-
 def _player_of(name: str) -> str:
     """Return a hint for the file of a model, which a function of a module has to load; "" for any other name."""
     suffix = ".zip" if os.path.isfile(f"{name}.zip") else Path(name).suffix.lower()
-    if suffix not in _PLAYERS:
-        return ""
-    return (
-        f"; write a function(scenario, num_worlds, device) in a module that returns {_PLAYERS[suffix]}, and name it as "
-        "module:function"
+    words = (
+        "; write a function(scenario, num_worlds, device) in a module that returns {}, and name it as module:function"
     )
+    return words.format(_PLAYERS[suffix]) if suffix in _PLAYERS else ""

@@ -20,6 +20,8 @@ from baselines.policies.partition_plan import Plan, Room, smallest_distance, spe
 
 SHAPES = 4
 """Loops of different shapes for each case."""
+CASES = 4
+"""Cases of a robot, by the sum of 1 for a failed previous and 2 for a failed next robot."""
 OFFSETS = 4
 """Distances along x and y from the middle of a rectangle at which the quality of a loop is computed."""
 _UNKNOWN = 10.0
@@ -33,10 +35,6 @@ _DISTINCT = 0.1
 """Difference of two shapes' half extents, in turning radii, from which on they count as different."""
 
 
-CASES = 4
-"""Cases of a robot, by the sum of 1 for a failed previous and 2 for a failed next robot."""
-
-
 @dataclass(frozen=True)
 class Takeover:
     """Loops of each robot in its cases; row SHAPES c + s is for case c."""
@@ -46,9 +44,7 @@ class Takeover:
     away: np.ndarray
     """(CASES SHAPES, N, 2) middle of each loop less the place that is best for it [m]."""
     cost: np.ndarray
-    """(CASES SHAPES, N, OFFSETS, OFFSETS) cost of a loop whose middle is k, l times `offset` from that place."""
-    offset: float
-    """Spacing of these distances [m]."""
+    """(CASES SHAPES, N, OFFSETS, OFFSETS) cost of a loop whose middle is k, l times an offset from that place."""
     corners: np.ndarray
     """(CASES SHAPES, N) corners of the rectangle that only this robot watches, as bits: 1 at the left and bottom, 2 at
     the right and bottom, 4 at the left and top, 8 at the right and top."""
@@ -122,7 +118,7 @@ def takeover_of(
         for shape in range(SHAPES)
     ]
     loop, away, cost = (np.array([[entry[k] for entry in row] for row in rows]) for k in range(3))
-    return Takeover(loop * unit, away * unit, cost, offset, corners)
+    return Takeover(loop * unit, away * unit, cost, corners)
 
 
 def _corners_of(low: np.ndarray, high: np.ndarray, half_width: float) -> int:

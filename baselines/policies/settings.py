@@ -26,7 +26,7 @@ from typing import Any
 
 from baselines.policies import registry
 from baselines.policies.base import Policy
-from baselines.policies.trackers.base import Coordinated
+from baselines.policies.trackers import Coordinated
 from lissajous_env.identity import digest_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
@@ -68,8 +68,7 @@ class PolicySettings:
         Raises:
             ValueError: an unknown policy, one that does not fit the scenario, or an unknown or invalid parameter.
         """
-        registry.check(self.policy, scenario)
-        factory = registry.factory_of(self.policy)
+        factory = registry.check(self.policy, scenario).factory
         if self.coordinator:
             factory = _with_coordinator(self, factory, scenario)
         given = {ARGUMENT: _made(self.policy, ARGUMENT, factory, self.parameters, scenario)} if self.parameters else {}
@@ -81,8 +80,8 @@ class PolicySettings:
         Raises:
             ValueError: the policy has no parameters, or no such one.
         """
-        kind = _checked_class(self.policy, ARGUMENT, registry.factory_of(self.policy), self.parameters)
-        made = kind(**self.parameters).scaled(length, time)
+        entry: Any = registry.entry_of(self.policy)
+        made = _made(self.policy, ARGUMENT, entry.factory, self.parameters).scaled(length, time)
         return dataclasses.replace(self, parameters={name: getattr(made, name) for name in self.parameters})
 
     @classmethod
@@ -121,34 +120,25 @@ def _with_coordinator(settings: PolicySettings, factory: Any, scenario: Scenario
     return partial(factory.func, partial(coordinator, **{ARGUMENT: made}), *others, **factory.keywords)
 
 
-def _made(policy: str, table: str, factory: Any, given: Mapping[str, Any], scenario: Scenario) -> Checked:
-    """Make the dataclass of a factory's parameters.
+def _made(policy: str, table: str, factory: Any, given: Mapping[str, Any], scenario: Scenario | None = None) -> Checked:
+    """Make the dataclass of a factory's parameters, whose other values are scaled to a scenario, if one is given.
 
     Raises:
         ValueError: the factory has none, or a parameter is unknown or invalid.
     """
-    kind = _checked_class(policy, table, factory, given)
-    before = factory.keywords.get(ARGUMENT) if isinstance(factory, partial) else None
-    if before is not None:
-        return dataclasses.replace(before, **given)
-    return kind.of(scenario, **given) if hasattr(kind, "of") else kind(**given)  # type: ignore[attr-defined]
-
-
-def _checked_class(policy: str, table: str, factory: Any, given: Mapping[str, Any]) -> type[Checked]:
-    """Return the dataclass of a factory's parameters after a check that it has the given names.
-
-    Raises:
-        ValueError: the factory has none, or a parameter is unknown.
-    """
     kind = parameters_class(factory)
     if kind is None:
         raise ValueError(f"{table} must be empty for {policy}, which has none, got {few_of(given)}")
-    known = [each.name for each in dataclasses.fields(kind)]  # type: ignore[arg-type]
+    known = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
     for name in given:
         if name not in known:
             rule = f"{table} of {policy} must be of {few_of(known, name)}"
             raise ValueError(f"{rule}, got {shown(name)}{nearest(name, known)}")
-    return kind
+    before = factory.keywords.get(ARGUMENT) if isinstance(factory, partial) else None
+    if before is not None:
+        return dataclasses.replace(before, **given)
+    scales = scenario is not None and hasattr(kind, "of")
+    return kind.of(scenario, **given) if scales else kind(**given)  # type: ignore[attr-defined]
 
 
 def parameters_class(factory: Any) -> type[Checked] | None:
@@ -174,15 +164,12 @@ def _make(folder: str, scenario: Scenario, num_worlds: int = 1, device: Any = "c
     return policy
 
 
-def _home(folder: str) -> Scenario:
-    """Return the scenario that the policy of a folder was made for."""
-    return named.build(str(Path(folder) / SCENARIO_FILE))
-
-
 def _parts(folder: str) -> dict[str, str]:
     """Return a digest of the policy's file and the parts of the named policy, which identify a policy in results."""
     settings = PolicySettings.read(folder)
     return {f"policy of {POLICY_FILE}": digest_of(settings.as_toml().encode())} | registry.parts(settings.policy)
 
 
-registry.LOADERS[POLICY_FILE] = registry.Loader(_make, _home, _parts)
+registry.LOADERS[POLICY_FILE] = registry.Loader(
+    _make, lambda folder: named.build(str(Path(folder) / SCENARIO_FILE)), _parts
+)

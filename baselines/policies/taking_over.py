@@ -37,103 +37,23 @@ SIDE = wp.constant(12)
 
 
 @wp.struct
-class Watch:
-    """Constants: displacement in a step below which a robot counts as stopped [m], number of such steps, and scales."""
+class Repair:
+    """Constants of a robot's estimates of others, and the loops P of a takeover (`repair_plan.Takeover`)."""
 
     still: float
+    """Displacement in a step below which a robot counts as stopped [m]."""
     patience: int
+    """Number of such steps after which a ring neighbour counts as failed."""
     step: float
+    """Control step [s]."""
     time_unit: float
+    """Unit of an observed age [s]."""
     speed_unit: float
+    """Unit of an observed speed [m/s]."""
     radius: float
+    """Distance within which robots are seen [m]."""
     robots_seen: int
-
-
-@wp.kernel
-def watch_neighbours(
-    curve: CurveStruct,
-    watch: Watch,
-    observation: wp.array3d(dtype=float),
-    memory: wp.array4d(dtype=float),
-    standing: wp.array3d(dtype=wp.vec3),
-    case_out: wp.array2d(dtype=int),
-):
-    """Update robot i's estimates of its ring neighbours, and of stopped robots: x, y and 1 if the place is in use.
-
-    Its case is the sum of 1 if the previous robot on the ring has failed, and 2 if the next one has.
-    """
-    w, i = wp.tid()
-    position = own_position(w, i, curve, observation)
-    case_out[w, i] = 0
-    for side in range(2):
-        known = memory[w, i, side]
-        if not hears(w, i, side, observation):
-            if known[AGE] > 0.0:
-                known[STATE] = float(SILENT)
-        else:
-            place = position + offset_heard(w, i, side, curve, observation)
-            # One step more than the age, so that 0 means that nothing was heard yet.
-            age = message_age(w, i, side, watch.time_unit, observation) + watch.step
-            if known[AGE] == 0.0:
-                known[HEARD_X] = place[0]
-                known[HEARD_Y] = place[1]
-                known[AGE] = age
-            else:
-                # A message that was heard before is older by a step and does not count.
-                if age < known[AGE] + 0.5 * watch.step:
-                    moved = wp.length(place - wp.vec2(known[HEARD_X], known[HEARD_Y]))
-                    known[STILL] = wp.where(moved < watch.still, known[STILL] + 1.0, 0.0)
-                    known[HEARD_X] = place[0]
-                    known[HEARD_Y] = place[1]
-                known[AGE] = age
-                if known[STILL] == 0.0:
-                    known[STATE] = float(WORKS)
-                if known[STILL] >= float(watch.patience):
-                    known[STATE] = float(STANDS)
-        if known[STATE] != float(WORKS):
-            case_out[w, i] += 1 + side
-        stands = wp.where(known[STATE] == float(STANDS), 1.0, 0.0)
-        standing[w, i, side] = wp.vec3(known[HEARD_X], known[HEARD_Y], stands)
-    watch_disc(w, i, position, watch, observation, standing)
-
-
-@wp.func
-def watch_disc(
-    w: int,
-    i: int,
-    position: wp.vec2,
-    watch: Watch,
-    observation: wp.array3d(dtype=float),
-    standing: wp.array3d(dtype=wp.vec3),
-):
-    """Update the places of stopped robots that are, or were, in the disc."""
-    # If a stopped robot should be in the disc but is not sensed, it is not there any more.
-    for k in range(2, PLACES):
-        known = standing[w, i, k]
-        if known[2] > 0.0 and wp.length(wp.vec2(known[0], known[1]) - position) < 0.9 * watch.radius:
-            standing[w, i, k] = wp.vec3(0.0, 0.0, 0.0)
-    own = own_speed(w, i, watch.speed_unit, observation) * cos_sin(own_heading(w, i, observation))
-    for seen in range(watch.robots_seen):
-        if sees(w, i, seen, observation):
-            velocity = own + velocity_seen(w, i, seen, watch.speed_unit, observation)
-            place = position + offset_seen(w, i, seen, watch.radius, observation)
-            is_known = bool(False)
-            room = int(0)
-            for k in range(PLACES):
-                known = standing[w, i, k]
-                if known[2] > 0.0:
-                    if wp.length(wp.vec2(known[0], known[1]) - place) < 2.0 * watch.still + 0.1 * watch.radius:
-                        is_known = True
-                elif k >= 2:
-                    room = k
-            if wp.length(velocity) * watch.step < watch.still and not is_known and room > 0:
-                standing[w, i, room] = wp.vec3(place[0], place[1], 1.0)
-
-
-@wp.struct
-class Repair:
-    """The loops P of a takeover (`repair_plan.Takeover`) and the constants of the choice among them."""
-
+    """Number of robots in an observation."""
     shapes: int
     """Loops of a case."""
     first: int
@@ -162,6 +82,87 @@ class Repair:
     """(P, N, OFFSETS, OFFSETS) `Takeover.cost`."""
     corners: wp.array2d(dtype=int)
     """(P, N) `Takeover.corners`."""
+
+
+@wp.kernel
+def watch_neighbours(
+    curve: CurveStruct,
+    repair: Repair,
+    observation: wp.array3d(dtype=float),
+    memory: wp.array4d(dtype=float),
+    standing: wp.array3d(dtype=wp.vec3),
+    case_out: wp.array2d(dtype=int),
+):
+    """Update robot i's estimates of its ring neighbours, and of stopped robots: x, y and 1 if the place is in use.
+
+    Its case is the sum of 1 if the previous robot on the ring has failed, and 2 if the next one has.
+    """
+    w, i = wp.tid()
+    position = own_position(w, i, curve, observation)
+    case_out[w, i] = 0
+    for side in range(2):
+        known = memory[w, i, side]
+        if not hears(w, i, side, observation):
+            if known[AGE] > 0.0:
+                known[STATE] = float(SILENT)
+        else:
+            place = position + offset_heard(w, i, side, curve, observation)
+            # One step more than the age, so that 0 means that nothing was heard yet.
+            age = message_age(w, i, side, repair.time_unit, observation) + repair.step
+            if known[AGE] == 0.0:
+                known[HEARD_X] = place[0]
+                known[HEARD_Y] = place[1]
+                known[AGE] = age
+            else:
+                # A message that was heard before is older by a step and does not count.
+                if age < known[AGE] + 0.5 * repair.step:
+                    moved = wp.length(place - wp.vec2(known[HEARD_X], known[HEARD_Y]))
+                    known[STILL] = wp.where(moved < repair.still, known[STILL] + 1.0, 0.0)
+                    known[HEARD_X] = place[0]
+                    known[HEARD_Y] = place[1]
+                known[AGE] = age
+                if known[STILL] == 0.0:
+                    known[STATE] = float(WORKS)
+                if known[STILL] >= float(repair.patience):
+                    known[STATE] = float(STANDS)
+        if known[STATE] != float(WORKS):
+            case_out[w, i] += 1 + side
+        stands = wp.where(known[STATE] == float(STANDS), 1.0, 0.0)
+        standing[w, i, side] = wp.vec3(known[HEARD_X], known[HEARD_Y], stands)
+    watch_disc(w, i, position, repair, observation, standing)
+
+
+@wp.func
+def watch_disc(
+    w: int,
+    i: int,
+    position: wp.vec2,
+    repair: Repair,
+    observation: wp.array3d(dtype=float),
+    standing: wp.array3d(dtype=wp.vec3),
+):
+    """Update the places of stopped robots that are, or were, in the disc."""
+    # If a stopped robot should be in the disc but is not sensed, it is not there any more.
+    for k in range(2, PLACES):
+        known = standing[w, i, k]
+        if known[2] > 0.0 and wp.length(wp.vec2(known[0], known[1]) - position) < 0.9 * repair.radius:
+            standing[w, i, k] = wp.vec3(0.0, 0.0, 0.0)
+    own = own_speed(w, i, repair.speed_unit, observation) * cos_sin(own_heading(w, i, observation))
+    for seen in range(repair.robots_seen):
+        if sees(w, i, seen, observation):
+            velocity = own + velocity_seen(w, i, seen, repair.speed_unit, observation)
+            place = position + offset_seen(w, i, seen, repair.radius, observation)
+            is_known = bool(False)
+            room = int(0)
+            for k in range(PLACES):
+                known = standing[w, i, k]
+                if known[2] > 0.0:
+                    if wp.length(wp.vec2(known[0], known[1]) - place) < 2.0 * repair.still + 0.1 * repair.radius:
+                        is_known = True
+                elif k >= 2:
+                    room = k
+            if wp.length(velocity) * repair.step < repair.still and not is_known and room > 0:
+                standing[w, i, room] = wp.vec3(place[0], place[1], 1.0)
 
 
 @wp.func

@@ -283,9 +283,9 @@ def take_filtered(
 class TimedPaths(Policy):
     """Cars that follow timed paths: tables of where each robot is to be at each control step.
 
-    A subclass may write `plan` (W, N), the plan of the tables that a robot follows, and `shift` (W, N, 2) [m] in
-    `decide` before it calls `follow`: a robot whose plan changes joins the other path where it is near, of like heading
-    and in time; `shift` moves a robot's paths. Time counts from the reset of a world.
+    A subclass may write `plan` (W, N), the plan of the tables that a robot follows, and `shift` (W, N, 2) [m] before
+    `decide` of this class: a robot whose plan changes joins the other path where it is near, of like heading and in
+    time; `shift` moves a robot's paths. Time counts from the reset of a world.
 
     A robot that has failed and resumes makes up for the time: on the lead-in it drives after its reference, on the
     loop it catches up or waits, whichever is less.
@@ -348,15 +348,11 @@ class TimedPaths(Policy):
         self.plan.assign(plan)
 
     def decide(self, observation: wp.array) -> None:
-        """Write `action`."""
-        self.follow(observation)
+        """Write the `action` that follows the paths of `plan`, or that of the collision filter."""
+        inputs = [self._curve, self._robot, self._tracking, self._pose, self._feedforward, self.plan, self.shift,
+                  self._memory, observation]  # fmt: skip
+        self.launch(follow_paths, self.shape, inputs, [self.action])
         if self._filter is not None:
             inputs = [self._filtered_until, self._tolerance, self._tracking, self._curve, self._pose, self.plan]
             inputs += [self.shift, self._memory, observation, self._filter(observation, self.action)]
             self.launch(take_filtered, self.shape, inputs, [self.action])
-
-    def follow(self, observation: wp.array) -> None:
-        """Write the `action` that follows the paths of `plan`."""
-        inputs = [self._curve, self._robot, self._tracking, self._pose, self._feedforward, self.plan, self.shift,
-                  self._memory, observation]  # fmt: skip
-        self.launch(follow_paths, self.shape, inputs, [self.action])

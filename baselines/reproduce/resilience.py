@@ -1,18 +1,41 @@
-"""Fig. 4 and Theorem 3: displacements from which a formation comes back."""
+"""Fig. 4 and 6, Theorems 3 and 4: a robot that is displaced, and two robots that fail and resume."""
+
+from typing import Any
 
 import numpy as np
 
-from baselines.reproduce.claims import Claim, Part, all_of
-from baselines.reproduce.drawing import BLUE, DARK, GREEN, ORANGE, RED, Sheet, draw_plane, draw_ring
-from baselines.reproduce.episodes import BARE, Played, Player
+from baselines.reproduce.claims import SILENT, Claim, Part, all_of, at_most, reported
+from baselines.reproduce.drawing import (
+    BLUE,
+    DARK,
+    GREEN,
+    ORANGE,
+    RED,
+    SERIES,
+    Sheet,
+    draw_plane,
+    draw_ring,
+    mark_time,
+    name_line,
+    panel_name,
+)
+from baselines.reproduce.episodes import BARE, SEEDS, Played, Player
 from lissajous_env import scenario
 from lissajous_env.theory import closed_forms
+from lissajous_env.world.columns import COLLISIONS, RECOVERY
 from lissajous_env.world.tally import RECOVERED
 
 _FORMATIONS = ((5, 2), (7, 2), (7, 3), (8, 3), (10, 3), (10, 4), (15, 7))
 """N and p, with the narrowest and the widest intervals of (9)."""
 _INSIDE = 9
 """Random displacements inside the interval, for each formation."""
+_FAILING = ((5, 2), (7, 3), (10, 3), (15, 7))
+"""N and p of Theorem 4; N = 10, p = 3 is that of Fig. 4."""
+_PAIRS = ((0, 1), (0, 2), (0, 3))
+_LASTING = (1.0, 2.0, 5.0, 9.9, 20.0)
+"""Time for which two robots have failed [s]; 9.9 s as in Fig. 6."""
+_FINE = 0.01
+"""Step of the episode that shows what the steps do [s]."""
 
 
 def _displaced(
@@ -110,3 +133,122 @@ def theorem3(player: Player) -> Part:
     why = f"{len(_FORMATIONS)} formations; {unmet} of {tried} displacements outside (9) return too: not necessary"
     outside = {"returned outside": unmet, "tried outside": tried}
     return Part([all_of("condition (9) suffices", "always returns", returned, "return", why, outside)])
+
+
+def fig6(player: Player) -> Part:
+    """Reproduce Fig. 6: two robots fail and resume, with feedback and without."""
+    failure = scenario("failure", **{"formation.start": "rotated"})
+    runs = {
+        "(a) time-inverted Kuramoto": player.play("kuramoto", failure, worlds=SEEDS),
+        "(b) reference points in open loop [15]": player.play("tracked-reference", failure, worlds=SEEDS),
+    }
+    first, second = failure.faults.schedule[0][1:]
+    with Sheet("fig6", "Fig. 6   Two of five robots fail and resume", 7.2, 4.5) as sheet:
+        grid = sheet.figure.subplots(2, 2, sharex=True, sharey="row", height_ratios=(1.5, 1))
+        for column, (name, played) in zip(grid.T, runs.items(), strict=True):
+            panel_name(column[0], name)
+            # As a start at theta_0 = 0: which world is shown makes no difference but for a common rotation.
+            phase: np.ndarray = np.unwrap(played.phase[:, 0], axis=0)
+            phase -= phase[0, 0]
+            phase -= 2 * np.pi * np.floor(phase[0] / (2 * np.pi) + 1e-9)
+            stuck = np.atleast_1d(played.stuck[:, 0].any(axis=0))
+            for robot in range(played.scenario.num_robots):
+                line = {"ls": (0, (4, 1.2)), "lw": 1.9} if stuck[robot] else {"lw": 1.2}
+                column[0].plot(played.time, phase[:, robot], color=SERIES[robot], **line)
+                name_line(column[0], played.time[-1], phase[-1, robot], f"{robot + 1}", SERIES[robot])
+            column[1].plot(played.time, played.deviation[:, 0], color=BLUE, lw=1.5)
+            column[1].axhline(RECOVERED, color=DARK, lw=0.8, ls=":")
+            for axes in column:
+                axes.axvspan(first, second, color=ORANGE, alpha=0.13, lw=0)
+            mark_time(column[0], first, f"$t_1$ = {first} s", 0.98)
+            mark_time(column[0], second, f"$t_2$ = {second} s", 0.98)
+            column[1].set_xlabel("time t [s]")
+            column[1].set_xlim(0, failure.task.duration)
+        grid[0, 0].set_ylabel("states $\\theta$ [rad]")
+        grid[1, 0].set_yscale("log")
+        grid[1, 0].set_ylim(1e-4, 8)
+        grid[1, 0].set_ylabel("largest deviation\nfrom (2) [rad]")
+        words, place = f"{RECOVERED} rad", (0.3, RECOVERED)
+        grid[1, 0].annotate(words, place, xytext=(0, 2), textcoords="offset points", fontsize=7.5)
+        picture = sheet.picture(
+            "Five robots as points on curve (16), omega = 0.3 rad/s, K = 1, p = 2; robots 1 and 2 (dashed) are stopped "
+            "in the shaded time. The paper does not state which formation it simulated, nor which two robots fail: "
+            "those "
+            "of Section VII and two ring neighbours, the harder case, are chosen. In (b) the generator of a stopped "
+            "robot's reference stops with it."
+        )
+    ours, rival = runs.values()
+    recovery = ours.score(RECOVERY)
+    finer = scenario(failure, **{"task.step": _FINE, "task.grid": None})
+    fine = player.play("kuramoto", finer, worlds=SEEDS, only_ends=True).score(RECOVERY)
+    cosine, kept = ours.largest_cosine.max(), rival.deviation[-1]
+    rule = f"deviation below {RECOVERED} rad and stays, by 30 s"
+    claims = [
+        Claim(
+            "(a) Kuramoto returns to the initial equilibrium",
+            "quickly after t2",
+            f"{recovery.max():.1f} s after t2",
+            rule,
+            bool(np.isfinite(recovery).all()),
+            "the paper states no time; five robots of curve (16), K = 1 chosen",
+            {"ours": recovery.max()},
+        ),
+        reported(
+            f"(a) with Euler steps of {_FINE:g} s",
+            SILENT,
+            f"{fine.max():.2f} s after t2",
+            f"the phase rate of points is constant in a control step, {failure.task.step:g} s here: "
+            "Euler's method on (1)",
+            {"ours": fine.max()},
+        ),
+        at_most("(a) the condition of Theorem 4 is met: largest cos(theta_j - theta_i)", "below 0", cosine, 0),
+        Claim(
+            "(b) tracked references [15] never recover",
+            "does not recover",
+            f"{kept.min():.2f} rad off at 30 s",
+            "no recovery time",
+            bool(np.isnan(rival.score(RECOVERY)).all()),
+            f"the offset stays as it was at t2; {rival.score(COLLISIONS).mean():.0f} collisions in 30 s, with (1) "
+            f"{ours.score(COLLISIONS).mean():.1f}",
+        ),
+    ]
+    return Part(claims, [picture])
+
+
+def theorem4(player: Player) -> Part:
+    """Test Theorem 4: failures during which the condition is met, and failures during which it is not."""
+    met: list[bool] = []
+    broken: list[bool] = []
+    stuck_pair = None
+    for n, p in _FAILING:
+        for pair in _PAIRS:
+            for lasts in _LASTING:
+                played = player.play("kuramoto", _stuck(n, p, pair, lasts))
+                (met if played.largest_cosine[0] < 0 else broken).append(bool(played.returned[0]))
+                if (n, pair, lasts) == (10, (0, 1), 9.9):
+                    stuck_pair = played
+    assert stuck_pair is not None
+    why = f"of {len(broken)} failures that violated the condition {sum(broken)} returned nevertheless"
+    claims = [
+        all_of(
+            "failures during which the condition was met: the same equilibrium returns", "always", met, "failures", why
+        ),
+        Claim(
+            "N = 10, p = 3 (Fig. 4), neighbours stuck for 9.9 s: condition broken",
+            "no guarantee",
+            f"p = 3 to p = {stuck_pair.winding[-1, 0]}, cos reaches {stuck_pair.largest_cosine[0]:.2f}",
+            "it leaves",
+            not stuck_pair.returned[0],
+            "the paper fails two robots of another formation only (Fig. 6)",
+            {"before": stuck_pair.winding[0, 0], "after": stuck_pair.winding[-1, 0]},
+        ),
+    ]
+    return Part(claims)
+
+
+def _stuck(n: int, p: int, pair: tuple[int, int], lasts: float) -> Any:
+    begin = 0.5
+    faults = tuple((robot, begin, begin + lasts) for robot in pair)
+    bare = BARE | {"robot.count": n, "formation.p": p, "formation.alpha": 1, "formation.start": "equilibrium"}
+    bare |= {"sensing.radius": 1.0, "faults.schedule": faults, "task.duration": begin + lasts + 30}
+    return scenario("failure", **bare)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,13 +12,14 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
-from lissajous_env.episodes.recording_checks import MOST_BYTES, check, made_scenario, read_arrays
 from lissajous_env.episodes.snapshot import Snapshot, of_world
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.storage.files import replacing
 from lissajous_env.world.contamination.labels import introduced_at
 from lissajous_env.world.simulation import Simulation, fold_seed
+from lissajous_env.world.state import NEVER
 
 Unknown = tuple[str, int, int, int]
 """A range of moments in which something of a robot is unknown: `pose`, `speed` or `command`, the robot, the first and
@@ -25,6 +27,10 @@ the last moment."""
 
 FORMAT = "lissajous recording 3"
 """Format written into every file; other formats are rejected."""
+MOST_BYTES = 2**30
+"""Limit on the total size of a recording [bytes]."""
+_RESOLVED = {"robot": ("count", "phase_rate_max"), "formation": ("p", "alpha", "ring"), "sensing": ("radius",)}
+"""Derived fields of the scenario that a file contains."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,16 +303,69 @@ def load(path: str | Path) -> Recording:
 
 
 def _loaded(file: BinaryIO) -> Recording:
-    text, arrays = read_arrays(file, ARRAYS, "about")
-    about = json.loads(text)
+    """Read a recording and check it: its scenario is valid, and its arrays fit the scenario and each other."""
+    with zipfile.ZipFile(file) as archive:
+        _check_size(sum(member.file_size for member in archive.infolist()))
+    with np.load(file, allow_pickle=False) as stored:
+        about = json.loads(str(stored["about"]))
+        arrays = {name: stored[name] for name in ARRAYS}
     if not isinstance(about, dict) or about.get("format") != FORMAT:
         raise ValueError(f"its format is not {FORMAT!r}")
-    scenario = made_scenario(about["scenario"])
+    for name, dtype in ARRAYS.items():
+        _require(arrays[name].dtype == dtype, name, f"be {dtype}, got {arrays[name].dtype}")
+    scenario = scenario_of(about["scenario"])
+    for part, fields in _RESOLVED.items():
+        for field in fields:
+            _require(getattr(getattr(scenario, part), field) is not None, f"{part}.{field}", "be given")
     names = (tuple(about["observation_names"]), tuple(about["reward_names"]))
     unknown = tuple(tuple(entry) for entry in about.get("unknown", ()))
     recording = Recording(scenario, about["score"], *names, **arrays, unknown=unknown)
-    check(recording, _FIXED)
+    _check_arrays(recording)
+    _check_words(recording)
     return recording
+
+
+def _check_arrays(recording: Recording) -> None:
+    """Check the shapes and the numbers of a recording."""
+    f, scenario, latest = len(recording), recording.scenario, int(NEVER)
+    n, t, (columns, rows) = scenario.num_robots, len(recording.motion), scenario.task.grid or (1, 1)
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("heading", "speed", "phase", "status"), (f, n))
+    shapes |= dict.fromkeys(_FIXED, (t,))
+    shapes |= {"position": (f, n, 3), "target_position": (f, t, 2), "sensed_at": (f, rows, columns)}
+    shapes |= {"contact": (len(recording.contact), 3), "collisions": (f,), "heard_at": (f, n, 2)}
+    shapes |= {"introduced_at": (f, scenario.spreading.rows, scenario.spreading.columns)}
+    shapes |= {"observation": (f, n, len(recording.observation_names)), "action": (f, n, scenario.action_size)}
+    shapes |= {"reward_terms": (f, n, len(recording.reward_names))}
+    for name, shape in shapes.items():
+        array = getattr(recording, name)
+        _require(array.shape == shape and f > 0, name, f"have shape {shape}, got {array.shape}")
+        is_range = array.dtype.kind != "i" or (np.abs(array.astype(np.int64)) <= latest).all()
+        _require(is_range and np.isfinite(array).all(), name, f"contain finite numbers, whole ones up to {latest}")
+    shares, contact = recording.found_early, recording.contact
+    _require(((shares >= 0) & (shares <= 1)).all(), "found_early", "contain shares from 0 to 1")
+    _require(((contact >= 0) & (contact < [f, n, n])).all(), "contact", "contain moments and robots of the recording")
+    _require(f <= scenario.task.steps + 1, "moments", f"be at most the {scenario.task.steps} steps and the reset")
+
+
+def _check_words(recording: Recording) -> None:
+    """Check the names, the score and the unknown ranges of a recording."""
+    f, n, score = len(recording), recording.scenario.num_robots, recording.score
+    for what, robot, first, last in recording.unknown:
+        whole = all(type(number) is int for number in (robot, first, last))
+        is_range = whole and what in ("pose", "speed", "command") and 0 <= robot < n and 0 <= first <= last < f
+        _require(is_range, "unknown", "contain names, each with a robot and two moments of the recording")
+    for name in ("observation_names", "reward_names"):
+        _require(all(isinstance(word, str) for word in getattr(recording, name)), name, "contain text")
+    plain = (str, int, float, type(None))
+    is_plain = isinstance(score, dict) and all(isinstance(value, plain) for value in score.values())
+    _require(is_plain, "score", "contain numbers and text by name")
+    seed = score.get("seed")
+    _require(type(seed) is int and 0 <= seed < 2**31, "score", "contain the seed, from 0 to 2147483647")
+
+
+def _require(holds: Any, name: str, rule: str) -> None:
+    if not holds:
+        raise ValueError(f"its {name} must {rule}")
 
 
 def _check_size(size: int) -> None:
@@ -319,4 +378,6 @@ def _check_size(size: int) -> None:
 
 def _reason(error: Exception) -> str:
     first_line = str(error).partition("\n")[0]
-    return f"it lacks {error.args[0]}" if isinstance(error, KeyError) else first_line or type(error).__name__
+    if isinstance(error, KeyError):
+        return f"it lacks {str(error.args[0]).removesuffix(' is not a file in the archive')}"
+    return first_line or type(error).__name__

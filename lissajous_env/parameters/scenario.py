@@ -9,6 +9,7 @@ import json
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -305,33 +306,27 @@ class Scenario(BringsRogues):
 
     def resolve(self) -> "Scenario":
         """Return the same scenario with every derived field filled in; it runs identically."""
-        rate_max = self.robot.phase_rate_max
-        if rate_max is None:
-            rate_max = SPRINT * self.formation.phase_rate / self.alpha
-        offset = self.robot.offset if self.robot.model_offset is None else self.robot.model_offset
-        robot = dataclasses.replace(
-            self.robot,
-            count=self.num_robots,
-            phase_rate_max=rate_max,
-            model_offset=offset,
-            throttle_max=self.robot.full_throttle,
-            speed_max=self.robot.top_speed,
-            speed_min=self.robot.lowest_speed,
-            yaw_rate_max=self.robot.top_yaw_rate,
-            acceleration_max=self.robot.top_acceleration,
-            yaw_acceleration_max=self.robot.top_yaw_acceleration,
-        )
-        formation = dataclasses.replace(
-            self.formation, coupling=self.coupling, p=self.p, alpha=self.alpha, ring=self.ring
-        )
-        sensing = dataclasses.replace(self.sensing, radius=self.sensing_radius)
-        targets = dataclasses.replace(self.targets, speed_limit=self.rogue_speed)
-        if targets.rogues is not None:
-            targets = dataclasses.replace(targets, drifting=0.0, wandering=0.0, fleeing=0.0, custom=1.0)
-        curve = dataclasses.replace(self.curve, inset=self.inset)
-        return dataclasses.replace(
-            self, curve=curve, robot=robot, formation=formation, sensing=sensing, targets=targets
-        )
+        robot, rate_max, rogues = self.robot, self.robot.phase_rate_max, self.targets.rogues is not None
+        filled: dict[str, dict[str, Any]] = {
+            "curve": {"inset": self.inset},
+            "robot": {
+                "count": self.num_robots,
+                "phase_rate_max": SPRINT * self.formation.phase_rate / self.alpha if rate_max is None else rate_max,
+                "model_offset": robot.offset if robot.model_offset is None else robot.model_offset,
+                "throttle_max": robot.full_throttle,
+                "speed_max": robot.top_speed,
+                "speed_min": robot.lowest_speed,
+                "yaw_rate_max": robot.top_yaw_rate,
+                "acceleration_max": robot.top_acceleration,
+                "yaw_acceleration_max": robot.top_yaw_acceleration,
+            },
+            "formation": {"coupling": self.coupling, "p": self.p, "alpha": self.alpha, "ring": self.ring},
+            "sensing": {"radius": self.sensing_radius},
+            "targets": {"speed_limit": self.rogue_speed}
+            | (dict.fromkeys(("drifting", "wandering", "fleeing"), 0.0) | {"custom": 1.0} if rogues else {}),
+        }
+        parts = {name: dataclasses.replace(getattr(self, name), **fields) for name, fields in filled.items()}
+        return dataclasses.replace(self, **parts)
 
     def scaled(self, length: float = 1.0, time: float = 1.0) -> "Scenario":
         """Return the similar scenario with all lengths multiplied by `length` and all times by `time`.

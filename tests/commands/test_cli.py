@@ -53,8 +53,6 @@ def test_scenarios_lists_each_one(width, capsys, monkeypatch):
         ),
         (["evaluate", "failure", "kuramoto", "--set", "name=evil"], "override must name one of curve"),
         (["evaluate", "failure", "kuramoto", "--set", "curve.a=" + "-" * 100_000 + "1"], "--set curve.a must be given"),
-        (["evaluate", "failure", "kuramoto", "--set", "curve.a=" + "[" * 100_000], "--set curve.a must be given"),
-        (["evaluate", "failure", "kuramoto", "--set", "faults.schedule=((0,1,nan),)"], "without nan"),
         (["evaluate", "failure", "kuramoto", "--episodes", "0"], "episodes must be a whole number from 1 to 1000000"),
         (
             ["evaluate", "failure", "kuramoto", "--seed", "99999999999"],
@@ -68,8 +66,6 @@ def test_scenarios_lists_each_one(width, capsys, monkeypatch):
         (["evaluate", "failure", ""], "got ''"),
         (["evaluate", "still"], "scenario must be given before the policy"),
         (["evaluate", "failure", "knot"], "policy must be given after the scenario, got failure, knot"),
-        (["run", "still", "kuramoto"], "scenario must be given before the policy"),
-        (["run", "faliure", "still"], "got 'faliure'; did you mean failure?"),
         (["evaluate", "failure", "stil"], "got 'stil'; did you mean still?"),
         (["evaluate", "failure", "failure", "kuramoto"], "scenarios must contain each entry once"),
         (["evaluate", "failure", "x\udcff"], "got 'x"),
@@ -77,9 +73,7 @@ def test_scenarios_lists_each_one(width, capsys, monkeypatch):
         (["evaluate", "failure", "os:sep"], "policy os:sep must be a policy or factory(scenario, num_worlds, device)"),
         (["evaluate", "failure", "x[/b]"], "got 'x[/b]'"),
         (["run", "failure", "kuramoto", "--device", "tpu"], "device must be one of"),
-        (["plan", "evaders", "--width", "nan"], "width must be from 0.01 to 10000 [m], got nan"),
-        (["plan", "evaders", "--robots", "8:3"], "robots must be a number, or a range few:many, from 2 to 64, got 8:3"),
-        (["plan", "--width", "5"], "height must be given without a scenario [m], got None"),
+        (["plan", "evaders", "--robots", "8:3"], "robots must be a number or a range such as 3:8, from 2 to 64, got"),
         (["replay", "nowhere.npz", "--out", "x.gif", "--speed", "1e-9"], "speed must be from 0.01 to 1000, got 1e-09"),
         (["replay", "nowhere.npz", "--out", "x.gif", "--fps", "nan"], "fps must be from 0.1 to 50, got nan"),
         (["run", "failure", "kuramoto", "--out", "film.mov"], "must end in .html or .mp4 or .gif"),
@@ -190,15 +184,6 @@ def test_an_invalid_command_line_ends_with_exit_code_2_and_names_the_option(argu
     assert (code, out) == (2, "")
     assert words in " ".join(error.replace("│", " ").split())  # lines of the frame are joined
     assert f"lissajous {arguments[0]} --help" in error
-
-
-def test_the_scenarios_come_first(capsys):
-    code, out, _ = called(
-        capsys, "evaluate", "failure", "knot", "still", "--episodes", 1, "--set", "task.duration=1", "--json"
-    )
-    assert code == 0
-    found = json.loads(out)
-    assert (found["policy"], list(found["statistics"])) == ("still", ["failure", "knot"])
 
 
 def test_policies_lists_what_drives_a_scenario_and_what_each_one_is(capsys):

@@ -94,14 +94,6 @@ def loaded(**place):
     return ended.stdout.splitlines()
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["HOME", "WARP_CACHE_PATH"])
-def test_kernels_that_cannot_be_kept_are_compiled_for_one_run(name):
-    note, compiling = loaded(**{name: "/dev/null/nowhere"})
-    assert "cannot be written to (Not a directory): kernels are compiled for this run alone" in note
-    assert compiling == "compiling kernels, once: about 10 s"
-
-
 def test_without_a_home_nothing_is_written_to_the_current_folder(tmp_path):
     # Story: a container with a number for a user, which is in no list of users and has no home.
     environment = {name: value for name, value in os.environ.items() if name not in ("HOME", "WARP_CACHE_PATH")}
@@ -112,13 +104,6 @@ def test_without_a_home_nothing_is_written_to_the_current_folder(tmp_path):
     assert ended.returncode == 0, ended.stderr
     assert "(the user has no home folder): kernels are compiled for this run alone" in ended.stdout
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.long
-def test_the_first_run_says_that_it_compiles(tmp_path):
-    place = {"WARP_CACHE_PATH": str(tmp_path)}
-    assert loaded(**place) == ["compiling kernels, once: about 10 s"]
-    assert loaded(**place) == []
 
 
 def test_the_command_says_that_it_compiles_unless_quiet(monkeypatch, capsys):

@@ -46,9 +46,9 @@ NEEDS = {
 SHORTER = {
     "benchmark": "--scenarios intruders --policies sweep laps --episodes 1",
     "evaluate": "--episodes 1",
-    "plan": "--plans 24",
+    "plan": "--plans 6",
     "guarantee": "--radii 2 --cells 16",
-    "train": "--steps 200 --worlds 16 --episodes 1 --imitation 0 --rollout 4",
+    "train": "--steps 64 --worlds 8 --episodes 1 --imitation 0 --rollout 4",
     "train --side": "--rogue-rounds 2 --episodes 1",
     "exploit": "--episodes 1",
 }
@@ -150,6 +150,8 @@ def run_lissajous(line):
         pytest.importorskip("stable_baselines3")
     if "--optimise" in given:
         pytest.importorskip("cma")
+    if "--width" in given:  # a smaller hall, whose episodes are shorter
+        given += ["--width", "16", "--height", "10", "--robot-radius", "0.2", "--sensor-radius", "3"]
     if command == "reproduce":
         given = ["fig2" if word == "all" else word for word in given]
     if command in LASTING and not "".join(given[:1]).endswith(".npz"):

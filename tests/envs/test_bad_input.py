@@ -10,7 +10,6 @@ import pytest
 import warp as wp
 from gymnasium.error import ResetNeeded
 
-import lissajous_env
 from lissajous_env import LissajousEnv, Simulation, env, parallel_env, vector_env
 
 
@@ -224,8 +223,3 @@ def test_what_an_environment_does_not_take(name):
     for method, given, words in (call for kind, *call in CALLS if kind == name):
         call = functools.partial(getattr(made, method), **given)
         assert_refused(made.simulation, call, words)
-
-
-def test_names_come_with_the_nearest():
-    with pytest.raises(ValueError, match=r"scenario must be one of .*, got 'faliure'; did you mean failure\?"):
-        lissajous_env.parallel_env("faliure")

@@ -1,15 +1,10 @@
 """Arguments of every environment interface: seeds, keywords, cycles, flat actions, pictures."""
 
-import dataclasses
-import pathlib
-
 import gymnasium
 import numpy as np
 import pytest
 
-import baselines
 import lissajous_env
-import training
 
 SHORT = {"task.duration": 1.0}
 
@@ -94,16 +89,6 @@ def test_cycles_that_are_no_number_of_steps_are_refused(maker):
             MAKERS[maker](max_cycles=cycles)
 
 
-@pytest.mark.parametrize("cycles", [1, np.int64(7)])
-def test_an_episode_has_as_many_steps_as_cycles(cycles):
-    env, batch = MAKERS["single"](max_cycles=cycles), MAKERS["batch"](max_cycles=cycles)
-    env.reset(seed=1)
-    batch.reset(seed=1)
-    for step in range(1, cycles + 1):
-        assert env.step(env.action_space.sample())[3] == (step == cycles)
-        assert batch.step(batch.action_space.sample())[3].all() == (step == cycles)
-
-
 def test_flat_actions_are_the_same_actions():
     # Oracle: the environment whose actions have a row for each robot.
     for make in (lambda **flat: vector(num_envs=3, **flat), lambda **flat: lissajous_env.LissajousEnv(**SHORT, **flat)):
@@ -153,15 +138,3 @@ def test_a_batch_is_drawn_in_pictures_of_its_worlds():
     assert sum(picture.nbytes for picture in {id(picture): picture for picture in pictures}.values()) < 16_000_000
     with pytest.raises(ValueError, match="render_mode must be None or rgb_array"):
         vector(render_mode="human")
-
-
-def test_parts_are_exported_and_typed():
-    curve = lissajous_env.Curve(a=5, b=4)
-    # Parts that only hold together are checked together.
-    formation = lissajous_env.Formation(phase_rate=0.1)
-    env = lissajous_env.LissajousEnv("experiment", curve=curve, formation=formation, **{"formation.coupling": 2.0})
-    assert env.scenario.formation.coupling == 2.0
-    assert env.scenario.curve == dataclasses.replace(curve, inset=env.scenario.curve.inset)
-    assert env.scenario.num_robots == 9
-    for package in (lissajous_env, baselines, training):
-        assert (pathlib.Path(package.__file__).parent / "py.typed").is_file()

@@ -59,17 +59,6 @@ def test_every_scenario_is_registered(name):
     assert env.unwrapped.scenario.name == name
 
 
-def test_a_vector_of_the_registered_environment():
-    # The vector entry point is the batch, not a list of single environments.
-    env = gymnasium.make_vec("lissajous_env:lissajous/failure-v0", num_envs=3, vectorization_mode="vector_entry_point")
-    assert isinstance(env.unwrapped, lissajous_env.LissajousVectorEnv)
-    observation, _ = env.reset(seed=1)
-    assert env.observation_space.contains(observation)
-    assert observation.shape[:2] == (3, 5)
-    listed = gymnasium.make_vec("lissajous_env:lissajous/failure-v0", num_envs=3, vectorization_mode="sync")
-    np.testing.assert_array_equal(listed.reset(seed=1)[0], observation)
-
-
 def play_singles(kind, num_envs, actions, seed):
     """The same by single environments, each reset after its end as NEXT_STEP does, with the next seed of its own."""
     singles = [lissajous_env.LissajousEnv(**{**SHORT, **KINDS[kind]}) for _ in range(num_envs)]

@@ -7,20 +7,6 @@ import lissajous_env
 from lissajous_env.envs.sides import action_table
 
 TALKING = {"scenario": "failure", "messages.size": 4, "task.duration": 2.0}
-FORMS = pytest.mark.parametrize("discrete", [False, True])
-
-
-def test_a_message_is_checked_as_an_action_is():
-    env = lissajous_env.parallel_env(**TALKING)
-    env.reset(seed=1)
-    action = dict.fromkeys(env.agents, np.zeros(5))
-    with pytest.raises(ValueError, match=r"action of robot_2 must be finite, got \[0.0, 0.0, nan, 0.0, 0.0\]"):
-        env.step(action | {"robot_2": np.array([0, 0, np.nan, 0, 0])})
-    with pytest.raises(ValueError, match=r"action of robot_2 must be numbers of shape \(5,\), got"):
-        env.step(action | {"robot_2": np.zeros(1)})
-    rows, *_ = env.step(action | {"robot_2": np.array([0, 0.25, 7.0, 1e300, -9])})
-    hears = [i for i, pair in enumerate(env.scenario.neighbours) if pair[0] == 2]
-    assert rows[f"robot_{hears[0]}"][42:46].tolist() == [0.25, 1, 1, -1]
 
 
 @pytest.mark.parametrize("agents_as_rows", [False, True])

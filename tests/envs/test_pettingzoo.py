@@ -11,7 +11,7 @@ import numpy as np
 import pettingzoo
 import pettingzoo.test
 import pytest
-from pettingzoo.test import api_test, max_cycles_test, parallel_api_test, parallel_seed_test, seed_test
+from pettingzoo.test import api_test, parallel_api_test
 
 import lissajous_env
 from lissajous_env.parameters.assumptions import AssumptionWarning
@@ -46,22 +46,8 @@ def test_parallel_api(kind):
 
 
 @EVERY_KIND
-def test_parallel_seed(kind):
-    parallel_seed_test(lambda: make(kind, **SHORT), num_cycles=50)
-
-
-@EVERY_KIND
 def test_aec_api(kind):
     api_test(lissajous_env.env(**KINDS[kind] | SHORT), num_cycles=100)
-
-
-@EVERY_KIND
-def test_aec_seed(kind):
-    seed_test(lambda: lissajous_env.env(**KINDS[kind] | SHORT), num_cycles=50)
-
-
-def test_max_cycles():
-    max_cycles_test(lissajous_env)
 
 
 def episode(env, seed, steps=300):
@@ -100,19 +86,6 @@ def test_an_episode_repeats_bit_for_bit_and_stays_in_its_spaces(kind):
                 assert rewards[agent] == pytest.approx(info["reward_terms"].sum(), abs=1e-5)
             assert all(type(value) is float for value in rewards.values())
             assert all(type(value) is bool for flags in (terminated, truncated) for value in flags.values())
-
-
-def test_a_robot_that_a_collision_removed_is_no_agent_any_more():
-    # Story: agents leave one pair at a time, each with terminated in its last step; the rest play on to the end.
-    env = make("removing", **SHORT)
-    returned = episode(env, 1, steps=1000)
-    live, gone = list(env.possible_agents), set()
-    for observations, _, terminated, truncated, _ in returned[1:]:
-        assert list(observations) == live
-        gone |= {agent for agent in live if terminated[agent]}
-        live = [agent for agent in live if not (terminated[agent] or truncated[agent])]
-    assert gone
-    assert env.agents == live == []
 
 
 @pytest.mark.parametrize("name", ["failure", "watch"])

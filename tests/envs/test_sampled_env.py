@@ -1,6 +1,5 @@
 """Environments of a space of scenarios: each reset draws a scenario, and the spaces stay."""
 
-import pickle
 import warnings
 
 import gymnasium
@@ -36,16 +35,6 @@ def make(**settings):
     return lissajous_env.parallel_env(SMALL, **settings)
 
 
-def episode(env, seed=None):
-    """The scenario, and what the reset and each step returned; the actions are always the same."""
-    draw = np.random.default_rng(0)
-    returned = [env.reset(seed=seed)]
-    assert env.agents == env.possible_agents[: env.scenario.num_robots]
-    while env.agents:
-        returned.append(env.step({agent: draw.uniform(-1, 1, 2) for agent in env.agents}))
-    return env.scenario, pickle.dumps(returned)
-
-
 def test_pettingzoos_checkers_pass():
     # Oracle: PettingZoo's contract checkers, whose warnings are errors here.
     parallel_api_test(make(), num_cycles=15)
@@ -60,18 +49,6 @@ def test_the_shipped_space_passes_them_by_name_and_by_id():
     env = pettingzoo.make("parallel", "lissajous/monitoring-v1-v0", **SHORT)
     env.reset(seed=1)
     assert env.unwrapped.scenario.name.startswith("monitoring-v1-")
-
-
-def test_a_seed_draws_the_same_scenario_and_episode_whatever_came_before():
-    env = make()
-    first, second, third = episode(env, 4), episode(env), episode(env)
-    assert len({each.digest() for each, _ in (first, second, third)}) == 3
-    other = make()
-    episode(other, 9)
-    episode(other)
-    for expected, seed in ((first, 4), (second, None), (third, None), (first, 4)):
-        assert episode(other, seed) == expected
-    assert episode(other, 5)[0] != first[0]
 
 
 def test_the_state_is_padded_to_the_largest_team():
@@ -143,15 +120,6 @@ def test_the_team_as_one_agent_is_padded():
     scored = env.score()
     assert scored["scenario"] == env.scenario.name
     np.testing.assert_array_equal(info["score"], [scored[name] for name in env.score_names])
-
-
-def test_gymnasium_makes_a_batch_of_them():
-    batch = gymnasium.make_vec("lissajous/monitoring-v1-v0", 3, vectorization_mode="sync", **SHORT)
-    observation, _ = batch.reset(seed=0)
-    assert observation.shape == (3, 8, 42)
-    assert len({each.unwrapped.scenario.name for each in batch.envs}) == 3
-    observation, *_ = batch.step(batch.action_space.sample())
-    assert batch.observation_space.contains(observation)
 
 
 @pytest.mark.parametrize(

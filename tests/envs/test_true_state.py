@@ -59,12 +59,3 @@ def test_torch_says_what_numpy_does(name, overrides, device):
     kept = rows.clone()
     simulation.step(np.ones(simulation.action_shape, dtype=np.float32))
     assert torch.equal(rows, kept), "it is the caller's own"
-
-
-def test_a_removed_robot_and_a_world_without_targets():
-    simulation = played("experiment", **CRASHING, **{"targets.count": 0, "targets.arrival_rate": 0.0})
-    names = state_names(simulation.scenario)
-    assert [name for name in names if name.startswith("target")] == []
-    works = state_rows(simulation)[:, [names.index(f"robot_{i}_works") for i in range(5)]]
-    assert (works == (simulation.robots.status.numpy() == 0)).all()
-    assert (works == 0).any()

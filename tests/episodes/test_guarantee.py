@@ -13,13 +13,10 @@ from lissajous_env.episodes.guarantee import critical_speed, guaranteed_time, in
 
 # Longest time unseen [s] by exact discs on cells of a tenth of a step's motion; inf where a rogue is never found.
 FIVE = [
-    (0.5, 0.1, 3.0), (0.55, 0.1, 2.8), (0.55, 0.3, 5.1), (0.6, 0.1, 2.4), (0.6, 0.3, 3.1), (0.6, 0.5, 4.3),
-    (0.7, 0.1, 2.1), (0.7, 0.3, 2.6), (0.7, 0.5, 3.2), (0.8, 0.1, 1.8), (0.8, 0.3, 2.2), (0.8, 0.5, 2.7),
-    (0.8, 1.0, 3.5), (0.9, 0.1, 1.5), (0.9, 0.3, 1.6), (0.9, 0.5, 1.6), (0.9, 1.0, 1.8), (1.0, 0.1, 1.2),
-    (1.0, 0.3, 1.4), (1.0, 1.0, 1.4), (0.4, 0.1, math.inf), (0.5, 0.3, math.inf), (0.55, 0.5, math.inf),
-    (0.6, 1.0, math.inf), (0.7, 1.0, math.inf),
+    (0.5, 0.1, 3.0), (0.55, 0.3, 5.1), (0.6, 0.5, 4.3), (0.8, 1.0, 3.5), (1.0, 0.1, 1.2), (0.4, 0.1, math.inf),
+    (0.55, 0.5, math.inf), (0.7, 1.0, math.inf),
 ]  # fmt: skip
-FIFTEEN = [(1.1, 0.2, 5.7), (1.3, 0.2, 5.2), (1.4, 1.0, 5.8), (None, 0.2, 5.0), (None, 1.0, 4.9), (None, 5.0, 5.0)]
+FIFTEEN = [(1.1, 0.2, 5.7), (1.4, 1.0, 5.8), (None, 5.0, 5.0)]
 
 
 @pytest.mark.parametrize(("radius", "speed", "expected"), FIVE)
@@ -124,14 +121,3 @@ def test_the_command_refuses_by_name(arguments, words, tmp_path, capsys):
     code, _, said = told(capsys, "guarantee", *arguments, "--out", tmp_path / "g")
     assert code == 2
     assert words in said
-
-
-def test_a_benchmark_shows_it(tmp_path, capsys):
-    out = tmp_path / "b"
-    asked = ["benchmark", "--scenarios", "evaders", "--policies", "still", "kuramoto-mpcc", "--episodes", 2]
-    code, said, _ = told(capsys, *asked, "--set", "task.duration=2", "--out", out)
-    assert code == 0
-    assert "in formation 3." in said
-    assert "> 1.9" in said, "an open guarantee is a lower bound"
-    bounds = json.loads((out / "summary.json").read_text())["bounds"]["evaders"]
-    assert 0.1 < bounds["worst_case"] < bounds["in_formation"] < 4.2

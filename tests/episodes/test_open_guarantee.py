@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import baselines
 import lissajous_env
-from baselines.benchmark import failing
+from baselines.benchmark import report_page
 from lissajous_env.world.columns import OPEN
 from lissajous_env.world.score import is_open
 from lissajous_env.world.simulation import Simulation
@@ -68,7 +68,7 @@ def test_where_a_rogue_stays_unseen_since_the_beginning_every_episode_is_open():
         (row,) = lissajous_env.evaluate(baselines.make("still", scenario), scenario, seeds=[3])
         assert row["guaranteed_detection_time"] == pytest.approx(duration - 0.1)
         told.append(row)
-    assert all(row[OPEN.name] == 1 and failing.failed(row)[1] for row in told)
+    assert all(row[OPEN.name] == 1 and report_page.failed(row)[1] for row in told)
 
 
 def test_playing_longer_never_claims_less():

@@ -4,6 +4,7 @@ import math
 
 import known
 import pytest
+from test_plan import planned
 
 import baselines
 import lissajous_env
@@ -12,8 +13,8 @@ from baselines.benchmark.bounds import Bounds, as_played, bounds_of
 from baselines.benchmark.shown import bounds_in_words, number
 from baselines.benchmark.table import Table
 from baselines.benchmark.written import latex, table_of
-from baselines.planning.families.known import best_known as known_family
-from baselines.planning.plans import SETTLED, WHOLE, Figures, Plan, Planned
+from baselines.planning.families.included import best_known as known_family
+from baselines.planning.plans import SETTLED, WHOLE, Plan
 from baselines.planning.rehearse import Episodes, play
 from baselines.policies.settings import PolicySettings
 
@@ -47,7 +48,7 @@ def test_a_changed_scenario_has_no_best_known_plan():
     for changed in ({"sensing.radius": 0.7}, {"task.duration": 50.0}, {"robot.count": 7}):
         made = lissajous_env.scenario("evaders", **changed)
         assert bounds.known_plans(made) == []
-        assert known_family(made).starts == []
+        assert not known_family(made).starts
         assert math.isnan(bounds_of(made).best_known)
 
 
@@ -65,17 +66,11 @@ def test_the_row_stands_below_the_policies():
     assert "best known 2 s (second halves 1 s)" in bounds_in_words(Bounds(1.0, 1.0, 3.0, 2.0, 1.0))
 
 
-def planned(worst, settled, collisions=0):
-    figures = Figures(worst, settled, math.nan, 1.0, collisions, 0, 0.1, 0.0, False, 1.0, "nothing")
-    plan = Plan("hand", lissajous_env.scenario("evaders"), PolicySettings("still"))
-    return Planned(plan, figures, 1.0, [], [])
-
-
 def test_only_better_plans_are_stored(tmp_path, monkeypatch):
     """Story: by hand; of two goals met by one plan one folder is written; a plan that collides is never stored."""
     monkeypatch.setattr(bounds, "FOLDER", tmp_path)
     try:
-        assert known.keep("evaders", [planned(0.5, 0.5, 1), planned(math.inf, math.inf)], "c") == []
+        assert known.keep("evaders", [planned(0.5, 0.5, collisions=1), planned(math.inf, math.inf)], "c") == []
         assert known.keep("evaders", [planned(3.0, 2.0)], "c") == ["evaders"]
         assert known.keep("evaders", [planned(3.0, 2.0)], "c") == []
         assert known.keep("evaders", [planned(2.5, 2.2), planned(3.0, 2.0)], "d") == ["evaders", "evaders-settled"]

@@ -19,15 +19,22 @@ from lissajous_env.theory import geometry
 
 def test_a_family_without_a_plan_says_why(capsys):
     # Story: bodies that fill the rectangle: (6) allows less than 1.8 m, by its closed form.
-    task = Request(width=6.0, height=6.0, robots=(5, 5), robot_radius=1.8, sensor_radius=4.0, speed=1.0).task(5)
+    task = Request(width=6.0, height=6.0, robots=5, robot_radius=1.8, sensor_radius=4.0, speed=1.0).task(5)
     words = formations(task).refusal
     assert re.search(r"bodies of 1.8 m must be below [\d.]+ m by \(6\)", words)
     assert curves_of(task) == []
 
 
+def test_points_have_formations_alone():
+    families = [family_of(Request(**HALL, robots=5).task(5)) for family_of in FAMILIES]
+    assert {family.name for family in families if family.starts} == {"defaults", "Lissajous"}
+    words = "sweep and laps drive cars, and the robots are of kind curve (give a turning radius)"
+    assert words in [family.refusal for family in families]
+
+
 def test_curves_of_a_formation_leave_room_and_no_gap():
     """Oracle: the distance and the coverage of the undisturbed formation, by measurement."""
-    task = Request(**HALL, robots=(7, 7), turning_radius=1.0).task(7)
+    task = Request(**HALL, robots=7, turning_radius=1.0).task(7)
     curves = curves_of(task)
     assert any(curve.a + curve.b != 7 for curve in curves)
     for curve in curves:
@@ -37,7 +44,7 @@ def test_curves_of_a_formation_leave_room_and_no_gap():
 
 @pytest.mark.parametrize("robots", [2, 3, 4, 6, 9])
 def test_every_start_of_a_formation_is_a_scenario_whose_robots_part(robots):
-    task = Request(**HALL, robots=(robots, robots), turning_radius=1.0).task(robots)
+    task = Request(**HALL, robots=robots, turning_radius=1.0).task(robots)
     family = formations(task)
     for start in family.starts:
         made = family.plan(start).scenario
@@ -58,9 +65,9 @@ def test_changed_settings_stay_within_their_space():
 
 def test_the_task_is_in_scale_with_its_motion():
     """The law of similarity: lengths times 3 and times times 2 give the same task in that scale, but for rounding."""
-    one = Request(**HALL, robots=(5, 5), turning_radius=1.0).task(5)
+    one = Request(**HALL, robots=5, turning_radius=1.0).task(5)
     scaled = {"width": 60.0, "height": 36.0, "robot_radius": 0.6, "sensor_radius": 15.0}
-    other = Request(**scaled, speed=2.25, rogue_speed=0.3, robots=(5, 5), turning_radius=3.0).task(5)
+    other = Request(**scaled, speed=2.25, rogue_speed=0.3, robots=5, turning_radius=3.0).task(5)
     assert other.task.contamination == one.task.contamination
     assert other.formation.phase_rate * 2 == pytest.approx(one.formation.phase_rate)
     assert other.task.step == pytest.approx(min(2 * one.task.step, 1 / other.robot.drag), rel=1e-2)
@@ -72,7 +79,7 @@ def test_a_scenario_is_the_task_as_it_is():
     changed_ = Request(evaders, sensor_radius=0.7, rogue_speed=0.2).task(5)
     assert (changed_.sensing_radius, changed_.rogue_speed) == (0.7, 0.2)
     assert changed_.curve == evaders.curve
-    seven = Request(evaders, robots=(7, 7)).task(7)
+    seven = Request(evaders, robots=7).task(7)
     assert (seven.num_robots, seven.curve.half_width, seven.robot.wheelbase) == (7, 1.8, evaders.robot.wheelbase)
 
 
@@ -86,8 +93,8 @@ def test_a_scenario_is_the_task_as_it_is():
         ({"scenario": "evaders", "plans": 9, "seconds": 5}, "plans must be omitted if seconds is given, got 9 and 5 s"),
         ({"scenario": "evaders", "speed": -1.0}, "speed must be from 0.01 to 10000 [m/s], got -1.0"),
         ({"scenario": "evaders", "rogue_speed": math.nan}, "rogue_speed must be from 0 to 100 [m/s], got nan"),
-        ({"scenario": "evaders", "robots": "x"}, "robots must be a number or a pair"),
-        ({"scenario": "evaders", "robots": (3, 2)}, "robots must be a number, or a range few:many, from 2 to 64"),
+        ({"scenario": "evaders", "robots": "x"}, "robots must be a number or a range such as 3:8"),
+        ({"scenario": "evaders", "robots": "3:2"}, "robots must be a number or a range such as 3:8, from 2 to 64"),
         ({"scenario": "evaders", "guarantee": -1.0}, "guarantee must be from 0.001 to 1000000 [s], got -1.0"),
         ({"scenario": "evaders", "acceleration": 0.8}, "acceleration must be omitted unless robots are of kind"),
         ({**HALL, "robots": 5, "robot": "differential", "turning_radius": 1.0}, "turning_radius must be omitted"),
@@ -113,7 +120,7 @@ def test_differential_drives_are_planned_for_with_their_acceleration():
 @pytest.mark.parametrize("robots", [4, 6])
 def test_four_and_six_robots_begin_apart(robots):
     # Oracle: Lemma 1 gives them shared places in every stable equilibrium; no bodies may overlap at the start.
-    task = Request(**HALL, robots=(robots, robots), turning_radius=1.0).task(robots)
+    task = Request(**HALL, robots=robots, turning_radius=1.0).task(robots)
     places = lissajous_env.Simulation(task).robots.position.numpy()[0, :, :2]
     first, second = np.triu_indices(robots, 1)
     assert np.linalg.norm(places[first] - places[second], axis=1).min() > 2 * task.robot.radius

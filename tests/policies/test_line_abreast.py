@@ -123,8 +123,8 @@ def test_lines_far_from_the_end_of_the_rectangle_leave_places_unsensed():
 
 def test_all_starts_have_the_same_guarantee_and_no_cars_collide():
     """Oracle: the contamination of the simulated world, with exact discs on a grid, and its count of collisions."""
-    policy = LineAbreast(INTRUDERS, 8)
-    rows = lissajous_env.evaluate(policy, INTRUDERS, seeds=range(8))
+    scenario = lissajous_env.scenario(INTRUDERS, **{"task.duration": 40.0})
+    rows = lissajous_env.evaluate(LineAbreast(scenario, 4), scenario, seeds=range(4))
     worst = [row["guaranteed_detection_time"] for row in rows]
     assert max(worst) <= 18
     np.testing.assert_allclose(worst, np.mean(worst), rtol=0.03)
@@ -200,7 +200,7 @@ def test_lines_that_turn_inside_keep_their_spacing_and_stay_off_the_walls():
                 for line in range(lines):
                     across = np.sort(y[:, plan.line_of == line], axis=1)
                     widest = np.diff(across, axis=1).max(initial=0.0)
-                    beside = max(plan.half_span - across.max(axis=1).min(), across.min(axis=1).max() + plan.half_span)
+                    beside = max(height / 2 - across.max(axis=1).min(), across.min(axis=1).max() + height / 2)
                     spacing = max(widest, 2 * beside) * (1 - 1e-6)
                     limit = speed_limit(spacing, scenario.sensing_radius, scenario.rogue_speed, plan.step)
                     assert plan.speed <= limit

@@ -11,9 +11,9 @@ from test_network import make_network
 import baselines
 import lissajous_env
 from baselines.policies import own_row
+from baselines.policies.base import Filtered
 from baselines.policies.registry import make
 from baselines.policies.safety.filter import Safe, SafetyParameters
-from baselines.policies.safety.filtered import Filtered
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.world.observation import layout, message_start
 from lissajous_env.world.robots.point import POINT

@@ -80,15 +80,20 @@ def test_costs_no_more_than_ipopt():
     assert np.sum(np.array(excess) > 0.01) <= 1
 
 
-@pytest.mark.parametrize("curve", [CURVE, Curve(5.0, 5.0, 7, 8)], ids=["experiment", "dense"])
-def test_cost_and_trajectory_are_those_of_the_control(curve):
+@pytest.mark.parametrize(("stages", "step", "curve", "rtol"), [
+    (15, 0.1, CURVE, 5e-4), (15, 0.1, Curve(5.0, 5.0, 7, 8), 5e-4), (1, 0.1, CURVE, 2e-3),
+    (15, 0.3, Curve(5.0, 5.0, 7, 3), 2e-3),
+])  # fmt: skip
+def test_cost_and_trajectory_are_those_of_the_control(stages, step, curve, rtol):
     """Oracle: an independent float64 Runge-Kutta rollout and (11a); float32 sums of 16 stages keep 1e-4."""
-    problems = load_benchmark().random_problems(64, curve, P, np.random.default_rng(5))
-    solution = Mpcc(curve, P, 64).solve(problems.state, problems.phase_rate)
-    cost, path = cost_and_path(problems.state, problems.phase_rate, solution.control, P, curve)
-    np.testing.assert_allclose(solution.cost, cost, rtol=5e-4)
-    # The fastest phase is a few rad per second where the curve is slow: errors of float32 grow along the horizon.
-    np.testing.assert_allclose(solution.trajectory, path, atol=1e-3)
+    p = dataclasses.replace(P, stages=stages, step=step)
+    problems = load_benchmark().random_problems(32, curve, p, np.random.default_rng(5))
+    solution = Mpcc(curve, p, 32).solve(problems.state, problems.phase_rate)
+    cost, path = cost_and_path(problems.state, problems.phase_rate, solution.control, p, curve)
+    np.testing.assert_allclose(solution.cost, cost, rtol=rtol)
+    if step == P.step:
+        # The fastest phase is a few rad per second where the curve is slow: float32 errors grow along the horizon.
+        np.testing.assert_allclose(solution.trajectory, path, atol=1e-3)
 
 
 def test_control_stays_in_its_bounds_and_reaches_them(near):
@@ -151,9 +156,11 @@ def test_a_problem_does_not_depend_on_its_batch(near):
 
 @pytest.mark.parametrize("value", [math.nan, 1e38])
 def test_a_failed_solve_brakes_is_counted_and_starts_afresh(near, value):
-    """Physical story: one car loses its position for a step; it brakes straight on, and the others do not notice."""
-    mpcc, undisturbed = Mpcc(CURVE, P, 64), Mpcc(CURVE, P, 64)
-    expected = undisturbed.solve(near.state, near.phase_rate)
+    """Physical story: one car loses its position for a step; it brakes straight on, and the others do not notice.
+
+    A phase rate that is no number fails, too, and a guess that is none is only a bad start.
+    """
+    mpcc, expected = Mpcc(CURVE, P, 64), Mpcc(CURVE, P, 64).solve(near.state, near.phase_rate)
     state = near.state.copy()
     state[5, 1] = value
     solution = mpcc.solve(state, near.phase_rate)
@@ -164,31 +171,11 @@ def test_a_failed_solve_brakes_is_counted_and_starts_afresh(near, value):
     np.testing.assert_array_equal(solution.control[others], expected.control[others])
     recovered = mpcc.solve(near.state, near.phase_rate)
     np.testing.assert_array_equal(recovered.control[5], expected.control[5])
-
-
-def test_phase_rates_and_guesses_that_are_no_numbers(near):
-    """A phase rate that is no number fails; a guess that is none is only a bad start."""
     phase_rate, guess = near.phase_rate.copy(), near.guess.copy()
-    phase_rate[0] = math.nan
-    guess[1] = math.nan
-    solution = Mpcc(CURVE, P, 64).solve(near.state, phase_rate, guess)
+    phase_rate[0] = guess[1] = math.nan
+    solution = mpcc.solve(near.state, phase_rate, guess)
     assert (solution.cost > 1e38).tolist() == [True] + [False] * 63
     assert all(np.isfinite(result).all() for result in solution)
-    assert solution.cost[1] < 1e3
-
-
-@pytest.mark.parametrize(
-    ("stages", "step", "curve"),
-    [(1, 0.1, CURVE), (40, 0.05, CURVE), (15, 0.3, Curve(5.0, 5.0, 7, 3))],
-)
-def test_other_horizons_and_curves(stages, step, curve):
-    """Oracle: the float64 cost of the control; a horizon of one stage included."""
-    p = dataclasses.replace(P, stages=stages, step=step)
-    problems = load_benchmark().random_problems(16, curve, p, np.random.default_rng(1))
-    solution = Mpcc(curve, p, 16).solve(problems.state, problems.phase_rate)
-    cost, _ = cost_and_path(problems.state, problems.phase_rate, solution.control, p, curve)
-    np.testing.assert_allclose(solution.cost, cost, rtol=2e-3)
-    assert (solution.cost < 1e38).all()
 
 
 def test_arrays_of_the_device_come_back_without_a_copy(near):

@@ -7,7 +7,7 @@ import pytest
 
 import baselines
 import lissajous_env
-from baselines.planning.families.known import best_known
+from baselines.planning.families.included import best_known
 from baselines.planning.free_paths import Limits, Teams, loop_of, moved, optimise, violation
 from baselines.planning.plans import SETTLED, WHOLE, Plan
 from baselines.policies.periodic_paths import PathParameters, PeriodicPaths, coefficients_of, derivative_of, places_of
@@ -116,7 +116,7 @@ def test_moved_paths_are_moved_stretched_and_delayed():
 def test_free_paths_keep_the_limits_of_the_cars():
     pytest.importorskip("cma")
     start = best_known(EVADERS).plan({"stored": "evaders"})
-    found = optimise({WHOLE: [start], SETTLED: [start]}, 12)
+    found = optimise({WHOLE: [start], SETTLED: [start]}, 4)
     assert len(found) >= 2
     for plan in found:
         assert plan.scenario == EVADERS

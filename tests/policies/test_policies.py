@@ -9,8 +9,7 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.mpcc.solver import MpccParameters
-from baselines.policies.coordinators.consensus import Consensus
-from baselines.policies.coordinators.kuramoto import Kuramoto
+from baselines.policies.coordinators import Consensus, Kuramoto
 from baselines.policies.patrol import Sweep
 from baselines.policies.patrol_path import (
     SweepParameters,
@@ -19,8 +18,8 @@ from baselines.policies.patrol_path import (
     fastest_speed,
     patrol_loop,
 )
-from baselines.policies.trackers.mpcc import WithMpcc
-from baselines.policies.trackers.vector_field import FieldParameters, WithVectorField
+from baselines.policies.trackers import WithMpcc
+from baselines.policies.vector_field import FieldParameters, WithVectorField
 
 
 def played(policy, simulation, steps):

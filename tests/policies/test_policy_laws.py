@@ -13,10 +13,10 @@ import lissajous_env
 from baselines import names
 from baselines.policies import registry
 from baselines.policies.base import Policy
-from baselines.policies.coordinators.kuramoto import Kuramoto
+from baselines.policies.coordinators import Kuramoto
 from lissajous_env import Simulation
 
-STEPS = 8
+STEPS = 6
 
 
 def made_for(name):
@@ -39,29 +39,25 @@ def episode(policy, scenario, worlds, seed, steps=STEPS):
     return np.array(seen), np.array(taken)
 
 
-def as_numpy(rows):
-    return rows
-
-
-def as_warp(rows):
-    return wp.array(rows, dtype=wp.float32, device="cpu")
-
-
 @pytest.mark.parametrize(("name", "scenario"), CASES)
 def test_a_row_is_the_same_in_any_batch_at_any_place(name, scenario):
-    """Oracle: the batch of 12 worlds, for batches of 1, 5 and 12 of them, in another order and of another make."""
+    """Oracle: the batch of 6 worlds, for batches of 1 and 5 of them, in another order, of NumPy and of Warp."""
     draw = np.random.default_rng(3)
-    seen, taken = episode(baselines.make(name, scenario, 12), scenario, 12, seed=40)
-    for size, as_given in ((1, as_numpy), (5, as_warp), (12, as_numpy)):
-        policy, worlds = baselines.make(name, scenario, size), draw.permutation(12)[:size]
+    seen, taken = episode(baselines.make(name, scenario, 6), scenario, 6, seed=40)
+    for size in (1, 5):
+        policy, worlds = baselines.make(name, scenario, size), draw.permutation(6)[:size]
         for rows, action in zip(seen[:, worlds], taken[:, worlds], strict=True):
-            got = policy.act(as_given(np.ascontiguousarray(rows)))
-            np.testing.assert_array_equal(got if isinstance(got, np.ndarray) else got.numpy(), action)
+            given = np.ascontiguousarray(rows)
+            if size == 1:
+                np.testing.assert_array_equal(policy.act(given), action)
+            else:
+                given = wp.array(given, dtype=wp.float32, device="cpu")
+                np.testing.assert_array_equal(policy.act(given).numpy(), action)
 
 
 @pytest.mark.parametrize(("name", "scenario"), [case for case in CASES if not case[0].endswith("-proved")])
 def test_a_robots_action_depends_on_its_own_row_alone(name, scenario):
-    """Oracle: changing every other row, in each of eight steps, leaves robot 2's action as it was, bit for bit.
+    """Oracle: changing every other row, in each of six steps, leaves robot 2's action as it was, bit for bit.
 
     The proved filter is left out: it receives the tails of all robots.
     """
@@ -92,7 +88,7 @@ def test_a_copy_goes_on_as_the_original(name, scenario):
         for each in copies:
             np.testing.assert_array_equal(each.act(rows), action)
         simulation.step(action)
-        if step == 5:
+        if step == 3:
             for each in (policy, *copies):
                 each.reset([1])
 

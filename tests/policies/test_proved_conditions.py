@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 import warp as wp
-from test_proved import FIVE, driven, towards_the_nearest
+from test_proved import FIVE, driven, played, towards_the_nearest
 
 import lissajous_env
-from baselines.policies.safety.compatibility import GONE
+from baselines.policies.safety.commitment import GONE
 from baselines.policies.safety.proved import Proved, integration_error, unmet_conditions
 from benchmarks import attacked
 from lissajous_env.parameters.assumptions import violations
@@ -16,18 +16,6 @@ FAILED, REMOVED = 1, 2
 QUICK = {"robot.throttle_max": None, "robot.speed_max": 1.5, "task.duration": 100.0}
 SILENT = {"noise.message_loss": 0.5, "formation.phase_rate": 3.0}
 """A ring neighbour's message is soon too old for the phase dynamics."""
-
-
-def played(scenario, worlds, steps, adversary=towards_the_nearest, seed=0):
-    """Yield simulation and filter in each step, after the decisions and before the motion."""
-    simulation = lissajous_env.Simulation(scenario, worlds, seed=seed)
-    filter = Proved(simulation.scenario, worlds)
-    rng = np.random.default_rng(seed)
-    for _ in range(steps):
-        wanted = wp.array(adversary(simulation, rng), dtype=wp.float32, device="cpu")
-        action = filter(simulation.observation, wanted)
-        yield simulation, filter
-        simulation.step(action)
 
 
 @pytest.mark.parametrize(("way", "changed"), [
@@ -107,10 +95,10 @@ def test_cars_stay_within_the_range_of_the_observed_speed(speed):
     (words,) = (words for words in violations(scenario) if "noise.drive_spread" in words)
     assert words.startswith(f"the strongest car reaches {scenario.top_speed_bound:.3g} m/s")
     fastest = 0.0
-    for simulation, filter in played(scenario, 60, 120, seed=79000):
+    for simulation, filter in played(scenario, 40, 120, towards_the_nearest, seed=79000):
         fastest = max(fastest, simulation.robots.speed.numpy()[filter.holds].max(initial=0))
     assert 0.9 * most < fastest < most
-    collisions, proved, broken, _ = driven(scenario, 100, 120, towards_the_nearest, seed=79000)
+    collisions, proved, broken, _ = driven(scenario, 40, 120, towards_the_nearest, seed=79000)
     assert proved.mean() > 0.5
     assert collisions.sum() == 0
     assert not broken.any()
@@ -122,22 +110,11 @@ def test_a_speed_at_the_end_of_its_range_proves_nothing():
     scenario = lissajous_env.scenario(FIVE, **{**QUICK, **fast, "formation.phase_rate": 0.4})
     assert (lissajous_env.Simulation(scenario, 60).robots.speed.numpy() > 0.81).any(axis=1).mean() > 0.5
     proved = 0
-    for simulation, filter in played(scenario, 60, 40):
+    for simulation, filter in played(scenario, 60, 40, towards_the_nearest):
         clipped = (simulation.observation.numpy()[..., 4] >= 4).any(axis=1)
         assert not (filter.holds & clipped).any()
         proved += filter.holds.sum()
     assert proved > 100
-
-
-def test_a_message_that_is_not_a_number_leaves_the_action_valid():
-    scenario = lissajous_env.scenario(FIVE, **{"messages.size": 2})
-    simulation = lissajous_env.Simulation(scenario, 2, seed=0)
-    filter = Proved(scenario, 2)
-    wanted = np.full(simulation.action_shape, 0.5, dtype=np.float32)
-    wanted[1, 3, 3] = np.nan
-    action = filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu")).numpy()
-    assert np.isfinite(action).all()
-    assert action[1, 3, 2:].tolist() == [0.5, 0.0]
 
 
 def crosses_the_truth(scenario, worlds, steps, adversary):
@@ -178,7 +155,7 @@ def test_a_robot_that_a_collision_stopped_is_expected_to_stand():
     scenario = lissajous_env.scenario(FIVE, **QUICK, **{"task.on_collision": "stop"})
     stopped = proved = 0
     before, speeds = np.zeros((2, 200, 5))
-    for simulation, filter in played(scenario, 200, 30, seed=4):
+    for simulation, filter in played(scenario, 200, 30, towards_the_nearest, seed=4):
         failed = simulation.robots.status.numpy() == FAILED
         rolls = failed & (before == 0) & (speeds > 0.01)
         assert not (filter.holds[:, None] & rolls).any()
@@ -189,7 +166,7 @@ def test_a_robot_that_a_collision_stopped_is_expected_to_stand():
     assert proved > 20
 
 
-@pytest.mark.parametrize(("slowing", "turn"), [(0.05, 2.0), (0.3, 0.6), (1.0, 0.1), (1.0, 2.0)])
+@pytest.mark.parametrize(("slowing", "turn"), [(0.05, 2.0), (1.0, 0.1), (1.0, 2.0)])
 def test_bound_of_the_integration_error(slowing, turn):
     """Oracle: the closed form of a car that rolls on an arc, against the Runge-Kutta method in float64."""
     robot = lissajous_env.scenario("experiment", **QUICK, **{"noise.drive_spread": 0.0, "noise.wheelbase_spread": 0.0})
@@ -216,8 +193,8 @@ def test_bound_of_the_integration_error(slowing, turn):
 
 def test_random_attacks():
     """Oracle: the theorem, in random scenarios, of which each violates no condition that is named."""
-    rows, _ = attacked.campaign(60_000, first_seed=500)
-    assert sum(row[3] for row in rows) >= 60_000
+    rows, _ = attacked.campaign(20_000, first_seed=500)
+    assert sum(row[3] for row in rows) >= 20_000
     assert min(row[4] for row in rows) > 1
 
 

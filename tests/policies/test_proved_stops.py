@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import warp as wp
-from test_proved import FIVE, PAIR, driven, towards_the_nearest
+from test_proved import FIVE, driven, towards_the_nearest
 
 import lissajous_env
 from baselines.policies.safety.proved import Proved, ProvedParameters
-from baselines.policies.safety.swept import gap
+from baselines.policies.safety.tails import gap
 
 FAILING = {"faults.rate": 1e-9, "faults.mean_duration": 1.0, "task.duration": 30.0}
 """Robots can fail, and the test chooses when."""
@@ -35,17 +35,16 @@ def stop_before_others(simulation, filter):
     stop(simulation, threatened & (speed > 0.05))
 
 
-@pytest.mark.parametrize("scenario", [PAIR, FIVE], ids=["two cars", "five cars"])
-def test_robots_that_stop_dead_before_others_are_not_hit(scenario):
+def test_robots_that_stop_dead_before_others_are_not_hit():
     """Oracle: the theorem. Robots stop where others are about to pass, again and again."""
-    failing = lissajous_env.scenario(scenario, **FAILING)
+    failing = lissajous_env.scenario(FIVE, **FAILING)
     stopped = []
 
     def each(simulation, filter):
         stopped.append((simulation.robots.status.numpy() == 1).mean())
         stop_before_others(simulation, filter)
 
-    collisions, proved, broken, least = driven(failing, 150, 100, towards_the_nearest, seed=3, each=each)
+    collisions, proved, broken, least = driven(failing, 60, 100, towards_the_nearest, seed=3, each=each)
     assert proved.mean() > 0.3
     assert np.mean(stopped) > 0.05
     assert collisions.sum() == 0
@@ -57,7 +56,7 @@ def test_robots_assumed_to_coast_are_hit_where_they_stop_dead():
     """Story: the same adversary collides with robots whose sudden stops the filter does not consider."""
     failing = lissajous_env.scenario(FIVE, **FAILING)
     assumed = lissajous_env.scenario(failing, **{"faults.stop": "coast"})
-    collisions, *_ = driven(failing, 150, 100, towards_the_nearest, seed=3, each=stop_before_others, assumed=assumed)
+    collisions, *_ = driven(failing, 60, 100, towards_the_nearest, seed=3, each=stop_before_others, assumed=assumed)
     assert collisions.sum() > 0
 
 
@@ -69,19 +68,19 @@ def measure_gaps(ends: wp.array2d(dtype=wp.vec3), out: wp.array(dtype=float)):
 
 
 def test_distance_of_segments():
-    """Oracle: the least distance of 400 x 400 points of the segments, in float64."""
+    """Oracle: the least distance of 200 x 200 points of the segments, in float64."""
     rng = np.random.default_rng(0)
-    ends = np.zeros((200, 4, 3), dtype=np.float32)
-    ends[..., :2] = rng.uniform(-1, 1, (200, 4, 2))
+    ends = np.zeros((80, 4, 3), dtype=np.float32)
+    ends[..., :2] = rng.uniform(-1, 1, (80, 4, 2))
     ends[:20, 1] = ends[:20, 0]  # a point
     ends[20:30, 2:] = ends[20:30, :2] + np.float32(0.5)  # parallel
-    found = wp.zeros(200, dtype=float, device="cpu")
-    wp.launch(measure_gaps, 200, [wp.array(ends, dtype=wp.vec3, device="cpu")], [found], device="cpu")
-    share = np.linspace(0, 1, 400)[:, None]
+    found = wp.zeros(80, dtype=float, device="cpu")
+    wp.launch(measure_gaps, 80, [wp.array(ends, dtype=wp.vec3, device="cpu")], [found], device="cpu")
+    share = np.linspace(0, 1, 200)[:, None]
     for (a, a_end, b, b_end), value in zip(ends[..., :2].astype(float), found.numpy(), strict=True):
         one, other = a + share * (a_end - a), b + share * (b_end - b)
         least = np.linalg.norm(one[:, None] - other, axis=-1).min()
-        assert least - 0.01 < value < least + 1e-5
+        assert least - 0.02 < value < least + 1e-5
 
 
 @pytest.mark.parametrize("repeats", [1, 3])

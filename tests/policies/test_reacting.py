@@ -7,17 +7,15 @@ import pytest
 
 import baselines
 import lissajous_env
-from baselines.policies.dividing import Cover, VoronoiPursuit
-from baselines.policies.reacting import Chase, Force, Index, Lanes, comb
+from baselines.policies.index_rule import Index
+from baselines.policies.reacting import Chase, Cover, Force, Lanes, VoronoiPursuit, comb
 from lissajous_env.world.observation import layout
 
-POLICIES = [
-    (scenario, policy)
-    for scenario in ("watch", "intercept", "hotspots")
-    for policy in baselines.names(scenario)
-    if baselines.policies.registry.describe(policy)["kind"] == "velocity"
-    and (scenario == "hotspots" or not policy.startswith("index"))
-]
+POLICIES = {
+    "watch": ("lanes", "follow", "a-cmommt", "greedy-cover"),
+    "intercept": ("pure-pursuit", "lead-pursuit", "voronoi-pursuit"),
+    "hotspots": ("index", "index-learned", "learned-watch"),
+}
 
 
 def put(simulation, robots, targets):
@@ -31,17 +29,18 @@ def put(simulation, robots, targets):
 CORNERS = [(-18.0, -10.0), (18.0, -10.0), (-18.0, 10.0), (18.0, 10.0), (0.0, 0.0)]
 
 
-@pytest.mark.parametrize(("scenario", "name"), POLICIES)
-def test_a_policy_plays_alike_at_another_scale(scenario, name):
+@pytest.mark.parametrize("scenario", POLICIES)
+def test_policies_play_alike_at_another_scale(scenario):
     # Law: in scaled units nothing changes; powers of two are exact.
     made = lissajous_env.scenario(scenario)
-    rows = []
-    for given in (made, made.scaled(2.0, 4.0)):
-        simulation, policy = lissajous_env.Simulation(given, 2, seed=1), baselines.make(name, given, num_worlds=2)
-        for _ in range(15):
-            simulation.step(policy.act(simulation.observation))
-        rows.append(simulation.observation.numpy().copy())
-    np.testing.assert_array_equal(*rows)
+    for name in POLICIES[scenario]:
+        rows = []
+        for given in (made, made.scaled(2.0, 4.0)):
+            simulation, policy = lissajous_env.Simulation(given, 2, seed=1), baselines.make(name, given, num_worlds=2)
+            for _ in range(8):
+                simulation.step(policy.act(simulation.observation))
+            rows.append(simulation.observation.numpy().copy())
+        np.testing.assert_array_equal(*rows, err_msg=name)
 
 
 def test_the_lanes_are_a_closed_tour_with_ends_at_the_edge():
@@ -50,13 +49,8 @@ def test_the_lanes_are_a_closed_tour_with_ends_at_the_edge():
     assert sorted({round(x, 6) for x in corners[:, 0]}) == pytest.approx(np.linspace(-17, 17, 6))
     moves = np.diff(corners, axis=0)
     assert ((moves == 0).sum(axis=1) == 1).all(), "every stretch is along x or y"
-    covered = {}
-    for lanes in (4, 8):
-        policy = Lanes(lissajous_env.scenario("hotspots"), 4, lanes=lanes)
-        rows = lissajous_env.evaluate(policy, "hotspots", seeds=range(4))
-        covered[lanes] = np.mean([row["sensed_fraction"] for row in rows])
-    assert covered[8] > 0.97
-    assert covered[4] < covered[8]
+    policy = Lanes(lissajous_env.scenario("hotspots"), lanes=8)
+    assert lissajous_env.evaluate(policy, "hotspots", seeds=[0])[0]["sensed_fraction"] > 0.95
 
 
 def test_a_force_draws_a_robot_to_its_target_and_away_from_others():
@@ -120,12 +114,12 @@ def test_a_chase_with_a_lead_meets_a_target_that_crosses():
 def test_an_index_rule_learns_where_targets_appear():
     # Story: after an episode the cells near the hotspots have the highest rates.
     scenario = lissajous_env.scenario("hotspots")
-    simulation, policy = lissajous_env.Simulation(scenario, 8, seed=1), Index(scenario, 8)
+    simulation, policy = lissajous_env.Simulation(scenario, 3, seed=1), Index(scenario, 3)
     while not simulation.over.all():
         simulation.step(policy.act(simulation.observation))
     places = simulation.targets.position.numpy()
     there = simulation.targets.appears_at.numpy() < 300
-    for w in range(8):
+    for w in range(3):
         gap = np.linalg.norm(policy.cells[:, None] - places[w, there[w]], axis=-1)
         near = np.bincount(gap.argmin(axis=0), minlength=len(policy.cells))
         assert np.corrcoef(policy.rates()[w, 0], near)[0, 1] > 0.7
@@ -147,16 +141,28 @@ def test_reacting_is_worth_a_factor(scenario, best, column, factor):
     # Oracle: the prototypes of these tasks, 0.354 and 0.155, 4.98 and 0.05 a minute, 7.59 s and 13.1 s.
     means = []
     for name in ("lanes", best):
-        rows = lissajous_env.evaluate(baselines.make(name, scenario, num_worlds=8), scenario, seeds=range(8))
+        rows = lissajous_env.evaluate(baselines.make(name, scenario, num_worlds=3), scenario, seeds=range(3))
         means.append(np.mean([row[column] for row in rows]))
     assert means[1] > factor * means[0] if factor > 1 else means[1] < factor * means[0]
 
 
-@pytest.mark.parametrize("space", ["watch-v1", "intercept-v1", "hotspots-v1"])
-def test_scenarios_of_all_splits_have_rows_of_one_length(space):
-    of = lissajous_env.scenario_space(space)
-    made = [each for split in ("test", *of.shifts) for each in itertools.islice(of.scenarios(split), 3)]
-    assert len({layout(scenario).size for scenario in made}) == 1
+def test_scenarios_of_all_splits_have_rows_of_one_length():
+    for space in ("watch-v1", "intercept-v1", "hotspots-v1"):
+        of = lissajous_env.scenario_space(space)
+        made = [each for split in ("test", *of.shifts) for each in itertools.islice(of.scenarios(split), 3)]
+        assert len({layout(scenario).size for scenario in made}) == 1
+
+
+def test_a_setting_that_is_none_is_refused():
+    with pytest.raises(ValueError, match="setting of Chase must be an attribute of the class, got lad"):
+        Chase("intercept", lad=0.5)
+
+
+def test_without_targets_in_its_row_a_robot_patrols():
+    blind = lissajous_env.scenario("watch", **{"sensing.targets_seen": 0})
+    rows = lissajous_env.Simulation(blind, seed=1).observation.numpy()
+    patrol = Lanes(blind, reach=blind.resolve().sight).act(rows)
+    np.testing.assert_array_equal(baselines.make("follow", blind).act(rows), patrol)
 
 
 def test_an_index_rule_requires_arrivals_and_a_team_that_shares():

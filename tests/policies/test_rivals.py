@@ -10,10 +10,10 @@ from scipy.optimize import brentq
 
 import baselines
 import lissajous_env
-from baselines.policies.coordinators.arc_length import PREVIEW, KuramotoByArc, ground_speed
-from baselines.policies.coordinators.consensus import Consensus
+from baselines.policies.arc_length import PREVIEW, KuramotoByArc, ground_speed
+from baselines.policies.coordinators import Consensus
 from baselines.policies.patrol_path import cruising_speed
-from baselines.policies.trackers.vector_field import Field, field_of, field_rate, field_velocity
+from baselines.policies.vector_field import Field, field_of, field_rate, field_velocity
 from baselines.similarity import motion_scale
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.episodes.evaluation import episodes
@@ -68,14 +68,11 @@ def test_reset_forgets_one_world_alone(name, scenario):
 
 def test_the_curve_is_followed():
     """Oracle: the tracking error of `open-loop-mpcc`, times 1.5."""
-    other, _ = played("open-loop-mpcc", "experiment", 6, **NO_FAULTS)
+    other, _ = played("open-loop-mpcc", "experiment", 3, **NO_FAULTS)
     for name in ("tracked-reference-mpcc", "consensus-gvf"):
-        rows, _ = played(name, "experiment", 6, **NO_FAULTS)
+        rows, _ = played(name, "experiment", 3, **NO_FAULTS)
         assert mean(rows, "tracking_error_mean") < 1.5 * mean(other, "tracking_error_mean")
-        assert mean(rows, "phase_error") < 0.5 * mean(other, "phase_error")
-
-
-# Borkar et al. [15].
+        assert mean(rows, "phase_error") < 0.6 * mean(other, "phase_error")
 
 
 # Yao et al. [16].
@@ -134,38 +131,41 @@ def test_consensus_keeps_a_spacing_that_kuramoto_cannot():
     """Oracle: Theorem 1, N / 4 < p < 3 N / 4; linear consensus is stable for any p that it is given."""
     unstable = {**NO_FAULTS, "formation.p": 1, "formation.alpha": 1}
     assert 1 not in closed_forms.stable_equilibria(5)
-    assert played("consensus-gvf", "experiment", 4, **unstable)[1][-1].max() < 0.3
-    assert played("kuramoto-mpcc", "experiment", 4, **unstable)[1][-1].min() > 0.5
+    assert played("consensus-gvf", "experiment", 2, **unstable)[1][-1].max() < 0.3
+    assert played("kuramoto-mpcc", "experiment", 2, **unstable)[1][-1].min() > 0.5
 
 
 # Arc length.
 
 
-def arc_phase(curve, gamma):
-    """2 pi s(gamma) / L by adaptive quadrature [rad]."""
-    lap = quad(lambda g: closed_forms.curve_speed(curve, g), 0, 2 * math.pi, limit=200)[0]
-    return 2 * math.pi * quad(lambda g: closed_forms.curve_speed(curve, g), 0, gamma, limit=200)[0] / lap
+def arc_length(curve, gamma):
+    """s(gamma) by adaptive quadrature, in the plane or in space [m]."""
+
+    def speed(g):
+        return math.hypot(closed_forms.curve_speed(curve, g), curve.half_depth * curve.c * math.cos(curve.c * g))
+
+    return quad(speed, 0, gamma, limit=200)[0]
 
 
-@pytest.mark.parametrize("overrides", [{"curve.a": 1, "curve.b": 4}])
+@pytest.mark.parametrize("overrides", [("intruders", 1, 4), ("knot", 3, 2)])
 def test_dynamics_1_act_on_the_arc_phase(overrides):
-    """Oracle: (1) in float64 on arc phases by quadrature of the true phases; alpha = 1 and 3."""
-    overrides = {"formation.start": "random", "formation.coupling": 0.7, **overrides}
-    scenario = lissajous_env.scenario("intruders", **overrides).resolve()
+    """Oracle: (1) in float64 on arc phases by quadrature of the true phases."""
+    name, a, b = overrides
+    fields = {"formation.start": "random", "formation.coupling": 0.7, "curve.a": a, "curve.b": b}
+    scenario = lissajous_env.scenario(name, **fields).resolve()
     alpha, curve = scenario.alpha, scenario.curve
-    simulation = lissajous_env.Simulation(scenario, num_worlds=2, seed=3)
-    coordinator = KuramotoByArc(scenario, 2, "cpu")
+    simulation, coordinator = lissajous_env.Simulation(scenario, seed=3), KuramotoByArc(scenario, 1, "cpu")
     with compile_quietly():
         coordinator.coordinate(simulation.observation)
-    preview = PREVIEW * motion_scale(scenario).time
-    rate = 2 * math.pi * ground_speed(scenario) / (curve_length(curve) * alpha)
-    for phases, found in zip(simulation.robots.phase.numpy(), coordinator.phase_rate.numpy(), strict=True):
-        psi = np.array([arc_phase(curve, alpha * phase) for phase in phases]) / alpha
-        psi_rates = closed_forms.kuramoto_rates(psi, scenario.neighbours, rate, 0.7)
-        for robot in range(5):
-            soon = alpha * (psi[robot] + preview * psi_rates[robot])
-            gamma = brentq(lambda g, s=soon: arc_phase(curve, g) - s, soon - 2, soon + 2, xtol=1e-9)
-            assert found[robot] == pytest.approx((gamma / alpha - phases[robot]) / preview, abs=2e-4)
+    preview, unit = PREVIEW * motion_scale(scenario).time, arc_length(curve, 2 * math.pi) / (2 * math.pi)
+    rate = ground_speed(scenario) / (unit * alpha)
+    phases, rates = simulation.robots.phase.numpy()[0], coordinator.phase_rate.numpy()[0]
+    psi = np.array([arc_length(curve, alpha * phase) for phase in phases]) / (unit * alpha)
+    psi_rates = closed_forms.kuramoto_rates(psi, scenario.neighbours, rate, 0.7)
+    for robot in range(scenario.num_robots):
+        soon = alpha * (psi[robot] + preview * psi_rates[robot])
+        gamma = brentq(lambda g, s=soon: arc_length(curve, g) / unit - s, soon - 2, soon + 2, xtol=1e-9)
+        assert rates[robot] == pytest.approx((gamma / alpha - phases[robot]) / preview, abs=2e-4)
 
 
 def test_ground_speed():
@@ -183,7 +183,7 @@ def test_ground_speed():
 # Clustered places (Lemmas 1 and 2) and random starts, with the paper's coordination.
 
 
-@pytest.mark.parametrize(("p", "alpha", "kappa"), [(7, None, 1), (6, None, 3), (7, 5, 5)])
+@pytest.mark.parametrize(("p", "alpha", "kappa"), [(7, None, 1), (7, 5, 5)])
 def test_clustered_configurations(p, alpha, kappa):
     """Oracle: Lemma 1, kappa robots at each of N / kappa places, from near by too; (8) and T_max with that kappa."""
     chosen = {"formation.p": p, "formation.alpha": alpha, "targets.count": 200, "task.duration": 60.0}
@@ -208,13 +208,13 @@ def test_clustered_configurations(p, alpha, kappa):
 
 
 def test_random_starts_reach_the_stable_equilibria():
-    """Oracle: shares of 2,000 starts, simulated independently; tolerance four standard deviations of 600."""
+    """Oracle: shares of 2,000 starts, simulated independently; tolerance four standard deviations of 200."""
     a, b, shares = 3, 2, {2: 0.51, 3: 0.49}
     overrides = {"curve.a": a, "curve.b": b, "formation.p": None, "formation.start": "random", "targets.count": 0}
     overrides |= {"task.duration": 60.0, "task.grid": None, **NO_FAULTS}
     scenario = lissajous_env.scenario("failure", **overrides)
-    simulation = lissajous_env.Simulation(scenario, num_worlds=600)
-    policy = baselines.make("kuramoto", scenario, num_worlds=600)
+    simulation = lissajous_env.Simulation(scenario, num_worlds=200)
+    policy = baselines.make("kuramoto", scenario, num_worlds=200)
     for _ in range(scenario.task.steps):
         simulation.step(policy.act(simulation.observation))
     phases = simulation.robots.phase.numpy()
@@ -223,4 +223,4 @@ def test_random_starts_reach_the_stable_equilibria():
     assert set(reached) <= set(closed_forms.stable_equilibria(a + b))
     assert np.abs(gaps - 2 * math.pi * reached[:, None] / (a + b)).max() < 0.05
     for p, share in shares.items():
-        assert np.mean(reached == p) == pytest.approx(share, abs=4 * math.sqrt(share * (1 - share) / 600))
+        assert np.mean(reached == p) == pytest.approx(share, abs=4 * math.sqrt(share * (1 - share) / 200))

@@ -7,9 +7,8 @@ from reference_program import agrees_with_independent_solvers
 
 import baselines
 import lissajous_env
-from baselines.policies.base import Policy
+from baselines.policies.base import Filtered, Policy
 from baselines.policies.safety.filter import Safe, SafetyParameters, speed_limit
-from baselines.policies.safety.filtered import Filtered
 from baselines.policies.safety.quadratic_program import solve_quadratic_program
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.theory.geometry import top_speed
@@ -21,6 +20,7 @@ TWO_CARS = lissajous_env.scenario(
     **{"robot.count": 2, "formation.ring": None, "faults.schedule": (), "sensing.radius": 1.158, **ALIKE},
 ).resolve()
 """Two cars that see as far as those of the experiment."""
+SEEDS = range(2000, 2128)
 WIDE = SafetyParameters(clearance=0.07, growth=0.2)
 """Parameters with which two cars alone give way in time; the default gives way late, for the sake of the formation."""
 
@@ -86,10 +86,10 @@ def test_a_car_drives_around_one_that_stands():
 
 
 def test_random_meetings_of_two_cars():
-    """A physical story, 200 times: cars aimed to be at one place at one time, from any side, at 0.4 to 2 m/s."""
+    """A physical story, 100 times: cars aimed to be at one place at one time, from any side, at 0.4 to 2 m/s."""
     rng = np.random.default_rng(4)
-    heading, speed = rng.uniform(-np.pi, np.pi, (200, 2)), rng.uniform(0.4, 2.0, (200, 1)) * np.ones((200, 2))
-    heading[:, 1] = heading[:, 0] + rng.uniform(0.5, 2 * np.pi - 0.5, 200)
+    heading, speed = rng.uniform(-np.pi, np.pi, (100, 2)), rng.uniform(0.4, 2.0, (100, 1)) * np.ones((100, 2))
+    heading[:, 1] = heading[:, 0] + rng.uniform(0.5, 2 * np.pi - 0.5, 100)
     away = 1.5 * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
     cars = np.concatenate([-away + rng.normal(0, 0.03, away.shape), heading[..., None], speed[..., None]], axis=-1)
     wanted = np.stack([np.array([cruising(v) for v in each]) for each in speed])
@@ -138,13 +138,13 @@ def solve_programs(
 def test_programs_are_solved():
     """Oracle: CasADi's active-set solver and HiGHS in float64, for feasible programs and for those that contradict."""
     rng = np.random.default_rng(2)
-    rows = (rng.normal(0, 0.5, (150, 8, 3)) - [0, 0, 0.2]).astype(np.float32)
-    count, top = rng.integers(1, 9, 150).astype(np.int32), rng.uniform(-0.5, 1.0, 150).astype(np.float32)
-    wanted, out = rng.uniform(-1.2, 1.2, (150, 2)).astype(np.float32), wp.zeros(150, dtype=wp.vec3, device="cpu")
+    rows = (rng.normal(0, 0.5, (60, 8, 3)) - [0, 0, 0.2]).astype(np.float32)
+    count, top = rng.integers(1, 9, 60).astype(np.int32), rng.uniform(-0.5, 1.0, 60).astype(np.float32)
+    wanted, out = rng.uniform(-1.2, 1.2, (60, 2)).astype(np.float32), wp.zeros(60, dtype=wp.vec3, device="cpu")
     given = [wp.array(rows, dtype=wp.vec3, device="cpu"), *(wp.array(each, device="cpu") for each in (count, top))]
     inputs = [*given, wp.array(wanted, dtype=wp.vec2, device="cpu"), WEIGHT]
     with compile_quietly():
-        wp.launch(solve_programs, 150, inputs, [out], device="cpu")
+        wp.launch(solve_programs, 60, inputs, [out], device="cpu")
     actions = out.numpy()[:, :2]
     assert (np.abs(actions) <= 1).all()
     assert (actions[:, 1] <= top).all()
@@ -155,17 +155,32 @@ def test_programs_are_solved():
     assert judged > 0.95
 
 
-@pytest.mark.parametrize(("name", "scenario"), [("kuramoto-mpcc", "experiment"), ("random", "rough")])
-def test_collisions_are_cut_to_a_fifth(name, scenario):
+def test_random_robots_on_rough_collide_a_fifth_as_often():
     """Oracle: the same policy without the filter, on the same seeds."""
     rows, plain = (
-        lissajous_env.evaluate(baselines.make(each, scenario, num_worlds=8), scenario, range(8))
-        for each in (f"{name}-safe", name)
+        lissajous_env.evaluate(baselines.make(name, "rough", num_worlds=6), "rough", range(6))
+        for name in ("random-safe", "random")
     )
     collisions, before = (np.mean([row["collisions"] for row in each]) for each in (rows, plain))
     assert collisions <= 0.2 * before
-    spacing, was = (np.mean([row["spacing_factor"] for row in each]) for each in (rows, plain))
-    assert spacing < was + 0.4
+
+
+def test_the_filters_hardly_disturb_the_formation_and_its_guarantee():
+    """Oracles: the same policy without a filter, 3.8 to 4.0 s computed independently (T_max = 4.19 s); the theorem."""
+    sensing = {"sensing.radius": 0.6, "targets.speed_limit": 0.3}
+    task = {"task.grid": None, "task.duration": 30.0, "task.contamination": (72, 32)}
+    scenario = lissajous_env.scenario("experiment", **{"faults.schedule": ()}, **sensing, **task)
+    collisions, times = {}, {}
+    for suffix in ("", "-safe", "-proved"):
+        rows = lissajous_env.evaluate(baselines.make(f"kuramoto-mpcc{suffix}", scenario, 4), scenario, seeds=range(4))
+        collisions[suffix] = np.mean([row["collisions"] for row in rows])
+        times[suffix] = np.array([row["guaranteed_detection_time"] for row in rows])
+    assert times[""] == pytest.approx(np.full(4, 3.95), abs=0.3)
+    for suffix, most in (("-safe", 1.3), ("-proved", 1.15)):
+        assert np.mean(times[suffix]) < most * np.mean(times[""])
+        assert np.max(times[suffix] / times[""]) < 2.2
+    assert collisions["-safe"] <= 0.2 * collisions[""]
+    assert collisions["-proved"] == 0
 
 
 def test_ring_neighbours_beyond_the_disc_are_known_from_their_messages():
@@ -202,10 +217,13 @@ def test_ring_neighbours_beyond_the_disc_are_known_from_their_messages():
 
 def test_cars_that_leave_the_curve_for_a_patrol_do_not_meet():
     """Oracle: the patrol without the filter, and with one that sees no further than the disc: 0.107 an episode."""
-    rows = lissajous_env.evaluate(baselines.make("laps-safe", "intruders", 128), "intruders", range(2000, 2128))
-    plain = lissajous_env.evaluate(baselines.make("laps", "intruders", 128), "intruders", range(2000, 2128))
-    assert np.mean([row["collisions"] for row in rows]) < 0.05
-    assert np.mean([row["collisions"] for row in plain]) > 0.08
+    short = lissajous_env.scenario("intruders", **{"task.duration": 12.0, "task.contamination": None})
+    plain, filtered = (
+        np.mean([row["collisions"] for row in lissajous_env.evaluate(baselines.make(name, short, 128), short, SEEDS)])
+        for name in ("laps", "laps-safe")
+    )
+    assert filtered < 0.05
+    assert plain > 0.08
 
 
 def test_an_action_that_is_not_a_number_is_passed_on():

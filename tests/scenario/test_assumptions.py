@@ -6,7 +6,6 @@ import warnings
 
 import numpy as np
 import pytest
-from command_line import called
 
 import baselines
 import lissajous_env
@@ -88,14 +87,6 @@ def test_cars_say_what_they_cannot_do():
     assert slow == ("the cars drive at 2.91 m/s at least (robot.throttle_min), the curve requires 0.237 to 1.69 m/s")
 
 
-def test_the_same_in_other_units():
-    # The law of similarity: whether a rule is violated has no unit.
-    for name in ("experiment", "evaders-walls", "experiment-printed", "rough-lost"):
-        made = lissajous_env.scenario(name)
-        for length, time in ((2.0, 1.0), (0.2, 3.0)):
-            assert len(violations(made.scaled(length, time))) == len(violations(made)), name
-
-
 def test_what_ships_warns_nobody():
     assert said(lambda: [lissajous_env.scenario(name) for name in lissajous_env.scenarios()]) == []
     # The paper's cars cut 7.6 % of its arc; whoever changes something else is told nothing of it.
@@ -131,7 +122,7 @@ def test_a_scenario_that_is_registered_warns_when_it_is_registered():
 def plan_of_partition(tmp_path):
     """A folder of a plan for four robots, which have no stable formation, and which does not need one."""
     sizes = {"robot_radius": 0.2, "sensor_radius": 3.0, "speed": 1.5, "turning_radius": 0.5}
-    task = Request(width=12.0, height=8.0, robots=(4, 4), **sizes).task(4)
+    task = Request(width=12.0, height=8.0, robots=4, **sizes).task(4)
     task = named.build(task, **{"task.duration": 10 * task.task.step})
     (tmp_path / "scenario.toml").write_text(as_toml(task), encoding="utf-8")
     (tmp_path / "policy.toml").write_text(PolicySettings("partition").as_toml(), encoding="utf-8")
@@ -148,23 +139,6 @@ def test_nothing_warns_about_a_formation_that_no_policy_uses(plan_of_partition):
     (words,) = said(lambda: baselines.make("consensus-mpcc", made))
     assert words.startswith("scenario plan: p = 1 of 4 robots is not a stable equilibrium")
     assert said(lambda: baselines.make("consensus-gvf", made)) == []
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        "evaluate {plan} --episodes 1 --set faults.lost=1",
-        "benchmark --scenarios {plan}/scenario.toml --policies {plan} --episodes 1 --out {plan}/results",
-    ],
-)
-def test_no_command_warns_about_a_formation_that_no_policy_uses(line, plan_of_partition, capsys):
-    assert said(lambda: called(capsys, *line.format(plan=plan_of_partition).split())) == []
-
-
-def test_a_command_warns_about_the_formation_of_its_policy(plan_of_partition, capsys):
-    line = "evaluate", plan_of_partition / "scenario.toml", "consensus-mpcc", "--episodes", 1
-    (words,) = said(lambda: called(capsys, *line))
-    assert words.startswith("scenario plan: p = 1 of 4 robots is not a stable equilibrium")
 
 
 def test_the_command_scenarios_lists_all(capsys):

@@ -53,18 +53,8 @@ expected = [play(*task) for task in tasks]
 assert copy.deepcopy(extended) == extended
 """
 
-PROGRAMS = {
-    "joblib": """
-import joblib
-assert joblib.Parallel(2)(joblib.delayed(play)(*task) for task in tasks) == expected
-""",
-    "dask": """
-import dask.distributed
-with dask.distributed.Client(n_workers=1, threads_per_worker=1, dashboard_address=None) as client:
-    assert client.gather([client.submit(play, *task) for task in tasks]) == expected
-""",
-    # Of scenarios and policies in a pool, and of environments, which the processes make themselves.
-    "spawned": """
+# Of scenarios and policies in a pool, and of environments, which the processes make themselves.
+POOL = """
 from concurrent.futures import ProcessPoolExecutor
 with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
     rows = [pool.submit(lissajous_env.evaluate, policy, made, [3]).result()[0] for made, policy in tasks]
@@ -76,24 +66,13 @@ for env in (envs, alone):
 action = np.zeros(alone.action_space.shape, np.float32)
 assert envs.step(action)[1].tolist() == alone.step(action)[1].tolist()
 envs.close()
-""",
-}
+"""
 
 
-@pytest.mark.parametrize(
-    "program", ["spawned", *(pytest.param(name, marks=pytest.mark.long) for name in ("joblib", "dask"))]
-)
-def test_other_processes_play_what_a_notebook_defines(program, tmp_path):
+def test_other_processes_play_what_a_notebook_defines(tmp_path):
     # Oracle: the notebook's own process.
-    if program in ("joblib", "dask"):
-        pytest.importorskip({"dask": "distributed"}.get(program, program))
-    done = subprocess.run(
-        [sys.executable, "-c", NOTEBOOK, CELL, PROGRAMS[program]],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        timeout=300,
-    )
+    command = [sys.executable, "-c", NOTEBOOK, CELL, POOL]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=300)
     assert done.returncode == 0, done.stderr
 
 
@@ -114,7 +93,7 @@ def test_a_cell_that_is_run_again_replaces_what_it_registered():
             lissajous_env.rogue("of-a-cell")(decide)
             baselines.register("of-a-cell")(mine)
         assert rogues.rogue_of("of-a-cell").decide is decide
-        assert registry.factory_of("of-a-cell") is mine
+        assert registry.entry_of("of-a-cell").factory is mine
         for module in ("another_module", "__main__"):
             decide, mine = of_a_cell(module, 3)
             if module == "__main__":

@@ -287,34 +287,3 @@ def test_a_package_brings_both_by_name(home, tmp_path):
     assert (ended.returncode, ended.stderr) == (0, "")
     assert json.loads(ended.stdout)["episodes"][0]["scenario"] == "corridor"
     assert call(line, elsewhere).returncode == 2, "without the package there is neither"
-
-
-@pytest.mark.long
-def test_a_benchmark_goes_on_and_sees_that_a_scenario_has_changed(home, tmp_path):
-    write_files(tmp_path)
-    line = "lissajous benchmark --scenarios corridor.toml --policies kuramoto --out found --episodes"
-    assert call(f"{line} 2", tmp_path).returncode == 0
-    before = (tmp_path / "found" / "episodes.jsonl").read_text()
-    assert call(f"{line} 3", tmp_path).returncode == 0
-    assert (tmp_path / "found" / "episodes.jsonl").read_text().startswith(before)
-    (tmp_path / "corridor.toml").write_text(FILES["corridor.toml"].replace("2.4", "2.5"))
-    ended = call(f"{line} 4", tmp_path)
-    assert ended.returncode == 2
-    assert "scenarios.corridor.curve.half_width: 2.4 there, 2.5 now" in ended.stderr
-    # The same name from elsewhere, with the same numbers, is the same scenario.
-    (tmp_path / "corridor.toml").unlink()
-    assert call(f"{line} 3".replace("corridor.toml", "my_scenarios:corridor"), tmp_path).returncode == 0
-
-
-@pytest.mark.long
-def test_ray_plays_what_is_ones_own(home, tmp_path):
-    # Oracle: the engine local. Its workers are processes that were started elsewhere.
-    pytest.importorskip("ray")
-    write_files(tmp_path)
-    line = "lissajous benchmark --scenarios my_scenarios:corridor corridor-2.toml --policies my_policies:MyKuramoto"
-    (tmp_path / "corridor-2.toml").write_text(FILES["corridor.toml"])
-    for engine in ("local", "ray"):
-        ended = call(f"{line} --episodes 2 --engine {engine} --out {engine}", tmp_path)
-        assert ended.returncode == 0, ended.stderr
-    local, ray = (tmp_path / engine / "episodes.csv" for engine in ("local", "ray"))
-    assert ray.read_bytes() == local.read_bytes()

@@ -14,7 +14,7 @@ from test_network import make_network
 import baselines
 import lissajous_env
 import training
-from baselines.policies import factories, registry
+from baselines.policies import registry
 from baselines.policies.base import Policy
 from lissajous_env.console import cli
 from lissajous_env.parameters import named
@@ -121,13 +121,6 @@ def test_what_is_no_file(here, capsys):
             cli.main(line)
         said = capsys.readouterr().err
         assert (ended.value.code, len(said.splitlines())) == (2, 1), said
-
-
-def test_a_link_to_a_file_is_followed(here):
-    (here / "real.toml").write_text("base = 'knot'")
-    (here / "mine.TOML").symlink_to("real.toml")
-    made = lissajous_env.scenario("mine.TOML")
-    assert (made.name, made.digest()) == ("mine", lissajous_env.scenario("knot").digest())
 
 
 values = st.recursive(
@@ -259,11 +252,3 @@ def test_a_kind_of_arrays_that_is_none():
     wrong = type("Wrong", (Returning,), {"arrays": "jax"})
     with pytest.raises(ValueError, match="arrays of Wrong must be one of numpy, torch, warp, got 'jax'"):
         wrong("failure")
-
-
-def test_a_policy_that_was_registered_here_is_made_in_a_process_that_does_not_know_it():
-    # Story: what a driver sends to a worker of Ray, where nothing was registered.
-    baselines.register("mine", "curve", Returning)
-    sent = factories.named("mine")
-    registry._REGISTRY.pop("mine")
-    assert isinstance(sent(lissajous_env.scenario("failure"), 2, "cpu"), Returning)

@@ -8,7 +8,6 @@ import warp as wp
 
 import baselines
 import lissajous_env
-from lissajous_env.parameters import robot_models
 from lissajous_env.parameters.extensions import load_extension
 from lissajous_env.world.state import Clock, Robots
 
@@ -86,14 +85,6 @@ def test_a_term_adds_to_the_reward_and_nothing_else_changes(term):
     added = rewards - without
     assert set(np.round(added, 4).ravel()) == {0.0, -2.0}
     assert simulation.score()[0]["return_mean"] == pytest.approx(rewards[:, 0].sum(axis=0).mean(), abs=1e-4)
-
-
-def test_a_robot_that_was_removed_earns_no_term():
-    crashing = {"robot.radius": 0.5, "task.on_collision": "remove"}
-    simulation, _ = played(made(near_wall, **crashing))
-    gone = simulation.terminated.numpy()
-    assert gone.any()
-    assert (simulation.reward_terms.numpy()[gone][:, -1] == 0).all()
 
 
 def test_a_column_is_reduced_over_the_episode_and_starts_anew_with_it():
@@ -200,6 +191,8 @@ def test_what_a_function_returns_is_checked(door, value, message):
         (lambda: lissajous_env.observation_entry(0)(returning(1)), "wrong.size must be a whole number"),
         (lambda: lissajous_env.observation_entry(low=1.0)(returning(1)), "wrong.high must be above low = 1"),
         (lambda: lissajous_env.reward_term()(5), "reward term must be a function or a Warp kernel, got 5"),
+        (lambda: lissajous_env.reward_term(np.nan)(returning(1)), "wrong.weight must be from .*, got nan"),
+        (lambda: lissajous_env.observation_entry(low=-np.inf)(returning(1)), "wrong.low must be from .*, got -inf"),
     ],
 )
 def test_what_is_no_extension_is_refused_by_name(make, message):
@@ -260,23 +253,6 @@ def test_a_model_of_robots_drives_everywhere(slider):
     for name in ("random", "still"):
         row = lissajous_env.evaluate(baselines.make(name, scenario, 2), scenario, seeds=[0, 1])[0]
         assert (row["lateral_error_max"] > 0.05) == (name == "random")
-
-
-def test_a_model_is_drawn_as_a_disc_with_a_tip_or_in_its_own_shape(slider, monkeypatch):
-    scenario = lissajous_env.scenario("experiment", **{"robot.kind": "slider"})
-
-    def picture():
-        env = lissajous_env.parallel_env(scenario, render_mode="rgb_array")
-        env.reset(seed=1)
-        return env.render()
-
-    plain = picture()
-    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * 0.7
-    shaped = lissajous_env.RobotModel(
-        "slider", slider.actions, slider.table, slide, slider.speed_unit, shape=lambda robot: [(square, None)]
-    )
-    monkeypatch.setitem(robot_models._MODELS, "slider", shaped)
-    assert (picture() != plain).any()
 
 
 def draw_gates(world):

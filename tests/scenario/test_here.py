@@ -5,7 +5,6 @@ import sys
 import pytest
 from command_line import called
 
-import baselines
 import lissajous_env
 from lissajous_env.parameters import named
 from training.learned.card import Card
@@ -23,7 +22,7 @@ class MyStill(baselines.Policy):
 """
 METHOD = """
 import baselines
-from baselines.policies.coordinators.kuramoto import Kuramoto
+from baselines.policies.coordinators import Kuramoto
 
 baselines.register_coordinator("my-way", Kuramoto, about="Kuramoto once more.")
 """
@@ -55,10 +54,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("line", [
     ["evaluate", "failure", "my-still", *SHORT],
-    ["evaluate", "depot.toml", "my-still", *SHORT],
-    ["run", "failure", "my-still", "--set", "task.duration=0.5", "--out", "a.npz"],
     ["benchmark", "--scenarios", "failure", "--policies", "my-still", *SHORT, "--replays", "0", "--out", "results"],
-    ["evaluate", "failure", "my-way", *SHORT],
     ["evaluate", "rough", "my-way-mpcc", *SHORT],
     ["evaluate", "rough", "my-way-gvf-safe", *SHORT],
     ["evaluate", "short-one", "still", "--episodes", "1"],
@@ -116,26 +112,6 @@ def test_suggestions_are_what_a_user_may_mean(line, words, folder, capsys):
     code, _, error = called(capsys, *line)
     assert code == 2
     assert words in error.splitlines()[0], error
-
-
-def test_an_unknown_name_is_answered_in_a_line_or_two(capsys):
-    # Story: a misspelt policy was answered by the names of all policies, with the one that was meant at their end.
-    for line in (
-        ["evaluate", "failure", "kuramto"],
-        ["benchmark", "--policies", "kuramto"],
-        ["run", "falure", "still"],
-    ):
-        code, _, error = called(capsys, *line)
-        assert code == 2
-        assert max(map(len, error.splitlines())) < 160
-    with pytest.raises(
-        ValueError, match=r"^policy must be one of the \d+ that `lissajous policies` lists, got 'swep'; "
-    ):
-        baselines.make("swep", "rough")
-
-
-def test_from_python_a_scenario_is_found_by_the_name_that_a_module_here_registers():
-    assert lissajous_env.scenario("short-one").task.duration == 0.5
 
 
 def test_the_list_of_policies_names_those_of_the_folder(capsys):

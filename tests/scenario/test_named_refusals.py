@@ -11,7 +11,6 @@ import pytest
 import lissajous_env
 from lissajous_env.console.cli import main
 from lissajous_env.parameters import robot_models
-from lissajous_env.parameters.named import SCENARIOS
 from lissajous_env.world.robots.point import POINT
 
 
@@ -39,13 +38,9 @@ def test_entries_of_the_observation_have_names_of_their_own():
             {"table": ((math.nan,),)},
             "table of robot model mine must contain rows of 1 numbers from -1 to 1, got (nan,)",
         ),
-        ({"table": (("1",),)}, "table of robot model mine must contain rows"),
         ({"rest": (0.0,)}, "rest of robot model mine must be a function of a Robot, got (0.0,)"),
-        ({"rest": lambda robot: (math.nan,)}, "rest of robot model mine must contain rows of 1 numbers"),
         ({"rest": lambda robot: (0.0, 0.0)}, "rest of robot model mine must contain rows of 1 numbers"),
-        ({"actions": ("",)}, "robot model mine must have an action of at least one component, with different names"),
         ({"actions": ("a", "a"), "table": ((0.0, 0.0),)}, "robot model mine must have an action of at least one"),
-        ({"actions": ()}, "robot model mine must have an action of at least one component"),
         ({"table": ()}, "robot model mine must have a table of at least one row"),
         ({"move": print}, "robot model mine must move by a Warp kernel"),
         ({"name": "car"}, "name of a robot model must be new, got 'car'"),
@@ -77,7 +72,6 @@ class Leaves:
     ("arguments", "words"),
     [
         (["run", "ideal", "kuramoto", "--out", "a.npz", "--set", "extensions=leaving:leaves"], "reward term leaves"),
-        (["evaluate", "ideal", "leaving:act", "--episodes", "1"], "leaving:act failed on ideal: SystemExit: 7"),
         (["evaluate", "ideal", "leaving:Leaves", "--episodes", "1"], "leaving:Leaves failed on ideal: SystemExit: 3"),
     ],
 )
@@ -93,33 +87,11 @@ def test_an_exit_within_ends_a_command_with_words(tmp_path, monkeypatch, capsys,
     assert words in capsys.readouterr().err.splitlines()[-1]
 
 
-def test_lists_of_names_are_short():
-    # Oracle: the length of the message, and that what was meant is in it.
-    many = [f"name-{k}" for k in range(10_000)]
-    made = lissajous_env.scenario("ideal")
-    SCENARIOS.update({name: dataclasses.replace(made, name=name) for name in many})
-    with pytest.raises(ValueError, match="scenario must be") as error:
-        lissajous_env.scenario("name-4711x")
-    assert "name-4711" in str(error.value)
-    assert len(str(error.value)) < 1000
-
-
-LONG = "x" * 300
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["evaluate", "ideal", "kuramoto", "--episodes", "1", "--out", f"{LONG}.csv"],
-        ["run", "ideal", "kuramoto", "--out", f"{LONG}.html"],
-        ["benchmark", "--scenarios", "ideal", "--policies", "kuramoto", "--episodes", "1", "--out", LONG],
-    ],
-)
-def test_a_command_refuses_an_out_that_is_too_long(tmp_path, monkeypatch, capsys, arguments):
+def test_a_command_refuses_an_out_that_is_too_long(tmp_path, monkeypatch, capsys):
     # Oracle: exit code 2, one line, nothing there.
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as ended:
-        main(arguments)
+        main(["evaluate", "ideal", "kuramoto", "--episodes", "1", "--out", f"{'x' * 300}.csv"])
     out, error = capsys.readouterr()
     assert (ended.value.code, out, len(error.splitlines())) == (2, "", 1)
     assert "File name too long" in error

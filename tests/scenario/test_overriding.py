@@ -7,7 +7,7 @@ import baselines
 import lissajous_env
 from lissajous_env.envs.sides import action_table
 from lissajous_env.envs.true_state import state_names
-from lissajous_env.episodes import guarantee, limits, recording
+from lissajous_env.episodes import guarantee, recording
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.observation import layout
 
@@ -65,23 +65,11 @@ def test_what_the_message_says_is_a_way_out():
         lissajous_env.scenario("experiment", **{"faults.schedule": ((9, 1.0, 2.0),)})
 
 
-def test_a_file_says_the_same_of_its_base(tmp_path):
-    (tmp_path / "three.toml").write_text("base = 'experiment'\n[robot]\ncount = 3\n")
-    with pytest.raises(ValueError, match=r"three\.toml: faults.schedule .* it comes from the scenario experiment"):
-        lissajous_env.scenario(tmp_path / "three.toml")
-
-
 TAKES_A_SCENARIO = {
     "state_names": state_names,
     "layout": lambda given: layout(given).names,
     "action_table": lambda given: action_table(given).tolist(),
-    "robot_speed_limit": limits.robot_speed_limit,
-    "mean_time_limit": limits.mean_time_limit,
-    "guaranteed_time_limit": limits.guaranteed_time_limit,
     "in_formation": lambda given: guarantee.in_formation(given).to_dict(),
-    "fastest_rogue": guarantee.fastest_rogue,
-    "guaranteed_time": lambda given: guarantee.guaranteed_time(given, cells=16),
-    "reach_of": lambda given: guarantee.reach_of(given, 0.1, cells=16),
     "check_follows": guarantee.check_follows,
     "Simulation": lambda given: lissajous_env.Simulation(given).observation.numpy().tolist(),
     "names": baselines.names,
@@ -108,13 +96,3 @@ def test_overrides_wherever_worlds_are_made():
     assert len(recording.record(policy, "failure", 3, **SHORT)) == 11
     with pytest.raises(ValueError, match=r"did you mean task\.duration\?"):
         lissajous_env.Simulation("failure", duration=1.0)
-
-
-def test_overrides_of_the_environment_of_stable_baselines3():
-    pytest.importorskip("stable_baselines3")
-    import training.sb3
-
-    worlds = training.sb3.RobotVecEnv("failure", num_worlds=2, seed=0, **SHORT)
-    assert worlds.scenario.task.duration == 1.0
-    with pytest.raises(ValueError, match=r"did you mean task\.duration\?"):
-        training.sb3.RobotVecEnv("failure", duration=5.0)

@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import lissajous_env
 from lissajous_env.parameters.scenario import (
@@ -208,13 +206,6 @@ def test_overrides_dotted_and_nested_are_the_same():
     ) == (dotted)
 
 
-def test_overrides_that_only_hold_together_are_checked_together():
-    # Oracle: (3, 2) to (1, 6) has to pass (3, 6), which share a factor, if b is set first.
-    for order in (["curve.a", "curve.b"], ["curve.b", "curve.a"]):
-        both = {"curve.a": 1, "curve.b": 6}
-        assert lissajous_env.scenario("intruders", **{name: both[name] for name in order}).num_robots == 7
-
-
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
@@ -310,22 +301,6 @@ def test_ring_of_the_experiment_is_the_printed_one():
     assert [set(pair) for pair in neighbours.tolist()] == [{2, 4}, {1, 5}, {4, 5}, {1, 3}, {2, 3}]
 
 
-def test_intruders_take_the_top_speed_on_the_fastest_stretch():
-    # Oracle: omega = 2 m/s / max ||r'|| = 0.118 rad/s by dense sampling; steady speed of the throttle limit 2 m/s.
-    scenario = lissajous_env.scenario("intruders")
-    speed = closed_forms.curve_speed(scenario.curve, np.linspace(0, 2 * np.pi, 100_001))
-    assert scenario.formation.phase_rate == pytest.approx(2 / speed.max(), abs=5e-4)
-    assert round(2 / speed.max(), 3) == scenario.formation.phase_rate
-    assert scenario.robot.top_speed == pytest.approx(2, abs=1e-4)
-
-
-def test_steady_speed_of_the_printed_constants_cannot_drive_the_curve():
-    # Oracle: 2.9 m/s at the smallest throttle by hand, against 1.69 m/s on the fastest stretch.
-    robot = lissajous_env.scenario("experiment-printed").robot
-    slowest = (robot.drive * robot.throttle_min - robot.offset) / robot.drag
-    assert slowest == pytest.approx(2.915, abs=5e-3)
-
-
 def test_few_robots():
     alone = Scenario(robot=Robot(count=1))
     assert alone.neighbours.tolist() == [[-1, -1]]
@@ -333,15 +308,6 @@ def test_few_robots():
     pair = Scenario(curve=Curve(a=1, b=1))
     assert pair.neighbours.tolist() == [[1, -1], [0, -1]]
     assert pair.p == 1
-
-
-@settings(deadline=None)
-@given(st.integers(3, 40))
-def test_ring_neighbours_know_each_other(n):
-    neighbours = Scenario(robot=Robot(kind="curve", count=n)).neighbours
-    for robot in range(n):
-        for other in neighbours[robot]:
-            assert robot in neighbours[other]
 
 
 @pytest.mark.parametrize("curve", [Curve(20, 12.5, 3, 2), Curve(20, 12.5, harmonics=((6, 0, 0, 4), (0, 2, 1, 0)))])

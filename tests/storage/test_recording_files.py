@@ -10,7 +10,6 @@ import pytest
 
 import lissajous_env
 from lissajous_env.episodes import recording as recordings
-from lissajous_env.episodes import recording_checks
 from lissajous_env.render import film
 from tests.storage.planted import opened, payloads
 
@@ -95,7 +94,7 @@ def test_a_pickle_in_the_place_of_an_array_is_not_opened(recording, tmp_path):
 
 def test_a_small_file_that_would_unpack_to_much_is_refused(recording, tmp_path, monkeypatch):
     # Zeros, packed to a thousandth, in the place of the cells.
-    monkeypatch.setattr(recording_checks, "MOST_BYTES", 10**8)
+    monkeypatch.setattr(recordings, "MOST_BYTES", 10**8)
     path = tmp_path / "bad.npz"
     recording.save(path)
     with zipfile.ZipFile(path) as file:

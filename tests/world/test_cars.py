@@ -11,9 +11,8 @@ from one_robot import ALONE, driven, one_robot
 
 import baselines
 import lissajous_env
-from baselines.policies.base import Policy
+from baselines.policies.base import Filtered, Policy
 from baselines.policies.safety.filter import Safe
-from baselines.policies.safety.filtered import Filtered
 from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import RobotStruct

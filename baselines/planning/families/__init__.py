@@ -3,15 +3,13 @@
 from collections.abc import Callable
 from functools import partial
 
-from baselines.planning.families.defaults import included
-from baselines.planning.families.known import best_known
+from baselines.planning.families.cars import lines, partitions, patrols
+from baselines.planning.families.included import best_known, defaults
 from baselines.planning.families.lissajous import formations
-from baselines.planning.families.loops import patrols
-from baselines.planning.families.timed import lines, partitions
 from baselines.planning.family import Family
 from lissajous_env.parameters.scenario import Scenario
 
-FAMILIES: tuple[Callable[[Scenario], Family], ...] = (included, best_known, partitions, lines, formations, patrols)
+FAMILIES: tuple[Callable[[Scenario], Family], ...] = (defaults, best_known, partitions, lines, formations, patrols)
 """Functions that return each family for a task."""
 
 

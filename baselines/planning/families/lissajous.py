@@ -11,15 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from baselines.planning.family import FILTERS, Family, Settings, without_plans
+from baselines.planning.family import FILTERS, Family, Settings
 from baselines.planning.plans import Plan, top_speed
+from baselines.planning.request import paper_design, turning_radius_of
 from baselines.policies.as_cars import like_cars
 from baselines.policies.settings import PolicySettings
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.parts import Curve, Robot
+from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms, geometry
-from lissajous_env.theory.design import HEADROOM, best_design, best_formation, largest_phase_rate
+from lissajous_env.theory.design import HEADROOM, best_formation, largest_phase_rate
 
 NAME = "Lissajous"
 _KURAMOTO = "kuramoto", "arc"
@@ -39,10 +40,10 @@ def formations(task: Scenario) -> Family:
     """Return formations by curve, coordinator, and shares of the largest phase rate and of the default coupling."""
     policies = _policies(task)
     if not policies:
-        return without_plans(NAME, f"no coordinator drives robots of kind {task.robot.kind}")
+        return Family(NAME, refusal=f"no coordinator drives robots of kind {task.robot.kind}")
     curves, (paper, *others) = curves_of(task), policies
     if not curves:
-        return without_plans(NAME, _violation(task))
+        return Family(NAME, refusal=_violation(task))
     # Every curve with the paper's method, then the best ones with other coordinators.
     starts = [{"curve": k, "policy": paper, "rate": 1.0} for k in range(len(curves))]
     starts += [{"curve": k, "policy": each, "rate": 1.0} for k in range(len(curves))[:2] for each in others]
@@ -58,18 +59,12 @@ def formations(task: Scenario) -> Family:
 
 def _violation(task: Scenario) -> str:
     """Return the conditions that the best curve with a + b = N violates."""
-    robot = (like_cars(task) or task).robot
-    best = best_design(
-        task.curve.half_width, task.curve.half_height, task.num_robots, robot.radius, task.sensing_radius,
-        top_speed(task), _turning_radius(robot), robot.lateral_acceleration_max, task.inset,
-    )  # fmt: skip
+    curve, robot = task.curve, task.robot
+    best = paper_design(
+        curve.half_width, curve.half_height, robot, task.sensing_radius, top_speed(task), task.num_robots, task.inset
+    )
     violated = best.violations(robot.radius, task.sensing_radius) or ["robots collide or leave a gap on every curve"]
     return f"the paper's best curve is a = {best.curve.a}, b = {best.curve.b}: {'; '.join(violated)}"
-
-
-def _turning_radius(robot: Robot) -> float:
-    """Return the radius of the tightest circle of cars [m]; 0 for points."""
-    return geometry.turning_radius(robot.wheelbase, robot.steering_max) if robot.kind == "car" else 0.0
 
 
 def _plan(task: Scenario, settings: Settings) -> Plan:
@@ -118,7 +113,7 @@ def _may_work(task: Scenario, curve: Curve) -> bool:
         return False
     if geometry.smallest_distance(curve, n) < apart:
         return False
-    if geometry.tight_share(curve, _turning_radius(robot)) > _TIGHT:
+    if geometry.tight_share(curve, turning_radius_of(robot)) > _TIGHT:
         return False
     gap = geometry.measured_coverage_radius(curve, 1e-2) + math.sqrt(2) * task.inset
     return gap * _ROOM < task.sensing_radius
@@ -128,7 +123,7 @@ def _largest_rate(task: Scenario, curve: Curve) -> float:
     """Return the largest phase rate at which the robots can drive a curve, less the headroom [rad/s]."""
     robot = (like_cars(task) or task).robot
     grip = robot.lateral_acceleration_max if robot.kind == "car" else math.inf
-    return largest_phase_rate(curve, top_speed(task), _turning_radius(robot), grip)
+    return largest_phase_rate(curve, top_speed(task), turning_radius_of(robot), grip)
 
 
 def formation_overrides(task: Scenario, curve: Curve, rate: float, ring: int = 0) -> dict[str, Any]:

@@ -43,8 +43,14 @@ from typing import Any
 import warp as wp
 
 from baselines.policies.base import Filter
-from baselines.policies.safety.kernel import MANOEUVRES, NEAREST, Constants, keep_clear
-from baselines.policies.safety.parameters import SafetyParameters, SafetyStruct
+from baselines.policies.safety.kernel import (
+    MANOEUVRES,
+    NEAREST,
+    Constants,
+    SafetyParameters,
+    SafetyStruct,
+    keep_clear,
+)
 from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
@@ -75,6 +81,7 @@ class Safe(Filter):
     about = "with a collision filter that intervenes late and gently"
     as_car = True
     communicates = "positions of ring neighbours"
+    remembers = ("_memory",)
 
     def __init__(
         self,
@@ -95,11 +102,6 @@ class Safe(Filter):
         self._others = wp.zeros((*self.shape, *near), dtype=wp.vec4, device=self.device)
         self._paths = wp.zeros((*self.shape, *paths), dtype=wp.vec2, device=self.device)
         self._rows = wp.zeros((*self.shape, *near), dtype=wp.vec3, device=self.device)
-
-    @property
-    def memory(self) -> list[wp.array]:
-        """Positions of ring neighbours."""
-        return [self._memory]
 
     def __call__(self, observation: wp.array, wanted: wp.array, out: wp.array | None = None) -> wp.array:
         """Return the actions for wanted ones, from observations."""

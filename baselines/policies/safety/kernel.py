@@ -1,8 +1,14 @@
-"""The collision filter's arithmetic for one robot: manoeuvres, margins, and the agreed way out."""
+"""The collision filter's parameters, and its arithmetic for one robot: manoeuvres, margins, the agreed way out."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
 
 import warp as wp
 
 from baselines.policies.own_row import (
+    Actions,
+    Observation,
     hears,
     message_age,
     offset_heard,
@@ -14,14 +20,17 @@ from baselines.policies.own_row import (
     sees,
     velocity_seen,
 )
-from baselines.policies.safety.parameters import SafetyStruct
-from baselines.policies.safety.quadratic_program import TOLERANCE, into_box, solve_quadratic_program
+from baselines.policies.safety.quadratic_program import TOLERANCE, HalfPlanes, into_box, solve_quadratic_program
+from baselines.similarity import EXPERIMENT, motion_scale
 from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.car_input import car_action, steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import RobotStruct
+from lissajous_env.device.structs import struct_of
 from lissajous_env.device.trig import cos_sin
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.world.robots.car import motor_push, speed_limit_below
 
 wp.set_module_options(OPTIONS)
@@ -30,10 +39,61 @@ MANOEUVRES = wp.constant(9)
 """Ways out: full right, straight on, full left; each while coasting, at this speed, and driving on."""
 NEAREST = wp.constant(8)
 """Largest number of robots that are avoided, the nearest first."""
+_LONGEST = 40
+"""Longest horizon [control steps]."""
 _DIFFERENCE = wp.constant(0.05)
 _NONE = wp.constant(1.0e30)
 
+Others = wp.array(dtype=wp.vec4)
+"""Relative x, y [m] and velocity [m/s] of the other robots (NEAREST,)."""
+Paths = wp.array2d(dtype=wp.vec2)
+"""Places [m] on the manoeuvres of this car, then on those of another, at each step of the horizon."""
+
 scores = wp.types.vector(length=9, dtype=wp.float32)
+
+
+@dataclass(frozen=True)
+class SafetyParameters(Checked):
+    """Parameters of the collision filter, besides the scenario.
+
+    The defaults are those of the paper's experiment; `SafetyParameters.of` scales them to another scenario.
+    """
+
+    clearance: float = number(0.02, 0, 1e3, "m")
+    """Least distance of two cars besides the two radii [m]."""
+    growth: float = number(0.05, 0, 1e3, "m/s")
+    """Growth of the required distance with the prediction time, because predictions get less accurate [m/s]."""
+    horizon: int = whole(8, 1, 100)
+    """Horizon of the prediction [control steps]."""
+    ample: float = number(0.1, 0, 1e3, "m")
+    """Margin above which all ways out are equally good [m]."""
+    effort: float = number(0.1, 0, 1e3, "m")
+    """Margin that full steering must add to a way out; coasting and full throttle must add half of it [m]."""
+    right: float = number(0.01, -1e3, 1e3, "m")
+    """Margin that is added to a way out to the right, to break the symmetry of a meeting [m]."""
+    throttle_weight: float = number(0.5, 1e-6, 1e6)
+    """Weight of a change of the throttle's action relative to one of the steering's."""
+    passes: int = whole(3, 1, 20)
+    """Largest number of linearisations of the margins, each of which is a quadratic program."""
+    resting: float = number(0.05, 0, 1e3, "m/s")
+    """Speed below which another robot is assumed to have stopped [m/s]."""
+    unit: float = number(1.0, 1e-9, 1e6, "m")
+    """Unit of the margins in the quadratic program [m]."""
+    speed_max: float | None = number(None, 1e-9, 1e5, "m/s")
+    """Largest speed to which the throttle may lead [m/s]; None is `baselines.policies.safety.filter.speed_limit`."""
+
+    def of(self, scenario: Scenario) -> "SafetyParameters":
+        """Return the same parameters scaled from the paper's experiment to another scenario.
+
+        The horizon of slow cars has more control steps, so that their ways out still differ.
+        """
+        scale = motion_scale(scenario)
+        seconds = self.horizon * EXPERIMENT.task.step * scale.time
+        horizon = min(max(math.ceil(seconds / scenario.task.step - 1e-6), self.horizon), _LONGEST)
+        return dataclasses.replace(self.scaled(scale.length, scale.time), horizon=horizon)
+
+
+SafetyStruct = struct_of(SafetyParameters)
 
 
 @wp.struct
@@ -128,9 +188,7 @@ def margin(c: Constants, car: wp.vec4, other: wp.vec4, action: wp.vec2, way_out:
 
 
 @wp.func
-def barrier(
-    c: Constants, car: wp.vec4, n: int, others: wp.array(dtype=wp.vec4), action: wp.vec2, way_out: wp.vec2
-) -> float:
+def barrier(c: Constants, car: wp.vec4, n: int, others: Others, action: wp.vec2, way_out: wp.vec2) -> float:
     """Return the least margin to the n others."""
     least = float(_NONE)
     for k in range(n):
@@ -139,9 +197,7 @@ def barrier(
 
 
 @wp.func
-def agreed_way_out(
-    c: Constants, car: wp.vec4, n: int, others: wp.array(dtype=wp.vec4), path: wp.array2d(dtype=wp.vec2)
-) -> int:
+def agreed_way_out(c: Constants, car: wp.vec4, n: int, others: Others, path: Paths) -> int:
     """Return the manoeuvre b that two cars agree on if both compute the best pair of manoeuvres.
 
     b = argmax min_k max_{b'} min(m_k(b, b'), ample) - price(b) - price(b'), where m_k(b, b') is the margin if this car
@@ -194,15 +250,7 @@ def agreed_way_out(
 
 
 @wp.func
-def linearise(
-    c: Constants,
-    car: wp.vec4,
-    n: int,
-    others: wp.array(dtype=wp.vec4),
-    at: wp.vec2,
-    way_out: wp.vec2,
-    rows_out: wp.array(dtype=wp.vec3),
-):
+def linearise(c: Constants, car: wp.vec4, n: int, others: Others, at: wp.vec2, way_out: wp.vec2, rows_out: HalfPlanes):
     """Write row k, g.u >= c: m_k(at) + g.(u - at) >= 0, with g by differences towards the middle of the box.
 
     The margins are divided by `safety.unit`.
@@ -219,14 +267,7 @@ def linearise(
 
 
 @wp.func
-def see(
-    w: int,
-    i: int,
-    c: Constants,
-    own: wp.vec2,
-    observation: wp.array3d(dtype=float),
-    others_out: wp.array(dtype=wp.vec4),
-) -> int:
+def see(w: int, i: int, c: Constants, own: wp.vec2, observation: Observation, others_out: Others) -> int:
     """Write relative x, y [m] and velocity [m/s] of the robots in sight of one with a velocity; return their number."""
     n = int(0)
     for k in range(wp.min(c.robots_seen, NEAREST)):
@@ -246,8 +287,8 @@ def hear(
     c: Constants,
     curve: CurveStruct,
     memory: wp.array3d(dtype=wp.vec3),
-    observation: wp.array3d(dtype=float),
-    others_out: wp.array(dtype=wp.vec4),
+    observation: Observation,
+    others_out: Others,
 ) -> int:
     """Add the ring neighbours beyond the sight that sent in this step and the one before; return the number.
 
@@ -272,14 +313,7 @@ def hear(
 
 @wp.func
 def avoid(
-    c: Constants,
-    car: wp.vec4,
-    n: int,
-    others: wp.array(dtype=wp.vec4),
-    wanted: wp.vec2,
-    top: float,
-    path: wp.array2d(dtype=wp.vec2),
-    rows: wp.array(dtype=wp.vec3),
+    c: Constants, car: wp.vec4, n: int, others: Others, wanted: wp.vec2, top: float, path: Paths, rows: HalfPlanes
 ) -> wp.vec2:
     """Return the wanted action in the box if a way out remains after it, or else the nearest one that leaves one."""
     u = into_box(wanted, top)
@@ -307,12 +341,12 @@ def keep_clear(
     c: Constants,
     curve: CurveStruct,
     memory: wp.array3d(dtype=wp.vec3),
-    observation: wp.array3d(dtype=float),
-    wanted: wp.array3d(dtype=float),
+    observation: Observation,
+    wanted: Actions,
     others: wp.array3d(dtype=wp.vec4),
     path: wp.array4d(dtype=wp.vec2),
     rows: wp.array3d(dtype=wp.vec3),
-    action_out: wp.array3d(dtype=float),
+    action_out: Actions,
 ):
     """Write the wanted action, or the nearest one that avoids the other robots; the last arrays are working memory."""
     w, i = wp.tid()

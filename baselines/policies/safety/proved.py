@@ -12,16 +12,16 @@ docs/proved.md has the theorem with its proof; in short:
 **Theorem.** If conditions 1 to 5 hold, and all tails are compatible in some step (6), no robots collide after it.
 
 1. A car moves by (12) with the scenario's drag, its motor is off at action -1, and neither grip nor a wall changes its
-   way: `own_motion.drive`, `own_motion.within_limits`, `compatibility.room_inside`.
+   way: `own_motion.drive`, `own_motion.within_limits`, `commitment.room_inside`.
 2. Wheelbase, drive and measurements are within their bounds, and no measurement is at the end of its range:
    `bounds_of`, `widest_of`, `own_motion.learn`, `own_motion.within_limits`, `tails.error_tube`.
 3. Robots decide one after another and have received the committed tails; a robot that misses one does not decide:
    `commitment.commit`, `commitment.hears_all`.
-4. Every robot decides by this filter: `compatibility.room_of`, `commitment.decide`.
+4. Every robot decides by this filter: `commitment.room_of`, `commitment.decide`.
 5. A robot that fails stops dead, or coasts to rest with constant steering (`faults.stop`), and stays in its place for
-   the others until it is removed: `compatibility.room_to`, `swept.swept_room`, `commitment.stand`,
+   the others until it is removed: `commitment.room_to`, `tails.swept_room`, `commitment.stand`,
    `commitment.presence_of`.
-6. All tails are compatible once: `compatibility.is_compatible`, `Proved.holds`.
+6. All tails are compatible once: `commitment.is_compatible`, `Proved.holds`.
 
 `unmet_conditions` names those of 1, 2 and 3 that a scenario violates. In such scenarios the filter acts in the same
 way, without a guarantee.
@@ -44,10 +44,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.base import Filter
+from baselines.policies.base import Filter, clear_worlds
 from baselines.policies.inside import Inside, Walls, walls_of
-from baselines.policies.safety.commitment import commit
-from baselines.policies.safety.compatibility import PLANS, Memory
+from baselines.policies.safety.commitment import PLANS, Memory, commit
 from baselines.policies.safety.own_motion import Bounds
 from baselines.policies.safety.tails import POINTS
 from baselines.similarity import motion_scale
@@ -143,10 +142,11 @@ class Proved(Filter):
         """
         return self._memory.holds.numpy() == 1
 
-    @property
-    def memory(self) -> list[wp.array]:
-        """Tails, and what robots learned of themselves; plans are laid out anew in every step."""
-        return [array for name, array in self._arrays.items() if name != "plans"]
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget tails, and what robots learned of themselves; plans are laid out anew in every step."""
+        for name, array in self._arrays.items():
+            if name != "plans":
+                clear_worlds(array, mask)
 
     def __call__(self, observation: wp.array, wanted: wp.array, out: wp.array | None = None) -> wp.array:
         """Return the actions for wanted ones; a robot whose wanted action is not finite keeps its old tail."""
@@ -274,26 +274,23 @@ def unmet_conditions(scenario: Scenario) -> tuple[str, ...]:
     Condition 6, on the start of an episode, is `Proved.holds`.
     """
     scenario = scenario.resolve()
-    robot, noise = scenario.robot, scenario.noise
-    unmet = []
-    if robot.throttle_min > robot.dead_zone:
-        rule = f"must be at most dead_zone, {robot.dead_zone:g}, for the motor to be off"
-        unmet.append(f"1: robot.throttle_min {rule}, got {robot.throttle_min:g}")
-    if noise.actuator > 0:
-        unmet.append(f"1: noise.actuator must be 0, got {noise.actuator:g}")
-    if (error := integration_error(scenario)) > _COARSEST:
-        rule = f"must be short enough for a relative error of {_COARSEST:g} at top speed"
-        unmet.append(f"1: task.step {rule} [s], got {scenario.task.step:g} with {error:.2g}")
+    robot, noise, task = scenario.robot, scenario.noise, scenario.task
+    coarse, rounded = integration_error(scenario), rounding_error(scenario)
     margin = ProvedParameters().of(scenario).margin
     most = _ROUNDING * (scenario.curve.half_width + scenario.curve.half_height) + margin / 2
-    if (error := rounding_error(scenario)) > most:
-        rule = f"must be long enough for a rounding error of {most:.2g} m with {scenario.task.substeps} sub-steps"
-        unmet.append(f"1: task.step {rule} [s], got {scenario.task.step:g} with {error:.2g}")
-    for field in ("position", "heading", "speed"):
-        if getattr(noise, field) > 0:
-            rule = "must be 0, since normal noise has no bound"
-            unmet.append(f"2: noise.{field} {rule}, got {getattr(noise, field):g}")
-    if round(noise.message_delay / scenario.task.step) > 0:
-        rule = f"must be below half a step of {scenario.task.step:g} s"
-        unmet.append(f"3: noise.message_delay {rule}, got {noise.message_delay:g}")
-    return tuple(unmet)
+    off = f"must be at most dead_zone, {robot.dead_zone:g}, for the motor to be off"
+    short = f"must be short enough for a relative error of {_COARSEST:g} at top speed [s]"
+    long = f"must be long enough for a rounding error of {most:.2g} m with {task.substeps} sub-steps [s]"
+    normal = "must be 0, since normal noise has no bound"
+    prompt = f"must be below half a step of {task.step:g} s"
+    rules = (
+        (robot.throttle_min <= robot.dead_zone, "1: robot.throttle_min", off, f"{robot.throttle_min:g}"),
+        (noise.actuator == 0, "1: noise.actuator", "must be 0", f"{noise.actuator:g}"),
+        (coarse <= _COARSEST, "1: task.step", short, f"{task.step:g} with {coarse:.2g}"),
+        (rounded <= most, "1: task.step", long, f"{task.step:g} with {rounded:.2g}"),
+        (noise.position == 0, "2: noise.position", normal, f"{noise.position:g}"),
+        (noise.heading == 0, "2: noise.heading", normal, f"{noise.heading:g}"),
+        (noise.speed == 0, "2: noise.speed", normal, f"{noise.speed:g}"),
+        (round(noise.message_delay / task.step) == 0, "3: noise.message_delay", prompt, f"{noise.message_delay:g}"),
+    )
+    return tuple(f"{field} {rule}, got {value}" for holds, field, rule, value in rules if not holds)

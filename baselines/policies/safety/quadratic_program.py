@@ -4,11 +4,13 @@ import warp as wp
 
 TOLERANCE = wp.constant(1.0e-5)
 """Tolerance of the constraints in a solution of the program, in units of the margins."""
+HalfPlanes = wp.array(dtype=wp.vec3)
+"""Half-planes of actions u, (g0, g1, c) for g.u >= c."""
 _NONE = wp.constant(1.0e30)
 
 
 @wp.func
-def line(k: int, n: int, rows: wp.array(dtype=wp.vec3), top: float, relaxed: float) -> wp.vec3:
+def line(k: int, n: int, rows: HalfPlanes, top: float, relaxed: float) -> wp.vec3:
     """Return row k of n, relaxed, or a side of the box [-1, 1] x [-1, top] for the next four k, as g.u >= c."""
     if k < n:
         return wp.vec3(rows[k][0], rows[k][1], rows[k][2] - relaxed)
@@ -22,7 +24,7 @@ def line(k: int, n: int, rows: wp.array(dtype=wp.vec3), top: float, relaxed: flo
 
 
 @wp.func
-def violation(n: int, rows: wp.array(dtype=wp.vec3), u: wp.vec2) -> float:
+def violation(n: int, rows: HalfPlanes, u: wp.vec2) -> float:
     """Return max_k c - g.u, and at least 0."""
     most = float(0.0)
     for k in range(n):
@@ -44,7 +46,7 @@ def into_box(u: wp.vec2, top: float) -> wp.vec2:
 
 
 @wp.func
-def least_violation(n: int, rows: wp.array(dtype=wp.vec3), top: float) -> float:
+def least_violation(n: int, rows: HalfPlanes, top: float) -> float:
     """Return the smallest s >= 0 for which g.u >= c - s has a solution in the box, by its vertices."""
     least = violation(n, rows, wp.vec2(-1.0, -1.0))
     for a in range(n):
@@ -68,9 +70,7 @@ def least_violation(n: int, rows: wp.array(dtype=wp.vec3), top: float) -> float:
 
 
 @wp.func
-def nearest_action(
-    n: int, rows: wp.array(dtype=wp.vec3), allowed: float, weight: float, top: float, wanted: wp.vec2
-) -> wp.vec3:
+def nearest_action(n: int, rows: HalfPlanes, allowed: float, weight: float, top: float, wanted: wp.vec2) -> wp.vec3:
     """Solve the program by trying every active set: none, one line, or two; (steering, throttle, cost)."""
     best = wp.vec3(0.0, 0.0, _NONE)
     relaxed = allowed - TOLERANCE
@@ -103,9 +103,7 @@ def nearest_action(
 
 
 @wp.func
-def solve_quadratic_program(
-    n: int, rows: wp.array(dtype=wp.vec3), weight: float, top: float, wanted: wp.vec2
-) -> wp.vec3:
+def solve_quadratic_program(n: int, rows: HalfPlanes, weight: float, top: float, wanted: wp.vec2) -> wp.vec3:
     """Minimise (u0 - w0)^2 + weight (u1 - w1)^2 over the box with g.u >= c for n rows; (steering, throttle, s).
 
     If the rows contradict one another or the box, all are relaxed by the same least s > 0.

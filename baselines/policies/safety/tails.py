@@ -10,6 +10,10 @@ is
 
 and the car is within w(q) of the arc's point at q, for every position, heading, speed and curvature that the bounds of
 noise and model allow (`error_tube`).
+
+A plan is a step and the tail after it, as sampled points (`lay_out`). Two plans are compared at equal times
+(`room_between`) or, where a robot may stop dead, at any two times that matter (`swept_room`): a car that stops dead at
+a time stands at its plan's place of that time while the other one drives on.
 """
 
 import warp as wp
@@ -21,6 +25,12 @@ PIECES = wp.constant(16)
 """Pieces of a tail between its sampled points, in equal steps of q."""
 POINTS = wp.constant(int(PIECES) + 3)
 """Sampled points of a plan: the position of the car, and the beginning, inner points and end of its tail."""
+Plan = wp.array(dtype=wp.vec3)
+"""Sampled points of a plan (POINTS,), as `lay_out` writes them."""
+BLOCK = wp.constant(4)
+"""Pieces of a tail that are compared together first."""
+BLOCKS = wp.constant(int(PIECES) // int(BLOCK) + 1)
+"""Blocks of a plan: the step, and those of the tail."""
 
 
 @wp.func
@@ -57,9 +67,7 @@ def error_tube(curvature: float, length: float, place: float, heading: float, al
 
 
 @wp.func
-def lay_out(
-    plan_out: wp.array(dtype=wp.vec3), now: wp.vec2, middle: wp.vec3, tail: wp.vec4, tube: wp.vec4, slack: float
-):
+def lay_out(plan_out: Plan, now: wp.vec2, middle: wp.vec3, tail: wp.vec4, tube: wp.vec4, slack: float):
     """Sample a plan: points x, y, each with a bound on the deviation from the straight line before it [m].
 
     `middle` is that of the step before the tail, x, y and the bound for either half of it. Along a piece of the tail an
@@ -87,14 +95,14 @@ def lay_out(
 
 
 @wp.func
-def room_of_reaches(one: wp.array(dtype=wp.vec3), other: wp.array(dtype=wp.vec3), touch: float) -> float:
+def room_of_reaches(one: Plan, other: Plan, touch: float) -> float:
     """Return a lower bound of the distance of two plans from their reaches, less `touch` [m]."""
     apart = wp.length(wp.vec2(one[0][0] - other[0][0], one[0][1] - other[0][1]))
     return apart - one[0][2] - other[0][2] - touch
 
 
 @wp.func
-def room_between(one: wp.array(dtype=wp.vec3), other: wp.array(dtype=wp.vec3), touch: float, enough: float) -> float:
+def room_between(one: Plan, other: Plan, touch: float, enough: float) -> float:
     """Return a lower bound of the distance of two cars at equal times on two plans, less `touch` [m].
 
     If the bound is below `enough`, any value below `enough` is returned. Along each piece it is the closest approach of
@@ -114,4 +122,98 @@ def room_between(one: wp.array(dtype=wp.vec3), other: wp.array(dtype=wp.vec3), t
         if least < enough:
             break
         before = after
+    return least
+
+
+@wp.func
+def gap(a: wp.vec3, a_end: wp.vec3, b: wp.vec3, b_end: wp.vec3) -> float:
+    """Return the distance of two line segments in the plane [m]; a third coordinate is ignored.
+
+    The differences of their points are a parallelogram, and its distance from the origin is that of the segments.
+    """
+    p = wp.vec2(a[0] - b[0], a[1] - b[1])
+    q = wp.vec2(a_end[0] - b[0], a_end[1] - b[1])
+    r = wp.vec2(a_end[0] - b_end[0], a_end[1] - b_end[1])
+    s = wp.vec2(a[0] - b_end[0], a[1] - b_end[1])
+    turns = wp.vec4(
+        q[1] * p[0] - q[0] * p[1], r[1] * q[0] - r[0] * q[1], s[1] * r[0] - s[0] * r[1], p[1] * s[0] - p[0] * s[1]
+    )
+    if wp.min(turns) > 0.0 or wp.max(turns) < 0.0:
+        return 0.0
+    least = wp.min(closest_approach(p, q), closest_approach(q, r))
+    return wp.sqrt(wp.min(least, wp.min(closest_approach(r, s), closest_approach(s, p))))
+
+
+@wp.func
+def block_start(block: int) -> int:
+    """Return the point of a plan at which a block begins; it ends where the next one begins."""
+    return wp.where(block == 0, 0, 2 + (block - 1) * BLOCK)
+
+
+@wp.func
+def chord_bound(plan: Plan, block: int) -> float:
+    """Return a bound on the distance of the car from a block's chord [m]: that of the points, and their own bound."""
+    begin = block_start(block)
+    end = block_start(block + 1)
+    along = plan[end] - plan[begin]
+    away = float(0.0)
+    for k in range(begin + 1, end):
+        offset = plan[k] - plan[begin]
+        share = (offset[0] * along[0] + offset[1] * along[1]) / wp.max(
+            along[0] * along[0] + along[1] * along[1], 1.0e-30
+        )
+        share = wp.clamp(share, 0.0, 1.0)
+        away = wp.max(away, wp.length(wp.vec2(offset[0] - share * along[0], offset[1] - share * along[1])))
+    return away + wp.max(plan[begin + 1][2], plan[end][2])
+
+
+@wp.func
+def room_of_blocks(
+    one: Plan, other: Plan, block: int, other_block: int, stops: bool, other_stops: bool, touch: float, enough: float
+) -> float:
+    """Return `swept_room` of two blocks."""
+    least = float(1.0e30)
+    for k in range(block_start(block), block_start(block + 1)):
+        a_end = one[k + 1]
+        for m in range(block_start(other_block), block_start(other_block + 1)):
+            if (stops or k >= m) and (other_stops or m >= k):
+                b_end = other[m + 1]
+                least = wp.min(least, gap(one[k], a_end, other[m], b_end) - a_end[2] - b_end[2] - touch)
+                if least < enough:
+                    return least
+    return least
+
+
+@wp.func
+def swept_room(one: Plan, other: Plan, stops: bool, other_stops: bool, touch: float, enough: float) -> float:
+    """Return a lower bound of the distance of two cars, of which either may stop dead, less `touch` [m].
+
+    If the bound is below `enough`, any value below `enough` is returned. A car that `stops` can be at any earlier place
+    of its plan than at equal times: the places of piece k are compared with those of all pieces m >= k of the other
+    plan, with those of k >= m if the other one stops, and with all if both do.
+    """
+    least = room_of_reaches(one, other, touch)
+    if least >= 0.0:
+        return least
+    least = float(1.0e30)
+    for block in range(BLOCKS):
+        begin = one[block_start(block)]
+        end = one[block_start(block + 1)]
+        to_end = wp.length(wp.vec2(end[0] - other[0][0], end[1] - other[0][1]))
+        wide = chord_bound(one, block)
+        length = wp.length(wp.vec2(end[0] - begin[0], end[1] - begin[1]))
+        away = to_end - length - wide - other[0][2] - touch
+        if away >= wp.max(enough, 0.0):
+            least = wp.min(least, away)
+            continue
+        for other_block in range(BLOCKS):
+            if (stops or block >= other_block) and (other_stops or other_block >= block):
+                start = other[block_start(other_block)]
+                finish = other[block_start(other_block + 1)]
+                room = gap(begin, end, start, finish) - wide - chord_bound(other, other_block) - touch
+                if room < 0.0:
+                    room = room_of_blocks(one, other, block, other_block, stops, other_stops, touch, enough)
+                least = wp.min(least, room)
+                if least < enough:
+                    return least
     return least

@@ -35,10 +35,10 @@ from typing import Any
 
 import warp as wp
 
-from baselines.policies.coordinators.base import Coordinator
+from baselines.policies.coordinators import Coordinator, PhaseRates
 from baselines.policies.driving import motor_rate, steady_speed, throttle_for
-from baselines.policies.own_row import own_heading, own_phase, own_position, own_speed, own_works
-from baselines.policies.trackers.base import Coordinated
+from baselines.policies.own_row import Actions, Observation, own_heading, own_phase, own_position, own_speed, own_works
+from baselines.policies.trackers import Coordinated
 from baselines.similarity import motion_scale
 from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS
@@ -113,10 +113,10 @@ def follow_field(
     robot: RobotStruct,
     field: Field,
     alpha: float,
-    phase_rate: wp.array2d(dtype=float),
+    phase_rate: PhaseRates,
     memory: wp.array2d(dtype=wp.vec2),
-    observation: wp.array3d(dtype=float),
-    action_out: wp.array3d(dtype=float),
+    observation: Observation,
+    action_out: Actions,
 ):
     """Steer and drive by the field, and advance gamma. A robot's memory is gamma [rad] and 1 once it is known."""
     w, i = wp.tid()

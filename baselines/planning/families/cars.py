@@ -1,4 +1,4 @@
-"""Policies of cars that plan the team's motion beforehand, with their parameters changed: partitions and lines."""
+"""Policies of cars with their parameters changed: partitions, lines, and loops around the boundary or in lanes."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import Any
 
 from baselines.planning.families.lissajous import on_ellipse
-from baselines.planning.family import Choices, Family, Settings, of_cars_alone
+from baselines.planning.family import FILTERS, Choices, Family, Settings
 from baselines.planning.plans import Plan, absolute, top_speed
 from baselines.policies.as_cars import like_cars
 from baselines.policies.settings import PolicySettings
@@ -14,8 +14,6 @@ from lissajous_env.parameters.scenario import Scenario
 
 _STARTS = [0.0, 0.5, 0.7, 0.9]
 """Speeds of a start on an ellipse where it is fastest, over the top speed; 0 for the start of the task."""
-
-
 _LATE = 1.2
 """Clearance for which a partition is planned, over the one that is asked for: cars are not exactly on their loops."""
 
@@ -51,6 +49,20 @@ def lines(task: Scenario) -> Family:
     })  # fmt: skip
 
 
+def patrols(task: Scenario) -> Family:
+    """Return loops of cars in file or for themselves, by their speed, number of lanes and inset."""
+    first = (
+        {"cruise": 0.8, "lanes": lanes, "inset": inset, "start": start}
+        for lanes, inset, start in ((2, 0.5, 0.9), (4, 0.5, 0.9), (2, 0.1, 0.9), (6, 0.5, 0.9), (2, 0.5, 0.0))
+    )
+    return timed(task, "loops", ("sweep", "laps"), tuple(first), {
+        "policy": [policy + suffix for policy in ("sweep", "laps") for suffix in FILTERS],
+        "cruise": (0.3, 1.0),
+        "lanes": [2, 4, 6, 8],
+        "inset": (0.02, 1.5),
+    })  # fmt: skip
+
+
 def timed(
     task: Scenario,
     name: str,
@@ -66,11 +78,12 @@ def timed(
         name: Name of the family.
         policies: Policies of cars.
         first: Parameters that are tried first with each policy, the defaults aside.
-        parameters: Values that the parameters may have.
+        parameters: Values that the parameters may have, and those of `policy` if there are more than the first ones.
         fixed: Parameters that all plans have.
     """
     if like_cars(task) is None:
-        return of_cars_alone(name, " and ".join(policies), task)
+        kind = f"the robots are of kind {task.robot.kind} (give a turning radius)"
+        return Family(name, refusal=f"{' and '.join(policies)} drive cars, and {kind}")
     starts = [{"policy": policy, **fixed, **given} for given in first for policy in policies]
     space = {"policy": list(policies), "start": _STARTS, **parameters}
     return Family(name, partial(_plan, task, name), starts, space)

@@ -28,8 +28,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.coordinators.base import Coordinator
-from baselines.policies.own_row import hears, lead, message_age, own_phase
+from baselines.policies.coordinators import Coordinator, PhaseRates
+from baselines.policies.own_row import Observation, hears, lead, message_age, own_phase
 from baselines.policies.patrol_path import cruising_speed
 from baselines.similarity import motion_scale
 from lissajous_env.device.compilation import OPTIONS
@@ -73,8 +73,8 @@ def kuramoto_by_arc(
     age_unit: float,
     gain: wp.array(dtype=float),
     loss: wp.array(dtype=float),
-    observation: wp.array3d(dtype=float),
-    phase_rate_out: wp.array2d(dtype=float),
+    observation: Observation,
+    phase_rate_out: PhaseRates,
 ):
     """Return psi_i' = rate - coupling sum_j sin(psi_j - psi_i), as the mean theta_i' over `preview` [s].
 

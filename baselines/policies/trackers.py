@@ -1,4 +1,4 @@
-"""Cars that follow a coordinator by the paper's model predictive contouring control."""
+"""Trackers: what makes a robot follow the phase rates of a coordinator; points follow them exactly, cars by MPCC."""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,18 +6,73 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.mpcc.parameters import MpccParameters
+from baselines.mpcc.model import MpccParameters
 from baselines.mpcc.solver import Mpcc
-from baselines.policies.coordinators.base import Coordinator
-from baselines.policies.own_row import own_heading, own_phase, own_position, own_speed
-from baselines.policies.trackers.base import Coordinated
+from baselines.policies.base import Policy, Remembering
+from baselines.policies.coordinators import PHASES, Coordinator, PhaseRates
+from baselines.policies.own_row import Actions, Observation, own_heading, own_phase, own_position, own_speed
 from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.curve import CurveStruct, curve_struct
 from lissajous_env.device.part_structs import RobotStruct
+from lissajous_env.device.structs import to_struct
+from lissajous_env.parameters.assumptions import warn_of_violations
 from lissajous_env.parameters.scenario import Scenario
 
 wp.set_module_options(OPTIONS)
+
+
+class Coordinated(Policy):
+    """Robots that follow a coordinator, each kind in its own way.
+
+    `coordinator(scenario, num_worlds, device)` makes the coordinator: its class, or a `partial` of it that fixes
+    parameters of its own.
+
+    Warns:
+        AssumptionWarning: the scenario violates an assumption of the paper about its formation.
+    """
+
+    arrays = "warp"
+
+    def __init__(
+        self,
+        coordinator: Callable[[Scenario, int, Any], Coordinator],
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+    ):
+        super().__init__(scenario, num_worlds, device)
+        warn_of_violations(self.scenario)
+        self.coordinator = coordinator(self.scenario, num_worlds, self.device)
+        self.communicates = getattr(self.coordinator, "communicates", PHASES)
+        self._curve = curve_struct(self.scenario.curve, self.device)
+        self._robot = to_struct(RobotStruct, self.scenario.robot)
+        self._alpha = float(self.scenario.alpha)
+
+    def forget(self, mask: np.ndarray) -> None:
+        """Reset the memory of these worlds, also that of a coordinator of another base class."""
+        super().forget(mask)
+        if not isinstance(self.coordinator, Remembering) and hasattr(self.coordinator, "forget"):
+            self.coordinator.forget(mask)
+
+
+@wp.kernel
+def follow_as_point(robot: RobotStruct, phase_rate: PhaseRates, action_out: Actions):
+    """Return the action of a point on the curve: its phase rate over the largest."""
+    w, i = wp.tid()
+    action_out[w, i, 0] = wp.clamp(phase_rate[w, i] / robot.phase_rate_max, -1.0, 1.0)
+
+
+class OnCurve(Coordinated):
+    """Points that follow a coordinator exactly."""
+
+    kind = "curve"
+
+    def decide(self, observation: wp.array) -> None:
+        """Write `action`."""
+        self.coordinator.coordinate(observation)
+        inputs = [self._robot, self.coordinator.phase_rate]
+        self.launch(follow_as_point, self.shape, inputs, [self.action])
 
 
 @wp.kernel
@@ -25,8 +80,8 @@ def read_cars(
     curve: CurveStruct,
     alpha: float,
     speed_unit: float,
-    observation: wp.array3d(dtype=float),
-    phase_rate: wp.array2d(dtype=float),
+    observation: Observation,
+    phase_rate: PhaseRates,
     state_out: wp.array2d(dtype=float),
     rate_out: wp.array(dtype=float),
 ):
@@ -43,7 +98,7 @@ def read_cars(
 
 
 @wp.kernel
-def scale_controls(robot: RobotStruct, control: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float)):
+def scale_controls(robot: RobotStruct, control: Actions, action_out: Actions):
     """Return a car's action: steering and throttle of the first stage, scaled to [-1, 1]."""
     w, i = wp.tid()
     k = w * action_out.shape[1] + i

@@ -1,0 +1,249 @@
+"""Coordinators: what decides the phase rate of each robot; each is a Warp kernel, or in NumPy.
+
+`Kuramoto` is the paper's method. `OpenLoop`, `TrackedReference` and `Consensus` are those that it is compared with, and
+`baselines.policies.arc_length` measures its phase along the curve.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from baselines.policies.base import Remembering
+from baselines.policies.own_row import Observation, hears, lead, message_age, own_phase, own_works, sine_ahead
+from baselines.policies.rows import Rows
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import wrap
+from lissajous_env.device.devices import copy_in
+from lissajous_env.device.program import launcher
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import Checked, flag, number
+from lissajous_env.world.extended import read_only
+
+wp.set_module_options(OPTIONS)
+
+PhaseRates = wp.array2d(dtype=float)
+"""(W, N) phase rates of the robots [rad/s]."""
+PHASES = "phases of ring neighbours"
+"""Content of the messages of a coordinator that defines none."""
+
+
+class Coordinator(Remembering):
+    """Base class of coordinators, which decide phase rates from observations.
+
+    A subclass sets `kernel`, whose arguments are `inputs`, the observation and the rates. A coordinator without this
+    base class has `phase_rate` and `coordinate`.
+
+    Attributes:
+        scenario: The scenario, with every field filled in.
+        num_worlds: Number of worlds W.
+        natural_rate: omega / alpha, the phase rate of the formation [rad/s].
+        phase_rate: (W, N) theta' of each robot from now on, on the device [rad/s].
+    """
+
+    kernel: Any
+
+    def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
+        self.scenario, self.num_worlds = scenario.resolve(), num_worlds
+        self.natural_rate = scenario.formation.phase_rate / scenario.alpha
+        self.phase_rate = wp.zeros((num_worlds, scenario.num_robots), dtype=wp.float32, device=device)
+        self.inputs: list[Any] = []
+        self._launch = launcher(device)
+
+    def coordinate(self, observation: wp.array) -> None:
+        """Write `phase_rate`."""
+        self._launch(self.kernel, self.phase_rate.shape, [*self.inputs, observation], [self.phase_rate])
+
+
+class NumpyCoordinator(Coordinator):
+    """Base class of coordinators in NumPy; a subclass implements `rates`, and also `forget` if it has a memory.
+
+        class Together(baselines.NumpyCoordinator):
+            def rates(self, rows):
+                return self.natural_rate + 0.1 * np.sin(rows.lead).sum(axis=-1)
+
+    `baselines.with_tracker` returns a policy with the coordinator; `baselines.register_coordinator` registers one for
+    each tracker. `self.scenario` has every field filled in, `self.natural_rate` is omega / alpha, the phase rate of the
+    formation [rad/s].
+    """
+
+    def rates(self, rows: Rows) -> np.ndarray:
+        """Return the phase rates theta' (W, N) of the robots until the next step [rad/s], given their rows."""
+        raise NotImplementedError(f"{type(self).__name__} must have a method rates(rows) that returns phase rates")
+
+    def coordinate(self, observation: wp.array) -> None:
+        """Write `phase_rate`.
+
+        Raises:
+            ValueError: `rates` returned another shape, no numbers, or a number that is not finite.
+        """
+        rates, name = self.rates(Rows(read_only(observation.numpy()), self.scenario)), type(self).__name__
+        copy_in(f"rates of {name}", rates, self.phase_rate)
+        finite = np.isfinite(np.asarray(rates))
+        if not finite.all():
+            w, i = np.argwhere(~finite)[0]
+            raise ValueError(f"rates of {name} must be finite [rad/s], got {rates[w, i]} for robot_{i} in world {w}")
+
+
+@wp.kernel
+def kuramoto_rates(rate: float, coupling: float, age_unit: float, observation: Observation, phase_rate_out: PhaseRates):
+    """Return theta_i' = omega / alpha - K sum_j sin(theta_j - theta_i), equation (1), for robot i of world w."""
+    w, i = wp.tid()
+    pull = sine_ahead(w, i, 0, rate, age_unit, observation) + sine_ahead(w, i, 1, rate, age_unit, observation)
+    phase_rate_out[w, i] = rate - coupling * pull
+
+
+class Kuramoto(Coordinator):
+    """Coordinator: phase rates (W, N) [rad/s] by (1).
+
+    Differs from the paper: the natural rate is omega / alpha, so that with alpha of Lemma 2 the rate along the curve
+    is still omega; and a neighbour's phase is carried on at that rate for the time its message was under way.
+    """
+
+    kernel = kuramoto_rates
+
+    def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
+        super().__init__(scenario, num_worlds, device)
+        self.inputs = [self.natural_rate, scenario.coupling, scenario.time_unit]
+
+
+@wp.kernel
+def consensus_rates(
+    rate: float, gain: float, spacing: float, age_unit: float, observation: Observation, phase_rate_out: PhaseRates
+):
+    """Return theta_i' = rate + gain sum_j wrap(theta_j - theta_i - Delta_ij), for robot i of world w.
+
+    `spacing` is Delta of the neighbour after robot i [rad]; a neighbour's phase is carried on at `rate` [rad/s] for the
+    time its message was under way.
+    """
+    w, i = wp.tid()
+    off = float(0.0)
+    for side in range(2):
+        if hears(w, i, side, observation):
+            ahead = lead(w, i, side, observation) + rate * message_age(w, i, side, age_unit, observation)
+            off += wrap(ahead - wp.where(side == 0, -spacing, spacing))
+    phase_rate_out[w, i] = rate + gain * off
+
+
+class Consensus(Coordinator):
+    """Coordinator: linear consensus on the path parameter, with a prescribed spacing: Yao et al. [16].
+
+    W. Yao, H. Garcia de Marina, Z. Sun, M. Cao, "Guiding vector fields for the distributed motion coordination of
+    mobile robots", IEEE Transactions on Robotics 39 (2023). The path parameter of robot i follows those of its ring
+    neighbours,
+
+        theta_i' = omega / alpha + k_c sum over j in R_i of (theta_j - theta_i - Delta_ij)
+
+    with Delta_ij = +-2 pi p / N, the phase of the neighbour after and before it in equilibrium (2), and k_c the
+    scenario's `coupling` [1/s]. So every robot requires N and p, and another configuration requires another Delta; any
+    p is stable, where (1) has only those of Theorem 1. `baselines.policies.vector_field` makes a car follow the
+    parameter.
+
+    The parameter of the reference is a real number; here the robots measure only phases, and a deviation is wrapped to
+    [-pi, pi]. Two neighbours that are more than half a lap off their spacing therefore pull the other way around.
+    """
+
+    kernel = consensus_rates
+
+    def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
+        super().__init__(scenario, num_worlds, device)
+        spacing = 2 * math.pi * scenario.p / scenario.num_robots
+        self.inputs = [self.natural_rate, scenario.coupling, spacing, scenario.time_unit]
+
+
+class OpenLoop(Coordinator):
+    """Coordinator: the phase rate of every robot is omega / alpha: Borkar et al. [14].
+
+    A. V. Borkar, A. Sinha, L. Vachhani, H. Arya, "Application of Lissajous curves in trajectory planning of multiple
+    agents", Autonomous Robots 44 (2020). Every robot goes along the curve with gamma' = omega, so its speed is the
+    profile V(gamma) = omega ||r'(gamma)||. It assumes that the robots start in the formation and that nothing disturbs
+    them.
+    """
+
+    communicates = "nothing"
+
+    def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
+        super().__init__(scenario, num_worlds, device)
+        self.phase_rate.fill_(self.natural_rate)
+
+    def coordinate(self, observation: wp.array) -> None:
+        """Leave `phase_rate` as it is."""
+
+
+@dataclass(frozen=True)
+class ReferenceParameters(Checked):
+    """Parameters of the coordinator, besides the scenario."""
+
+    runs_on: bool = flag(False)
+    """True for a reference that moves on while its robot has failed."""
+    tracking: float | None = number(None, 1e-9, 1e6, "1/s")
+    """k, the rate at which a robot makes up for its distance from the reference [1/s]; None is omega / (0.3 rad)."""
+    catch_up: float = number(1.0, 0, 1e6)
+    """Most that a robot adds to its rate to catch up, as a multiple of omega / alpha."""
+
+
+RUNNING = ReferenceParameters(runs_on=True, catch_up=1.5)
+"""Parameters of `running-reference`: cars under MPCC catch up soonest with them; larger ones make cars leave the
+curve."""
+
+
+@wp.kernel
+def track_reference(
+    rate: float,
+    step: float,
+    runs_on: bool,
+    tracking: float,
+    most: float,
+    memory: wp.array2d(dtype=wp.vec2),
+    observation: Observation,
+    phase_rate_out: PhaseRates,
+):
+    """Return theta_i' = rate + clip(tracking wrap(theta_ref - theta_i)) to [-rate, most], for robot i of world w.
+
+    A robot's memory is the phase of its reference at the start [rad] and, plus one, the steps that this has moved.
+    """
+    w, i = wp.tid()
+    phase = own_phase(w, i, observation)
+    known = memory[w, i]
+    if known[1] == 0.0:
+        known = wp.vec2(phase, 1.0)
+    elif runs_on or own_works(w, i, observation):
+        known = wp.vec2(known[0], known[1] + 1.0)
+    memory[w, i] = known
+    behind = wrap(known[0] + rate * step * (known[1] - 1.0) - phase)
+    phase_rate_out[w, i] = rate + wp.clamp(tracking * behind, -rate, most)
+
+
+class TrackedReference(Coordinator):
+    """Coordinator: each robot tracks its own reference point, without messages: Borkar et al. [15].
+
+    As the paper describes it: a distributed and robust tracking of reference points that are computed in open loop and
+    centrally. The planner places the references in the formation, each with the rate omega:
+
+        gamma_ref(t) = gamma_ref(0) + omega t_on                 t_on: time for which the robot has worked [s]
+        theta_i' = omega / alpha + k wrap(theta_ref - theta_i)   gamma = alpha theta, k = `tracking` [1/s]
+
+    with the second term held to [-omega / alpha, `catch_up` omega / alpha], so that a robot does not reverse to meet
+    its reference. gamma_ref(0) is the robot's position at the start of the episode, which is its place in the
+    formation; a start that is off it is off it for good.
+
+    What a failure does depends on the generator of the stopped robot. As `tracked-reference` it stops and resumes
+    together with its robot: Fig. 6(b) shows states that keep their offset after t_2, and Section V names "the
+    desynchronization in the reference point generation" as the reason. As `running-reference` it runs on (t_on is the
+    time of the episode) and is caught up with: the configuration is recovered, which it is not in the figure, by robots
+    that pass through the places of others.
+    """
+
+    kernel = track_reference
+    communicates = "nothing"
+    remembers = ("_memory",)
+
+    def __init__(self, scenario: Scenario, num_worlds: int, device: Any, parameters: ReferenceParameters | None = None):
+        super().__init__(scenario, num_worlds, device)
+        self.parameters = parameters or ReferenceParameters()
+        rate, tracking = self.natural_rate, self.parameters.tracking or 1 / scenario.time_unit
+        self._memory = wp.zeros(self.phase_rate.shape, dtype=wp.vec2, device=device)
+        most = self.parameters.catch_up * rate
+        self.inputs = [rate, scenario.task.step, self.parameters.runs_on, tracking, most, self._memory]

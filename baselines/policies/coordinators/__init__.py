@@ -1,1 +1,0 @@
-"""Coordinators: the phase rate of each robot."""

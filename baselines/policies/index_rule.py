@@ -1,0 +1,87 @@
+"""The index rule: a robot drives where it expects the most targets per time, and learns where they appear."""
+
+from typing import Any
+
+import numpy as np
+
+from baselines.policies.base import UnsuitableScenarioError
+from baselines.policies.reacting import Reacting, divided, known_places, towards
+from baselines.policies.rows import Rows
+from lissajous_env.parameters.scenario import Scenario
+
+_NOWHERE = 1e6
+"""Distance of a place that is not known [sensing radius]."""
+
+
+class Index(Reacting):
+    """Drive where the expected number of targets per time is largest: rates of cells times the time since a visit.
+
+    The rate of a cell is the mean of a gamma distribution, whose prior is the uniform rate with the weight of half a
+    detection. Robots choose one after the other, and leave out what others will cover.
+
+    Raises:
+        UnsuitableScenarioError: no targets appear during an episode, or the robots do not share tracks and places.
+    """
+
+    learns: bool = True
+    """False for uniform rates."""
+    delay: float = 1.0
+    """Time that is added to the driving time to a place, in units of sensing radius over top speed."""
+
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
+        super().__init__(scenario, num_worlds, device, **settings)
+        made, radius = self.scenario, self.scenario.sensing_radius
+        if made.targets.arrival_rate == 0:
+            raise UnsuitableScenarioError("targets.arrival_rate must be above 0 for an index rule [1/s], got 0")
+        if made.sensing.shared != "team" or min(made.sensing.tracks_seen, made.sensing.teammates_seen) == 0:
+            rule = "must be team, with sensing.tracks_seen and sensing.teammates_seen above 0, for an index rule"
+            raise UnsuitableScenarioError(f"sensing.shared {rule}, got {made.sensing.shared}")
+        self.radius = radius
+        self.counts = np.ceil(2 * self.half / (1.7 * radius)).astype(int)
+        axes = [(np.arange(n) + 0.5) * 2 * h / n - h for n, h in zip(self.counts, self.half, strict=True)]
+        self.cells = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+        self._near = (np.linalg.norm(self.cells[:, None] - self.cells, axis=-1) < radius).astype(float)
+        self._left = (np.linalg.norm(self.cells[:, None] - self.cells, axis=-1) >= 1.2 * radius).astype(float)
+        shape = (*self.shape, len(self.cells))
+        self._idle, self._found, self._watched = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+        self.forget(np.ones(self.num_worlds, bool))
+
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget all detections; every cell has been idle for the same time."""
+        self._idle[mask] = 10 * self.radius / self.top
+        self._found[mask] = self._watched[mask] = 0.0
+
+    def expected(self) -> np.ndarray:
+        """Return the expected number of undetected targets in each cell (W, N, cells)."""
+        return self.rates() * self._idle
+
+    def rates(self) -> np.ndarray:
+        """Return the expected rates (W, N, cells) [1/s]."""
+        uniform = self.scenario.targets.arrival_rate / len(self.cells)
+        if not self.learns:
+            return np.full(self._idle.shape, uniform)
+        return (self._found + 0.5) / (self._watched + 0.5 / uniform)
+
+    def wish(self, rows: Rows) -> np.ndarray:
+        """Update what the robot knows, divide the cells among the team, and drive to the own one."""
+        places = known_places(rows)
+        far = np.nan_to_num(np.linalg.norm(places[:, :, :, None] - self.cells, axis=-1), nan=_NOWHERE * self.radius)
+        covered = (far < self.radius).any(axis=2)
+        waited = self._idle + self.step
+        self._watched += np.where(covered, waited, 0.0)
+        self._idle = np.where(covered, 0.0, waited)
+        where = (rows.position[:, :, None] + rows.track_offset + self.half) / (2 * self.half) * self.counts
+        column, line = np.moveaxis(np.clip(where.astype(int), 0, self.counts - 1), -1, 0)
+        world, robot, track = np.nonzero(rows.track_leaves)
+        np.add.at(self._found, (world, robot, (column * self.counts[1] + line)[world, robot, track]), 1.0)
+        time, mass = far / self.top + self.delay * self.radius / self.top, self.expected()
+
+        def rates(free: np.ndarray) -> np.ndarray:
+            return (mass @ self._near)[:, :, None] * free / time
+
+        def take(cell: np.ndarray) -> None:
+            nonlocal mass
+            mass = mass * self._left[cell]
+
+        goal = np.maximum(divided(rates, take, time.shape[:3]), 0)
+        return towards(self.cells[goal] - rows.position, self.radius / 3)

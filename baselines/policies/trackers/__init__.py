@@ -1,1 +1,0 @@
-"""Trackers: what makes a robot follow a phase rate."""
