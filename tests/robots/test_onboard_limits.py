@@ -125,13 +125,6 @@ def test_an_action_that_is_not_finite_stops_a_robot():
     assert is_at_rest(output)
 
 
-def test_a_twist_at_rest_is_zero():
-    drives = lissajous_env.scenario("experiment", **{"robot.kind": "differential"})
-    onboard = baselines.Onboard("kuramoto-mpcc", drives, 0)
-    assert onboard.act(0.0, None).command == (0.0, 0.0)
-    assert onboard.act(0.1, None).message is None
-
-
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(st.booleans(), st.floats(-0.5, 0.5)), min_size=1, max_size=20))
 @example([(True, 0.0), (False, -0.5), (False, -0.5)])

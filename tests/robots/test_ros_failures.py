@@ -162,8 +162,8 @@ def drain(team):
 
 
 def test_robots_stop_while_the_network_is_silent_and_go_on_after():
-    # A physical story: nothing arrives anywhere from 1.5 s to 3 s.
-    made = team_scenario(4.5)
+    # A physical story: nothing arrives anywhere from 1.5 s to 3.5 s.
+    made = team_scenario(6.0)
     world = {"patience": 5.0, "pace": 10.0}
     with Team(made, "kuramoto-mpcc", options_of=through_radio, world=world, clock_jump=1e3, message_wait=0.02) as team:
         radio, watch, reasons = team.add(Radio(5)), Watch(team.world), []
@@ -171,18 +171,19 @@ def test_robots_stop_while_the_network_is_silent_and_go_on_after():
         def follow():
             watch.look()
             step = len(watch.speeds)
-            if step == 25:
+            if step == 30:
                 wait_until(lambda: all("the pose is" in robot.reason for robot in team.robots), team.spin)
                 reasons.append(step)
-            radio.is_silent = 15 <= step < 30
-            if step in (15, 30):
-                team.world.awaited[:] = [step == 30] * 5  # nobody decides in the silence
+            radio.is_silent = 15 <= step < 35
+            if step in (15, 35):
+                team.world.awaited[:] = [step == 35] * 5  # nobody decides in the silence
+            if step == 15:
                 drain(team)
 
         team.world.play(follow)
     throttles, speeds = np.array(watch.throttles), np.array(watch.speeds)
     after = 15 + math.ceil(WATCHDOG / STEP) + 1
-    assert (throttles[after:30] == REST).all()
-    assert (np.diff(speeds[after:30], axis=0) < 0).all()
-    assert reasons == [25]
+    assert (throttles[after:35] == REST).all()
+    assert (np.diff(speeds[after:35], axis=0) < 0).all()
+    assert reasons == [30]
     watch.check()

@@ -217,11 +217,3 @@ def test_without_ros_the_extra_is_named(command, monkeypatch, capsys):
     assert code == 2
     assert 'pip install "lissajous-env[ros]"' in error
     assert len(error.splitlines()) == 1
-
-
-def test_commands_of_two_words(capsys):
-    code, out, _ = called(capsys, "ros", "--help")
-    assert code == 0
-    assert all(f"ros {word}" in out for word in ("launch", "robot", "world"))
-    assert called(capsys, "ros")[::2] == (2, "error: ros must be followed by launch, robot, world\n")
-    assert "usage: lissajous ros robot" in called(capsys, "ros", "robot", "--help")[1]
