@@ -16,7 +16,7 @@ import numpy as np
 
 import baselines
 import lissajous_env
-from lissajous_env.console.options import parse_overrides
+from lissajous_env.console.terminal import parse_overrides
 
 SCORES = ("spacing_factor", "min_separation", "phase_error")
 

@@ -16,7 +16,7 @@ from benchmarl.algorithms import IppoConfig, MappoConfig, QmixConfig
 from benchmarl.experiment import Experiment, ExperimentConfig
 from benchmarl.models import MlpConfig
 
-from lissajous_env.console.options import Overrides, parse_overrides
+from lissajous_env.console.terminal import Overrides, parse_overrides
 from training.torchrl.benchmarl import LissajousTaskClass
 
 ALGORITHMS = {"mappo": MappoConfig, "ippo": IppoConfig, "qmix": QmixConfig}

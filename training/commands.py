@@ -7,8 +7,7 @@ from typing import Annotated, Any, Literal
 import tyro
 from rich.console import Console
 
-from lissajous_env.console.options import Overrides, parse_overrides
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, make_console
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, Overrides, make_console, parse_overrides
 from lissajous_env.plugins import missing
 from training.rogue_settings import RogueTraining
 from training.settings import TrainingSettings

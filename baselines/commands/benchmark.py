@@ -6,8 +6,14 @@ import tyro
 
 from baselines.benchmark.running import Benchmark, measure
 from baselines.commands.playing import progress_console
-from lissajous_env.console.options import Overrides, RogueName, parse_overrides
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, CommandError, OutputOptions
+from lissajous_env.console.terminal import (
+    DEFAULT_OUTPUT,
+    CommandError,
+    OutputOptions,
+    Overrides,
+    RogueName,
+    parse_overrides,
+)
 
 
 def benchmark(

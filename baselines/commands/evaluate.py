@@ -9,8 +9,15 @@ from baselines.benchmark.local import play
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.running import Benchmark, plan
 from baselines.commands.playing import check_file, made, naming, progress_console, scenarios_and_policy
-from lissajous_env.console.options import Device, OutFile, Overrides, RogueName, parse_overrides
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
+from lissajous_env.console.terminal import (
+    DEFAULT_OUTPUT,
+    Device,
+    OutFile,
+    OutputOptions,
+    Overrides,
+    RogueName,
+    parse_overrides,
+)
 
 _Names = Annotated[
     tuple[str, ...],

@@ -5,8 +5,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from lissajous_env.console.options import OutFolder
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFolder, OutputOptions
 from lissajous_env.storage.folder import Folder
 
 TABLE = "table.tex"

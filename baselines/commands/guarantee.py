@@ -12,8 +12,15 @@ from rich.console import Console
 from rich.text import Text
 
 from baselines.reproduce.drawing import DARK, GREY, SERIES, Format, Picture, Sheet
-from lissajous_env.console.options import Overrides, ScenarioNames, parse_overrides
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_table
+from lissajous_env.console.terminal import (
+    DEFAULT_OUTPUT,
+    Column,
+    OutputOptions,
+    Overrides,
+    ScenarioNames,
+    parse_overrides,
+    print_table,
+)
 from lissajous_env.device.devices import cores
 from lissajous_env.episodes.guarantee import Reach, fastest_rogue, reach_of
 from lissajous_env.parameters import named

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from baselines.commands.playing import check_file
-from lissajous_env.console.options import OutFile
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutFile, OutputOptions, print_table
 from lissajous_env.logs.poses import TOPICS
 from lissajous_env.logs.reading import COMMAND
 from lissajous_env.parameters.scenario_file import as_toml

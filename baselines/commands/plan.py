@@ -13,8 +13,7 @@ from baselines.planning import report
 from baselines.planning.planner import Outcome
 from baselines.planning.plans import top_speed
 from baselines.planning.request import Request
-from lissajous_env.console.options import OutFolder
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_line
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFolder, OutputOptions, print_line
 from lissajous_env.settings.checks import whole_number
 
 

@@ -16,8 +16,16 @@ from baselines.commands.playing import (
     show,
 )
 from baselines.policies import registry
-from lissajous_env.console.options import Device, OutFile, Overrides, RogueName, parse_overrides
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Output, OutputOptions
+from lissajous_env.console.terminal import (
+    DEFAULT_OUTPUT,
+    Device,
+    OutFile,
+    Output,
+    OutputOptions,
+    Overrides,
+    RogueName,
+    parse_overrides,
+)
 from lissajous_env.plugins import beside
 from lissajous_env.wording import nearest
 

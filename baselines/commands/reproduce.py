@@ -25,8 +25,7 @@ from baselines.reproduce import (
 from baselines.reproduce.claims import Claim, Part
 from baselines.reproduce.drawing import Format
 from baselines.reproduce.episodes import Player
-from lissajous_env.console.options import Device
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, make_console
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Device, OutputOptions, make_console
 from lissajous_env.device.devices import as_device
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import nearest, shown

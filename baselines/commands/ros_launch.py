@@ -11,8 +11,7 @@ import tyro
 from baselines.commands.playing import FORMATS, check_file
 from baselines.onboard import Onboard
 from baselines.ros.settings import CommandKind, WorldSettings, check_command
-from lissajous_env.console.options import OutFile, Overrides, parse_overrides
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, Overrides, parse_overrides
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario_file import as_toml
 

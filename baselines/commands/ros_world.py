@@ -8,8 +8,7 @@ from rich import progress as bars
 from baselines.benchmark.progress import bar
 from baselines.commands.playing import FORMATS, check_file, progress_console, show
 from baselines.ros.settings import WorldSettings
-from lissajous_env.console.options import OutFile, Overrides, parse_overrides
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, Overrides, parse_overrides
 from lissajous_env.parameters import named
 
 

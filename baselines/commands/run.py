@@ -15,8 +15,17 @@ from baselines.commands.playing import (
     show,
 )
 from baselines.policies.factories import named
-from lissajous_env.console.options import Device, OutFile, Overrides, RogueName, ScenarioName, parse_overrides
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_line
+from lissajous_env.console.terminal import (
+    DEFAULT_OUTPUT,
+    Device,
+    OutFile,
+    OutputOptions,
+    Overrides,
+    RogueName,
+    ScenarioName,
+    parse_overrides,
+    print_line,
+)
 
 _PolicyName = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[POLICY]", help_behavior_hint="")]
 

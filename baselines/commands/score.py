@@ -8,8 +8,7 @@ from rich import progress as bars
 
 from baselines.benchmark.progress import bar
 from baselines.commands.playing import FORMATS, check_file, progress_console, show
-from lissajous_env.console.options import Overrides, parse_overrides
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, Overrides, parse_overrides
 from lissajous_env.logs.poses import TOPICS
 from lissajous_env.logs.scoring import GAP, own_scenario
 from lissajous_env.logs.scoring import score as score_log

@@ -65,6 +65,12 @@ def known_places(rows: Rows) -> np.ndarray:
     return np.concatenate([rows.position[:, :, None], rows.position[:, :, None] + mates], axis=2)
 
 
+def distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the distances (W, N, A, B) between places (W, N, A, 2) and (W, N, B, 2)."""
+    x, y = (a[..., k, None] - b[:, :, None, :, k] for k in (0, 1))
+    return np.sqrt(x * x + y * y)
+
+
 def divided(
     scores: Callable[[np.ndarray], np.ndarray], take: Callable[[np.ndarray], None], shape: tuple, least: float = 0.0
 ) -> np.ndarray:
@@ -314,13 +320,12 @@ class Cover(Searching):
         pairs = np.stack(np.tril_indices(at.shape[2], -1), axis=-1)
         places = np.concatenate([at, at[:, :, pairs].mean(axis=3)], axis=2)
         worth = np.where(rows.tracks, np.exp(-rows.track_age / (self.fade * unit_time)), 0.0)
-        covers = np.linalg.norm(places[:, :, :, None] - at[:, :, None], axis=-1) < self.margin * self.sight
-        away = np.linalg.norm(known_places(rows)[:, :, :, None] - places[:, :, None], axis=-1)
-        time = away / self.top + self.delay * unit_time
-        time = np.where(np.isnan(time), np.inf, time)
+        covers = distances(places, at) < self.margin * self.sight
+        time = distances(known_places(rows), places) / self.top + self.delay * unit_time
+        time, counts = np.where(np.isnan(time), np.inf, time), covers.astype(float)
 
         def rates(free: np.ndarray) -> np.ndarray:
-            return free * (covers * worth[:, :, None]).sum(axis=-1)[:, :, None] / time
+            return free * (counts * worth[:, :, None]).sum(axis=-1)[:, :, None] / time
 
         def take(place: np.ndarray) -> None:
             worth[np.take_along_axis(covers, place[..., None, None], axis=2)[:, :, 0]] = 0.0

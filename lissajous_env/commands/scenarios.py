@@ -1,14 +1,11 @@
 """The command `lissajous scenarios`."""
 
-import dataclasses
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from rich.text import Text
-
-from lissajous_env.console.options import ScenarioNames
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, ScenarioNames, print_table
 from lissajous_env.parameters.scenario import PARTS
+from lissajous_env.parameters.scenario_file import changed_fields
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -49,9 +46,9 @@ def scenarios(names: ScenarioNames = (), output: OutputOptions = DEFAULT_OUTPUT)
 def _print_designs(console: "Console", made: "list[Scenario]") -> None:
     from lissajous_env.parameters.feedback import value_of_feedback
 
-    narrow = console.width < 110
+    titles = "rectangle\n[m]", "curve\na:b", "r_s\n[m]", "T_max\n[s]", "feed-\nback"
     columns = [Column("name", left=True, style="bold cyan"), Column("N"), Column("robots", left=True)]
-    columns += map(Column, ("rectangle\n[m]", "curve\na:b", "r_s\n[m]", "T_max\n[s]", "feed-\nback"))
+    columns += [*map(Column, titles), Column("description", prose=True, rank=1)]
     rows = []
     for each in made:
         curve = each.curve
@@ -66,18 +63,11 @@ def _print_designs(console: "Console", made: "list[Scenario]") -> None:
             f"{each.sensing.radius:.3g}",
             f"{each.detection_time_bound:.3g}" if each.detection_time_is_bounded else "-",
             "-" if (value := value_of_feedback(each)) is None else f"{value:.3g}",
+            each.description,
         ])  # fmt: skip
-    if not narrow:
-        columns.append(Column("description", prose=True))
-        rows = [[*row, each.description] for row, each in zip(rows, made, strict=True)]
     print_table(console, columns, rows)
-    console.print()
-    if narrow:
-        for each in made:
-            console.print(Text.assemble((each.name, "bold cyan"), f": {each.description}"), highlight=False)
-        console.print()
     words = (
-        "N: number of robots; r_s: sensing radius; T_max = (2 pi / omega) / (N / kappa): detection-time bound of the "
+        "\nN: number of robots; r_s: sensing radius; T_max = (2 pi / omega) / (N / kappa): detection-time bound of the "
         "undisturbed formation. -: no bound, because r_s does not satisfy (8) or N is not a + b. feedback: score of "
         "the best rule that reacts to targets over that of the best patrol; 1 where no observation says where an "
         "undetected target is."
@@ -87,22 +77,19 @@ def _print_designs(console: "Console", made: "list[Scenario]") -> None:
 
 def _print_settings(console: "Console", given: "Scenario") -> None:
     """Print the fields of a scenario that differ from their defaults."""
-    rows = []
-    for part in PARTS:
-        values = getattr(given, part)
-        for field in dataclasses.fields(values):
-            value = getattr(values, field.name)
-            if value != field.default:
-                rows.append([f"{part}.{field.name}", str(value), str(field.default)])
+    rows = [
+        [f"{part}.{name}", str(value), str(getattr(PARTS[part](), name))]
+        for part, changed in changed_fields(given).items()
+        for name, value in changed.items()
+    ]
     for each in given.extensions:
         settings = ", ".join(f"{name} = {value}" for name, value in each.settings.items())
         rows.append(["extensions", f"{each.kind} {each.place}{settings and f' ({settings})'}", ""])
-    console.print()
     columns = [Column("field", left=True), Column(given.name, prose=True), Column("default", left=True, rank=1)]
+    console.print()
     print_table(console, columns, rows)
-    console.print(
-        f"{given.name}: fields that differ from the defaults; digest {given.digest()}.", style="dim", markup=False
-    )
+    words = f"{given.name}: fields that differ from the defaults; digest {given.digest()}."
+    console.print(words, style="dim", markup=False)
 
 
 def _print_violations(console: "Console", sentences: Sequence[str]) -> None:

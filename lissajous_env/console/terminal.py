@@ -1,12 +1,17 @@
-"""Output of commands: the options that all of them have, tables that never cut a number, JSON, and errors."""
+"""Options that commands share, with their help, tables that never cut a number, JSON, and errors.
+
+The value of `--set name=value` is a Python literal, which is parsed and never run.
+"""
 
 import contextlib
 import json
 import math
 import os
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
@@ -16,6 +21,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from lissajous_env.parameters.rogues import AGENTS
+from lissajous_env.settings.formulas import Formula
+
+_PLACE = r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*"
+_WORDS = re.compile(rf"{_PLACE}(,{_PLACE})*|(?!(None|True|False|inf|nan)$)[A-Za-z][\w-]*")
+"""A bare word, or `module:name`, also several separated by commas."""
 _PIPE = 120
 """Width of the output without a terminal and without COLUMNS."""
 _GAP = 2
@@ -54,6 +65,34 @@ class Output:
 DEFAULT_OUTPUT = Output()
 OutputOptions = tyro.conf.OmitArgPrefixes[Output]
 """Type of a command's parameter `output`, which adds the options --json and --quiet."""
+ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
+ScenarioNames = Annotated[
+    tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO ...]", help_behavior_hint="")
+]
+Device = Annotated[str, tyro.conf.arg(help="device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.")]
+OutFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+OutFolder = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
+Overrides = Annotated[
+    tuple[tuple[str, ...], ...],
+    tyro.conf.UseAppendAction,
+    tyro.conf.arg(
+        name="set",
+        metavar="NAME=VALUE ...",
+        help="fields changed in every scenario, as in --set task.duration=30 targets.count=5",
+        help_behavior_hint="",
+    ),
+]
+"""Type of a command's `--set name=value ...`; `parse_overrides` reads it."""
+RogueName = Annotated[
+    str | None,
+    tyro.conf.arg(
+        name="rogues",
+        metavar="NAME",
+        help="rogue (adversary) that moves all targets: wander, flee, shadow, follow-gap, or hide, which requires "
+        "task.contamination; a learned one, such as hide-from-sweep or a folder; or several joined by +. By default "
+        "targets move as the scenario defines.",
+    ),
+]
 
 
 @dataclass(frozen=True)
@@ -70,6 +109,36 @@ class Column:
     style: str = ""
     name: str = ""
     """Name in the list of omitted columns; by default the title."""
+
+
+def parse_overrides(groups: Iterable[Iterable[str]], rogues: str | None = None) -> dict[str, Any]:
+    """Parse the arguments of `--set`, and of `--rogues`.
+
+    A value is a Python literal (which may contain `inf`), a bare word, or `module:name`.
+
+    Raises:
+        ValueError: an entry has no name, is given twice, or has another kind of value; or the rogues are agents, whose
+            actions no command has.
+    """
+    if rogues == AGENTS:
+        raise ValueError(f"rogues of a command must be the name of a rogue, such as flee, or a folder, got {AGENTS}")
+    overrides: dict[str, Any] = {} if rogues is None else {"rogues": rogues}
+    for entry in (entry for group in groups for entry in tuple(group) or ("",)):
+        name, equals, text = (part.strip() for part in entry.partition("="))
+        if not equals or not name:
+            raise ValueError(f"--set must be given as name=value, as in curve.a=5, got {entry!r}")
+        if name in overrides:
+            raise ValueError(f"--set must give {name} once, got {entry!r} too")
+        overrides[name] = text if _WORDS.fullmatch(text) else _literal(name, text)
+    return overrides
+
+
+def _literal(name: str, text: str) -> Any:
+    try:
+        return Formula(text)({"inf": math.inf}.__getitem__)
+    except ValueError:
+        rule = "must be given a number, a word or another Python literal without nan"
+        raise ValueError(f"--set {name} {rule}, got {text!r}") from None
 
 
 def make_console(stderr: bool = False, quiet: bool = False) -> Console:

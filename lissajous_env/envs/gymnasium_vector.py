@@ -3,14 +3,13 @@
 from collections.abc import Mapping
 from typing import Any
 
-import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from lissajous_env.envs.batch import Batch
-from lissajous_env.envs.one_world import METADATA, NEEDS_RESET, Timed
+from lissajous_env.envs.one_world import NEEDS_RESET, Timed
 from lissajous_env.envs.sides import on_host
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
@@ -39,7 +38,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
     Args:
         scenario: Name of a scenario, or a `Scenario`.
         num_envs: Number of worlds W.
-        render_mode: None, or `rgb_array`.
         max_cycles: Number of steps of an episode, instead of `task.duration`.
         max_episode_steps: Limit on these steps, which `gymnasium.make_vec` passes if a specification contains it.
         discrete_actions: True for actions that are indices of the table in `lissajous_env.envs.sides`.
@@ -60,7 +58,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
         scenario: str | Scenario = "experiment",
         num_envs: int = 1,
         *,
-        render_mode: str | None = None,
         max_cycles: int | None = None,
         max_episode_steps: int | None = None,
         discrete_actions: bool = False,
@@ -75,10 +72,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
         name = autoreset_mode.name if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
         if not isinstance(name, str) or name not in modes:
             raise ValueError(f"autoreset_mode must be one of {', '.join(modes)}, got {shown(autoreset_mode)}")
-        if render_mode is not None and not (isinstance(render_mode, str) and render_mode == "rgb_array"):
-            raise ValueError(f"render_mode must be None or rgb_array, got {shown(render_mode)}")
         self.autoreset_mode = modes[name]
-        self.render_mode = render_mode
         made = named.with_cycles(named.scenario(scenario, **overrides), max_cycles)
         if max_episode_steps is not None and whole_number("max_episode_steps", max_episode_steps) < made.task.steps:
             made = named.with_cycles(made, max_episode_steps)
@@ -89,11 +83,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
         self.simulation, self.scenario = self.batch.simulation, self.batch.scenario
         rows_each = self._side.places if agents_as_rows else 1
         self.num_envs = num_envs * rows_each
-        self.metadata = {
-            "autoreset_mode": self.autoreset_mode,
-            "render_modes": ["rgb_array"],
-            "render_fps": METADATA["render_fps"],
-        }
+        self.metadata = {"autoreset_mode": self.autoreset_mode}
         if agents_as_rows:
             self.single_observation_space, self.single_action_space = self._side.row_space(), self._side.action_space()
         else:
@@ -104,7 +94,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
         self._ended = np.zeros(num_envs, dtype=bool)
         self._begun = np.zeros(num_envs, dtype=bool)
         self._gone = np.zeros(self.simulation.action_shape[:2], dtype=bool)
-        self._gallery: Any = None
 
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
@@ -155,25 +144,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             self._begin_again(newly, terminated | truncated, infos)
         return self._observed(), reward, terminated, truncated, infos
-
-    def render(self) -> tuple[np.ndarray, ...] | None:
-        """Draw the world of every row: (H, W, 3) uint8 each, smaller for more worlds (`lissajous_env.render.Gallery`).
-
-        Rows of one world share its picture. Return None without a render mode.
-        """
-        if self.render_mode is None:
-            gymnasium.logger.warn("render was called on an environment without a render_mode")
-            return None
-        if self._gallery is None:
-            from lissajous_env.render import Gallery
-
-            self._gallery = Gallery(self.scenario, self.simulation.num_worlds)
-        pictures = self._gallery.draw(self.simulation)
-        return tuple(picture for picture in pictures for _ in range(self._rows_each))
-
-    def close_extras(self, **_: Any) -> None:
-        """Free the resources for drawing."""
-        self._gallery = None
 
     @property
     def score_names(self) -> tuple[str, ...]:
@@ -247,9 +217,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
     def _observed(self) -> np.ndarray:
         host = self.simulation.observation.numpy().reshape(self.observation_space.shape)  # pyright: ignore
         return host.copy() if self.simulation.device.is_cpu else host
-
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_gallery": None}
 
 
 def vector_env(scenario: str | Scenario = "experiment", num_envs: int = 1, **settings: Any) -> LissajousVectorEnv:

@@ -5,7 +5,7 @@ assumptions are also necessary for a robot to follow the curve at all, and one f
 """
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import cache
 
 from lissajous_env.parameters.scenario import Scenario
@@ -40,85 +40,79 @@ def _violated_on_purpose() -> frozenset[str]:
     return frozenset(words for scenario in included_scenarios().values() for words in violations(scenario))
 
 
-def _of_formation(scenario: Scenario) -> list[str]:
+def _of_formation(scenario: Scenario) -> Iterator[str]:
     n, p, kappa, curve = scenario.num_robots, scenario.p, scenario.clusters, scenario.driven
-    found = []
     if n > 2 and p not in closed_forms.stable_equilibria(n):
-        found.append(
-            f"p = {p} of {n} robots is not a stable equilibrium: p must be between N / 4 and 3 N / 4 (Theorem 1)"
-        )
+        yield f"p = {p} of {n} robots is not a stable equilibrium: p must be between N / 4 and 3 N / 4 (Theorem 1)"
     if curve.harmonics:
-        return found  # the paper's bounds apply to Lissajous curves only
+        return  # the paper's bounds apply to Lissajous curves only
     places = curve.a + curve.b
     if n != kappa * places:
         robots = f"{n} robots" if kappa == 1 else f"{n} robots on {n // kappa} places"
-        found.append(f"{robots} on a curve with a + b = {places}: the paper's bounds require N = a + b (robot.count)")
-        return found
+        yield f"{robots} on a curve with a + b = {places}: the paper's bounds require N = a + b (robot.count)"
+        return
     if kappa > 1:
-        found.append(f"{kappa} robots share each place on the curve, so that their bodies overlap (Lemma 1)")
+        yield f"{kappa} robots share each place on the curve, so that their bodies overlap (Lemma 1)"
     elif not closed_forms.ring_lies_on_ellipse(curve, n, p, scenario.alpha):
         words = "ring neighbours are not neighbours on the ellipse (5)"
-        found.append(f"alpha = {scenario.alpha} and p = {p}: {words}, a alpha p must be 1 or -1 modulo N (Lemma 2)")
+        yield f"alpha = {scenario.alpha} and p = {p}: {words}, a alpha p must be 1 or -1 modulo N (Lemma 2)"
     radius, allowed = scenario.robot.radius, scenario.robot_radius_bound
     if kappa == 1 and radius >= allowed:
         words = f"bodies of {radius:.4g} m, bound (6) allows {allowed:.4g} m"
-        found.append(f"{words}: robots of the undisturbed formation may collide (robot.radius)")
+        yield f"{words}: robots of the undisturbed formation may collide (robot.radius)"
     if scenario.sensing_radius < scenario.detection_radius * (1 - 1e-9):
         words = f"sensors reach {scenario.sensing_radius:.4g} m, (8) requires {scenario.detection_radius:.4g} m"
-        found.append(f"{words}: T_max does not bound the detection time (sensing.radius)")
-    return found
+        yield f"{words}: T_max does not bound the detection time (sensing.radius)"
 
 
-def _of_robots(scenario: Scenario) -> list[str]:
-    curve, rate, robot = scenario.driven, scenario.formation.phase_rate, scenario.robot
-    found = []
+def _of_robots(scenario: Scenario) -> Iterator[str]:
+    curve, rate, robot, more = scenario.driven, scenario.formation.phase_rate, scenario.robot, 1 + geometry.SLACK
     if robot.kind == "curve" and robot.phase_rate_max is not None:
         wanted = rate / scenario.alpha
-        if wanted > robot.phase_rate_max * (1 + geometry.SLACK):
-            words = f"the formation moves at omega / alpha = {wanted:.4g} rad/s"
-            found.append(f"{words}, the points reach {robot.phase_rate_max:.4g} rad/s (robot.phase_rate_max)")
+        if wanted > robot.phase_rate_max * more:
+            reached = f"the points reach {robot.phase_rate_max:.4g} rad/s (robot.phase_rate_max)"
+            yield f"the formation moves at omega / alpha = {wanted:.4g} rad/s, {reached}"
     if robot.kind != "car":
-        return found
+        return
     speed, bends = geometry.along_lap(curve)
     fastest, slowest = rate * float(speed.max()), rate * float(speed.min())
-    if fastest > robot.top_speed * (1 + geometry.SLACK):
+    if fastest > robot.top_speed * more:
         share = float(speed[speed * rate > robot.top_speed].sum() / speed.sum())
+        reached = f"the cars reach {robot.top_speed:.3g} m/s (robot.speed_max)"
+        yield f"the curve requires up to {fastest:.3g} m/s, {reached}; {share:.1%} of the arc is faster"
+    observed = _OBSERVED * robot.top_speed
+    if scenario.top_speed_bound > observed * more:
         words = (
-            f"the curve requires up to {fastest:.3g} m/s, the cars reach {robot.top_speed:.3g} m/s (robot.speed_max)"
+            f"an observed speed is at most {observed:.3g} m/s, {_OBSERVED} top speeds: policies read too low a speed"
         )
-        found.append(f"{words}; {share:.1%} of the arc is faster")
-    if scenario.top_speed_bound > _OBSERVED * robot.top_speed * (1 + geometry.SLACK):
-        words = f"the strongest car reaches {scenario.top_speed_bound:.3g} m/s, an observed speed is at most"
-        words = f"{words} {_OBSERVED * robot.top_speed:.3g} m/s, {_OBSERVED} top speeds"
-        found.append(f"{words}: policies read too low a speed (noise.drive_spread, robot.drive_factors)")
+        strongest = f"the strongest car reaches {scenario.top_speed_bound:.3g} m/s"
+        yield f"{strongest}, {words} (noise.drive_spread, robot.drive_factors)"
     least = 0.0
     if robot.throttle_min > robot.dead_zone:
         least = max((robot.drive * robot.throttle_min - robot.offset) / robot.drag, 0.0)
-    if least > fastest * (1 + geometry.SLACK):
+    if least > fastest * more:
         words = f"the cars drive at {least:.3g} m/s at least (robot.throttle_min)"
-        found.append(f"{words}, the curve requires {slowest:.3g} to {fastest:.3g} m/s")
+        yield f"{words}, the curve requires {slowest:.3g} to {fastest:.3g} m/s"
     turning = geometry.turning_radius(robot.wheelbase, robot.steering_max)
     bend, share = float(bends.min()), geometry.tight_share(curve, turning)
     if bend < turning * (1 - geometry.SLACK):
-        words = f"the curve bends at a radius of {bend:.2g} m, the cars turn at {turning:.3g} m (robot.wheelbase)"
-        found.append(f"{words}; {share:.1%} of the arc is tighter")
+        turns = f"the cars turn at {turning:.3g} m (robot.wheelbase); {share:.1%} of the arc is tighter"
+        yield f"the curve bends at a radius of {bend:.2g} m, {turns}"
     grip = robot.lateral_acceleration_max
     wanted = rate**2 * geometry.needed_acceleration(curve, turning)
-    if wanted > grip * (1 + geometry.SLACK):
-        words = f"the curve requires a lateral acceleration of {wanted:.3g} m/s^2"
-        found.append(f"{words}, the cars grip up to {grip:.3g} m/s^2 (robot.lateral_acceleration_max)")
-    return found
+    if wanted > grip * more:
+        words = f"the cars grip up to {grip:.3g} m/s^2 (robot.lateral_acceleration_max)"
+        yield f"the curve requires a lateral acceleration of {wanted:.3g} m/s^2, {words}"
 
 
-def _of_start(scenario: Scenario) -> list[str]:
-    """Return a sentence if cars start too close and too fast for any policy to avoid a collision."""
+def _of_start(scenario: Scenario) -> Iterator[str]:
+    """Yield a sentence if cars start too close and too fast for any policy to avoid a collision."""
     if scenario.robot.kind != "car" or scenario.num_robots == 1:
-        return []
-    made, top_speeds = scenario.resolve(), tuple(scenario.top_speeds.tolist())
+        return
+    made, phases = scenario.resolve(), tuple(scenario.equilibrium.tolist())
     share, pairs = starts.unavoidable(
-        made.driven, made.formation, made.robot, tuple(scenario.equilibrium.tolist()), top_speeds
+        made.driven, made.formation, made.robot, phases, tuple(scenario.top_speeds.tolist())
     )
-    if share == 0:
-        return []
-    words = f"in about {share:.0%} of the episodes, with {pairs:.2g} such pairs of cars per episode"
-    return [f"cars start so close and fast that no policy can avoid a collision {words} (formation.start_headway)"]
+    if share:
+        words = f"in about {share:.0%} of the episodes, with {pairs:.2g} such pairs of cars per episode"
+        yield f"cars start so close and fast that no policy can avoid a collision {words} (formation.start_headway)"

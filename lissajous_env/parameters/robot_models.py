@@ -100,38 +100,33 @@ def register_robot_model(model: RobotModel) -> RobotModel:
     """
     if not isinstance(model, RobotModel):
         raise ValueError(f"robot model must be a RobotModel, got {shown(model)}")
-    words = all(isinstance(each, str) and each.strip() == each != "" for each in model.actions)
-    if not model.actions or not words or len(set(model.actions)) < len(model.actions):
-        rule = "must have an action of at least one component, with different names"
-        raise ValueError(f"robot model {model.name} {rule}, got {shown(model.actions)}")
-    if not isinstance(model.move, wp.Kernel):
-        raise ValueError(f"robot model {model.name} must move by a Warp kernel, got {shown(model.move)}")
-    if not model.table:
-        raise ValueError(f"robot model {model.name} must have a table of at least one row, got {shown(model.table)}")
-    if model.rest is not None and not callable(model.rest):
-        raise ValueError(f"rest of robot model {model.name} must be a function of a Robot, got {shown(model.rest)}")
+
+    def require(holds: Any, what: str, rule: str, got: Any) -> None:
+        if not holds:
+            raise ValueError(f"{what}robot model {model.name} must {rule}, got {shown(got)}")
+
+    size, as_car = model.action_size, model.as_car
+    are_words = all(isinstance(each, str) and each.strip() == each != "" for each in model.actions)
+    is_named = model.actions and are_words and len(set(model.actions)) == size
+    require(is_named, "", "have an action of at least one component, with different names", model.actions)
+    require(isinstance(model.move, wp.Kernel), "", "move by a Warp kernel", model.move)
+    require(model.table, "", "have a table of at least one row", model.table)
+    require(model.rest is None or callable(model.rest), "rest of ", "be a function of a Robot", model.rest)
     for what, given in {"table": model.table, "rest": [model.rest_action(Robot())]}.items():
         for row in given:
-            if len(row) != model.action_size or not all(_is_action(each) for each in row):
-                rule = f"must contain rows of {model.action_size} numbers from -1 to 1"
-                raise ValueError(f"{what} of robot model {model.name} {rule}, got {shown(row)}")
-    if not set(model.driving or ()) <= set(range(model.action_size)):
-        rule = f"must contain indices of components of the action, from 0 to {model.action_size - 1}"
-        raise ValueError(f"driving of robot model {model.name} {rule}, got {shown(model.driving)}")
-    if model.as_car is not None:
-        _check_as_car(model.name, model.as_car)
+            are_actions = len(row) == size and all(map(_is_action, row))
+            require(are_actions, f"{what} of ", f"contain rows of {size} numbers from -1 to 1", row)
+    are_indices = set(model.driving or ()) <= set(range(size))
+    rule = f"contain indices of components of the action, from 0 to {size - 1}"
+    require(are_indices, "driving of ", rule, model.driving)
+    require(as_car is None or isinstance(as_car, AsCar), "as_car of ", "be an AsCar", as_car)
+    if as_car is not None:
+        arguments = names_of_arguments(as_car.act) if isinstance(as_car.act, wp.Kernel) else ()
+        rule = f"be a Warp kernel of {', '.join(_TO_ACT)}"
+        require(tuple(arguments) == _TO_ACT, "as_car.act of ", rule, arguments or as_car.act)
     before = _MODELS.get(str(model.name), model)
     register(_MODELS, "robot model", model, _NAMES, replaces=replaces(model.move.func, before.move.func))
     return model
-
-
-def _check_as_car(name: str, as_car: Any) -> None:
-    if not isinstance(as_car, AsCar):
-        raise ValueError(f"as_car of robot model {name} must be an AsCar, got {shown(as_car)}")
-    act = as_car.act
-    if not isinstance(act, wp.Kernel) or tuple(names_of_arguments(act)) != _TO_ACT:
-        got = shown(act) if not isinstance(act, wp.Kernel) else few_of(names_of_arguments(act))
-        raise ValueError(f"as_car.act of robot model {name} must be a Warp kernel of {', '.join(_TO_ACT)}, got {got}")
 
 
 def _is_action(value: Any) -> bool:

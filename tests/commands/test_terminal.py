@@ -5,7 +5,6 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from command_line import called
@@ -62,12 +61,12 @@ def test_tables_fit_and_cut_nothing(command, width, capsys, monkeypatch):
 
 @pytest.mark.parametrize(
     ("line", "code"),
-    [("nothing <&- >&- 2>&-", 2), ("--help > /dev/full", 1), ("--help | true", 1)],
+    [("nothing <&- >&- 2>&-", 2), ("--help > /dev/full", 1)],
 )
 def test_streams_that_are_closed_or_full_end_no_command_in_a_traceback(line, code):
     command = f"set -o pipefail; {sys.executable} -m lissajous_env {line}"
     ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)
-    assert ended.returncode == code or ("|" in line and ended.returncode == 0)
+    assert ended.returncode == code
     assert "Traceback" not in ended.stderr
     assert "Exception ignored" not in ended.stderr
     assert "\ufffd" not in ended.stdout
@@ -82,7 +81,7 @@ from lissajous_env.device.devices import as_device, compile_quietly
 compilation.listener = print
 as_device("cpu")
 with compile_quietly():
-    wp.load_module(collisions, device="cpu")
+    compilation.load_together([collisions.find_collisions], wp.get_device("cpu"), 1)
 """
 
 
@@ -92,18 +91,6 @@ def loaded(**place):
     ended = subprocess.run([sys.executable, "-c", LOAD], capture_output=True, text=True, env=environment, timeout=120)
     assert ended.returncode == 0, ended.stderr
     return ended.stdout.splitlines()
-
-
-def test_without_a_home_nothing_is_written_to_the_current_folder(tmp_path):
-    # Story: a container with a number for a user, which is in no list of users and has no home.
-    environment = {name: value for name, value in os.environ.items() if name not in ("HOME", "WARP_CACHE_PATH")}
-    environment |= {"XDG_CACHE_HOME": "", "PYTHONPATH": str(Path(lissajous_env.__file__).parents[1])}
-    program = f"import os\nos.getuid = lambda: 54321\nassert os.path.expanduser('~') == '~'\n{LOAD}"
-    command = [sys.executable, "-c", program]
-    ended = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path, timeout=120)
-    assert ended.returncode == 0, ended.stderr
-    assert "(the user has no home folder): kernels are compiled for this run alone" in ended.stdout
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_command_says_that_it_compiles_unless_quiet(monkeypatch, capsys):

@@ -116,25 +116,3 @@ def test_infos_tell_where_an_action_was_not_finite():
         action[each] = np.nan
         invalid = env.step(action)[4]["invalid"]
         assert invalid.tolist() == [False] * each + [True] * each + [False] * each
-
-
-def test_a_batch_is_drawn_in_pictures_of_its_worlds():
-    env = vector(num_envs=3, render_mode="rgb_array")
-    env.reset(seed=1)
-    pictures = env.render()
-    assert isinstance(pictures, tuple)
-    assert len(pictures) == 3
-    assert len({picture.shape for picture in pictures}) == 1
-    assert len({picture.tobytes() for picture in pictures}) == 3
-    rows = vector(num_envs=3, render_mode="rgb_array", agents_as_rows=True)
-    rows.reset(seed=1)
-    again = rows.render()
-    assert [k for k in range(15) if again[k].tobytes() == pictures[k // 5].tobytes()] == list(range(15))
-    # However many there are, only so many are drawn, and small.
-    crowd = vector(num_envs=100, render_mode="rgb_array")
-    crowd.reset(seed=1)
-    pictures = crowd.render()
-    assert len(pictures) == 100
-    assert sum(picture.nbytes for picture in {id(picture): picture for picture in pictures}.values()) < 16_000_000
-    with pytest.raises(ValueError, match="render_mode must be None or rgb_array"):
-        vector(render_mode="human")

@@ -1,7 +1,5 @@
 """The Gymnasium environments: the library's checker, the three ways of resetting, and vector = stack of singles."""
 
-import warnings
-
 import gymnasium
 import numpy as np
 import pytest
@@ -42,21 +40,6 @@ def test_the_checker_of_gymnasium(kind):
     check_env(env, skip_render_check=True)
     # Oracle: the checker above; it leaves the environment usable.
     assert env.observation_space.contains(env.reset(seed=0)[0])
-
-
-@pytest.mark.parametrize("name", ["knot", "intercept"])
-def test_every_scenario_is_registered(name):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        env = gymnasium.make(f"lissajous_env:lissajous/{name}-v0")
-        observation, _ = env.reset(seed=1)
-        assert env.observation_space.contains(observation)
-        observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
-        assert env.observation_space.contains(observation)
-    assert type(reward) is float
-    assert (terminated, truncated) == (False, False)
-    assert set(info) == {"robot_reward", "reward_terms", "score"}
-    assert env.unwrapped.scenario.name == name
 
 
 def play_singles(kind, num_envs, actions, seed):

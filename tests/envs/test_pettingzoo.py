@@ -8,8 +8,6 @@ import pickle
 import warnings
 
 import numpy as np
-import pettingzoo
-import pettingzoo.test
 import pytest
 from pettingzoo.test import api_test, parallel_api_test
 
@@ -86,13 +84,6 @@ def test_an_episode_repeats_bit_for_bit_and_stays_in_its_spaces(kind):
                 assert rewards[agent] == pytest.approx(info["reward_terms"].sum(), abs=1e-5)
             assert all(type(value) is float for value in rewards.values())
             assert all(type(value) is bool for flags in (terminated, truncated) for value in flags.values())
-
-
-@pytest.mark.parametrize("name", ["failure", "watch"])
-def test_every_scenario_is_registered(name):
-    env = pettingzoo.make("parallel", f"lissajous/{name}-v0")
-    assert env.unwrapped.scenario.name == name
-    assert pettingzoo.make("aec", f"lissajous/{name}-v0").possible_agents == env.possible_agents
 
 
 def test_actions_too_large_for_float32_are_clipped():

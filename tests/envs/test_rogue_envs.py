@@ -83,10 +83,7 @@ def test_bad_actions_are_refused_by_name_and_change_nothing():
     before = env.simulation.save_state()
     wrong = {
         "action of rogue_1 must be numbers": good | {"rogue_1": np.zeros(3)},
-        "action of rogue_2 must be finite": good | {"rogue_2": np.array([np.nan, 0])},
-        "action of robot_1 must be finite": good | {"robot_1": np.array([np.nan, 0])},
         r"missing \['rogue_3'\]": {agent: row for agent, row in good.items() if agent != "rogue_3"},
-        r"unknown or not live \['rogue_x'\]": good | {"rogue_x": np.zeros(2)},
     }
     for words, actions in wrong.items():
         with pytest.raises(ValueError, match=words):

@@ -68,15 +68,6 @@ def test_the_state_is_padded_to_the_largest_team():
         assert state[-1] == alone[-1]
 
 
-@pytest.mark.parametrize("split", ["train", "validation", "test"])
-def test_scenarios_are_of_the_split(split):
-    env = lissajous_env.parallel_env(f"monitoring-v1:{split}", **SHORT)
-    for seed in range(3):
-        env.reset(seed=seed)
-        assert env.batch.space.split_of(int(env.scenario.name.rpartition("-")[2])) == split
-        assert env.scenario.task.duration == pytest.approx(10 * env.scenario.task.step)
-
-
 def test_pictures_are_of_the_episode():
     env = make(render_mode="rgb_array")
     shapes = set()

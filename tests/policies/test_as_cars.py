@@ -92,7 +92,7 @@ def mute(robot: RobotStruct, action_out: wp.array3d(dtype=float)):
     [
         ("fast", "as_car of robot model odd must be an AsCar, got 'fast'"),
         (lissajous_env.AsCar(print, float, float), "as_car.act of robot model odd must be a Warp kernel of robot, "),
-        (lissajous_env.AsCar(mute, float, float), "yaw_rate, action_out, got robot, action_out"),
+        (lissajous_env.AsCar(mute, float, float), r"yaw_rate, action_out, got \['robot', 'action_out'\]"),
         (
             lissajous_env.AsCar(ACT, lambda robot: 0.0, lambda robot: 6.0),
             "as_car.turning_radius of robot model odd must be above 0, got 0.0",

@@ -1,4 +1,4 @@
-"""The contouring controller against IPOPT, its own cost in float64, closed forms, and physical stories."""
+"""The contouring controller against IPOPT, its cost in float64, closed forms, and physical stories."""
 
 import dataclasses
 import importlib
@@ -28,41 +28,6 @@ def near():
     return load_benchmark().random_problems(64, CURVE, P, np.random.default_rng(3))
 
 
-def rates(state, control, p, curve):
-    """(12) with gamma' by (14), written independently, float64; state (K, 5), control (K, 2)."""
-    v, heading, gamma = state[:, 3], state[:, 2], state[:, 4]
-    a, b = curve.a, curve.b
-    norm = np.hypot(curve.half_width * a * np.sin(a * gamma), curve.half_height * b * np.cos(b * gamma))
-    turn = v * np.tan(control[:, 0]) / p.wheelbase
-    push = p.drive * control[:, 1] - p.offset - p.drag * v
-    return np.stack([v * np.cos(heading), v * np.sin(heading), turn, push, v / norm], axis=1)
-
-
-def cost_and_path(state, phase_rate, control, p, curve):
-    """Cost (11a) and trajectory (K, M + 1, 5) of controls (K, M, 2) in float64, errors by the angle of the tangent."""
-    z, h, path, cost = np.array(state, float), p.step, [], 0.0
-    for i in range(p.stages + 1):
-        gamma = z[:, 4]
-        dx = -curve.half_width * curve.a * np.sin(curve.a * gamma)
-        dy = curve.half_height * curve.b * np.cos(curve.b * gamma)
-        angle = np.arctan2(dy, dx)
-        x = z[:, 0] - curve.half_width * np.cos(curve.a * gamma)
-        y = z[:, 1] - curve.half_height * np.sin(curve.b * gamma)
-        lag, lateral = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
-        cost = cost + (phase_rate - z[:, 3] / np.hypot(dx, dy)) ** 2
-        cost = cost + p.weight_lag * lag**2 + p.weight_lateral * lateral**2
-        path.append(z)
-        if i < p.stages:
-            u = control[:, i].astype(float)
-            cost = cost + p.weight_steering * u[:, 0] ** 2 + p.weight_throttle * u[:, 1] ** 2
-            k1 = rates(z, u, p, curve)
-            k2 = rates(z + h / 2 * k1, u, p, curve)
-            k3 = rates(z + h / 2 * k2, u, p, curve)
-            k4 = rates(z + h * k3, u, p, curve)
-            z = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    return cost, np.stack(path, axis=1)
-
-
 def test_costs_no_more_than_ipopt():
     """Oracle: IPOPT on the same problem from the same guess, on states met in closed loop and on random ones."""
     benchmark = load_benchmark()
@@ -85,13 +50,14 @@ def test_costs_no_more_than_ipopt():
     (15, 0.3, Curve(5.0, 5.0, 7, 3), 2e-3),
 ])  # fmt: skip
 def test_cost_and_trajectory_are_those_of_the_control(stages, step, curve, rtol):
-    """Oracle: an independent float64 Runge-Kutta rollout and (11a); float32 sums of 16 stages keep 1e-4."""
+    """Oracle: the rollout and (11a) in float64 by CasADi; float32 sums of 16 stages keep 1e-4."""
     p = dataclasses.replace(P, stages=stages, step=step)
-    problems = load_benchmark().random_problems(32, curve, p, np.random.default_rng(5))
-    solution = Mpcc(curve, p, 32).solve(problems.state, problems.phase_rate)
-    cost, path = cost_and_path(problems.state, problems.phase_rate, solution.control, p, curve)
+    problems = load_benchmark().random_problems(16, curve, p, np.random.default_rng(5))
+    solution, model = Mpcc(curve, p, 16).solve(problems.state, problems.phase_rate), load_benchmark().Model(curve, p)
+    cost = [model.cost(problems.state[k], problems.phase_rate[k], solution.control[k]) for k in range(16)]
     np.testing.assert_allclose(solution.cost, cost, rtol=rtol)
     if step == P.step:
+        path = [model.rollout(problems.state[k], solution.control[k]) for k in range(16)]
         # The fastest phase is a few rad per second where the curve is slow: float32 errors grow along the horizon.
         np.testing.assert_allclose(solution.trajectory, path, atol=1e-3)
 

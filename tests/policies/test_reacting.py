@@ -8,7 +8,7 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.policies.index_rule import Index
-from baselines.policies.reacting import Chase, Cover, Force, Lanes, VoronoiPursuit, comb
+from baselines.policies.reacting import Chase, Cover, Force, Lanes, VoronoiPursuit, comb, divided
 from lissajous_env.world.observation import layout
 
 POLICIES = {
@@ -81,6 +81,18 @@ def test_a_team_divides_the_targets_that_it_covers():
     assert abs(to_one[1]) > 0.4, "a smaller disc covers only one of the two"
 
 
+def test_a_division_gives_each_robot_one_thing():
+    # Oracle: by hand. Robot 0 is best at both things, takes the better one, and leaves the other to robot 1.
+    worth, things = np.array([[[[2.0, 3.0], [1.9, 1.0]]]]), []
+
+    def take(thing):
+        things.append(thing.item())
+        worth[..., thing.item()] = 0.0
+
+    assert divided(lambda free: worth * free, take, worth.shape[:3]).item() == 1
+    assert things == [1, 0]
+
+
 def test_a_pursuer_drives_to_the_border_of_the_cells():
     # Oracle: of a robot and a target of equal speed the border is half-way; from near, the robot drives straight.
     simulation = lissajous_env.Simulation("intercept", seed=1)
@@ -93,6 +105,16 @@ def test_a_pursuer_drives_to_the_border_of_the_cells():
     assert abs(ahead[1]) < 0.3
     straight = VoronoiPursuit(simulation.scenario, near=100.0).act(rows)
     np.testing.assert_allclose(straight, Chase(simulation.scenario, lead=0.0).act(rows), atol=1e-5)
+
+
+def test_a_target_that_leaves_is_not_pursued():
+    # Story: a target in sight counts, until its track says that it was detected and leaves.
+    simulation, policy = lissajous_env.Simulation("intercept", seed=1), Chase("intercept")
+    put(simulation, CORNERS, [(4.0, 0.0), (-19, 0), (19, 0), (19, 12)])
+    rows = policy.rows(simulation.observation.numpy())
+    assert policy.in_sight(rows)[0, 4].any()
+    rows.track_leaves = np.ones_like(rows.track_leaves)
+    assert not policy.in_sight(rows).any()
 
 
 def test_a_chase_with_a_lead_meets_a_target_that_crosses():

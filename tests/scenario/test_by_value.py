@@ -19,9 +19,8 @@ for number, source in enumerate(sys.argv[1:]):
     exec(compile(source, f"<cell {number}>", "exec"))
 """
 CELL = """
-import copy, multiprocessing, pickle
-from functools import partial
-import gymnasium, numpy as np
+import copy, multiprocessing
+import numpy as np
 import baselines, lissajous_env
 
 FACTOR = 2.0
@@ -53,19 +52,11 @@ expected = [play(*task) for task in tasks]
 assert copy.deepcopy(extended) == extended
 """
 
-# Of scenarios and policies in a pool, and of environments, which the processes make themselves.
 POOL = """
 from concurrent.futures import ProcessPoolExecutor
 with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
     rows = [pool.submit(lissajous_env.evaluate, policy, made, [3]).result()[0] for made, policy in tasks]
 assert [row["return_mean"] for row in rows] == [first for first, *_ in expected]
-envs = gymnasium.vector.AsyncVectorEnv([partial(lissajous_env.LissajousEnv, extended)], context="spawn")
-alone = lissajous_env.vector_env(extended, 1)
-for env in (envs, alone):
-    env.reset(seed=3)
-action = np.zeros(alone.action_space.shape, np.float32)
-assert envs.step(action)[1].tolist() == alone.step(action)[1].tolist()
-envs.close()
 """
 
 

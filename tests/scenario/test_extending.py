@@ -181,21 +181,6 @@ def test_a_scenario_is_described_by_what_it_sets(here, capsys, monkeypatch):
     assert [(each["name"], each["curve"]["half_width"]) for each in found] == [("corridor", 2.4), ("knot", 1.8)]
 
 
-def test_a_function_makes_a_scenario_too(here):
-    source = "import lissajous_env\ndef make():\n    return lissajous_env.scenario('knot')\n"
-    (here / "my_maker.py").write_text(source)
-    assert lissajous_env.scenario("my_maker:make") == lissajous_env.scenario("knot")
-
-
-def test_registered_scenarios_come_after_those_that_ship_in_one_order(here):
-    shipped = lissajous_env.scenarios()
-    for name in ("zebra", "ant"):
-        made = lissajous_env.register_scenario(lissajous_env.Scenario(name=name))
-        assert lissajous_env.register_scenario(lissajous_env.Scenario(name=name)) == made, "the same again is fine"
-    assert lissajous_env.scenarios() == (*shipped, "ant", "zebra")
-    assert (lissajous_env.scenario("ant"), made.name) == (made, "ant")
-
-
 def test_a_policy_of_ones_own_is_the_paper_s(here):
     # Oracle: the included policy, in Warp. Both round in float32, each in its own order.
     theirs = baselines.make("kuramoto", "failure", 2)
@@ -229,17 +214,6 @@ def test_a_function_is_a_policy(here):
     rows = lissajous_env.evaluate(act, short, seeds=range(5))
     assert str(rows) == str(evaluate(Whole(), short, range(5)))
     assert len({row["return_mean"] for row in rows}) > 1
-
-
-def test_a_memory_is_forgotten_of_the_worlds_that_begin_anew(here):
-    pytest.importorskip("torch")
-    policy = brought("my_memory:Swing")("failure", 2)
-    rows = lissajous_env.Simulation("failure", 2).observation
-    first = [policy.act(rows).numpy().copy() for _ in range(3)]
-    policy.reset([True, False])
-    again = policy.act(rows).numpy()
-    np.testing.assert_array_equal(again[0], first[0][0])
-    assert (again[1] > first[2][1]).all(), "the other world goes on"
 
 
 def test_news_of_a_stopped_robot_goes_around_the_ring(here):

@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from test_network import make_network
+from test_network import make_team
 
 import baselines
 import lissajous_env
@@ -175,7 +175,7 @@ def test_what_a_file_names_is_looked_up_and_never_loaded(here):
     # Story: a checkpoint of a stranger names a module of the folder that one is in.
     (here / "evil.py").write_text("open('done', 'w')\n")
     folder = here / "policy"
-    checkpoint.save(folder, make_network((42, 2)), Card.of(lissajous_env.scenario("rough")))
+    checkpoint.save(folder, make_team(), Card.of(lissajous_env.scenario("rough")))
     text = json.loads((folder / "checkpoint.json").read_text())
     for name in ("evil:scenario", "evil.toml", "theirs:scenario"):
         text["policy"]["scenario"] = name

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from lissajous_env.console.options import parse_overrides
+from lissajous_env.console.terminal import parse_overrides
 
 
 def test_overrides_are_literals_words_and_infinity():

@@ -71,17 +71,6 @@ def test_a_top_speed_can_be_given():
     assert simulation.robots.speed.numpy() == pytest.approx(1.5, abs=1e-4)
 
 
-def test_what_was_derived_from_the_throttle_still_is():
-    # Oracle: (drive throttle_max - offset) / drag, to the bit.
-    named = [name for name in lissajous_env.scenarios() if lissajous_env.scenario(name).robot.speed_max is None]
-    for name in named:
-        given = lissajous_env.scenario(name).robot
-        throttle = 0.25 if given.throttle_max is None else given.throttle_max
-        robot = lissajous_env.scenario(name).resolve().robot
-        assert (robot.throttle_max, robot.speed_max) == (throttle, (robot.drive * throttle - robot.offset) / robot.drag)
-    assert {"experiment", "intruders", "evaders"} <= set(named)
-
-
 def test_overriding_one_limit_derives_the_other():
     for base in ("intruders", lissajous_env.scenario("intruders").resolve()):  # has a throttle of its own
         made = lissajous_env.scenario(base, **{"robot.speed_max": 1.5})

@@ -243,6 +243,14 @@ def test_a_space_in_a_file_and_the_names_of_its_scenarios(tmp_path, monkeypatch)
         expanded(["mine.toml:tset"])
 
 
+def test_the_base_in_a_file_is_registered_and_no_other_file(tmp_path, monkeypatch):
+    # Story: a space names itself as its base.
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text(TOML.replace("experiment", "mine.toml:0"))
+    with pytest.raises(ValueError, match=r"mine.toml: scenario must be one of .*, got 'mine.toml:0'"):
+        scenario_space("mine.toml")
+
+
 def test_a_registered_space_is_known_by_name():
     of = register_scenario_space(space("of-mine"))
     assert scenario("of-mine-4") == of.sample(4)
@@ -266,14 +274,6 @@ def test_the_shipped_space_never_changes():
     for name, digests in FROZEN.items():
         of = scenario_space(name)
         assert [each.digest() for split in (*SPLITS, *of.shifts) for each in first(of, split, 1)] == digests, name
-
-
-def test_the_shipped_space_is_drawn_without_fail():
-    of = scenario_space("monitoring-v1")
-    for split in (*SPLITS, *of.shifts):
-        for each in first(of, split, 40):
-            assert each.clusters == 1
-            assert each.robot.radius < each.robot_radius_bound
 
 
 @pytest.mark.parametrize(
