@@ -175,6 +175,9 @@ def test_a_robot_waits_for_its_neighbours_but_not_for_long():
     assert acts_at(1.26), "on the last pose"
     assert pilot.announce(1.26) is None, "not twice at one time, as while the clock of a simulation stands still"
     assert pilot.announce(1.27) is not None
+    pilot.start(1.9)
+    assert acts_at(2.1), "without a pose"
+    assert not acts_at(2.2), "the pose of this step may still come"
 
 
 def test_old_detections_are_not_passed_on():
