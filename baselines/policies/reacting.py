@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from baselines.policies.base import Policy, UnsuitableScenarioError
-from baselines.policies.rows import Rows
+from baselines.policies.own_row import Rows
 from lissajous_env.parameters.scenario import Scenario
 
 _APART = 6.25
