@@ -9,7 +9,7 @@ LINES = 44_952
 """Lines of the packages."""
 MODULES = 299
 """Files of the packages."""
-TESTS = 26_391
+TESTS = 26_398
 """Lines of the tests."""
 
 
