@@ -12,8 +12,8 @@ from torch import Tensor
 
 import baselines
 from baselines.policies.base import Policy
+from baselines.policies.own_row import Rows
 from baselines.policies.reacting import kept_apart
-from baselines.policies.rows import Rows
 from lissajous_env.envs.batch import Batch, padded
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import GONE, HIDDEN, WORKING

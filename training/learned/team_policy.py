@@ -6,8 +6,8 @@ import numpy as np
 
 import baselines
 from baselines.policies.base import Policy
+from baselines.policies.own_row import Rows
 from baselines.policies.reacting import kept_apart
-from baselines.policies.rows import Rows
 from lissajous_env import Scenario
 from training.learned.card import Card
 from training.learned.perception import perceive, wish_of
