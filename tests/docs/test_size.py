@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 44_956
+LINES = 44_930
 """Lines of the packages."""
 MODULES = 297
 """Files of the packages."""
-TESTS = 26_342
+TESTS = 26_348
 """Lines of the tests."""
 
 
