@@ -24,7 +24,7 @@ because they order the policies much like `evaders`."""
 POLICIES = (
     "kuramoto-mpcc", "kuramoto-mpcc-safe", "open-loop-mpcc", "consensus-mpcc", "partition", "partition-repair",
     "line-abreast", "sweep", "laps",
-    "learned-intruders-proved", "portfolio", "portfolio-guarantee", "random", "kuramoto", "consensus", "open-loop",
+    "portfolio", "portfolio-guarantee", "random", "kuramoto", "consensus", "open-loop",
 )  # fmt: skip
 """Policies of the standard comparison, which the command, the table of the README and the figures show.
 
@@ -151,7 +151,7 @@ class Outcome:
     elapsed: float = 0.0
     """Duration of this call [s]."""
     theorem: dict[str, list[str]] = field(default_factory=dict)
-    """Result of `baselines.benchmark.bounds.about_theorem` for all score rows of the folder."""
+    """Result of `baselines.benchmark.theorem.about_theorem` for all score rows of the folder."""
 
     @property
     def scenarios(self) -> dict[str, Scenario]:
