@@ -112,7 +112,6 @@ FIXED = {
     "a status without a meaning": (
         shrunk() + extra("/robot_{}/status", lambda t: plain("UInt8", 3)), ("unknown status 3",)
     ),
-    "a status of text": (shrunk() + extra("/robot_{}/status", lambda t: plain("String", "ok")), ("msg/String",)),
     "a command of another type": (
         shrunk() + extra("/robot_{}/command", lambda t: KINDS["geometry_msgs/msg/Vector3"](0.5, 0.0, 0.0)),
         ("/robot_0/command", "geometry_msgs/msg/Vector3", "unknown without commands"),
