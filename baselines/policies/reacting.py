@@ -54,7 +54,7 @@ def nearest(offset: np.ndarray, there: np.ndarray, values: np.ndarray) -> tuple[
 def kept_apart(wish: np.ndarray, rows: Rows) -> np.ndarray:
     """Return wished velocities (W, N, 2) [top speed] that also lead away from robots that are near."""
     far = np.where(rows.robots_seen, np.linalg.norm(rows.robot_offset, axis=-1), np.inf)
-    near = np.clip(_APART * rows.scenario.robot.radius / far - 1, 0.0, 3.0)
+    near = np.clip(_APART * rows.scenario.robot.radius / np.maximum(far, 1e-9) - 1, 0.0, 3.0)
     wish = wish - _REPULSION * (unit(rows.robot_offset) * near[..., None]).sum(axis=2)
     return unit(wish) * np.minimum(np.linalg.norm(wish, axis=-1, keepdims=True), 1.0)
 

@@ -228,10 +228,3 @@ def test_json_is_all_that_is_on_stdout_and_quiet_says_nothing(arguments, capsys,
     code, out, error = called(capsys, *arguments, "--quiet", "--json")
     assert (code, error) == (0, "")
     assert json.loads(out)
-
-
-def test_a_missing_extra_says_what_works_from_a_checkout_too(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "training.trainer", None)
-    code, _, error = called(capsys, "train")
-    assert (code, len(error.splitlines())) == (2, 1)
-    assert 'pip install ".[train]" in a checkout, pip install "lissajous-env[train]" elsewhere' in error

@@ -103,22 +103,6 @@ def test_the_command_says_that_it_compiles_unless_quiet(monkeypatch, capsys):
         assert (code, error) == (0, heard)
 
 
-def test_names_in_brackets_stand_in_what_is_printed(tmp_path, monkeypatch, capsys):
-    (tmp_path / "mine.py").write_text(
-        "from functools import partial\nimport baselines\nb = partial(baselines.make, 'still')\n"
-    )
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delitem(sys.modules, "mine", raising=False)
-    out = tmp_path / "x[/b]" / "[red]"
-    out.parent.mkdir(parents=True)
-    short = ["--episodes", "1", "--set", "task.duration=1"]
-    code, text, _ = called(capsys, "benchmark", "--scenarios", "failure", "--policies", "mine:b", *short, "--out", out)
-    assert code == 0
-    assert str(out) in text
-    code, text, _ = called(capsys, "evaluate", "failure", "mine:b", *short, "--out", f"{out}.csv")
-    assert (code, f"wrote {out}.csv" in text) == (0, True)
-
-
 def test_version(capsys):
     assert called(capsys, "-V") == called(capsys, "--version")
     assert called(capsys, "-V")[0] == 0
