@@ -65,6 +65,13 @@ def test_wrong_parameters_are_refused(changed, message):
         PeriodicPaths(EVADERS, parameters=PathParameters(**changed))
 
 
+def test_cars_that_do_not_know_the_starts_of_others_drive_to_their_paths_under_the_filter():
+    """Oracle: the filter communicates, and paths on a timetable do not."""
+    unknown = lissajous_env.scenario("evaders", **{"formation.start": "random"})
+    assert PeriodicPaths(EVADERS).communicates == "nothing"
+    assert PeriodicPaths(unknown).communicates != "nothing"
+
+
 def test_violations_are_relative_and_add_up():
     """Oracle: circles in closed form: speed 2 pi r / T, curvature 1 / r, distances of their centres."""
     limits = Limits(speed=2.0, turning=0.5, apart=0.3, half=(3.0, 2.0), step=0.1)
