@@ -9,10 +9,10 @@ from baselines.policies.base import Policy
 from baselines.policies.combinations import register_coordinator, with_tracker
 from baselines.policies.coordinators import NumpyCoordinator
 from baselines.policies.index_rule import Index
+from baselines.policies.own_row import Rows
 from baselines.policies.patrol import Laps, RandomWaypoint, Still, Sweep
 from baselines.policies.reacting import Chase, Cover, Follow, Force, Lanes, VoronoiPursuit
 from baselines.policies.registry import make, names, register
-from baselines.policies.rows import Rows
 
 __all__ = [
     "NumpyCoordinator",

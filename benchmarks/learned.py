@@ -1,144 +1,120 @@
-"""Comparison of included learned policies with the classical ones, default and tuned: `python benchmarks/learned.py`.
+"""`learned-watch` against the rules, in worlds that no training and no tuning opened: `python benchmarks/learned.py`.
 
-Every policy plays the same 64 held-out seeds, which neither the training nor the tuning saw, in one run. The tuned
-classical policies are those of `benchmarks/tuned.json`, which `python benchmarks/tuning.py` writes. `--touches` counts
-rare collisions of the included networks over many more episodes. `--store` puts the tables into docs/figures.json.
+    python benchmarks/learned.py --trainings runs/0 runs/1 runs/2 runs/3 runs/4 --store
+    python benchmarks/learned.py --spaces --store
+
+The first command adds the best policies of some trainings to the comparison on `watch`, and names the training whose
+validation is best. The second one plays the scenarios of `watch-v1`, in its split `test` and its shifts, with the
+included policy and its base.
 """
 
-import json
+import itertools
+import warnings
 from pathlib import Path
 from typing import Any
 
 import figures
 import numpy as np
-from rich.console import Console
-from tuning import HELD_OUT, make
 
 import baselines
 import lissajous_env
 import training
-from baselines.benchmark.shown import SHOWN, in_words, number
-from baselines.benchmark.statistics import Estimate, interquartile_mean, summarize
-from baselines.policies.base import Policy
-from baselines.policies.registry import unwrapped
-from baselines.policies.settings import PolicySettings
 from training.learned import checkpoint
-from training.learned.policy import find
+from training.validation import limit_of, rank_of
 
-TUNED = Path(__file__).parent / "tuned.json"
-LEARNED = {"intruders": "learned-intruders", "rough-lost": "portfolio"}
-OTHERS = {
-    "intruders": (
-        "learned-intruders-proved",
-        "learned-intruders-safe",
-        "kuramoto-mpcc",
-        "arc-mpcc",
-        "sweep",
-        "sweep-safe",
-        "laps",
-    ),
-    "rough-lost": ("kuramoto-mpcc", "kuramoto-mpcc-safe", "arc-mpcc-safe", "sweep-safe"),
-}
-COLUMNS = {"detection_time_mean": "detection [s]", "collisions": "collisions", "recovery_time": "recovery [s]"}
-SUMMARIES = {each.name: each.summary for each in SHOWN if each.name in COLUMNS}
+SHIPPED, BASE, SCENARIO = "learned-watch", "greedy-cover", "watch"
+RULES = (BASE, "a-cmommt", "follow", "lanes")
+SEEDS = range(10_000, 10_256)
+SPACE, SPLITS, SCENARIOS, EPISODES = "watch-v1", ("test", "larger", "longer", "faster"), 24, 8
+"""Space, its splits, and the number of scenarios of each, with the worlds of each of these."""
 
 
-def candidates(scenario: str, worlds: int) -> dict[str, Policy]:
-    """Return the policies that play a scenario, by their names in the table."""
-    made = lissajous_env.scenario(scenario)
-    found = {LEARNED[scenario]: baselines.make(LEARNED[scenario], made, worlds)}
-    found |= {name: baselines.make(name, made, worlds) for name in OTHERS[scenario]}
-    if LEARNED[scenario] in training.names():
-        card = checkpoint.read(find(LEARNED[scenario]))[1]
-        for name in (card.base, f"{unwrapped(card.base)[0]}-proved"):
-            policy = PolicySettings(name, card.base_parameters).make(made, worlds)
-            found[f"{name}, with the parameters of the base"] = policy
-    tuned: dict[str, Any] = json.loads(TUNED.read_text()).get(scenario, {})
-    for name, by_goal in tuned.items():
-        played: list[Any] = [{}]
-        for goal, settings in by_goal.items():
-            if settings not in played:
-                found[f"{name}, tuned ({goal})"] = make(name, made, settings, worlds)
-                played.append(settings)
-    return found
+def play(policy: Any, scenario: Any, seeds: range) -> np.ndarray:
+    """Return the share of targets in sight, the collisions and the distance [m] of each world, (3, W)."""
+    rows = lissajous_env.evaluate(policy, scenario, seeds)
+    return np.array([[row[name] for name in ("observed_fraction", "collisions", "distance_mean")] for row in rows]).T
 
 
-def compare(scenario: str, episodes: int) -> dict[str, dict[str, Estimate]]:
-    """Play, and return the statistics of each policy."""
-    seeds = HELD_OUT[:episodes]
-    scores: dict[str, dict[str, Estimate]] = {}
-    for label, policy in candidates(scenario, len(seeds)).items():
-        rows = lissajous_env.evaluate(policy, scenario, seeds)
-        scores[label] = {
-            column: summarize([row[column] for row in rows], summary=summary) for column, summary in SUMMARIES.items()
-        }
-    return scores
+def interval(values: np.ndarray, digits: int) -> str:
+    """Return the mean of values (T, W) of T trainings in W worlds, with its 95 % interval over both."""
+    return _words(values.mean(), _drawn(values), digits)
 
 
-def as_table(scores: dict[str, dict[str, dict[str, Estimate]]]) -> figures.Table:
-    """Return each policy's scores by scenario, and the relative detection time of the learned one without a filter."""
+def gain(values: np.ndarray, base: np.ndarray) -> str:
+    """Return the ratio of the means of values (T, W) and of a base, (T, W) or (W,), with its interval over both."""
+    drawn = _drawn(np.stack([values, np.broadcast_to(base, values.shape)]))
+    return _words(values.mean() / base.mean(), drawn[0] / drawn[1], 3)
+
+
+def _words(value: float, drawn: np.ndarray, digits: int) -> str:
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
+
+
+def _drawn(values: np.ndarray, count: int = 4000) -> np.ndarray:
+    """Return means over drawn trainings and drawn worlds (..., count) of values (..., T, W)."""
+    draw = np.random.default_rng(0)
+    trainings, worlds = values.shape[-2:]
+    means = []
+    for _ in range(count):
+        of = draw.integers(0, trainings, trainings)[:, None], draw.integers(0, worlds, worlds)
+        means.append(values[..., of[0], of[1]].mean(axis=(-2, -1)))
+    return np.stack(means, axis=-1)
+
+
+def on_watch(trainings: list[str]) -> figures.Table:
+    """Return the table of `watch`: the included policy, the trainings and the rules."""
+    played = {f"`{name}`": play(baselines.make(name, SCENARIO, len(SEEDS)), SCENARIO, SEEDS)[:, None]
+              for name in (SHIPPED, *RULES)}  # fmt: skip
+    if trainings:
+        folders = [Path(folder) / checkpoint.BEST for folder in trainings]
+        each = [play(training.load(folder, SCENARIO, len(SEEDS)), SCENARIO, SEEDS) for folder in folders]
+        for folder, of in zip(trainings, each, strict=True):
+            print(folder, of.mean(axis=1).round(4), gain(of[None, 0], played[f"`{BASE}`"][0, 0]), flush=True)
+        played = {f"the best of each of {len(each)} trainings": np.stack(each, axis=1)} | played
+    base = played[f"`{BASE}`"][0, 0]
+    rows = [[name, interval(of[0], 3), gain(of[0], base), interval(of[1], 2), f"{of[2].mean():.0f}"]
+            for name, of in played.items()]  # fmt: skip
+    columns = ["policy", "targets in sight", f"over `{BASE}`", "collisions", "distance of a robot [m]"]
+    return {"columns": columns, "rows": rows}
+
+
+def on_spaces() -> figures.Table:
+    """Return the table of the splits of `watch-v1`: the included policy and its base."""
     rows = []
-    for scenario, policies in scores.items():
-        own = policies[LEARNED[scenario]]["detection_time_mean"].value
-        for label, of in policies.items():
-            words = (in_words(of[column]) for column in SUMMARIES)
-            cells = [f"{value} ({ends})" if ends else value for value, ends in words]
-            name, *tuned = label.partition(",")
-            rows.append(
-                [f"{scenario}, `{name}`{''.join(tuned)}", *cells, number(own / of["detection_time_mean"].value)]
-            )
-    return {"columns": ["policy", *COLUMNS.values(), "the learned one's detection time, as a share"], "rows": rows}
+    for split in SPLITS:
+        scores = []
+        for made in itertools.islice(lissajous_env.scenario_space(SPACE).scenarios(split), SCENARIOS):
+            seeds = range(SEEDS[0], SEEDS[0] + EPISODES)
+            scores.append([play(baselines.make(name, made, EPISODES), made, seeds) for name in (SHIPPED, BASE)])
+        # Scenarios are drawn as trainings are above.
+        ours, base = np.moveaxis(np.array(scores), (1, 2), (0, 1))
+        seen = [f"{of[0].mean():.3f}" for of in (ours, base)]
+        collided = [f"{of[1].mean():.2f}" for of in (ours, base)]
+        rows.append([f"`{split}`", *seen, gain(ours[0], base[0]), *collided])
+        print(*rows[-1], flush=True)
+    columns = [f"`{SPACE}`", f"`{SHIPPED}`", f"`{BASE}`", "ratio", "collisions", f"of `{BASE}`"]
+    return {"columns": columns, "rows": rows}
 
 
-def ratios(scenario: str, scores: dict[str, dict[str, Estimate]], console: Console) -> None:
-    """Print the learned policy's numbers as shares of those of the others."""
-    own = scores[LEARNED[scenario]]
-    console.print(f"{LEARNED[scenario]} on {scenario}")
-    for label, other in scores.items():
-        if other is own:
-            continue
-        parts = []
-        for column in COLUMNS:
-            a, b = own[column].value, other[column].value
-            share = "equal" if a == b else f"{a / b:.3f}" if b else "none there"
-            parts.append(f"{column} {share}" if np.isfinite(a) and np.isfinite(b) else "")
-        mine, theirs = own["detection_time_mean"], other["detection_time_mean"]
-        apart = mine.high < theirs.low or theirs.high < mine.low
-        console.print(f"  of {label}: {', '.join(filter(None, parts))}; intervals {'apart' if apart else 'overlap'}")
-
-
-def touches(scenario: str, seeds: range) -> list[list[str]]:
-    """Return a row for the learned policy without and with each filter: the number of episodes with collisions."""
-    rows = []
-    for name in (LEARNED[scenario] + suffix for suffix in ("", "-safe", "-proved")):
-        policy = baselines.make(name, scenario, len(seeds))
-        played = lissajous_env.evaluate(policy, scenario, seeds)
-        touched = [row["seed"] for row in played if row["collisions"] > 0]
-        detection = interquartile_mean([row["detection_time_mean"] for row in played])
-        rows.append([f"`{name}`", f"{len(touched)}", f"{len(seeds):,}", f"{detection:.3f}"])
-    return rows
+def preferred(trainings: list[str]) -> str:
+    """Return the training whose validation is best, with its collisions in units of the limit of a training."""
+    texts = {folder: checkpoint.read_text(Path(folder) / checkpoint.BEST)["training"] for folder in trainings}
+    return max(trainings, key=lambda of: rank_of(texts[of]["best"], limit_of(None, texts[of]["rivals"])))
 
 
 def main() -> None:
-    parser = figures.parser("Shipped policies against the classical ones.")
-    parser.add_argument("--scenarios", nargs="+", default=list(LEARNED), choices=list(LEARNED))
-    parser.add_argument("--episodes", type=int, default=len(HELD_OUT))
-    parser.add_argument("--touches", type=int, default=0, help="episodes to count collisions in, seeds 3000 ...")
+    parser = figures.parser(__doc__)
+    parser.add_argument("--trainings", nargs="+", default=[], metavar="FOLDER", help="folders of trainings on watch")
+    parser.add_argument("--spaces", action="store_true", help="play the splits of watch-v1 instead of watch")
     options = parser.parse_args()
-    scores = {scenario: compare(scenario, options.episodes) for scenario in options.scenarios}
-    tables = {"learned": as_table(scores)}
-    figures.show(f"{options.episodes} held-out episodes", tables["learned"])
-    for scenario in options.scenarios:
-        ratios(scenario, scores[scenario], Console(width=140))
-    if options.touches:
-        seeds = range(3000, 3000 + options.touches)
-        networks = [scenario for scenario in options.scenarios if LEARNED[scenario] in training.names()]
-        rows = [row for scenario in networks for row in touches(scenario, seeds)]
-        columns = ["policy", "episodes with a collision", "of", "detection [s]"]
-        tables["learned-touches"] = {"columns": columns, "rows": rows}
-        figures.show("collisions", tables["learned-touches"])
-    if options.store:
-        figures.store(tables)
+    warnings.simplefilter("ignore")
+    if options.trainings:
+        print(f"best validation: {preferred(options.trainings)}")
+    if options.spaces:
+        figures.publish("learned-spaces", "watch-v1", on_spaces(), options.store)
+    else:
+        figures.publish("learned", f"{len(SEEDS)} worlds of watch", on_watch(options.trainings), options.store)
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ The copy has no state of the training. Its `checkpoint.json` contains the comman
 a policy on the scenarios for which a benchmark plays it by default, of a rogue beside those of scripted ones.
 """
 
+import dataclasses
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,9 +17,6 @@ from lissajous_env.parameters import named
 from lissajous_env.world.columns import COLLISIONS, MEAN
 from training.learned import checkpoint
 from training.learned.card import Card
-from training.learned.network import Network
-from training.learned.policy import Learned
-from training.learned.rogue import KIND
 from training.learned.team_network import TeamNetwork
 from training.learned.team_policy import LearnedTeam
 from training.rogue_settings import RogueTraining
@@ -48,24 +46,24 @@ def publish(
         folder: folder of the package, in which policies are in `policies` and rogues in `rogues`.
     """
     network, card, text = checkpoint.read(source)
-    if card.kind == KIND:
+    if not isinstance(network, TeamNetwork):
         notes, kind = {"held_out_times": _times_of(source, card), "rogues": text["rogues"]}, "rogues"
     else:
         notes, kind = _scores_of(network, card, made_for or (card.scenario,)), "policies"
         notes["training"] = text["training"]
+    card = dataclasses.replace(card, settings=dict(card.settings) | {"out": f"runs/{name}"})
     with checkpoint.hold(folder / kind / name) as held:
         checkpoint.save(held, network, card, notes={"command": command, **notes})
     print(f"wrote {folder / kind / name}", file=sys.stderr)
 
 
-def _scores_of(network: Network | TeamNetwork, card: Card, made_for: tuple[str, ...]) -> dict[str, Any]:
+def _scores_of(network: TeamNetwork, card: Card, made_for: tuple[str, ...]) -> dict[str, Any]:
     """Return the score and the collisions of a policy on some scenarios, each a mean with its interval."""
     scores = {}
     for played in made_for:
         # The scenario of the training is in its folder and need not be registered.
         scenario = checkpoint.home_scenario(card) if played == card.scenario else named.scenario(played)
-        kind = LearnedTeam if isinstance(network, TeamNetwork) else Learned
-        rows = evaluate(kind(network, card, scenario, len(HELD_OUT)), scenario, HELD_OUT)  # type: ignore[arg-type]
+        rows = evaluate(LearnedTeam(network, card, scenario, len(HELD_OUT)), scenario, HELD_OUT)
         for name in (score_of(scenario), COLLISIONS.name):
             of = summarize([row[name] for row in rows], MEAN)
             scores.setdefault(played, {})[name] = [round(value, 4) for value in (of.value, of.low, of.high)]

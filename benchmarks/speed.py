@@ -27,7 +27,6 @@ import warp
 from speeds import (
     Options,
     Part,
-    act,
     cluster,
     contamination,
     controller,
@@ -42,7 +41,7 @@ from speeds import (
 from lissajous_env.device.devices import cores
 from lissajous_env.identity import cpu_model
 
-_MODULES = (step, rogues, memory, contamination, growth, controller, act, onboard, cluster)
+_MODULES = (step, rogues, memory, contamination, growth, controller, onboard, cluster)
 PARTS = {each.PART.name: each.PART for each in _MODULES}
 
 

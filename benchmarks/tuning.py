@@ -39,8 +39,8 @@ import lissajous_env
 from baselines.benchmark.statistics import bootstrap_interval, interquartile_mean
 from baselines.mpcc.solver import MpccParameters
 from baselines.policies import registry
-from baselines.policies.arc_length import ArcParameters, ground_speed
 from baselines.policies.base import Filtered, Policy, UnsuitableScenarioError
+from baselines.policies.coordinators import ArcParameters, ground_speed
 from baselines.policies.line_abreast import LineAbreast
 from baselines.policies.line_path import LineParameters, plans_of
 from baselines.policies.partition import Partition, PartitionRepair, RepairParameters
@@ -48,7 +48,7 @@ from baselines.policies.partition_plan import PartitionParameters
 from baselines.policies.patrol import Laps, Sweep
 from baselines.policies.patrol_path import SweepParameters, cruising_speed
 from baselines.policies.safety.filter import Safe, SafetyParameters
-from baselines.policies.vector_field import FieldParameters, WithVectorField
+from baselines.policies.trackers import FieldParameters, WithVectorField
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.folder import Folder, Journal
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from baselines.planning import portfolio
 from baselines.policies import registry
 
-FILTERED = ("sweep", "kuramoto-mpcc", "partition-repair", "learned-intruders")
+FILTERED = ("sweep", "kuramoto-mpcc", "partition-repair")
 """Policies that are tested under each collision filter too, one of each kind of memory."""
 
 

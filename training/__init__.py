@@ -1,6 +1,6 @@
 """Learned policies: the included ones, and their training."""
 
-from training.learned.onnx_graph import export_onnx
-from training.learned.policy import Learned, load, names
+from training.learned.policy import load, names
+from training.learned.team_policy import LearnedTeam
 
-__all__ = ["Learned", "export_onnx", "load", "names"]
+__all__ = ["LearnedTeam", "load", "names"]

@@ -43,7 +43,7 @@ class RogueTraining(Checked):
         (64, 64), "must be whole numbers of at least 1", lambda size: size if is_whole(size) and size >= 1 else None
     )
     """Sizes of the hidden layers."""
-    episodes: int = whole(64, 1, 65_536)
+    episodes: int = whole(128, 1, 65_536)
     """Episodes per evaluation."""
     device: str = "cpu"
     """Warp device of the worlds."""

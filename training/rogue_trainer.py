@@ -63,7 +63,7 @@ class RogueTrainer:
         torch.manual_seed(settings.seed)
         self.scenario = settings.make_scenario()
         self.card = rogue_card(self.scenario, settings.to_dict())
-        sizes = [self.card.network_inputs, *settings.layers]
+        sizes = [len(self.card.inputs), *settings.layers]
         hidden = [part for pair in pairwise(sizes) for part in (nn.Linear(*pair), nn.ReLU())]
         self.actor = nn.Sequential(*hidden, nn.Linear(sizes[-1], self.card.action_size)).to(settings.device)
         self.optimizer = torch.optim.Adam(self.actor.parameters(), lr=_RATE, eps=1e-5)

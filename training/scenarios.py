@@ -71,4 +71,4 @@ def score_of(made: Scenario) -> str:
 
 def rule_of(made: Scenario) -> str:
     """Return the best rule for a scenario in which actions are velocities."""
-    return {"observed_fraction": "a-cmommt", "detection_rate": "lead-pursuit"}.get(score_of(made), "index-learned")
+    return {"observed_fraction": "greedy-cover", "detection_rate": "lead-pursuit"}.get(score_of(made), "index-learned")

@@ -22,7 +22,7 @@ CHANGES_NOTHING = ("steps", "out", "threads", "episodes", "evaluate_every")
 
 @dataclass(frozen=True)
 class TrainingSettings(Checked):
-    """Settings of a training. With the defaults it takes about half an hour on two cores of a laptop."""
+    """Settings of a training. With the defaults it takes about ten minutes on one core."""
 
     scenario: str = "watch"
     """Scenario to train on, or a space of scenarios: training draws from its split train, and validations play the
@@ -31,7 +31,7 @@ class TrainingSettings(Checked):
     """Folder for the results; the same command resumes from its last checkpoint."""
     seed: int = whole(0, 0, 999)
     """Seed of the worlds, initial weights and exploration."""
-    steps: int = whole(20_000_000, 1, 10**15)
+    steps: int = whole(4_000_000, 1, 10**15)
     """Robot steps of PPO, summed over all robots and worlds."""
     worlds: int = whole(128, 1, 1_000_000)
     """Environments that are stepped together; for a space, at least one for each of `groups`."""
@@ -39,8 +39,12 @@ class TrainingSettings(Checked):
     """Scenarios of a space that are played at the same time, each in an equal part of the worlds. When the episodes of
     a group end, it plays the next scenario. Used only for a space."""
     teacher: str | None = None
-    """Classical policy to imitate first, with which validations are compared. By default a-cmommt, lead-pursuit or
-    index-learned where actions are velocities; for cars that steer, arc-mpcc or arc-gvf; for points, kuramoto."""
+    """Classical policy from which training begins, and with which validations are compared. By default greedy-cover,
+    lead-pursuit or index-learned where actions are velocities; for cars that steer, arc-mpcc or arc-gvf; for points,
+    kuramoto."""
+    corrects: bool = True
+    """Where actions are velocities, let the network read the velocity that the teacher wishes, and add its output to
+    that; otherwise it imitates the teacher first."""
     imitation: int = whole(3, 0, 1000)
     """Rounds of imitation before PPO; 0 for none."""
     imitation_epochs: int = whole(10, 1, 10_000)
@@ -63,7 +67,7 @@ class TrainingSettings(Checked):
     """Rows per minibatch."""
     epochs: int = whole(2, 1, 10_000)
     """Passes over each rollout."""
-    learning_rate: float = number(4e-4, 1e-12, 1)
+    learning_rate: float = number(1e-3, 1e-12, 1)
     """Initial learning rate; it decreases linearly to a twentieth."""
     clip: float = number(0.2, 1e-6, 10)
     """Clipping of the ratio of the likelihoods of an action."""
@@ -73,21 +77,23 @@ class TrainingSettings(Checked):
     """Discount factor per step."""
     gae_lambda: float = number(0.9, 0, 1)
     """Lambda of generalized advantage estimation."""
-    noise: float = number(0.3, 1e-6, 10)
+    noise: float = number(0.25, 1e-6, 10)
     """Standard deviation of the actions at the beginning."""
-    noise_end: float = number(0.15, 1e-6, 10)
+    noise_end: float = number(0.1, 1e-6, 10)
     """Standard deviation of the actions at the end."""
+    correlation: float = number(0.8, 0, 0.999)
+    """Correlation of the noise of successive actions of a robot."""
     credit: float = number(0.75, 0, 1)
     """Share of the reward for targets in sight that counts only those that no other robot has in sight; the rest of it
     is the team's."""
     collisions: float | None = None
-    """Collisions in an episode of a team above which their cost rises, and below which it falls. By default those of
-    the teacher."""
+    """Collisions in an episode of a team above which their cost rises, and below which it falls. By default four fifths
+    of those of the teacher."""
     penalty: float = number(0.3, 0.01, 100)
     """Factor of the scenario's reward for collisions at the beginning."""
-    evaluate_every: int = whole(1_000_000, 1, 10**15)
+    evaluate_every: int = whole(500_000, 1, 10**15)
     """Robot steps between validations, each of which writes a checkpoint."""
-    episodes: int = whole(64, 1, 65_536)
+    episodes: int = whole(128, 1, 65_536)
     """Episodes per validation; for a space, of all its scenarios together."""
     device: str = "cpu"
     """Device of the worlds: `cpu`, `cuda` or `cuda:k`; the networks are on the CPU."""
@@ -130,6 +136,12 @@ class TrainingSettings(Checked):
         if made.task.action == "velocity":
             return scenarios.rule_of(made)
         return {"car": "arc-gvf" if made.curve.harmonics else "arc-mpcc", "curve": "kuramoto"}.get(made.robot.kind)
+
+    @property
+    def base(self) -> str | None:
+        """Policy to whose action the network adds its output; None for a network that imitates."""
+        corrects = self.corrects and self.make_scenario().task.action == "velocity"
+        return self.chosen_teacher if corrects else None
 
     def make_scenario(self) -> Scenario:
         """Return the scenario, or the first one of the validations."""

@@ -1,17 +1,19 @@
-"""`lissajous train`: imitate a rule, then collect, update, validate and save.
+"""`lissajous train`: begin from a rule, then collect, update, validate and save.
 
-All robots share one network, which plays teams of any size. It imitates a classical policy in the states that it
-reaches itself (DAgger: S. Ross, G. J. Gordon, J. A. Bagnell, AISTATS 2011), and goes on by PPO (J. Schulman et al.,
-arXiv:1707.06347) with a central critic (C. Yu et al., "The Surprising Effectiveness of PPO in Cooperative Multi-Agent
-Games", NeurIPS 2022), which reads the true places of all robots and targets. Collisions cost as much as it takes to
-have no more of them than a stated number. The best policy is chosen by validation, in worlds that no update uses.
+All robots share one network, which plays teams of any size. Where actions are velocities, it reads the velocity that
+a rule wishes and adds to it (residual learning: T. Johannink et al., ICRA 2019); elsewhere, it imitates a classical
+policy in the states that it reaches itself (DAgger: S. Ross, G. J. Gordon, J. A. Bagnell, AISTATS 2011). It goes on by
+PPO (J. Schulman et al., arXiv:1707.06347) with a central critic (C. Yu et al., "The Surprising Effectiveness of PPO in
+Cooperative Multi-Agent Games", NeurIPS 2022), which reads the true places of all robots and targets. Collisions and
+near collisions cost more while there are more of them than a stated number. The best policy is chosen by validation, in
+worlds that no update uses.
 
 Differs from these papers: a time limit is not a terminal state, so the value before it stands for the one after it; the
-reward for targets in sight is mostly that of the robot itself, for those that no other robot has in sight; and no
-minibatch updates the policy further once it has moved too far from that of the rollout.
+reward for targets in sight is mostly that of the robot itself, for those that no other robot has in sight; no minibatch
+updates the policy further once it has moved too far from that of the rollout; and the noise of successive actions is
+correlated, so that it moves a robot farther (J. Hollenstein, G. Martius, J. Piater, "Colored Noise in PPO", AAAI 2024).
 """
 
-import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -26,7 +28,6 @@ import baselines
 from lissajous_env.console.terminal import make_console
 from lissajous_env.device.devices import cores
 from lissajous_env.storage.folder import Folder
-from lissajous_env.world.columns import COLLISIONS
 from training import scenarios
 from training.learned import checkpoint
 from training.learned.card import Card
@@ -35,7 +36,7 @@ from training.learned.team_network import TeamNetwork
 from training.learned.team_policy import LearnedTeam
 from training.settings import TrainingSettings
 from training.torch_state import load_state, save_state
-from training.validation import mean_of, rank_of, validate, words_of
+from training.validation import limit_of, mean_of, rank_of, validate, words_of
 from training.worlds import TRUTH, Rollout, Step, Worlds
 
 FIRST_SEED = 1_000_000
@@ -44,6 +45,8 @@ _DEMONSTRATED = 100_000
 """Rows, at most about, of a round of imitation."""
 _WARM_UP = 8
 """Rollouts in which only the critic learns."""
+_NEAR = 0.25
+"""Cost of a step in which robots almost touch, as a share of that of a collision: collisions alone are too rare."""
 _BOUND = 0.01
 """Weight of the squares by which means leave [-1, 1]."""
 
@@ -57,17 +60,19 @@ class Team(nn.Module):
         outputs: Numbers of the output.
         heads: Heads of attention; 0 for the mean of the tokens' features.
         memory: Numbers that a robot remembers.
+        corrects: Add the wish of the base to the outputs, which are zeros at first.
     """
 
-    def __init__(self, settings: TrainingSettings, token: int, outputs: int, heads: int, memory: int):
+    def __init__(self, settings: TrainingSettings, token: int, outputs: int, heads=0, memory=0, corrects=False):
         super().__init__()
+        self.corrects = corrects
         features, hidden = settings.features, settings.hidden
         self.own, self.token = nn.Linear(len(OWN), 64), nn.Linear(token, features)
         self.query = nn.Linear(64, heads * features) if heads else None
         self.trunk = nn.Linear(64 + max(heads, 1) * features, hidden)
         self.memory = nn.GRUCell(hidden, memory) if memory else None
         self.last, self.action = nn.Linear(hidden + memory, hidden), nn.Linear(hidden, outputs)
-        nn.init.orthogonal_(self.action.weight, 0.01)
+        nn.init.orthogonal_(self.action.weight, 0.0 if corrects else 0.01)
         nn.init.zeros_(self.action.bias)
 
     @torch.autocast("cpu", torch.bfloat16)
@@ -95,7 +100,10 @@ class Team(nn.Module):
                 memory = self.memory(step, memory * (1 - begin)[:, None])
                 states.append(memory)
             hidden = torch.cat([hidden, torch.stack(states)], -1)
-        return self.action(torch.relu(self.last(hidden))).float(), memory.float()
+        outputs = self.action(torch.relu(self.last(hidden))).float()
+        if self.corrects:
+            outputs = outputs + nn.functional.pad(rows[0][..., -2:], (0, outputs.shape[-1] - 2))
+        return outputs, memory.float()
 
     def arrays(self) -> TeamNetwork:
         """Copy the weights into a network that is played without PyTorch."""
@@ -166,8 +174,8 @@ class Training:
         self.settings = settings
         self.worlds = Worlds(settings, settings.worlds, FIRST_SEED * (1 + settings.seed))
         size = self.worlds.batch.scenario.action_size
-        self.actor = Team(settings, len(TOKEN), size, settings.heads, settings.memory)
-        self.critic = Team(settings, len(TRUTH), 1, 0, 0)
+        self.actor = Team(settings, len(TOKEN), size, settings.heads, settings.memory, settings.base is not None)
+        self.critic = Team(settings, len(TRUTH), 1)
         self.networks = nn.ModuleList([self.actor, self.critic])
         self.optimizer = torch.optim.Adam(self.networks.parameters(), settings.learning_rate, eps=1e-5)
         self.numbers = {
@@ -183,6 +191,7 @@ class Training:
         self.limit = settings.collisions or 0.0
         self._returns = np.zeros(self.worlds.count)
         self._memory = torch.zeros(self.worlds.count, settings.memory)
+        self._noise = torch.randn(self.worlds.count, size)
         self._begins = np.ones(self.worlds.count, np.float32)
         self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
 
@@ -201,34 +210,34 @@ class Training:
             with torch.no_grad():
                 rows = [torch.from_numpy(part) for part in self._rows]
                 mean, self._memory = self.actor([part[None] for part in rows], self._memory, begins[None])
-                action = mean[0] + deviation * torch.randn_like(mean[0])
+                fresh = torch.randn_like(mean[0])
+                self._noise = settings.correlation * self._noise + (1 - settings.correlation**2) ** 0.5 * fresh
+                action = mean[0] + deviation * self._noise
                 likelihood = -0.5 * ((action - mean[0]) / deviation).square().sum(-1)
             step, reads = worlds.step(action.numpy()), [torch.from_numpy(part) for part in self._truth[:2]]
             values.append(self._value(rows[0], reads))
             self._truth = worlds.truth()
             parts.append((rows, reads, action, likelihood, torch.from_numpy(step.acted), begins))
-            steps.append((self._reward(step, self._truth[2]), step))
+            steps.append((self._reward(step, *self._truth[2:]), step))
             self._begins = np.repeat(step.over, worlds.side.places).astype(np.float32)
+            worlds.begin(step.over)
             if step.over.any():
-                worlds.begin(step.over)
                 self._truth = worlds.truth()
             self._rows = worlds.rows()
             self.numbers["steps"] += float(step.acted.sum())
         values.append(self._value(torch.from_numpy(self._rows[0]), [torch.from_numpy(p) for p in self._truth[:2]]))
         advantages = self._advantages(steps, np.stack(values))
-        rows, reads, actions, likelihoods, acted, begins = zip(*parts, strict=True)
-        stacked = [[torch.stack(part) for part in zip(*of, strict=True)] for of in (rows, reads)]
-        flat = [torch.stack(part) for part in (actions, likelihoods, acted, begins)]
+        read, known, *others = zip(*parts, strict=True)
+        rows, truth = ([torch.stack(part) for part in zip(*of, strict=True)] for of in (read, known))
+        actions, likelihood, acted, begins = (torch.stack(part) for part in others)
         returns = advantages + torch.from_numpy(np.stack(values[:-1]))
-        return Rollout(
-            stacked[0], stacked[1], flat[0], flat[1], flat[2], flat[3], memory, advantages, returns, deviation
-        )
+        return Rollout(rows, truth, actions, likelihood, acted, begins, memory, advantages, returns, deviation)
 
-    def _reward(self, step: Step, sightings: np.ndarray) -> np.ndarray:
+    def _reward(self, step: Step, sightings: np.ndarray, near: np.ndarray) -> np.ndarray:
         """Return the rewards (B,) of a step, and update the running numbers."""
         settings, task, numbers = self.settings, self.worlds.batch.scenario.task, self.numbers
         own = task.reward_observation * task.step * sightings
-        reward = step.reward + numbers["penalty"] * step.collided
+        reward = step.reward + numbers["penalty"] * (step.collided + _NEAR * task.reward_collision * near * step.acted)
         reward = reward + settings.credit * own + (1 - settings.credit) * step.observed
         # Two robots take part in a collision.
         per_robot = (step.collided / (task.reward_collision or 1.0)).sum() / max(step.acted.sum(), 1.0)
@@ -285,7 +294,7 @@ class Training:
                 _descend(self.optimizer, self.networks.parameters(), loss)
         numbers["rollouts"] += 1
         excess = np.clip(numbers["collided"] / max(self.limit, 0.05) - 1, -1, 1)
-        numbers["penalty"] = float(np.clip(numbers["penalty"] * np.exp(0.05 * excess), 0.01, 100))
+        numbers["penalty"] = float(np.clip(numbers["penalty"] * np.exp(0.02 * excess), 0.01, 100))
         explained = 1 - (of.advantages.var() / of.returns.var().clamp(min=1e-12)).item()
         return {"approx_kl": divergence, "explained_variance": explained, "penalty": numbers["penalty"]}
 
@@ -296,6 +305,7 @@ class Training:
         if self.settings.space is None:
             arrays |= checkpoint.prefixed("worlds", self.worlds.save_state())
             arrays |= {"begins": self._begins, "returns": self._returns, "memory": self._memory.numpy()}
+            arrays["noise"] = self._noise.numpy()
         return arrays
 
     def load_state(self, arrays: dict[str, np.ndarray]) -> None:
@@ -305,7 +315,7 @@ class Training:
         if self.settings.space is None:
             self.worlds.load_state(checkpoint.within("worlds", arrays))
             self._begins, self._returns = arrays["begins"], arrays["returns"]
-            self._memory = torch.from_numpy(arrays["memory"])
+            self._memory, self._noise = torch.from_numpy(arrays["memory"]), torch.from_numpy(arrays["noise"])
         else:
             self.worlds.batch.seed(FIRST_SEED * (1 + self.settings.seed) + 200_000 + int(self.numbers["rollouts"]))
             self.worlds.batch.reset()
@@ -343,12 +353,11 @@ def _train(
 ) -> dict[str, Any]:
     """Train in a locked folder."""
     state, began, diagnostics = Training(settings), time.monotonic(), {}
-    card = dataclasses.replace(Card.of(settings.make_home(), settings=settings.to_dict()), inputs=())
+    card = Card.of(settings.make_home(), settings=settings.to_dict(), base=settings.base)
     history = _begin(settings, state, say)
     curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
     began -= curve[-1]["seconds"] if curve else 0.0
-    if settings.collisions is not None or rivals:
-        state.limit = mean_of(rivals)[COLLISIONS.name] if settings.collisions is None else settings.collisions
+    state.limit = limit_of(settings.collisions, rivals)
     while True:
         done, every = numbers["steps"] >= settings.steps, settings.evaluate_every
         last = curve[-1]["steps"] if curve else -every
@@ -386,5 +395,6 @@ def _begin(settings: TrainingSettings, state: Training, say: Callable[[str], Non
     if settings.chosen_teacher is not None:
         history["rivals"] = validate(settings, partial(baselines.make, settings.chosen_teacher), None)
         say(f"{settings.chosen_teacher}: {words_of(mean_of(history['rivals']))}")
-        imitate(settings, state.actor, say)
+        if settings.base is None:
+            imitate(settings, state.actor, say)
     return history

@@ -12,6 +12,8 @@ from training.settings import TrainingSettings
 
 VALIDATION_SEED = 20_000
 """Seed of the first episode of a validation."""
+_CAREFUL = 0.8
+"""Limit of the collisions, in units of those of the rival: a policy has other numbers of them in other worlds."""
 
 
 def validate(
@@ -49,6 +51,13 @@ def mean_of(results: Sequence[dict[str, float]]) -> dict[str, float]:
 def rank_of(point: dict[str, float], limit: float) -> float:
     """Return the worth of a policy, divided by its collisions in units of the limit where they are above it."""
     return point["worth"] * min(1.0, (limit + 0.05) / max(point["collisions"], 1e-9))
+
+
+def limit_of(collisions: float | None, rivals: Sequence[dict[str, float]]) -> float:
+    """Return the collisions above which their cost rises: those that are set, or a share of those of the rival."""
+    if collisions is None and rivals:
+        return _CAREFUL * mean_of(rivals)["collisions"]
+    return collisions or 0.0
 
 
 def words_of(of: dict[str, float]) -> str:

@@ -10,12 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from torch import Tensor
 
-from baselines.policies.reacting import Reacting, kept_apart
-from baselines.policies.rows import Rows
+import baselines
+from baselines.policies.base import Policy
+from baselines.policies.own_row import Rows
+from baselines.policies.reacting import kept_apart
 from lissajous_env.envs.batch import Batch, padded
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import GONE, HIDDEN, WORKING
-from training.learned.perception import perceive
+from training.learned.checkpoint import prefixed, within
+from training.learned.perception import perceive, wish_of
 from training.settings import TrainingSettings
 
 TRUTH = ("target", "robot", "x", "y", "distance", "near", "observers", "other_distance")
@@ -84,6 +87,12 @@ class Worlds:
         self.side = self.batch.sides[0]
         self.count = worlds * self.side.places
         self.batch.reset()
+        self._base = settings.base
+        self._bases: list[Policy] = []
+        """Policies that the network corrects, one for each group; empty without any."""
+        self._wishes: list[np.ndarray] = []
+        """Actions (W, N, A) of these for the present states."""
+        self._ask()
         self.steps = self.batch.scenario.task.steps
         # Worlds of a group end together, so that it can draw its next scenario.
         shares = np.arange(1, 1 + (worlds if settings.space is None else groups)) * _GOLDEN % 1.0
@@ -96,34 +105,27 @@ class Worlds:
 
     def rows(self) -> list[np.ndarray]:
         """Return own numbers (B, A), tokens (B, K, F) and presence (B, K) of what the robots perceive."""
-        parts = [perceive(each.observation.numpy(), each.scenario) for each in self.batch.simulations]
+        scenarios = [simulation.scenario for simulation in self.batch.simulations]
+        wishes: Sequence[np.ndarray | None] = self._wishes or [None] * len(scenarios)
+        parts = [perceive(*of) for of in zip(self._observations(), scenarios, wishes, strict=True)]
         return [self._flat(part) for part in zip(*parts, strict=True)]
 
     def truth(self) -> list[np.ndarray]:
-        """Return tokens (B, K, F) and presence (B, K) for the critic, and own sightings (B,): see `truth`."""
+        """Return tokens (B, K, F) and presence (B, K) for the critic, sightings (B,) and nearness (B,): see `truth`."""
         parts = []
-        for tokens, present, own in map(truth, self.batch.simulations):
+        for tokens, present, own, near in map(truth, self.batch.simulations):
             # Scenarios of a space have different numbers of targets and robots.
             more = 0 if self.batch.space is None else MOST_TARGETS + self.side.places - present.shape[2]
             wider = (0, 0), (0, 0), (0, more)
-            parts.append((np.pad(tokens, (*wider, (0, 0))), np.pad(present, wider), own))
+            parts.append((np.pad(tokens, (*wider, (0, 0))), np.pad(present, wider), own, near))
         return [self._flat(part) for part in zip(*parts, strict=True)]
 
     def labels(self, teachers: Sequence[Any]) -> np.ndarray:
         """Return the actions (B, A) of a teacher for each group, before robots that are near are kept apart."""
-        parts = []
-        for teacher, simulation in zip(teachers, self.batch.simulations, strict=True):
-            rows = simulation.observation.numpy()
-            if isinstance(teacher, Reacting):
-                wish = teacher.wish(teacher.rows(rows))
-                wish = wish / np.maximum(np.linalg.norm(wish, axis=-1, keepdims=True), 1.0)
-            else:
-                wish = teacher.act(rows)
-            parts.append(wish.astype(np.float32))
-        return self._flat(parts)
+        return self._flat([wish_of(*of) for of in zip(teachers, self._observations(), strict=True)])
 
     def step(self, actions: np.ndarray) -> Step:
-        """Advance all worlds with actions (B, A), after which `begin` begins the next episodes."""
+        """Advance all worlds with actions (B, A), after which `begin` begins the next episodes, if any."""
         batch, side = self.batch, self.side
         actions = actions.reshape(batch.num_worlds, side.places, -1).clip(-1, 1).astype(np.float32)
         for group, simulation in enumerate(batch.simulations):
@@ -141,18 +143,45 @@ class Worlds:
         return Step(reward, collided.copy(), observed.copy(), acted, ended, batch.over | (self._left <= 0))
 
     def begin(self, worlds: np.ndarray) -> None:
-        """Begin episodes in the masked worlds."""
-        self.batch.reset(worlds)
-        self._left[worlds] = self.steps
+        """Begin episodes in the masked worlds, and ask the base what it wishes in all of them."""
+        if worlds.any():
+            self.batch.reset(worlds)
+            self._left[worlds] = self.steps
+            for group, base in enumerate(self._bases):
+                base.reset(worlds[self.batch.worlds_of(group)])
+        self._ask()
+
+    def _ask(self) -> None:
+        """Ask the bases for their wishes in the present states; a group that plays another scenario has a new base."""
+        if self._base is None:
+            return
+        simulations = self.batch.simulations
+        before: Sequence[Policy | None] = self._bases or [None] * len(simulations)
+        self._bases = [
+            base
+            if base and base.scenario == each.scenario
+            else baselines.make(self._base, each.scenario, each.num_worlds)
+            for base, each in zip(before, simulations, strict=True)
+        ]
+        self._wishes = [wish_of(*of) for of in zip(self._bases, self._observations(), strict=True)]
+
+    def _observations(self) -> list[np.ndarray]:
+        return [simulation.observation.numpy() for simulation in self.batch.simulations]
 
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy everything that changes during steps, without a space of scenarios, by name."""
-        return self.batch.save_state() | {"left": self._left.copy()}
+        arrays = self.batch.save_state() | {"left": self._left.copy()}
+        for base in self._bases:
+            arrays |= prefixed("base", base.save_state()) | {"wish": self._wishes[0]}
+        return arrays
 
     def load_state(self, saved: dict[str, np.ndarray]) -> None:
         """Resume from what `save_state` returned."""
         self._left = saved["left"].copy()
-        self.batch.load_state(saved)
+        self.batch.load_state({name: array for name, array in saved.items() if not name.startswith("base.")})
+        for base in self._bases:
+            base.load_state(within("base", saved))
+            self._wishes = [saved["wish"].copy()]
 
     def _flat(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Join arrays (W, n, ...) of the groups to (B, ...), with zeros for places without a robot."""
@@ -160,12 +189,13 @@ class Worlds:
         return joined.reshape(self.count, *joined.shape[2:])
 
 
-def truth(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def truth(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return what a critic reads of the true state, relative to each robot.
 
     Returns:
-        Tokens (W, N, K, F) with the numbers `TRUTH`; presence (W, N, K), 1 where there is a token, else 0; and the
-        number of targets (W, N) that the robot has in sight and no other robot has.
+        Tokens (W, N, K, F) with the numbers `TRUTH`; presence (W, N, K), 1 where there is a token, else 0; the number
+        of targets (W, N) that the robot has in sight and no other robot has; and its nearness (W, N) to others, a
+        sum of 1 for each one that it touches, and less up to a gap of a body's diameter.
     """
     sight = np.float32(simulation.scenario.sight)
     robots = simulation.robots.position.numpy()[..., :2] / sight
@@ -191,4 +221,6 @@ def truth(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     tokens[..., 4], tokens[..., 5] = distance / (1 + distance), np.maximum(1 - distance, 0)
     tokens[:, :, :count, 6], tokens[:, :, :count, 7] = np.minimum(observers, 2), other / (1 + other)
     own = (sighted & (observers == 0)).sum(axis=-1).astype(np.float32)
-    return tokens * present[..., None], present.astype(np.float32), own
+    gap = distance[..., count:] / np.float32(2 * simulation.scenario.robot.radius / sight) - 1
+    near = np.where(others & works[..., None], np.clip(1 - gap, 0, 1), 0).sum(axis=-1)
+    return tokens * present[..., None], present.astype(np.float32), own, near.astype(np.float32)

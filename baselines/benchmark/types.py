@@ -24,7 +24,7 @@ because they order the policies much like `evaders`."""
 POLICIES = (
     "kuramoto-mpcc", "kuramoto-mpcc-safe", "open-loop-mpcc", "consensus-mpcc", "partition", "partition-repair",
     "line-abreast", "sweep", "laps",
-    "learned-intruders-proved", "portfolio", "portfolio-guarantee", "random", "kuramoto", "consensus", "open-loop",
+    "portfolio", "portfolio-guarantee", "random", "kuramoto", "consensus", "open-loop",
 )  # fmt: skip
 """Policies of the standard comparison, which the command, the table of the README and the figures show.
 

@@ -10,10 +10,16 @@ from functools import partial
 from typing import Any
 
 from baselines.policies import registry
-from baselines.policies.arc_length import KuramotoByArc
-from baselines.policies.coordinators import RUNNING, Consensus, Coordinator, Kuramoto, OpenLoop, TrackedReference
-from baselines.policies.trackers import Coordinated, OnCurve, WithMpcc
-from baselines.policies.vector_field import WithVectorField
+from baselines.policies.coordinators import (
+    RUNNING,
+    Consensus,
+    Coordinator,
+    Kuramoto,
+    KuramotoByArc,
+    OpenLoop,
+    TrackedReference,
+)
+from baselines.policies.trackers import Coordinated, OnCurve, WithMpcc, WithVectorField
 from lissajous_env.wording import nearest, shown
 
 TRACKERS: dict[str, tuple[type[Coordinated], str]] = {

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from baselines.policies.base import UnsuitableScenarioError
+from baselines.policies.own_row import Rows
 from baselines.policies.reacting import Reacting, divided, known_places, towards
-from baselines.policies.rows import Rows
 from lissajous_env.parameters.scenario import Scenario
 
 _NOWHERE = 1e6

@@ -1,10 +1,17 @@
-"""The entries of a robot's observation row, decoded in kernels for the classical policies."""
+"""The entries of a robot's observation row, decoded: in kernels, and in NumPy and SI units by `Rows`."""
 
+from functools import cached_property
+
+import numpy as np
 import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.world.observation import LINK, OWN, ROBOT
+from lissajous_env.parameters import named
+from lissajous_env.parameters.robot_models import model_of
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import nearest, shown
+from lissajous_env.world.observation import LINK, OWN, ROBOT, layout
 
 Observation = wp.array3d(dtype=float)
 """(W, N, D) observation rows of W worlds of N robots."""
@@ -141,3 +148,162 @@ def velocity_seen(w: int, i: int, k: int, speed_unit: float, observation: Observ
     start = OWN + 2 * LINK + ROBOT * k
     relative = wp.vec2(observation[w, i, start + X_VELOCITY], observation[w, i, start + Y_VELOCITY])
     return relative * (2.0 * speed_unit)
+
+
+class Rows:
+    """The observation (W, N, D) of W worlds of N robots as named quantities in SI units.
+
+    Neighbour 0 precedes the robot on the ring, neighbour 1 follows it. Values are 0 for a neighbour without a message,
+    and for places of robots and targets that are not in sight.
+
+    Args:
+        observation: Observation as a policy receives it, of float32.
+        scenario: Scenario of the observation.
+    """
+
+    def __init__(self, observation: np.ndarray, scenario: str | Scenario):
+        self.scenario = named.build(scenario).resolve()
+        self.values = np.asarray(observation)
+        self._layout = layout(self.scenario)
+        curve, robot = self.scenario.curve, self.scenario.robot
+        self._half = np.array([curve.half_width, curve.half_height])
+        self._speed_unit = model_of(robot.kind).speed_unit(self.scenario.driven, self.scenario.formation, robot)
+
+    def entry(self, name: str) -> np.ndarray:
+        """Return the raw values (W, N) of an entry, by its name in the layout of the observation."""
+        names = self._layout.names
+        if name not in names:
+            rule = f"entry must be one of the {len(names)} of the layout of the observation of {self.scenario.name}"
+            raise ValueError(f"{rule}, got {shown(name)}{nearest(name, names)}")
+        return self.values[..., names.index(name)]
+
+    @cached_property
+    def position(self) -> np.ndarray:
+        """Return the measured x, y (W, N, 2) [m]."""
+        return np.stack([self.entry("x"), self.entry("y")], axis=-1) * self._half
+
+    @cached_property
+    def heading(self) -> np.ndarray:
+        """Return the measured heading (W, N) [rad]."""
+        return self._angle("heading")
+
+    @cached_property
+    def speed(self) -> np.ndarray:
+        """Return the measured speed (W, N) [m/s]."""
+        return self.entry("speed") * self._speed_unit
+
+    @cached_property
+    def phase(self) -> np.ndarray:
+        """Return the measured phase theta (W, N) in [-pi, pi] [rad]."""
+        return self._angle("phase")
+
+    @cached_property
+    def works(self) -> np.ndarray:
+        """Return whether each robot itself works (W, N)."""
+        return self.entry("works") > 0.5
+
+    @cached_property
+    def heard(self) -> np.ndarray:
+        """Return whether a recent enough message from each neighbour is known (W, N, 2)."""
+        return (self._of("neighbour", "heard") > 0.5) & (self._of("neighbour", "age") < 1)
+
+    @cached_property
+    def age(self) -> np.ndarray:
+        """Return the time since each neighbour's message was sent (W, N, 2) [s]."""
+        return self._of("neighbour", "age") * self.scenario.time_unit
+
+    @cached_property
+    def lead(self) -> np.ndarray:
+        """Return the relative phase of each neighbour's message (W, N, 2), theta_j - theta_i in [-pi, pi] [rad]."""
+        angle = np.arctan2(self._of("neighbour", "sin_phase"), self._of("neighbour", "cos_phase"))
+        return np.where(self.heard, angle, 0.0)
+
+    @cached_property
+    def neighbour_offset(self) -> np.ndarray:
+        """Return the relative x, y of each neighbour's message (W, N, 2, 2) [m]."""
+        return self._pairs("neighbour") * 2 * self._half
+
+    @cached_property
+    def message(self) -> np.ndarray:
+        """Return the last message of each neighbour's policy (W, N, 2, k), k = `messages.size`; zeros if none."""
+        sent = [self._of("neighbour", f"message_{m}") for m in range(self.scenario.messages.size)]
+        return np.stack(sent, axis=-1) if sent else np.zeros((*self.heard.shape, 0), self.values.dtype)
+
+    @cached_property
+    def robots_seen(self) -> np.ndarray:
+        """Return whether there is a robot in sight (W, N, R); the nearest is the first."""
+        return self._of("robot", "present") > 0.5
+
+    @cached_property
+    def robot_offset(self) -> np.ndarray:
+        """Return the relative x, y of the robots in sight (W, N, R, 2) [m]."""
+        return self._pairs("robot") * self.scenario.sight
+
+    @cached_property
+    def robot_velocity(self) -> np.ndarray:
+        """Return the relative velocity of the robots in sight (W, N, R, 2) [m/s]."""
+        return self._pairs("robot", "x_velocity", "y_velocity") * 2 * self._speed_unit
+
+    @cached_property
+    def targets_seen(self) -> np.ndarray:
+        """Return whether there is a target in sight (W, N, T); the nearest is the first."""
+        return self._of("target", "present") > 0.5
+
+    @cached_property
+    def target_offset(self) -> np.ndarray:
+        """Return the relative x, y of the targets in sight (W, N, T, 2) [m]."""
+        return self._pairs("target") * self.scenario.sight
+
+    @cached_property
+    def tracks(self) -> np.ndarray:
+        """Return whether there is a track (W, N, K); the nearest is the first."""
+        return self._of("track", "present") > 0.5
+
+    @cached_property
+    def track_offset(self) -> np.ndarray:
+        """Return the relative x, y of the tracks when they were last in sight (W, N, K, 2) [m]."""
+        return self._pairs("track") * 2 * self._half
+
+    @cached_property
+    def track_velocity(self) -> np.ndarray:
+        """Return the velocity of the tracks then (W, N, K, 2) [m/s]; 0 if unknown."""
+        return self._pairs("track", "x_velocity", "y_velocity") * 2 * self._speed_unit
+
+    @cached_property
+    def track_age(self) -> np.ndarray:
+        """Return the time since the tracks were last in sight (W, N, K) [s]."""
+        return self._of("track", "age") * self.scenario.sensing.memory
+
+    @cached_property
+    def track_of_other(self) -> np.ndarray:
+        """Return whether another robot had the track in sight according to the latest messages (W, N, K)."""
+        return self._of("track", "other") > 0.5
+
+    @cached_property
+    def track_leaves(self) -> np.ndarray:
+        """Return whether the track is of a target that was detected and leaves (W, N, K)."""
+        return self._of("track", "leaves") > 0.5
+
+    @cached_property
+    def teammates(self) -> np.ndarray:
+        """Return whether there is a teammate whose place is known (W, N, M); the nearest is the first."""
+        return self._of("teammate", "present") > 0.5
+
+    @cached_property
+    def teammate_offset(self) -> np.ndarray:
+        """Return the relative x, y of the teammates in their last messages (W, N, M, 2) [m]."""
+        return self._pairs("teammate") * 2 * self._half
+
+    def _angle(self, name: str) -> np.ndarray:
+        return np.arctan2(self.entry(f"sin_{name}"), self.entry(f"cos_{name}"))
+
+    def _of(self, kind: str, name: str) -> np.ndarray:
+        """Return an entry of each of the K things of a kind (W, N, K)."""
+        sensing = self.scenario.sensing
+        counts = {"neighbour": 2, "robot": sensing.robots_seen, "target": sensing.targets_seen}
+        count = (counts | {"track": sensing.tracks_seen, "teammate": sensing.teammates_seen})[kind]
+        each = [self.entry(f"{kind}_{k}_{name}") for k in range(count)]
+        return np.stack(each, axis=-1) if each else np.zeros((*self.values.shape[:-1], 0), self.values.dtype)
+
+    def _pairs(self, kind: str, x: str = "x", y: str = "y") -> np.ndarray:
+        return np.stack([self._of(kind, x), self._of(kind, y)], axis=-1)

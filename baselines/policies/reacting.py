@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from baselines.policies.base import Policy, UnsuitableScenarioError
-from baselines.policies.rows import Rows
+from baselines.policies.own_row import Rows
 from lissajous_env.parameters.scenario import Scenario
 
 _APART = 6.25
@@ -54,7 +54,7 @@ def nearest(offset: np.ndarray, there: np.ndarray, values: np.ndarray) -> tuple[
 def kept_apart(wish: np.ndarray, rows: Rows) -> np.ndarray:
     """Return wished velocities (W, N, 2) [top speed] that also lead away from robots that are near."""
     far = np.where(rows.robots_seen, np.linalg.norm(rows.robot_offset, axis=-1), np.inf)
-    near = np.clip(_APART * rows.scenario.robot.radius / far - 1, 0.0, 3.0)
+    near = np.clip(_APART * rows.scenario.robot.radius / np.maximum(far, 1e-9) - 1, 0.0, 3.0)
     wish = wish - _REPULSION * (unit(rows.robot_offset) * near[..., None]).sum(axis=2)
     return unit(wish) * np.minimum(np.linalg.norm(wish, axis=-1, keepdims=True), 1.0)
 
@@ -63,6 +63,12 @@ def known_places(rows: Rows) -> np.ndarray:
     """Return x, y of each robot and of the teammates that it knows (W, N, 1 + M, 2) [m]; NaN for unknown ones."""
     mates = np.where(rows.teammates[..., None], rows.teammate_offset, np.nan)
     return np.concatenate([rows.position[:, :, None], rows.position[:, :, None] + mates], axis=2)
+
+
+def distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the distances (W, N, A, B) between places (W, N, A, 2) and (W, N, B, 2)."""
+    x, y = (a[..., k, None] - b[:, :, None, :, k] for k in (0, 1))
+    return np.sqrt(x * x + y * y)
 
 
 def divided(
@@ -314,13 +320,12 @@ class Cover(Searching):
         pairs = np.stack(np.tril_indices(at.shape[2], -1), axis=-1)
         places = np.concatenate([at, at[:, :, pairs].mean(axis=3)], axis=2)
         worth = np.where(rows.tracks, np.exp(-rows.track_age / (self.fade * unit_time)), 0.0)
-        covers = np.linalg.norm(places[:, :, :, None] - at[:, :, None], axis=-1) < self.margin * self.sight
-        away = np.linalg.norm(known_places(rows)[:, :, :, None] - places[:, :, None], axis=-1)
-        time = away / self.top + self.delay * unit_time
-        time = np.where(np.isnan(time), np.inf, time)
+        covers = distances(places, at) < self.margin * self.sight
+        time = distances(known_places(rows), places) / self.top + self.delay * unit_time
+        time, counts = np.where(np.isnan(time), np.inf, time), covers.astype(float)
 
         def rates(free: np.ndarray) -> np.ndarray:
-            return free * (covers * worth[:, :, None]).sum(axis=-1)[:, :, None] / time
+            return free * (counts * worth[:, :, None]).sum(axis=-1)[:, :, None] / time
 
         def take(place: np.ndarray) -> None:
             worth[np.take_along_axis(covers, place[..., None, None], axis=2)[:, :, 0]] = 0.0

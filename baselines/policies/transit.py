@@ -20,7 +20,7 @@ from baselines.policies.driving import SPREAD_MAX, slowest_top_speed
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import turning_radius
-from lissajous_env.world.robots.facing import start_headings
+from lissajous_env.world.robots.placing import start_headings
 
 WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
 """Kinds of paths: left turn, straight line, right turn."""

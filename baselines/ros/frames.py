@@ -85,13 +85,11 @@ def relative(rows: np.ndarray, frame: str, own: str, pose: Odometry | None, orig
         turned[:, :2] -= (pose.x, pose.y)
         if rows.shape[1] > 2:
             turned[:, 2:] -= pose.speed * np.array([math.cos(pose.heading), math.sin(pose.heading)])
-        return turned.astype(np.float32)
+        return turned
     raise ValueError(f"frame of a sensor's data must be {own}, or end in base_link or aligned, got {frame!r}")
 
 
 def _turned(rows: np.ndarray, angle: float) -> np.ndarray:
+    """Return vectors, two columns each, turned by an angle [rad]."""
     cos, sin = math.cos(angle), math.sin(angle)
-    turn, made = np.array([[cos, sin], [-sin, cos]]), rows.astype(np.float64)
-    for k in range(0, rows.shape[1], 2):
-        made[:, k : k + 2] = rows[:, k : k + 2] @ turn
-    return made.astype(np.float32) if rows.dtype == np.float32 else made
+    return (rows.reshape(len(rows), rows.shape[1] // 2, 2) @ np.array([[cos, sin], [-sin, cos]])).reshape(rows.shape)

@@ -6,6 +6,8 @@ import random
 import re
 import threading
 from collections import deque
+from collections.abc import Callable
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -102,18 +104,20 @@ class RobotNode(ros.Node):
         topics = messages.COMMAND_TOPICS[settings.command].items()
         made = [self.create_publisher(getattr(ros, cls), name, ros.reliable(1), **changes) for name, cls in topics]
         self._command_publishers = made
+        measurements: dict[str, tuple[Any, Callable[[Any], None]]] = {
+            "robots": (ros.PointCloud2, partial(self._see, "robots", 4)),
+            "targets": (ros.PointCloud2, partial(self._see, "targets", 2)),
+        }
+        measurements |= {f"/robot_{k}/message": (ros.JointState, partial(self._hear, k)) for k in self._pilot.heard}
         if settings.pose == "odometry":
-            self.create_subscription(ros.Odometry, "odom", self._take_odometry, measured, **changes)
+            measurements["odom"] = ros.Odometry, self._take_odometry
         else:
-            self.create_subscription(ros.PoseStamped, "pose", self._take_pose, measured, **changes)
-        for sender in self._pilot.heard:
-            topic = f"/robot_{sender}/message"
-            self.create_subscription(ros.JointState, topic, self._hearing(sender), measured, **changes)
-        for name, width in (("robots", 4), ("targets", 2)):
-            self.create_subscription(ros.PointCloud2, name, self._seeing(name, width), measured, **changes)
-        for name in ("start", "stop", "resume"):
-            self.create_service(ros.Trigger, name, self._serving(name))
+            measurements["pose"] = ros.PoseStamped, self._take_pose
+        for name, (cls, take) in measurements.items():
+            self.create_subscription(cls, name, take, measured, **changes)
         self.create_subscription(ros.UInt8, "status", self._take_status, ros.lasting())
+        for name in ("start", "stop", "resume"):
+            self.create_service(ros.Trigger, name, partial(self._serve, name))
         steady = ros.steady_clock()
         self.create_timer(0.5, self._report, clock=steady)
         self.create_timer(_TICK, self._tick, clock=steady)
@@ -134,62 +138,50 @@ class RobotNode(ros.Node):
         super().destroy_node()
 
     def _take_odometry(self, message: Any) -> None:
-        pose = message.pose.pose
-        place = self._origin.inside(pose.position.x, pose.position.y, yaw(pose.orientation))
-        speed = message.twist.twist.linear.x
-        self._take_measured(message.header, Odometry(*place, speed, seconds(message.header.stamp)))
+        self._take(message.header, message.pose.pose, message.twist.twist.linear.x)
 
     def _take_pose(self, message: Any) -> None:
-        pose = message.pose
-        place = self._origin.inside(pose.position.x, pose.position.y, yaw(pose.orientation))
-        odometry = self._speed.add(*place, seconds(message.header.stamp))
-        if odometry is not None:
-            self._take_measured(message.header, odometry)
+        self._take(message.header, message.pose)
 
-    def _take_measured(self, header: Any, odometry: Odometry) -> None:
+    def _take(self, header: Any, pose: Any, speed: float | None = None) -> None:
+        """Take a pose, with a measured speed [m/s] or with that of the poses before."""
+        place, stamp = (pose.position.x, pose.position.y, yaw(pose.orientation)), seconds(header.stamp)
+        place = self._origin.inside(*place)
+        odometry = self._speed.add(*place, stamp) if speed is None else Odometry(*place, speed, stamp)
         if header.frame_id not in ("", self.settings.frame):
             self._wrong_frame = f"the pose is in frame {header.frame_id}, it must be {self.settings.frame}"
-            return
-        self._wrong_frame = ""
-        self._pilot.take(odometry)
-        self._tick()
+        elif odometry is not None:
+            self._wrong_frame = ""
+            self._pilot.take(odometry)
+            self._tick()
 
     def _take_status(self, message: Any) -> None:
         self._pilot.works = message.data == 0
 
-    def _hearing(self, sender: int) -> Any:
-        def hear(message: Any) -> None:
-            heard = messages.heard(message, sender)
-            if heard is not None and self._random.random() >= self.settings.message_loss:
-                self._pilot.heard[sender] = heard
-                self._tick()
+    def _hear(self, sender: int, message: Any) -> None:
+        heard = messages.heard(message, sender)
+        if heard is not None and self._random.random() >= self.settings.message_loss:
+            self._pilot.heard[sender] = heard
+            self._tick()
 
-        return hear
+    def _see(self, name: str, width: int, message: Any) -> None:
+        frame, pose = message.header.frame_id, self._pilot.pose
+        try:
+            rows = messages.cloud_rows(message, width)
+            if pose is not None or frame.endswith("aligned"):
+                rows = relative(rows, frame, self.settings.frame, pose, self._origin)
+                self._pilot.see(name, rows, seconds(message.header.stamp))
+        except ValueError as error:
+            self.get_logger().warning(f"{name}: {error}", throttle_duration_sec=5.0)
 
-    def _seeing(self, name: str, width: int) -> Any:
-        def see(message: Any) -> None:
-            frame, pose = message.header.frame_id, self._pilot.pose
-            try:
-                rows = messages.cloud_rows(message, width)
-                if pose is not None or frame.endswith("aligned"):
-                    rows = relative(rows, frame, self.settings.frame, pose, self._origin)
-                    self._pilot.see(name, rows, seconds(message.header.stamp))
-            except ValueError as error:
-                self.get_logger().warning(f"{name}: {error}", throttle_duration_sec=5.0)
-
-        return see
-
-    def _serving(self, name: str) -> Any:
-        def serve(_request: Any, response: Any) -> Any:
-            if name == "start":
-                self._pilot.start(self.now)
-                self._output = None
-            else:
-                getattr(self.onboard, name)()
-            response.success, response.message = True, f"robot {self.onboard.robot}: {name}"
-            return response
-
-        return serve
+    def _serve(self, name: str, _request: Any, response: Any) -> Any:
+        if name == "start":
+            self._pilot.start(self.now)
+            self._output = None
+        else:
+            getattr(self.onboard, name)()
+        response.success, response.message = True, f"robot {self.onboard.robot}: {name}"
+        return response
 
     def _tick(self) -> None:
         """Announce a new pose, and decide on the command of a step that is due."""

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
 from time import monotonic
 from typing import Any
 
@@ -118,32 +119,26 @@ class WorldNode(ros.Node):
         super().destroy_node()
 
     def _connect(self, robot: int) -> dict[str, Any]:
+        """Listen to a robot, and return its services and the functions that publish its topics, by their names."""
         names, reliable = f"/robot_{robot}/", ros.reliable()
-
-        def publisher(name: str, cls: Any, quality: Any = reliable) -> Any:
-            return self.create_publisher(cls, names + name, quality).publish
-
-        def listen(name: str, cls: Any, take: Callable[[Any], None]) -> None:
-            self.create_subscription(cls, names + name, take, reliable)
-
-        def commanded(topic: str) -> Callable[[Any], None]:
-            return lambda message: self._vehicles[robot].receive(self.now, topic, message)
-
         for topic, cls in messages.COMMAND_TOPICS[self.settings.command].items():
-            listen(topic, getattr(ros, cls), commanded(topic))
-        listen("action", ros.JointState, lambda message: self._decided(robot, seconds(message.header.stamp)))
-        listen("message", ros.JointState, lambda _message: self._is_there.__setitem__(robot, True))
-        calls = {name: self.create_client(ros.Trigger, names + name) for name in ("start", "stop")}
-        return calls | {
-            "odom": publisher("odom", ros.Odometry),
-            "pose": publisher("pose", ros.PoseStamped),
-            "status": publisher("status", ros.UInt8, ros.lasting()),
-            "robots": publisher("robots", ros.PointCloud2),
-            "targets": publisher("targets", ros.PointCloud2),
-        }
+            command = partial(self._command, robot, topic)
+            self.create_subscription(getattr(ros, cls), names + topic, command, reliable)
+        self.create_subscription(ros.JointState, names + "action", partial(self._decide, robot), reliable)
+        self.create_subscription(ros.JointState, names + "message", partial(self._meet, robot), reliable)
+        outputs = {"odom": ros.Odometry, "pose": ros.PoseStamped, "robots": ros.PointCloud2, "targets": ros.PointCloud2}
+        connected = {name: self.create_publisher(cls, names + name, reliable).publish for name, cls in outputs.items()}
+        connected["status"] = self.create_publisher(ros.UInt8, names + "status", ros.lasting()).publish
+        return connected | {name: self.create_client(ros.Trigger, names + name) for name in ("start", "stop")}
 
-    def _decided(self, robot: int, time: float) -> None:
-        self._decided_at[robot], self.awaited[robot] = time, True
+    def _command(self, robot: int, topic: str, message: Any) -> None:
+        self._vehicles[robot].receive(self.now, topic, message)
+
+    def _meet(self, robot: int, _message: Any) -> None:
+        self._is_there[robot] = True
+
+    def _decide(self, robot: int, message: Any) -> None:
+        self._decided_at[robot], self.awaited[robot] = seconds(message.header.stamp), True
 
     def _spin(self, timeout: float) -> None:
         """Receive a message, within a time of the machine's clock [s]."""

@@ -2,9 +2,7 @@
 
 Each row is `swarm` with a curve for a number of robots and bodies of 1 mm, in formation at the speed of the included
 scenario. Targets that are detected stay, so that a step keeps its cost. The versions take turns, each in a process of
-its own, on one thread. A time is processor time, and a ratio is the median over pairs of turns, with its
-95 % interval by bootstrap. A second table has the largest worlds on one thread and on all, by the processor time of the
-first thread, whose share is as large as the others'. With as many idle cores, a step takes that time.
+its own. A time is processor time, and a ratio is the median over pairs of turns, with its 95 % interval by bootstrap.
 """
 
 import statistics
@@ -25,10 +23,10 @@ PICTURE = ROOT / "docs" / "growth.png"
 COLOURS = {5: "#0072B2", 101: "#009E73", 501: "#E69F00", 1001: "#D55E00"}
 
 
-def measured(sides: Sequence[Side], rounds: int, first: bool = False) -> tuple[Any, list[float]]:
+def measured(sides: Sequence[Side], rounds: int) -> tuple[Any, list[float]]:
     """Return the times of a step (rounds, sides) [s], by turns, and the largest memory of each side [MB]."""
-    steps = [max(1, min(1000, round(0.1 / side.seconds(1, first)))) for side in sides]
-    times = [[side.seconds(count, first) for side, count in zip(sides, steps, strict=True)] for _ in range(rounds)]
+    steps = [max(1, min(1000, round(0.1 / side.seconds(1)))) for side in sides]
+    times = [[side.seconds(count) for side, count in zip(sides, steps, strict=True)] for _ in range(rounds)]
     return np.array(times), [side.peak() for side in sides]
 
 
@@ -48,20 +46,6 @@ def table_of(found: dict[tuple[int, int], tuple[Any, list[float]]]) -> Table:
             ratio, low, high = ratio_of(*times.T)
             row += [f"{statistics.median(times[:, 1]) * 1e3:.3g}", f"{ratio:.3g}", f"{low:.3g} - {high:.3g}"]
         rows.append(row)
-    return {"columns": columns, "rows": rows}
-
-
-def threads_table(robots: int, counts: Sequence[int], threads: int, rounds: int) -> Table:
-    """Return a row for each number of targets: the time of a step on one thread, on all, and the ratio."""
-    rows = []
-    for targets in counts:
-        sides = [Side(ROOT, robots, targets, each) for each in (threads, 1)]
-        times, _ = measured(sides, rounds, first=True)
-        ratio, low, high = ratio_of(*times.T)
-        row = [f"{robots:,} robots, {targets:,} targets", str(threads)]
-        row += [f"{each * 1e3:.3g}" for each in np.median(times, axis=0)[::-1]]
-        rows.append([*row, f"{ratio:.3g}", f"{low:.3g} - {high:.3g}"])
-    columns = ["one world", "threads", "ms a step on one", "ms on all", "times faster", "95 % interval"]
     return {"columns": columns, "rows": rows}
 
 
@@ -95,7 +79,7 @@ def draw(found: dict[tuple[int, int], tuple[Any, list[float]]], path: Path) -> N
 
 
 def tables(options: Options) -> dict[str, Table]:
-    """Measure, draw the picture if it is saved, and return the tables `growth` and `growth_threads`."""
+    """Measure, draw the picture if it is saved, and return the table `growth`."""
     folders = [ROOT]
     if options.rivals and options.against is not None:
         folders.append(options.against)
@@ -104,19 +88,18 @@ def tables(options: Options) -> dict[str, Table]:
     found = {}
     for robots in sizes:
         for targets in counts:
-            sides = [Side(folder, robots, targets, 1) for folder in folders]
+            sides = [Side(folder, robots, targets) for folder in folders]
             found[robots, targets] = times, _ = measured(sides, options.rounds)
             told = ", ".join(f"{each * 1e3:.3g} ms" for each in np.median(times, axis=0))
             print(f"{robots:,} robots, {targets:,} targets: {told}", flush=True)
     if options.store:
         draw(found, PICTURE)
-    threads = threads_table(sizes[-1], counts, options.threads, options.rounds)
-    return {"growth": table_of(found), "growth_threads": threads}
+    return {"growth": table_of(found)}
 
 
 PART = Part(
     "growth",
-    "a step of one large world beside another checkout, time of the processor; then on one thread and on all",
+    "a step of one large world beside another checkout, time of the processor",
     tables,
     against=True,
 )

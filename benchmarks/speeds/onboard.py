@@ -16,7 +16,6 @@ CASES = (
     ("experiment", "kuramoto-mpcc-safe"),
     ("experiment", "partition-repair"),
     ("intruders", "kuramoto-mpcc"),
-    ("intruders", "learned-intruders"),
     ("team", "kuramoto-mpcc"),
     ("team", "partition-repair"),
 )

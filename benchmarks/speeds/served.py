@@ -20,11 +20,11 @@ def peak_memory() -> float:
     return int(told["VmHWM"].split()[0]) / 1024
 
 
-def serve(robots: int, targets: int, threads: int) -> None:
+def serve(robots: int, targets: int) -> None:
     """Make a world, print the path of its code, and run the number of steps in each line of standard input.
 
-    After each line, print the processor time of a step [s], of all threads together and of the first one. An empty line
-    ends the process, which then prints its largest memory [MB].
+    After each line, print the processor time of a step [s]. An empty line ends the process, which then prints its
+    largest memory [MB].
     """
     import numpy as np
 
@@ -34,7 +34,7 @@ def serve(robots: int, targets: int, threads: int) -> None:
     overrides = {"curve.a": a, "curve.b": b, "targets.count": targets, "robot.radius": 0.001, "task.duration": 1e5}
     # Robots as fast as those of the included scenario; targets that are detected stay, so that a step keeps its cost.
     overrides |= {"formation.phase_rate": 1.02 / a, "targets.leave": False}
-    simulation = lissajous_env.Simulation(lissajous_env.scenario("swarm", **overrides), threads=threads)
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("swarm", **overrides), threads=1)
     made = simulation.scenario
     rate = made.formation.phase_rate / made.formation.alpha / made.robot.phase_rate_max
     action = np.full(simulation.action_shape, rate, dtype=np.float32)
@@ -44,20 +44,19 @@ def serve(robots: int, targets: int, threads: int) -> None:
     for line in sys.stdin:
         if not line.strip():
             break
-        begin = time.process_time(), time.thread_time()
+        begin = time.process_time()
         for _ in range(int(line)):
             simulation.step(action)
-        passed = time.process_time() - begin[0], time.thread_time() - begin[1]
-        print(*(each / int(line) for each in passed), flush=True)
+        print((time.process_time() - begin) / int(line), flush=True)
     print(peak_memory(), flush=True)
 
 
 class Side:
     """A world of the version in a folder."""
 
-    def __init__(self, folder: Path, robots: int, targets: int, threads: int):
+    def __init__(self, folder: Path, robots: int, targets: int):
         # With -P, the current folder is not on the path, so only the named and the installed packages are imported.
-        command = [sys.executable, "-P", "-m", "speeds.served", *map(str, (robots, targets, threads))]
+        command = [sys.executable, "-P", "-m", "speeds.served", str(robots), str(targets)]
         path = os.pathsep.join(map(str, (folder, Path(__file__).resolve().parent.parent)))
         self._process = subprocess.Popen(
             command, env=os.environ | {"PYTHONPATH": path}, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -66,9 +65,9 @@ class Side:
         if told.resolve() != folder.resolve():
             raise RuntimeError(f"what is measured must be of {folder}, got {told}")
 
-    def seconds(self, steps: int, first: bool) -> float:
-        """Return the mean time of some steps, of all threads or of the first one."""
-        return float(self._ask(str(steps)).split()[first])
+    def seconds(self, steps: int) -> float:
+        """Return the mean time of some steps."""
+        return float(self._ask(str(steps)))
 
     def peak(self) -> float:
         """End the process, and return its largest memory [MB]."""

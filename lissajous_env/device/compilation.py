@@ -3,9 +3,8 @@
 A module with kernels calls `wp.set_module_options`, usually with OPTIONS. They also apply to all functions that its
 kernels call, so a module of functions alone needs none.
 
-Warp compiles a module when one of its kernels is first launched, and stores the result in a folder of its cache. A
-message says so before, and where that folder cannot be used there is another one. Warp has no hook before that moment,
-so its `Module.load` is wrapped, for the modules of this project only.
+Warp stores a compiled module in a folder of its cache. Where that folder cannot be used there is another one, and a
+message says that kernels are compiled.
 """
 
 import atexit
@@ -14,14 +13,13 @@ import functools
 import os
 import shutil
 import tempfile
-import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import warp as wp
 
-from lissajous_env.device.warp_abi import folder_of, replace_load
+from lissajous_env.device.warp_abi import folder_of
 
 # LLVM's own options, of which the compiler accepts one set at a time: where they differ, modules wait for each other.
 # The last one concerns the vectoriser of straight-line code, so it has no effect where that is left out.
@@ -61,9 +59,7 @@ them."""
 
 
 def start(silence: Callable[[], contextlib.AbstractContextManager[None]]) -> None:
-    """Start Warp, in silence, where need be with a cache of its own, and watch what it loads."""
-    if not (wp.config.kernel_cache_dir or os.environ.get("WARP_CACHE_PATH") or _has_home()):
-        _keep_for_this_run("the user has no home folder")
+    """Start Warp, in silence, where need be with a cache of its own."""
     try:
         with silence():
             wp.init()
@@ -71,78 +67,34 @@ def start(silence: Callable[[], contextlib.AbstractContextManager[None]]) -> Non
         _keep_for_this_run(str(error.strerror))
         with silence():
             wp.init()
-    _watch()
 
 
-def _has_home() -> bool:
-    """Return whether the user's folder for caches is known; without a home, it would be in the current folder."""
-    return os.path.isabs(os.environ.get("XDG_CACHE_HOME", os.path.expanduser("~/.cache")))
+def load_together(kernels: Iterable[Any], device: Any, threads: int) -> None:
+    """Compile or load the modules of some kernels side by side, and say so if one is not in the cache.
 
-
-@functools.cache
-def _watch() -> None:
-    loaded = set()
-
-    def watch(load: Callable[..., Any]) -> Callable[..., Any]:
-        @functools.wraps(load)
-        def watched(module: Any, device: Any, *args: Any, **kwargs: Any) -> Any:
-            key = (id(module), str(device), args, tuple(kwargs.items()))
-            if key in loaded or not module.name.startswith(OURS):
-                return load(module, device, *args, **kwargs)
-            with _loading.setdefault(id(module), threading.RLock()), _small_frames():
-                _announce(folder_of(module, args[0] if args else kwargs.get("block_dim")))
-                executable = load(module, device, *args, **kwargs)
-            loaded.add(key)
-            return executable
-
-        return watched
-
-    replace_load(watch)
-
-
-def load_together(kernels: Iterable[Any], device: Any, threads: Callable[[], int]) -> None:
-    """Compile or load the modules of some kernels side by side, those that were not loaded together before."""
-    key = str(device)
-    modules = {id(kernel.module): kernel.module for kernel in kernels if (id(kernel.module), key) not in _together}
-    for module in modules.values():
+    The caller does it under `lissajous_env.device.devices.compile_quietly`.
+    """
+    new = [module for module in {kernel.module: None for kernel in kernels} if (module, str(device)) not in _loaded]
+    for module in new:
         if not module.name.startswith(OURS):
             module.mark_modified()  # its user may have loaded it with a frame for tiles
-    if modules:
-        with _small_frames():
-            wp.force_load(device, list(modules.values()), max_workers=threads())
-        _together.update((each, key) for each in modules)
+    cache, folders = (
+        str(wp.config.kernel_cache_dir),
+        [folder_of(module, 1 if device.is_cpu else None) for module in new],
+    )
+    if any(not Path(cache, folder).is_dir() for folder in folders):
+        try:
+            tempfile.TemporaryFile(dir=cache).close()
+        except OSError as error:
+            _keep_for_this_run(str(error.strerror))
+        _say_that_it_compiles()
+    if new:
+        wp.force_load(device, new, max_workers=threads)
+    _loaded.update((module, str(device)) for module in new)
 
 
-_together: set[tuple[int, str]] = set()
-
-
-@contextlib.contextmanager
-def _small_frames() -> Iterator[None]:
-    """Compile kernels without the 256 KiB of stack that Warp reserves for tiles, which no stage uses."""
-    before = wp.config.enable_tiles_in_stack_memory
-    wp.config.enable_tiles_in_stack_memory = None  # where the processor can do without
-    try:
-        yield
-    finally:
-        wp.config.enable_tiles_in_stack_memory = before
-
-
-def _announce(name: str) -> None:
-    """Say that a module must be compiled if it is not in the cache, and make sure that it can be stored there."""
-    with _loading.setdefault(0, threading.RLock()):
-        folder = Path(str(wp.config.kernel_cache_dir), name)
-        if not folder.is_dir():
-            try:
-                tempfile.TemporaryFile(dir=folder.parent).close()
-            except OSError as error:
-                _keep_for_this_run(str(error.strerror))
-            _say_that_it_compiles()
-
-
-_loading: dict[int, Any] = {}
-"""A lock for each module, by its id, which the compiling thread owns; other threads that need the module wait for it.
-Lock 0 is for announcements."""
-os.register_at_fork(after_in_child=_loading.clear)
+_loaded: set[tuple[Any, str]] = set()
+"""Modules that were loaded on a device."""
 
 
 def _keep_for_this_run(reason: str) -> None:

@@ -113,14 +113,18 @@ def is_torch(value: Any) -> bool:
 
 @contextlib.contextmanager
 def compile_quietly() -> Iterator[None]:
-    """Keep Warp from printing its banner and a line for each module, and other threads from loading any meanwhile."""
+    """Let Warp compile or load kernels without its banner and a line for each module, while other threads load none.
+
+    Kernels are compiled without the 256 KiB of stack that Warp reserves for tiles, which no stage uses.
+    """
     with COMPILING:
-        level = wp.config.log_level
+        level, tiles = wp.config.log_level, wp.config.enable_tiles_in_stack_memory
         wp.config.log_level = max(level, wp.LOG_ERROR)
+        wp.config.enable_tiles_in_stack_memory = None  # where the processor can do without
         try:
             yield
         finally:
-            wp.config.log_level = level
+            wp.config.log_level, wp.config.enable_tiles_in_stack_memory = level, tiles
 
 
 def _start() -> None:

@@ -32,12 +32,6 @@ def half_of(bits: wp.uint64, half: int) -> wp.uint32:
 
 
 @wp.func
-def lowest(bits: wp.uint32) -> int:
-    """Place of the lowest bit that is set."""
-    return int(wp.bit_count((bits & (~bits + wp.uint32(1))) - wp.uint32(1)))
-
-
-@wp.func
 def along(track: wp.array3d(dtype=wp.vec3), w: int, i: int, share: float) -> wp.vec2:
     """Place of a robot at a share of the latest step [m]."""
     last = track.shape[2] - 1

@@ -1,4 +1,4 @@
-"""Locks that a forked process can use: turns at an object, the compiler's lock, and those of cached properties.
+"""Locks that a forked process can use: turns at an object, and the compiler's lock.
 
 Threads do not survive a fork, but the locks that they own do. So a child renews the locks of other threads, and refuses
 an object on which another thread was working. It waits for kernels that are being compiled, for at most a few seconds,
@@ -12,13 +12,11 @@ import weakref
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-_Class = TypeVar("_Class", bound=type)
 _Method = TypeVar("_Method", bound=Callable[..., Any])
 
 COMPILING = threading.RLock()
 """Owned while kernels are compiled or loaded, of which Warp does not bear two at once, or standard error is silent."""
 
-_CLASSES: list[type] = []
 _TURNS: "weakref.WeakSet[Turn]" = weakref.WeakSet()
 
 
@@ -72,12 +70,6 @@ def in_turn(method: _Method) -> _Method:
     return waiting  # type: ignore[return-value]
 
 
-def with_own_locks(cls: _Class) -> _Class:
-    """Let a child have locks of its own for the cached properties of a class; before Python 3.12 each has one."""
-    _CLASSES.append(cls)
-    return cls
-
-
 def _renew() -> None:
     """Renew the locks that threads of the parent own, and mark their turns as lost."""
     COMPILING.release()
@@ -86,10 +78,6 @@ def _renew() -> None:
             turn.lock.release()
         else:
             turn.lock, turn.lost = threading.RLock(), turn.taken
-    for cls in _CLASSES:
-        for member in vars(cls).values():
-            if isinstance(member, functools.cached_property) and hasattr(member, "lock"):
-                member.lock = threading.RLock()  # type: ignore[attr-defined]
 
 
 os.register_at_fork(before=COMPILING.acquire, after_in_parent=COMPILING.release, after_in_child=_renew)

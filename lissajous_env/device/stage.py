@@ -3,16 +3,17 @@
 `@stage(over, writes)` makes the kernel of a stage. The first parameters of the decorated function say what a thread has
 to do; the kernel has the parameters of a layout instead, which a `Program` fills in:
 
-| parameters of the function          | layout                   | the function is called for                         |
-|-------------------------------------|--------------------------|----------------------------------------------------|
-| `w`                                 | `WORLDS`                 | each world                                         |
-| `w`, and the entity                 | `LANES`, or `PARTS`      | each entity of each world                          |
-| `w`, `lane`, `lanes`                | `LANES`                  | each world; it goes over every `lanes`-th entity   |
-| `w`, `lane`, `lanes`, `begin`, `end`| `PARTS`                  | the same, of the entities from `begin` to `end - 1`|
-| `block`                             | `BLOCKS`                 | each block of robots side by side                  |
+| parameters of the function | layout   | the function is called for                       |
+|----------------------------|----------|--------------------------------------------------|
+| `w`                        | `WORLDS` | each world                                       |
+| `w`, and the entity        | `LANES`  | each entity of each world                        |
+| `w`, `lane`, `lanes`       | `LANES`  | each world; it goes over every `lanes`-th entity |
+| `block`                    | `BLOCKS` | each block of robots side by side                |
 
-Worlds that are not active are left out, by the parameter `clock`. All other parameters are matched by name, and those
-of `writes` are all that it changes: a field of a struct as `targets.stage`, or an array by its own name.
+Worlds that are not active are left out, by the parameter `clock`. A program matches all other parameters by name, so a
+name has the same type in every stage, and in the functions that stages call (`@part`): `named` declares it once, and
+only other parameters are annotated. Those of `writes` are all that a stage changes: a field of a struct as
+`targets.stage`, or an array by its own name.
 """
 
 import ast
@@ -28,12 +29,8 @@ from lissajous_env.device.abreast import block_of
 
 WORLD, ROBOT, TARGET, ROW, FIELD_ROW, BIN, ARRAY = "world", "robot", "target", "row", "field row", "bin", "array"
 
-WORLDS, LANES, PARTS, BLOCKS = "worlds", "lanes", "parts", "blocks"
+WORLDS, LANES, BLOCKS = "worlds", "lanes", "blocks"
 
-_EACH = {
-    LANES: ("first: int, lanes: int, entities: int", "for {entity} in range(lane, entities, lanes):"),
-    PARTS: ("first: int, lanes: int, begin: int, end: int", "for {entity} in range(begin + lane, end, lanes):"),
-}
 _WORLD = """
 w = first + wp.tid()
 """
@@ -51,8 +48,34 @@ if block.count == 0:
     return
 """
 
+_TYPES: dict[str, Any] = {}
 
-def stage(over: str, writes: str, split: bool = False, idle: bool = False, module: Any = None) -> Callable[[Any], Any]:
+
+def named(**types: Any) -> None:
+    """Declare the types that parameters of these names have in every stage."""
+    _TYPES.update(types)
+
+
+def part(function: Any) -> Any:
+    """Make a Warp function for stages, whose parameters have the types of their names or their annotations."""
+    function.__annotations__ = _types_of(function)
+    return wp.func(function)
+
+
+def _types_of(function: Any) -> dict[str, Any]:
+    """Return the types of a function's parameters in their order, and of its result.
+
+    Raises:
+        TypeError: a parameter has no annotation and no type that `named` declares.
+    """
+    types, parameters = _TYPES | function.__annotations__, list(inspect.signature(function).parameters)
+    if unknown := [name for name in parameters if name not in types]:
+        raise TypeError(f"parameters of {function.__qualname__} must have a type, got none for {unknown[0]}")
+    result = {"return": types["return"]} if "return" in types else {}
+    return {name: types[name] for name in parameters} | result
+
+
+def stage(over: str, writes: str, idle: bool = False, module: Any = None) -> Callable[[Any], Any]:
     """Make the kernel of a stage of a function.
 
     Args:
@@ -60,27 +83,29 @@ def stage(over: str, writes: str, split: bool = False, idle: bool = False, modul
             state).
         writes: What it changes: arrays, and structs with their fields, as in `robots: position, phase; command_out`;
             `robots: all` for all fields.
-        split: True if CPU threads may share the entities of a world, for a function of one entity.
         idle: True for a function that is called for worlds that are not active, too.
         module: Warp module of the kernel; by default that of the function.
 
     Returns:
         A decorator that returns a kernel with the attributes `over` and `writes`.
+
+    Raises:
+        TypeError: as of `_types_of`.
     """
 
     def make(function: Any) -> Any:
         tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
         assert isinstance(tree, ast.FunctionDef)
-        _arrange(tree, over, split, idle)
+        _arrange(tree, over, idle)
         tree.decorator_list.clear()
-        kernel = wp.kernel(_compiled(ast.unparse(tree), function), module=module)
-        kernel.over, kernel.writes = over, _named(writes)
+        kernel = wp.kernel(_compiled(tree, function), module=module)
+        kernel.over, kernel.writes = over, _written(writes)
         return kernel
 
     return make
 
 
-def _named(writes: str) -> tuple[str, ...]:
+def _written(writes: str) -> tuple[str, ...]:
     """Return the names of what is written, as `robots.phase` and `command_out`."""
     names = []
     for part in filter(None, writes.split(";")):
@@ -89,26 +114,24 @@ def _named(writes: str) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _arrange(tree: ast.FunctionDef, over: str, split: bool, idle: bool) -> None:
+def _arrange(tree: ast.FunctionDef, over: str, idle: bool) -> None:
     """Turn the definition of a stage's function into that of its kernel."""
     arguments, body = tree.args.args, tree.body
     names = [argument.arg for argument in arguments]
     if names[0] == "block":
-        layout, places, given, before = BLOCKS, "begin: int, end: int, entities: int", 1, _BLOCK
+        places, given, before = "begin: int, end: int, entities: int", 1, _BLOCK
     elif names[1:3] == ["lane", "lanes"]:
-        layout = PARTS if names[3:5] == ["begin", "end"] else LANES
         places, given, before = "first: int, lanes: int", 3, _LANE
     elif over != WORLD:
-        layout = PARTS if split else LANES
-        (places, loop), given, before = _EACH[layout], 2, _LANE
-        each = ast.parse(f"{loop.format(entity=names[1])}\n    pass").body[0]
+        places, given, before = "first: int, lanes: int, entities: int", 2, _LANE
+        each = ast.parse(f"for {names[1]} in range(lane, entities, lanes):\n    pass").body[0]
         assert isinstance(each, ast.For)
         each.body = body[1:]
         body[1:] = [each]
     else:
-        layout, places, given, before = WORLDS, "first: int", 1, _WORLD
+        places, given, before = "first: int", 1, _WORLD
     tree.args.args = [*_parameters(places), *arguments[given:]]
-    before += "" if idle or layout == BLOCKS else _ACTIVE
+    before += "" if idle or names[0] == "block" else _ACTIVE
     tree.body = [body[0], *ast.parse(before).body, *body[1:]]
 
 
@@ -118,13 +141,14 @@ def _parameters(text: str) -> list[ast.arg]:
     return definition.args.args
 
 
-def _compiled(source: str, function: Any) -> Any:
-    """Compile the source of a kernel with the names that its stage's function can see."""
+def _compiled(tree: ast.FunctionDef, function: Any) -> Any:
+    """Compile the definition of a kernel with the names that its stage's function can see, and add its types."""
     # Warp reads the source of a function through `linecache`.
-    file = f"<stage {function.__module__}.{function.__qualname__}>"
+    file, source = f"<stage {function.__module__}.{function.__qualname__}>", ast.unparse(tree)
     linecache.cache[file] = len(source), None, source.splitlines(keepends=True), file
     names = {"block_of": block_of, "wp": wp} | function.__globals__ | inspect.getclosurevars(function).nonlocals
     exec(compile(source, file, "exec"), names)
     made = names[function.__name__]
     made.__module__, made.__qualname__ = function.__module__, function.__qualname__
+    made.__annotations__ = _types_of(made)
     return made

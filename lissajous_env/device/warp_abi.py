@@ -5,10 +5,7 @@
 
 import ctypes
 import functools
-from collections.abc import Callable
 from typing import Any
-
-import warp as wp
 
 
 def names_of_arguments(kernel: Any) -> list[str]:
@@ -39,11 +36,6 @@ def fields_of(struct: Any) -> dict[str, Any]:
 def name_of(struct: Any) -> str:
     """Return the name of the `wp.struct` of which this is an instance."""
     return struct._cls.key
-
-
-def replace_load(replacement: Callable[[Callable[..., Any]], Callable[..., Any]]) -> None:
-    """Wrap the method by which Warp compiles or loads a module: `replacement` receives it and returns another one."""
-    wp.Module.load = replacement(wp.Module.load)  # type: ignore
 
 
 def folder_of(module: Any, block_dim: int | None) -> str:

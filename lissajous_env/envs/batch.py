@@ -26,10 +26,9 @@ from lissajous_env.parameters.space import Draws, ScenarioSpace
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import shown
 from lissajous_env.world.observation import layout
-from lissajous_env.world.selection import drawn_seeds
-from lissajous_env.world.simulation import Simulation, fold_seed
+from lissajous_env.world.selection import drawn_seeds, fold_seed
+from lissajous_env.world.simulation import Simulation, Together
 from lissajous_env.world.state import ENDED, RUNNING
-from lissajous_env.world.together import Together
 
 LOOKED_AT = 64
 """Number of scenarios of a split, its first ones, whose largest team is the largest of a batch."""

@@ -10,7 +10,8 @@ from gymnasium.envs.registration import EnvSpec
 from lissajous_env.envs.batch import Batch
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
-from lissajous_env.world.simulation import Simulation, fold_seed
+from lissajous_env.world.selection import fold_seed
+from lissajous_env.world.simulation import Simulation
 
 NEEDS_RESET = "step needs a running episode: call reset first"
 METADATA = {

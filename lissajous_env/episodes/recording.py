@@ -18,7 +18,8 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.storage.files import replacing
 from lissajous_env.world.contamination.labels import introduced_at
-from lissajous_env.world.simulation import Simulation, fold_seed
+from lissajous_env.world.selection import fold_seed
+from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import NEVER
 
 Unknown = tuple[str, int, int, int]

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 
 from lissajous_env.logs.inputs import INPUTS, LARGEST_STEERING
 from lissajous_env.logs.log import Series, Track
-from lissajous_env.logs.motion import SOME, local_deviations, motion_of
+from lissajous_env.logs.motion import local_deviations, motion_of
 from lissajous_env.logs.rollouts import MODELS, Rollouts
 from lissajous_env.settings.parts import Robot
 from lissajous_env.wording import few_of
@@ -118,9 +118,8 @@ class _Fit:
         self._time, self._measured = time[chosen], measured[chosen]
         self._segment = np.searchsorted(used, segment[chosen])
         # A speed that was computed from positions is no second measurement, and lags behind the robot's.
-        logged = np.isfinite(track.speed) & (track.measured and motion.derived in ("", SOME))
         self._known = np.ones(self._measured.shape, bool)
-        self._known[:, 3] = (logged & (motion.track.speed == track.speed))[inside][chosen]
+        self._known[:, 3] = not motion.derived
         self._begin = np.append(np.flatnonzero(np.diff(self._segment, prepend=-1)), len(self._segment))
         self._rollouts = Rollouts(guess, self._begin, self._time, commands.time, commands.value)
         self._names = list(model.constants)

@@ -24,8 +24,6 @@ _LONGEST = 1.0
 """Longest time over which a velocity is derived where fewer poses are less precise [s]."""
 _CONTRADICTING = 0.25
 """Share of the poses of a moving robot, from which on logged speeds contradict them."""
-SOME = "are missing or impossible at some poses"
-"""Reason for which only some speeds are derived from the poses."""
 _CHUNK = 4096
 _STEEPEST = 3.0
 """Largest velocity in those of the straight line between two poses, up to which a cubic does not overshoot."""
@@ -103,7 +101,6 @@ def motion_of(track: Track, gap: float = math.inf, top_speed: float = math.inf, 
     known = (width <= gap + SAME) & ~jumps
     edges = np.concatenate([[0], np.flatnonzero(~known) + 1, [len(track)]])
     velocity, error, deviation = _derived(track, edges)
-    reason = ""
     heading, headless = _headings(track, velocity)
     along = np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
     length = np.linalg.norm(velocity[:, :2], axis=1)
@@ -112,18 +109,13 @@ def motion_of(track: Track, gap: float = math.inf, top_speed: float = math.inf, 
     forwards = (along * velocity).sum(axis=1)
     turned = not headless and _many(np.abs(forwards) < 0.7 * length, moving)
     speed = length * np.where(forwards < -1e-9, -1.0, 1.0)
-    logged = np.isfinite(track.speed)
-    odd = judged & (np.abs(np.where(logged, track.speed, 0)) > 4 * length.max(initial=0) + 4 * error + 1e-3)
-    if not logged.any():
+    impossible = judged & (np.abs(track.speed) > 4 * length.max(initial=0) + 4 * error + 1e-3)
+    reason = "" if track.measured else "were not logged"
+    if not np.isfinite(track.speed).all():
         reason = "were not logged"
-    elif _contradict(track, heading, known, deviation):
+    elif impossible.any() or _contradict(track, heading, known, deviation):
         reason = "do not match the poses"
-    elif (odd | ~logged).any():
-        reason = SOME
-        speed = np.where(odd | ~logged, speed, track.speed)
-        velocity = np.where((odd | ~logged)[:, None], velocity, along * speed[:, None])
     else:
-        reason = "" if track.measured else "were not logged"
         speed, velocity = track.speed, along * track.speed[:, None]
     whole = Track(track.time, track.position, heading, speed)
     return Motion(whole, velocity, known, np.flatnonzero(jumps), reason, turned, headless)
@@ -149,9 +141,8 @@ def _contradict(track: Track, heading: np.ndarray, known: np.ndarray, deviation:
     angles = np.stack([heading[:-1], (heading[:-1] + heading[1:]) / 2, heading[1:]])
     velocities = speeds[..., None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     driven = np.einsum("s,skx->kx", [1 / 6, 4 / 6, 1 / 6], velocities) * np.diff(track.time)[:, None]
-    missing = ~np.isfinite(driven[:, 0])
-    sums = np.concatenate([np.zeros((1, 2)), np.cumsum(np.where(missing[:, None], 0.0, driven), axis=0)])
-    gaps, holes = (np.concatenate([[0], np.cumsum(flags)]) for flags in (~known, missing))
+    sums = np.concatenate([np.zeros((1, 2)), np.cumsum(driven, axis=0)])
+    gaps = np.concatenate([[0], np.cumsum(~known)])
     slack, contradict = 4 * deviation + SAME, False
     for span in (1, *_WINDOWS):
         if span >= len(track):
@@ -161,8 +152,7 @@ def _contradict(track: Track, heading: np.ndarray, known: np.ndarray, deviation:
         moving = (gaps[span:] == gaps[:-span]) & (length > np.maximum(0.1 * np.quantile(length, 0.9), slack))
         typical = float(np.median(length[moving])) if moving.any() else 0.0
         off = np.linalg.norm(sums[span:] - sums[:-span] - way, axis=1)
-        far = (off > np.maximum(0.5 * np.maximum(length, typical), slack)) | (holes[span:] > holes[:-span])
-        contradict = _many(far, moving)
+        contradict = _many(off > np.maximum(0.5 * np.maximum(length, typical), slack), moving)
         if typical > 2 * slack:
             break
     return contradict

@@ -1,7 +1,6 @@
 """A simulation whose robots follow given paths: everything else is as in any simulation."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -94,12 +93,10 @@ class PrescribedSimulation(Simulation):
         own = {"paths": self._paths}
         place = [stage.name for stage in at_reset].index("robots") + 1
         at_reset.insert(place, Stage("paths", follow_paths, own=own))
-        # Paths are followed robot by robot, so that the stages after them wait for all.
         follow = Stage("phase", follow_curve, when=bool(np.isnan(self._paths.phase.numpy()).any()))
         moved = [stage for stage in at_step if stage.name != "phase"]
         place = [stage.name for stage in moved].index("motion")
         moved[place : place + 1] = [Stage("motion", follow_paths, own=own), follow]
-        moved = [replace(stage, barrier=True) if stage.name == "measurement" else stage for stage in moved]
         return _hiding(at_reset, own), _hiding(moved, own)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from lissajous_env.episodes.recording import Recorder, Recording, Unknown
 from lissajous_env.logs.inputs import INPUTS, LARGEST_STEERING, actions_of
 from lissajous_env.logs.log import Log
-from lissajous_env.logs.motion import SOME, Motion, motion_of
+from lissajous_env.logs.motion import Motion, motion_of
 from lissajous_env.logs.notes import remarks
 from lissajous_env.logs.prescribed import PrescribedSimulation
 from lissajous_env.parameters import named
@@ -139,7 +139,7 @@ def _unknown(motions: Sequence[Motion], times: np.ndarray, commands: bool) -> tu
     for robot, motion in enumerate(motions):
         edges = np.flatnonzero(np.diff(np.concatenate([[0], motion.unknown(times, times).astype(int), [0]])))
         blanks += [("pose", robot, int(begin), int(end) - 1) for begin, end in edges.reshape(-1, 2)]
-        if motion.derived and motion.derived != SOME:
+        if motion.derived:
             blanks.append(("speed", robot, 0, last))
         if commands:
             blanks.append(("command", robot, 0, last))

@@ -166,6 +166,11 @@ def unknown_scenario(name: Any, others: Iterable[str] = ()) -> ValueError:
     if isinstance(name, str) and space_and_split(name) is not None:
         rule = f"scenario must be a single scenario, got the space {name}"
         return ValueError(f"{rule}; choose one of its scenarios, as {name}{':' if is_file(name) else '-'}0")
+    return _unregistered(name, others)
+
+
+def _unregistered(name: Any, others: Iterable[str] = ()) -> ValueError:
+    """Return the error for a name that no scenario has, without reading a file of that name."""
     known = scenarios()
     hint = nearest(name, [*known, *others])
     words = f"scenario must be one of the {len(known)} that `lissajous scenarios` lists, got {shown(name)}{hint}"
@@ -303,7 +308,7 @@ def _known(name: Any) -> Scenario | None:
 def _registered(name: str) -> Scenario:
     """Return the scenario of a registered name, such as the base in a file, which causes no import and no reading."""
     if ":" in name or (made := _known(name)) is None:
-        raise unknown_scenario(name)
+        raise _unregistered(name)
     return made
 
 

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.device.locks import with_own_locks
 from lissajous_env.parameters.extensions import Extension, as_extensions
 from lissajous_env.parameters.robot_models import RobotModel, driven_by_velocity, model_of
 from lissajous_env.parameters.rogues import BringsRogues
@@ -42,7 +41,6 @@ PARTS = {
 }
 
 
-@with_own_locks
 @dataclass(frozen=True)
 class Scenario(BringsRogues):
     """All constants of an episode, in parts. Each part checks its own fields, `scenario_rules` those across parts."""

@@ -139,7 +139,7 @@ class Task(Checked):
     """Integration steps in a control step."""
     action: str = choice("control", "control", "velocity")
     """Meaning of an action: the robot's controls, such as steering and throttle; or, for cars, a velocity in the world
-    frame, in units of the top speed, which the driver of `lissajous_env.world.robots.driver` turns into controls."""
+    frame, in units of the top speed, which the driver of `lissajous_env.world.robots.car` turns into controls."""
     grid: tuple[int, int] | None = rows(
         (36, 16),
         "must be (columns, rows), each from 1 to 4096, or None",

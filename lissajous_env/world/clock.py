@@ -1,17 +1,26 @@
-"""The clock of each world: its seed, its steps, and the beginning and end of its episodes."""
+"""The clock of each world: its seed, its steps, and the beginning and end of its episodes.
 
+At a reset every array of a world is zero, but those that INITIAL names.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
 import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.stage import WORLD, stage
-from lissajous_env.world.state import ENDED, IDLE, RUNNING, Clock, StepEvents
+from lissajous_env.device.stage import ARRAY, WORLD, stage
+from lissajous_env.device.warp_abi import fields_of
+from lissajous_env.world.state import ENDED, IDLE, INITIAL_STATE, RUNNING
+from lissajous_env.world.tally import INITIAL_TOTALS
 
 wp.set_module_options(OPTIONS)
 
 
 @stage(WORLD, writes="clock: active, invalid, invalid_at, seed, stage, step", idle=True)
-def reset_clock(w: int, seeds: wp.array(dtype=int), clock: Clock):
+def reset_clock(w, seeds, clock):
     """Begin an episode with the given seed or, if it is negative, with one drawn from the seed before."""
     clock.active[w] = clock.fresh[w]
     if clock.active[w] == 0:
@@ -28,7 +37,7 @@ def reset_clock(w: int, seeds: wp.array(dtype=int), clock: Clock):
 
 
 @stage(WORLD, writes="clock: active, stage, step", idle=True)
-def advance_clock(w: int, clock: Clock):
+def advance_clock(w, clock):
     """Count the step in worlds whose episode is running; the others stay as they are."""
     if clock.stage[w] == RUNNING:
         clock.active[w] = 1
@@ -39,7 +48,7 @@ def advance_clock(w: int, clock: Clock):
 
 
 @stage(WORLD, writes="clock: stage; latest: truncated")
-def end_episodes(w: int, steps: int, clock: Clock, latest: StepEvents):
+def end_episodes(w, steps, clock, latest):
     """End an episode when its time is over, or when every robot is terminated."""
     over = clock.step[w] >= steps
     running = int(0)
@@ -49,3 +58,57 @@ def end_episodes(w: int, steps: int, clock: Clock, latest: StepEvents):
             running += 1
     if over or running == 0:
         clock.stage[w] = ENDED
+
+
+INITIAL = INITIAL_STATE | INITIAL_TOTALS
+"""Initial values that are not zero, by struct and field."""
+
+
+@wp.struct
+class Initial:
+    """The arrays of the state (A,), and the values with which an episode begins."""
+
+    address: wp.array(dtype=wp.uint64)
+    """Address of the first world."""
+    size: wp.array(dtype=wp.int64)
+    """Size of a world [bytes]."""
+    value: wp.array(dtype=wp.uint32)
+    """Bits of the initial value; 0 for numbers of other sizes."""
+
+
+def initial_of(structs: Mapping[str, Any], device: Any) -> Initial:
+    """Return the arrays of the structs of the state, by name, but of the clock, which goes on."""
+    arrays = {
+        f"{name}.{field}": array
+        for name, struct in structs.items()
+        if name != "clock"
+        for field, array in fields_of(struct).items()
+        if array.size > 0
+    }
+    values = [INITIAL.get(name, 0) for name in arrays]
+    bits = [np.array(value, dtype=np.float32 if isinstance(value, float) else np.int32) for value in values]
+    filled: Any = Initial()
+    filled.address = wp.array([array.ptr for array in arrays.values()], dtype=wp.uint64, device=device)
+    filled.size = wp.array([array.strides[0] for array in arrays.values()], dtype=wp.int64, device=device)
+    filled.value = wp.array([int(each.view(np.uint32)) for each in bits], dtype=wp.uint32, device=device)
+    return filled
+
+
+@wp.func_native("""
+    char* const begin = (char*)address + w * size;
+    if (size % 4 == 0)
+        for (wp::int64 k = lane; k < size / 4; k += lanes)
+            ((wp::uint32*)begin)[k] = value;
+    else  // truth values, which are bytes
+        for (wp::int64 k = lane; k < size; k += lanes)
+            begin[k] = 0;
+""")
+def fill(address: wp.uint64, w: int, size: wp.int64, value: wp.uint32, lane: int, lanes: int):
+    """Set every `lanes`-th number of an array in a world, from number `lane` on."""
+
+
+@stage(ARRAY, writes="")
+def reset_arrays(w, lane, lanes, initial: Initial, clock):
+    """Set all arrays of the state to their initial values."""
+    for k in range(initial.address.shape[0]):
+        fill(initial.address[k], w, initial.size[k], initial.value[k], lane, lanes)

@@ -90,8 +90,9 @@ def _some(reduce: Callable[..., Any], values: np.ndarray, *more: Any) -> Any:
 def _within_bound(episode: Episode) -> Any:
     if episode.scenario.targets.respawn:
         return math.nan
-    within = episode.times <= episode.scenario.detection_time_bound * (1 + 1e-9)
-    return _some(np.mean, (episode.detected & within)[episode.detected | ~within])
+    times, detected = episode.detections
+    within = times <= episode.scenario.detection_time_bound * (1 + 1e-9)
+    return _some(np.mean, (detected & within)[detected | ~within])
 
 
 def _rate(episode: Episode) -> float:
@@ -105,7 +106,7 @@ def _observed(episode: Episode) -> float:
 
 
 def _idleness(episode: Episode) -> float:
-    squares = episode.idle_squares + np.sum(episode.gaps.astype(float) ** 2)
+    squares = episode.state["cells.idle_squares"].sum(dtype=float) + np.sum(episode.gaps.astype(float) ** 2)
     return squares * episode.step / (2 * max(episode.steps, 1) * episode.gaps.size) if episode.has_grid else math.nan
 
 
@@ -139,7 +140,8 @@ _P95 = Column(
 )
 LATEST_DETECTION = Column(
     "detection_time_max", "longest of these times",
-    lambda e: max(_some(np.max, e.times), e.earlier_longest), "s", empty=_NO_TARGET,
+    lambda e: max(_some(np.max, e.times), float(e.state["targets.earlier_longest"].max(initial=0.0)) * e.step), "s",
+    empty=_NO_TARGET,
 )
 DETECTION_RATE = Column(
     "detection_rate", "detections in a minute, if detected targets appear anew (`targets.respawn`)", _rate, "1/min",
@@ -189,7 +191,8 @@ IDLENESS = Column(
 )
 LONGEST_IDLENESS = Column(
     "idleness_max", "longest time for which a cell was not covered",
-    lambda e: max(e.idle_max, e.gaps.max()) * e.step if e.has_grid else math.nan, "s", empty=_NO_GRID,
+    lambda e: max(e.state["cells.idle_max"].max(initial=0), e.gaps.max()) * e.step if e.has_grid else math.nan, "s",
+    empty=_NO_GRID,
 )
 LATERAL_ERROR = Column(
     "lateral_error_mean", "distance of a robot from the nearest point of the curve, mean over robots and time",

@@ -1,5 +1,6 @@
-"""Constants of a scenario for its kernels: its parts as structs, numbers, small arrays."""
+"""Values of a scenario for its kernels: constants (parts as structs, numbers, small arrays), and the state."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -8,13 +9,32 @@ import warp as wp
 
 from lissajous_env.device import part_structs
 from lissajous_env.device.curve import curve_struct
+from lissajous_env.device.devices import check_room
 from lissajous_env.device.structs import to_struct
+from lissajous_env.device.warp_abi import variables_of
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.contamination.conservative import as_reach
-from lissajous_env.world.contamination.labels import as_hops
+from lissajous_env.world.contamination.labels import MARGIN, across, as_hops
 from lissajous_env.world.robots.deviations import points_of
 from lissajous_env.world.robots.faults import removal_steps, schedule_steps
+from lissajous_env.world.rogues.rows import rogue_layout
+from lissajous_env.world.state import (
+    Cells,
+    Clock,
+    Contamination,
+    Links,
+    Messages,
+    Robots,
+    Rogues,
+    StepEvents,
+    Targets,
+    Tracks,
+    allocate,
+)
+from lissajous_env.world.tally import EpisodeTotals
+
+_TARGET_BYTES = 80
 
 
 def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
@@ -63,3 +83,58 @@ def _driving(scenario: Scenario) -> np.ndarray:
     unit = model.speed_unit(scenario.driven, scenario.formation, scenario.robot)
     drives = np.isin(np.arange(model.action_size), range(model.action_size) if model.driving is None else model.driving)
     return np.stack([rest, drives * unit / (1 + abs(rest))], axis=-1)
+
+
+def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, device: Any) -> dict[str, Any]:
+    """Make the structs of the state of a resolved scenario, by the names of kernels' parameters.
+
+    Args:
+        scenario: The scenario.
+        num_worlds: W.
+        row_size: Entries of an observation row.
+        terms: Terms of the reward.
+        device: Warp device.
+
+    Raises:
+        ValueError: the arrays do not fit into the device's memory.
+    """
+    w, n = num_worlds, scenario.num_robots
+    t, s = scenario.target_capacity, scenario.task.substeps
+    columns, rows = scenario.task.grid or (1, 1)
+    words = (columns + 63) // 64
+    delay = round(scenario.noise.message_delay / scenario.task.step)
+    hops = scenario.spreading
+    labels = hops.history_length, hops.rows + 2 * int(MARGIN), across(hops.columns)
+    large = [t * _TARGET_BYTES, math.prod(labels) * 4, rows * columns * 4, rows * n * words * 8, n * n * 4]
+    k = scenario.messages.size
+    known = t if scenario.sensing.has_tracks else 0
+    large.append(n * known * (32 + 4 * (delay + 1)))
+    check_room([*large, n * (delay + 1) * (16 + 4 * k), 2 * n * row_size * 4], w, device)
+    each, robot = (w,), (w, n)
+    bits, field_row = (w, hops.rows, (hops.columns + 31) // 32), (w, hops.rows)
+    there = w, hops.rows + 2 * int(MARGIN), bits[2] + 2, hops.history_length
+    mates = w, n, n if scenario.sensing.has_tracks else 0
+    discs, swept = (w, words, rows), (w, (hops.columns + 63) // 64, hops.rows)
+    of_robots = {name: robot for name, array in variables_of(EpisodeTotals).items() if array.type.ndim == 2}
+    shapes: dict[str, tuple[Any, tuple[int, ...], dict[str, tuple[int, ...]]]] = {
+        "clock": (Clock, each, {}),
+        "robots": (Robots, robot, {"track": (w, n, s + 1)}),
+        "links": (Links, (w, n, delay + 1), {"heard": (w, n, 2), "heard_at": (w, n, 2)}),
+        "messages": (Messages, each, {"sending": (w, n, k), "sent": (w, n, delay + 1, k), "heard": (w, n, 2, k)}),
+        "targets": (Targets, (w, t), {}),
+        "tracks": (Tracks, (w, n, known), {"sighted": (w, n, delay + 1, known), "target_at": (w, delay + 1, known),
+                                           "mate_at": mates, "heard_at": mates}),
+        "cells": (Cells, (w, rows), {"sensed_at": (w, rows, columns), "sensed_by": (w, n, words, rows),
+                                     "sensed": discs, "in_discs": discs, "coming": discs}),
+        "contamination": (Contamination, each, {"labels": (w, *labels), "settled": bits, "sensed": swept,
+                                                "swept": swept, "there": there, "row_oldest": field_row,
+                                                "row_ages": field_row}),
+        "latest": (StepEvents, robot, {"in_sight": each, "waiting": each, "idle_ended": each,
+                                       "terms": (w, n, terms)}),
+        "tally": (EpisodeTotals, each, {"contact": (w, n, n), **of_robots}),
+    }  # fmt: skip
+    if scenario.targets.rogues is not None:
+        size = rogue_layout(scenario).size
+        check_room([t * (size + 2) * 4], w, device)
+        shapes["rogues"] = Rogues, (w, t), {"action": (w, t, 2), "observation": (w, t, size)}
+    return {name: allocate(of, own, default, device) for name, (of, default, own) in shapes.items()}

@@ -10,7 +10,6 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.program import Stage
 from lissajous_env.device.stage import ROBOT, TARGET, WORLD, stage
 from lissajous_env.parameters.extensions import (
@@ -28,7 +27,7 @@ from lissajous_env.wording import shown, where_raised
 from lissajous_env.world.columns import NAMES
 from lissajous_env.world.observation import layout
 from lissajous_env.world.reward import TERMS
-from lissajous_env.world.state import GONE, HIDDEN, Clock, StepEvents, Targets
+from lissajous_env.world.state import GONE, HIDDEN
 from lissajous_env.world.targets.motion import CUSTOM
 
 
@@ -132,31 +131,20 @@ def or_zero(value: float) -> float:
 
 
 @stage(ROBOT, writes="latest: terms")
-def take_term(
-    w: int, i: int, term: int, weight: float, value: wp.array2d(dtype=float), clock: Clock, latest: StepEvents
-):
+def take_term(w, i, term: int, weight: float, value: wp.array2d(dtype=float), clock, latest):
     """Copy an extension's term among those of the reward."""
     latest.terms[w, i, term] = or_zero(weight * value[w, i])
 
 
 @stage(ROBOT, writes="observation_out")
-def take_entries(
-    w: int,
-    i: int,
-    start: int,
-    low: float,
-    high: float,
-    value: wp.array3d(dtype=float),
-    clock: Clock,
-    observation_out: wp.array3d(dtype=float),
-):
+def take_entries(w, i, start: int, low: float, high: float, value: wp.array3d(dtype=float), clock, observation_out):
     """Copy an extension's entries to the end of the rows."""
     for k in range(value.shape[2]):
         observation_out[w, i, start + k] = wp.clamp(or_zero(value[w, i, k]), low, high)
 
 
 @stage(WORLD, writes="kept_out")
-def keep_column(w: int, value: wp.array(dtype=wp.float64), clock: Clock, kept_out: wp.array2d(dtype=wp.float64)):
+def keep_column(w, value: wp.array(dtype=wp.float64), clock, kept_out: wp.array2d(dtype=wp.float64)):
     """Update sum, largest, least and last of an extension's score column."""
     if clock.step[w] == 0:
         kept_out[w, 0] = wp.float64(0.0)
@@ -172,7 +160,7 @@ def keep_column(w: int, value: wp.array(dtype=wp.float64), clock: Clock, kept_ou
 
 
 @stage(TARGET, writes="targets: heading, position")
-def take_places(w: int, t: int, curve: CurveStruct, value: wp.array2d(dtype=wp.vec2), clock: Clock, targets: Targets):
+def take_places(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
     """Move the targets of an extension to their new positions."""
     stage = targets.stage[w, t]
     if targets.motion[w, t] == CUSTOM and stage != HIDDEN and stage != GONE:
@@ -185,7 +173,7 @@ def take_places(w: int, t: int, curve: CurveStruct, value: wp.array2d(dtype=wp.v
 
 
 @stage(TARGET, writes="targets: before, position")
-def take_entry(w: int, t: int, curve: CurveStruct, value: wp.array2d(dtype=wp.vec2), clock: Clock, targets: Targets):
+def take_entry(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
     """Put the targets that appear now at the places of an extension."""
     if targets.stage[w, t] == HIDDEN and targets.appears_at[w, t] <= clock.step[w]:
         x = wp.clamp(value[w, t][0], -curve.half_width, curve.half_width)

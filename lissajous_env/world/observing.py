@@ -3,37 +3,31 @@
 With many robots or targets, bins are used to compute those that a robot detects, with the same result to the last bit.
 """
 
-from typing import Any
-
 import warp as wp
 
-from lissajous_env.device.compilation import OPTIONS, module_apart
-from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.discs import lowest
-from lissajous_env.device.part_structs import SensingStruct
-from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.observation import LINK, OWN
 from lissajous_env.world.observation import ROBOT as PER_ROBOT
 from lissajous_env.world.observation import TARGET as PER_TARGET
 from lissajous_env.world.robots.bins import Bins, bin_of, column_of, row_of
-from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Links, Robots, StepEvents, Targets, planar
+from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, planar
 
 wp.set_module_options(OPTIONS)
-_LISTED = module_apart(f"{__name__}.listed", OPTIONS)
 
 _FAR = wp.constant(4.0)
 
 
-@wp.func
-def clear(w: int, i: int, start: int, stop: int, observation_out: wp.array3d(dtype=float)):
+@part
+def clear(w, i, start: int, stop: int, observation_out):
     """Zero a range of a row."""
     for k in range(start, stop):
         observation_out[w, i, k] = 0.0
 
 
-@wp.func
-def empty(w: int, i: int, start: int, width: int, count: int, observation_out: wp.array3d(dtype=float)):
+@part
+def empty(w, i, start: int, width: int, count: int, observation_out):
     """Zero the last `count` entries of a list, up to the first that is zero."""
     for entry in range(start, start + count * width, width):
         if observation_out[w, i, entry] == 0.0:
@@ -41,8 +35,8 @@ def empty(w: int, i: int, start: int, width: int, count: int, observation_out: w
         clear(w, i, entry, entry + width, observation_out)
 
 
-@wp.func
-def velocity(w: int, i: int, robots: Robots) -> wp.vec2:
+@part
+def velocity(w, i, robots) -> wp.vec2:
     """Return the velocity of a robot [m/s]."""
     return robots.speed[w, i] * cos_sin(robots.heading[w, i])
 
@@ -53,10 +47,8 @@ def far(value: float) -> float:
     return wp.clamp(value, -_FAR, _FAR)
 
 
-@wp.func
-def observe_self(
-    w: int, i: int, curve: CurveStruct, speed_unit: float, robots: Robots, observation_out: wp.array3d(dtype=float)
-):
+@part
+def observe_self(w, i, curve, speed_unit, robots, observation_out):
     """Fill entries 0 to 7."""
     own = robots.measured[w, i]
     turn = robots.measured_turn[w, i]
@@ -70,18 +62,8 @@ def observe_self(
     observation_out[w, i, 7] = wp.where(robots.status[w, i] == WORKING, 1.0, 0.0)
 
 
-@wp.func
-def put_message(
-    w: int,
-    i: int,
-    start: int,
-    age: float,
-    message: wp.vec4,
-    own: wp.vec4,
-    turn: wp.vec4,
-    curve: CurveStruct,
-    observation_out: wp.array3d(dtype=float),
-):
+@part
+def put_message(w, i, start: int, age: float, message: wp.vec4, own: wp.vec4, turn: wp.vec4, curve, observation_out):
     """Fill the entries of a ring neighbour's message, of `Links.heard`; `own` and `turn` are those of `Robots`.
 
     The age is in the unit of its entry.
@@ -94,8 +76,8 @@ def put_message(
     observation_out[w, i, start + 5] = far(0.5 * (message[3] - own[1]) / curve.half_height)
 
 
-@wp.func
-def put_robot(w: int, i: int, entry: int, offset: wp.vec2, relative: wp.vec2, observation_out: wp.array3d(dtype=float)):
+@part
+def put_robot(w, i, entry: int, offset: wp.vec2, relative: wp.vec2, observation_out):
     """Fill the entries of a robot in the disc, of its scaled place and velocity."""
     observation_out[w, i, entry] = 1.0
     observation_out[w, i, entry + 1] = offset[0]
@@ -104,25 +86,16 @@ def put_robot(w: int, i: int, entry: int, offset: wp.vec2, relative: wp.vec2, ob
     observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
 
 
-@wp.func
-def put_target(w: int, i: int, entry: int, offset: wp.vec2, observation_out: wp.array3d(dtype=float)):
+@part
+def put_target(w, i, entry: int, offset: wp.vec2, observation_out):
     """Fill the entries of a target in the disc, of its scaled place."""
     observation_out[w, i, entry] = 1.0
     observation_out[w, i, entry + 1] = offset[0]
     observation_out[w, i, entry + 2] = offset[1]
 
 
-@wp.func
-def observe_ring(
-    w: int,
-    i: int,
-    now: int,
-    curve: CurveStruct,
-    age_per_step: float,
-    robots: Robots,
-    links: Links,
-    observation_out: wp.array3d(dtype=float),
-):
+@part
+def observe_ring(w, i, now, curve, age_per_step, robots, links, observation_out):
     """Fill entries 8 to 19."""
     own = robots.measured[w, i]
     turn = robots.measured_turn[w, i]
@@ -134,33 +107,6 @@ def observe_ring(
         else:
             age = float(now - heard_at) * age_per_step
             put_message(w, i, start, age, links.heard[w, i, side], own, turn, curve, observation_out)
-
-
-_IN_DISC = """
-    const int together = 32, left = in_sight.shape[1] - first;
-    const wp::vec2* positions = &wp::index(position, w, first);
-    const int* seen = &wp::index(in_sight, w, first);
-    const float square = radius * radius;
-    unsigned int near = 0;
-    for (int k = 0; k < (left < together ? left : together); ++k) {
-        const float x = positions[k][0] - place[0], y = positions[k][1] - place[1];
-        near |= (unsigned int)(seen[k] == 1 & x * x + y * y < square) << k;
-    }
-    return near;
-"""
-
-
-@wp.func_native(_IN_DISC)
-def in_disc(
-    w: int,
-    first: int,
-    place: wp.vec2,
-    radius: float,
-    position: wp.array2d(dtype=wp.vec2),
-    in_sight: wp.array2d(dtype=wp.int32),
-) -> wp.uint32:
-    """Return the bits of those of 32 targets, from the first on, that are in sight and in the disc at a place [m]."""
-    ...
 
 
 @wp.func
@@ -189,8 +135,8 @@ def keep_nearest(w: int, i: int, kept: int, room: int, offset: wp.vec2, index: i
     return wp.min(kept + 1, room)
 
 
-@wp.func
-def keep_robot(w: int, i: int, j: int, kept: int, room: int, radius: float, robots: Robots, bins: Bins) -> int:
+@part
+def keep_robot(w, i, j, kept: int, room: int, radius: float, robots, bins: Bins) -> int:
     """Enter robot j as `keep_nearest` does, if it is in the disc."""
     away = planar(robots.position[w, j]) - planar(robots.position[w, i])
     if wp.dot(away, away) < radius * radius and j != i and robots.status[w, j] != REMOVED:
@@ -198,72 +144,48 @@ def keep_robot(w: int, i: int, j: int, kept: int, room: int, radius: float, robo
     return kept
 
 
-@wp.func
-def nearest_robots(w: int, i: int, room: int, radius: float, robots: Robots, bins: Bins) -> int:
+@part
+def nearest_robots(w, i, room: int, radius: float, robots, bins: Bins) -> int:
     """Find the nearest robots in the disc; returns how many, at most `room`."""
     kept = int(0)
-    for j in range(robots.status.shape[1]):
-        kept = keep_robot(w, i, j, kept, room, radius, robots, bins)
+    if bins.columns > 0:
+        entry = bins.entry[w, bins.first[w, bin_of(planar(robots.position[w, i]), bins)]]
+        while entry[0] >= 0:
+            kept = keep_robot(w, i, entry[0], kept, room, radius, robots, bins)
+            entry = bins.entry[w, entry[1]]
+    else:
+        for j in range(robots.status.shape[1]):
+            kept = keep_robot(w, i, j, kept, room, radius, robots, bins)
     return kept
 
 
-@wp.func
-def nearest_listed_robots(w: int, i: int, room: int, radius: float, robots: Robots, bins: Bins) -> int:
-    """Compute `nearest_robots` from the list of the robot's bin."""
-    kept = int(0)
-    entry = bins.entry[w, bins.first[w, bin_of(planar(robots.position[w, i]), bins)]]
-    while entry[0] >= 0:
-        kept = keep_robot(w, i, entry[0], kept, room, radius, robots, bins)
-        entry = bins.entry[w, entry[1]]
-    return kept
-
-
-@wp.func
-def nearest_targets(w: int, i: int, room: int, radius: float, robots: Robots, targets: Targets, bins: Bins) -> int:
+@part
+def nearest_targets(w, i, room: int, radius: float, robots, targets, bins: Bins) -> int:
     """Find the nearest targets in the disc; returns how many, at most `room`."""
     here = robots.sensor[w, i]
     kept = int(0)
-    for first in range(0, targets.in_sight.shape[1], 32):
-        near = in_disc(w, first, here, radius, targets.position, targets.in_sight)
-        while near != wp.uint32(0):
-            t = first + lowest(near)
-            near &= near - wp.uint32(1)
-            kept = keep_nearest(w, i, kept, room, (targets.position[w, t] - here) / radius, t, bins)
+    if bins.columns > 0:
+        left = column_of(here[0] - bins.widened, bins)
+        right = column_of(here[0] + bins.widened, bins)
+        for row in range(row_of(here[1] - bins.widened, bins), row_of(here[1] + bins.widened, bins) + 1):
+            for column in range(left, right + 1):
+                place = bins.first_seen[w, row * bins.columns + column]
+                while place >= 0:
+                    seen = bins.seen[w, place]
+                    away = wp.vec2(seen[0], seen[1]) - here
+                    if wp.dot(away, away) < radius * radius:
+                        kept = keep_nearest(w, i, kept, room, away / radius, int(seen[2]), bins)
+                    place = int(seen[3])
+    else:
+        for t in range(targets.in_sight.shape[1]):
+            away = targets.position[w, t] - here
+            if targets.in_sight[w, t] == 1 and wp.dot(away, away) < radius * radius:
+                kept = keep_nearest(w, i, kept, room, away / radius, t, bins)
     return kept
 
 
-@wp.func
-def nearest_listed_targets(
-    w: int, i: int, room: int, radius: float, robots: Robots, targets: Targets, bins: Bins
-) -> int:
-    """Compute `nearest_targets` from the lists of the bins around the robot."""
-    here = robots.sensor[w, i]
-    kept = int(0)
-    left = column_of(here[0] - bins.widened, bins)
-    right = column_of(here[0] + bins.widened, bins)
-    for row in range(row_of(here[1] - bins.widened, bins), row_of(here[1] + bins.widened, bins) + 1):
-        for column in range(left, right + 1):
-            place = bins.first_seen[w, row * bins.columns + column]
-            while place >= 0:
-                seen = bins.seen[w, place]
-                away = wp.vec2(seen[0], seen[1]) - here
-                if wp.dot(away, away) < radius * radius:
-                    kept = keep_nearest(w, i, kept, room, away / radius, int(seen[2]), bins)
-                place = int(seen[3])
-    return kept
-
-
-@wp.func
-def observe_robots(
-    w: int,
-    i: int,
-    kept: int,
-    sensing: SensingStruct,
-    speed_unit: float,
-    robots: Robots,
-    bins: Bins,
-    observation_out: wp.array3d(dtype=float),
-):
+@part
+def observe_robots(w, i, kept: int, sensing, speed_unit, robots, bins: Bins, observation_out):
     """List the nearest robots in the disc."""
     entry = OWN + 2 * LINK
     for k in range(kept):
@@ -275,17 +197,8 @@ def observe_robots(
     empty(w, i, entry, PER_ROBOT, sensing.robots_seen - kept, observation_out)
 
 
-@wp.func
-def observe_targets(
-    w: int,
-    i: int,
-    kept: int,
-    sensing: SensingStruct,
-    robots: Robots,
-    targets: Targets,
-    bins: Bins,
-    observation_out: wp.array3d(dtype=float),
-):
+@part
+def observe_targets(w, i, kept: int, sensing, robots, targets, bins: Bins, observation_out):
     """List the nearest targets in the disc."""
     entry = OWN + 2 * LINK + PER_ROBOT * sensing.robots_seen
     for k in range(kept):
@@ -295,48 +208,25 @@ def observe_targets(
     empty(w, i, entry, PER_TARGET, sensing.targets_seen - kept, observation_out)
 
 
-def _observing(find_robots: Any, find_targets: Any, module: Any = None) -> Any:
-    """Make the kernel that fills the rows, for robots and targets that are few or many."""
-
-    @stage(ROBOT, writes="bins: nearest; observation_out", split=True, module=module)
-    def observe(
-        w: int,
-        i: int,
-        curve: CurveStruct,
-        sensing: SensingStruct,
-        age_per_step: float,
-        speed_unit: float,
-        clock: Clock,
-        robots: Robots,
-        links: Links,
-        targets: Targets,
-        bins: Bins,
-        latest: StepEvents,
-        observation_out: wp.array3d(dtype=float),
-    ):
-        """Fill the row of each robot."""
-        observe_self(w, i, curve, speed_unit, robots, observation_out)
-        observe_ring(w, i, clock.step[w], curve, age_per_step, robots, links, observation_out)
-        kept = int(0)
-        if sensing.robots_seen > 0 and robots.status[w, i] == WORKING:
-            kept = find_robots(w, i, sensing.robots_seen, sensing.sight, robots, bins)
-        observe_robots(w, i, kept, sensing, speed_unit, robots, bins, observation_out)
-        kept = 0
-        if sensing.targets_seen > 0 and latest.in_sight[w] > 0 and robots.sensor[w, i][0] < NOWHERE:
-            kept = find_targets(w, i, sensing.targets_seen, sensing.sight, robots, targets, bins)
-        observe_targets(w, i, kept, sensing, robots, targets, bins, observation_out)
-
-    return observe
-
-
-observe = _observing(nearest_robots, nearest_targets)
-observe_listed = _observing(nearest_listed_robots, nearest_listed_targets, _LISTED)
+@stage(ROBOT, writes="bins: nearest; observation_out")
+def observe(
+    w, i, curve, sensing, age_per_step, speed_unit, clock, robots, links, targets, bins: Bins, latest, observation_out
+):
+    """Fill the row of each robot."""
+    observe_self(w, i, curve, speed_unit, robots, observation_out)
+    observe_ring(w, i, clock.step[w], curve, age_per_step, robots, links, observation_out)
+    kept = int(0)
+    if sensing.robots_seen > 0 and robots.status[w, i] == WORKING:
+        kept = nearest_robots(w, i, sensing.robots_seen, sensing.sight, robots, bins)
+    observe_robots(w, i, kept, sensing, speed_unit, robots, bins, observation_out)
+    kept = 0
+    if sensing.targets_seen > 0 and latest.in_sight[w] > 0 and robots.sensor[w, i][0] < NOWHERE:
+        kept = nearest_targets(w, i, sensing.targets_seen, sensing.sight, robots, targets, bins)
+    observe_targets(w, i, kept, sensing, robots, targets, bins, observation_out)
 
 
 @stage(ROBOT, writes="final_observation_out")
-def keep_final(
-    w: int, i: int, clock: Clock, observation: wp.array3d(dtype=float), final_observation_out: wp.array3d(dtype=float)
-):
+def keep_final(w, i, clock, observation, final_observation_out):
     """Keep the rows with which the episode before ended."""
     for k in range(observation.shape[2]):
         final_observation_out[w, i, k] = observation[w, i, k]

@@ -3,9 +3,7 @@
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.part_structs import TaskStruct
 from lissajous_env.device.stage import ROBOT, stage
-from lissajous_env.world.state import Clock, Contamination, StepEvents
 from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
@@ -28,7 +26,7 @@ _TERMS = wp.constant(len(TERMS))
 
 
 @stage(ROBOT, writes="latest: collisions, detections, idle_ended, in_sight, waiting")
-def clear_events(w: int, i: int, clock: Clock, latest: StepEvents):
+def clear_events(w, i, clock, latest):
     """Clear the events of the step before."""
     latest.detections[w, i] = 0
     latest.collisions[w, i] = 0
@@ -39,17 +37,7 @@ def clear_events(w: int, i: int, clock: Clock, latest: StepEvents):
 
 
 @stage(ROBOT, writes="latest: reward, terms; tally: returns", idle=True)
-def give_reward(
-    w: int,
-    lane: int,
-    lanes: int,
-    task: TaskStruct,
-    cells_total: int,
-    clock: Clock,
-    contamination: Contamination,
-    latest: StepEvents,
-    tally: EpisodeTotals,
-):
+def give_reward(w, lane, lanes, task, cells_total, clock, contamination, latest, tally: EpisodeTotals):
     """Reward each robot for the step: the sum of the terms in `TERMS` and of those of extensions."""
     count = latest.terms.shape[2]
     waiting = task.reward_waiting * float(latest.waiting[w]) * task.step

@@ -11,7 +11,8 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.part_structs import NoiseStruct, SensingStruct
-from lissajous_env.device.program import Program, Split, Stage
+from lissajous_env.device.program import Program, Stage
+from lissajous_env.device.stage import part
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.constants import constants_of
@@ -55,20 +56,20 @@ class Outside:
     """(1,) cosine and sine of the measured phase, and 1 where it is given."""
 
 
-@wp.func
+@part
 def list_seen(
-    w: int,
-    i: int,
+    w,
+    i,
     kind: int,
     start: int,
     width: int,
     room: int,
-    sensing: SensingStruct,
-    speed_unit: float,
-    robots: Robots,
+    sensing,
+    speed_unit,
+    robots,
     bins: Bins,
     outside: Outside,
-    observation_out: wp.array3d(dtype=float),
+    observation_out,
 ):
     """List the nearest robots, kind 0, or targets, kind 1, that are in the disc."""
     kept = int(0)
@@ -160,8 +161,8 @@ class RowOutside:
         follow = Stage("phase", follow_curve)
         rest = [Stage("measurement", measure), Stage("observation", fill_row, stage.ROBOT)]
         with compile_quietly():
-            self._follow = Program([follow, *rest], values, {stage.ROBOT: 1}, 1, robots.status.device, Split())
-            self._fill = Program(rest, values, {stage.ROBOT: 1}, 1, robots.status.device, Split())
+            self._follow = Program([follow, *rest], values, {stage.ROBOT: 1}, 1, robots.status.device)
+            self._fill = Program(rest, values, {stage.ROBOT: 1}, 1, robots.status.device)
         self._kept = robots, outside, row
         self._position = robots.position.numpy()[0, 0]
         self._heading, self._speed = robots.heading.numpy()[0], robots.speed.numpy()[0]

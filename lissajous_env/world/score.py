@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,40 +13,36 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.coverage import last_sensed
 from lissajous_env.world.state import NEVER, REMOVED
 
+_READ = {
+    "clock": ("seed", "step"),
+    "robots": ("status",),
+    "targets": ("appears_at", "found_at", "found_early", "earlier", "earlier_time", "earlier_longest"),
+    "cells": ("sensed_at", "in_discs", "idle_squares", "idle_max"),
+}
+"""Arrays of the state of which an episode's score is computed, besides its totals."""
+
 
 @dataclass(frozen=True)
 class Episode:
     """The latest episode of one world, up to now."""
 
     scenario: Scenario
-    seed: int
-    """Seed of the world."""
-    steps: int
-    """Number of control steps so far."""
+    state: Mapping[str, np.ndarray]
+    """What `_READ` names of this world, as `clock.step`."""
     totals: Mapping[str, Any]
     """`EpisodeTotals` of this world, by name."""
     contamination: Mapping[str, Any]
     """One number of each per-world array of `Contamination`, by name."""
-    times: np.ndarray
-    """Time from each target's appearance until it was detected, or until now [s]."""
-    detected: np.ndarray
-    """True for each of these targets that was detected."""
-    earlier: int
-    """Number of targets that were detected and appeared anew."""
-    earlier_time: float
-    """Sum of their times [s]."""
-    earlier_longest: float
-    """Longest of their times [s]."""
-    steps_present: int
-    """Steps for which targets were present, summed over targets; detected ones count if they stay."""
-    gaps: np.ndarray
-    """Time since each cell was last sensed [step]."""
-    idle_squares: int
-    """Sum over cells and visits of the squared time since the visit before [step^2]."""
-    idle_max: int
-    """Longest time between two visits of a cell [step]."""
-    is_deserted: bool
-    """True if every robot was removed."""
+
+    @property
+    def seed(self) -> int:
+        """Seed of the world."""
+        return int(self.state["clock.seed"])
+
+    @property
+    def steps(self) -> int:
+        """Number of control steps so far."""
+        return int(self.state["clock.step"])
 
     @property
     def step(self) -> float:
@@ -62,6 +59,28 @@ class Episode:
         """Return whether the scenario computes contamination."""
         return self.scenario.task.contamination is not None
 
+    @cached_property
+    def detections(self) -> tuple[np.ndarray, np.ndarray]:
+        """Time from each target's appearance until it was detected, or until now [s], and whether it was."""
+        times = (self.state[f"targets.{name}"] for name in ("appears_at", "found_at", "found_early"))
+        times, detected = detection_times(*times, now=self.steps)
+        return times * self.step, detected
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of `detections` [s]."""
+        return self.detections[0]
+
+    @property
+    def earlier(self) -> int:
+        """Number of targets that were detected and appeared anew."""
+        return int(self.state["targets.earlier"].sum())
+
+    @property
+    def earlier_time(self) -> float:
+        """Sum of their times [s]."""
+        return float(self.state["targets.earlier_time"].sum()) * self.step
+
     @property
     def num_targets(self) -> int:
         """Number of targets that appeared."""
@@ -70,13 +89,25 @@ class Episode:
     @property
     def num_detected(self) -> int:
         """Number of targets that were detected."""
-        return int(np.count_nonzero(self.detected)) + self.earlier
+        return int(np.count_nonzero(self.detections[1])) + self.earlier
+
+    @property
+    def steps_present(self) -> int:
+        """Steps for which targets were present, summed over targets; detected ones count if they stay."""
+        since = np.maximum(self.state["targets.appears_at"], 1)
+        return int(np.maximum(self.steps + 1 - since, 0).sum(dtype=np.int64))
+
+    @cached_property
+    def gaps(self) -> np.ndarray:
+        """Time since each cell was last sensed [step]."""
+        return self.steps - last_sensed(self.state["cells.sensed_at"], self.state["cells.in_discs"], self.steps)
 
     @property
     def is_open(self) -> bool:
         """Return `is_open` of this episode."""
         at_end = int(self.contamination["age"])
-        deserted = self.is_deserted and (at_end > 0 or self.scenario.targets.arrival_rate > 0)
+        deserted = bool((self.state["robots.status"] == int(REMOVED)).all())
+        deserted = deserted and (at_end > 0 or self.scenario.targets.arrival_rate > 0)
         return is_open(int(self.contamination["age_max"]), at_end, self.steps, deserted)
 
     def reached(self, step: int) -> float:
@@ -121,50 +152,14 @@ def is_open(longest: float, at_end: float, elapsed: float, deserted: bool = Fals
     return deserted or (0 < longest == at_end and 2 * at_end >= elapsed)
 
 
-def episodes_of(
-    scenario: Scenario,
-    clock: Any,
-    robots: Any,
-    targets: Any,
-    cells: Any,
-    contamination: Any,
-    tally: Any,
-    worlds: np.ndarray,
-) -> Iterator[Episode]:
-    """Yield the latest episode of each of some worlds; the arguments are the structs of the state."""
-    totals = {name: array.numpy() for name, array in fields_of(tally).items() if name != "contact"}
-    unseen = {name: array.numpy() for name, array in fields_of(contamination).items() if array.ndim == 1}
-    steps, seeds = clock.step.numpy(), clock.seed.numpy()
-    appears_at, found_at, found_early = (
-        each.numpy() for each in (targets.appears_at, targets.found_at, targets.found_early)
-    )
-    earlier, earlier_time, earlier_longest = (
-        each.numpy() for each in (targets.earlier, targets.earlier_time, targets.earlier_longest)
-    )
-    sensed_at, in_discs, idle_squares, idle_max = (
-        each.numpy() for each in (cells.sensed_at, cells.in_discs, cells.idle_squares, cells.idle_max)
-    )
-    deserted = (robots.status.numpy() == int(REMOVED)).all(axis=1)
+def episodes_of(scenario: Scenario, structs: Mapping[str, Any], worlds: np.ndarray) -> Iterator[Episode]:
+    """Yield the latest episode of each of some worlds; `structs` are those of the state, by name."""
+    state = {f"{struct}.{name}": getattr(structs[struct], name) for struct in _READ for name in _READ[struct]}
+    totals = {name: array for name, array in fields_of(structs["tally"]).items() if name != "contact"}
+    unseen = {name: array for name, array in fields_of(structs["contamination"]).items() if array.ndim == 1}
+    hosts = [{name: array.numpy() for name, array in arrays.items()} for arrays in (state, totals, unseen)]
     for w in worlds:
-        now = int(steps[w])
-        times, detected = detection_times(appears_at[w], found_at[w], found_early[w], now)
-        yield Episode(
-            scenario=scenario,
-            seed=int(seeds[w]),
-            steps=now,
-            totals={name: array[w] for name, array in totals.items()},
-            contamination={name: array[w] for name, array in unseen.items()},
-            times=times * scenario.task.step,
-            detected=detected,
-            earlier=int(earlier[w].sum()),
-            earlier_time=float(earlier_time[w].sum()) * scenario.task.step,
-            earlier_longest=float(earlier_longest[w].max(initial=0.0)) * scenario.task.step,
-            steps_present=int(np.maximum(now + 1 - np.maximum(appears_at[w], 1), 0).sum(dtype=np.int64)),
-            gaps=now - last_sensed(sensed_at[w], in_discs[w], now),
-            idle_squares=idle_squares[w].sum(dtype=float),
-            idle_max=idle_max[w].max(initial=0),
-            is_deserted=bool(deserted[w]),
-        )
+        yield Episode(scenario, *({name: array[w] for name, array in arrays.items()} for arrays in hosts))
 
 
 def detection_times(

@@ -1,10 +1,11 @@
-"""Worlds of a batch that are selected by a mask or by indices, and seeds that are drawn for worlds."""
+"""Worlds of a batch that are selected by a mask or by indices, and their seeds."""
 
 import os
 from typing import Any
 
 import numpy as np
 
+from lissajous_env.settings.checks import LAST_SEED
 from lissajous_env.wording import shown
 
 
@@ -50,3 +51,29 @@ def chosen_worlds(worlds: Any, num_worlds: int) -> np.ndarray:
 def drawn_seeds(count: int) -> np.ndarray:
     """Return (count,) int64 seeds of worlds, from 0 to 2^31 - 1, different in every call and in every process."""
     return (np.frombuffer(os.urandom(4 * count), dtype=np.uint32) >> 1).astype(np.int64)
+
+
+def fold_seed(seed: int) -> int:
+    """Map a whole number of at least 0 to a seed of a world; numbers below 2^31 are unchanged."""
+    if not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise ValueError(f"seed must be a whole number of at least 0, got {shown(seed)}")
+    if seed < 2**31:
+        return int(seed)
+    return int(np.random.SeedSequence(int(seed)).generate_state(1)[0] >> 1)
+
+
+def checked_seeds(seeds: Any, count: int) -> np.ndarray:
+    """Return `count` seeds as int32.
+
+    Raises:
+        ValueError: they are not that many whole numbers from 0 to 2^31 - 1.
+    """
+    try:
+        array = np.atleast_1d(np.asarray(seeds))
+    except ValueError as error:  # rows of different lengths
+        raise ValueError(f"seed must be a whole number from 0 to {LAST_SEED}, got {shown(seeds)}") from error
+    if array.size and (array.dtype.kind not in "iu" or array.min() < 0 or array.max() > LAST_SEED):
+        raise ValueError(f"seed must be a whole number from 0 to {LAST_SEED}, got {shown(seeds)}")
+    if array.shape != (count,):
+        raise ValueError(f"seeds must be one for each of the {count} worlds that are reset, got shape {array.shape}")
+    return array.astype(np.int32)

@@ -1,51 +1,34 @@
-"""The simulation: a batch of worlds of one scenario, stepped together on one device."""
+"""The simulation: a batch of worlds of one scenario, on one device; and several simulations, stepped together."""
 
-import math
+from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.devices import as_device, check_room, compile_quietly, copy_in, cores
+from lissajous_env.device.devices import as_device, compile_quietly, copy_in, cores
 from lissajous_env.device.locks import Turn, in_turn
-from lissajous_env.device.program import Program, Stage, split_of
+from lissajous_env.device.program import Program, Stage, blocks_of
 from lissajous_env.device.stage import ARRAY, BIN, FIELD_ROW, ROBOT, ROW, TARGET
-from lissajous_env.device.warp_abi import fields_of, name_of, variables_of
+from lissajous_env.device.warp_abi import fields_of, name_of
+from lissajous_env.device.work import Work
 from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import RewardTerm
 from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import LAST_SEED, is_whole, whole_number
 from lissajous_env.wording import shown
+from lissajous_env.world.clock import initial_of
 from lissajous_env.world.columns import number_names, plain, score_of
-from lissajous_env.world.constants import constants_of
-from lissajous_env.world.contamination.labels import MARGIN, across
+from lissajous_env.world.constants import constants_of, state_of
 from lissajous_env.world.extended import ExtensionStages
-from lissajous_env.world.initial import initial_of
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.reward import TERMS
-from lissajous_env.world.robots.bin_sizes import bins_of
-from lissajous_env.world.rogues.rows import rogue_layout
+from lissajous_env.world.robots.bins import bins_of
 from lissajous_env.world.score import detection_times, episodes_of
-from lissajous_env.world.selection import chosen_worlds, world_mask
+from lissajous_env.world.selection import checked_seeds, chosen_worlds, world_mask
 from lissajous_env.world.stages import reset_stages, step_stages
-from lissajous_env.world.state import (
-    RUNNING,
-    Cells,
-    Clock,
-    Contamination,
-    Links,
-    Messages,
-    Robots,
-    Rogues,
-    StepEvents,
-    Targets,
-    Tracks,
-    allocate,
-)
-from lissajous_env.world.tally import EpisodeTotals
-
-_TARGET_BYTES = 80
+from lissajous_env.world.state import RUNNING
 
 _ROBOT_WORK, _TARGET_WORK = 500, 40
 """Rough time that a robot and a target add to a step [ns], by which the number of threads is chosen."""
@@ -70,7 +53,6 @@ class Simulation:
         rogue_present: (W, T) bool, True for rogues that act in the next step.
         rogue_terminated: (W, T) bool, True from a rogue's detection on.
         rogue_truncated: (W, T) bool, True for rogues that were undetected when the episode ended.
-        split: Not an array: the division of the work among CPU threads, `lissajous_env.device.program.Split`.
 
     World k depends on its own seed and actions alone: it is the same, bit for bit, in any batch, on any number of
     threads. A world whose episode has ended does not move, with reward 0, until it is reset.
@@ -80,14 +62,24 @@ class Simulation:
         num_worlds: W.
         device: `cpu`, `cuda` or `cuda:k`.
         seed: Seed of world 0; world k has seed + k.
-        threads: CPU threads over which a large batch, or a large world, is split; by default all cores that the process
-            may use.
+        threads: CPU threads that share the worlds of a large batch; by default all cores that the process may use.
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
 
     Raises:
         ValueError: the number of worlds is below 1 or exceeds the device's memory, the device is not available, or the
             seed is out of range.
     """
+
+    clock: Any
+    robots: Any
+    links: Any
+    messages: Any
+    targets: Any
+    tracks: Any
+    cells: Any
+    contamination: Any
+    latest: Any
+    tally: Any
 
     def __init__(
         self,
@@ -146,7 +138,7 @@ class Simulation:
         chosen = self._chosen(worlds)
         new_seeds = np.full(self.num_worlds, -1, dtype=np.int32)
         if seeds is not None:
-            new_seeds[chosen] = _checked_seeds(seeds, len(chosen))
+            new_seeds[chosen] = checked_seeds(seeds, len(chosen))
         self._seeds.assign(new_seeds)
         self.clock.fresh.assign(world_mask(chosen, self.num_worlds).astype(np.int32))
         self._reset()
@@ -194,10 +186,9 @@ class Simulation:
     def score(self, worlds: Any = None) -> list[dict[str, Any]]:
         """Return the score row of the latest episode of some worlds so far: `lissajous_env.world.columns.NAMES`."""
         chosen, brought = self._chosen(worlds), self._extended.columns(self.clock.step.numpy())
-        state = self.clock, self.robots, self.targets, self.cells, self.contamination, self.tally
         return [
             score_of(episode) | {name: plain(values[w]) for name, values in brought.items()}
-            for w, episode in zip(chosen, episodes_of(self.scenario, *state, chosen), strict=True)
+            for w, episode in zip(chosen, episodes_of(self.scenario, self._structs, chosen), strict=True)
         ]
 
     def score_numbers(self, worlds: Any) -> np.ndarray:
@@ -223,56 +214,16 @@ class Simulation:
         return self.clock.stage.numpy() != int(RUNNING)
 
     def _allocate(self) -> None:
-        scenario, w, n = self.scenario, self.num_worlds, self.num_robots
-        t, s = scenario.target_capacity, scenario.task.substeps
-        columns, rows = scenario.task.grid or (1, 1)
-        words = (columns + 63) // 64
-        delay = round(scenario.noise.message_delay / scenario.task.step)
-        hops = scenario.spreading
-        labels = hops.history_length, hops.rows + 2 * int(MARGIN), across(hops.columns)
-        large = [t * _TARGET_BYTES, math.prod(labels) * 4, rows * columns * 4, rows * n * words * 8, n * n * 4]
-        k = scenario.messages.size
-        known = t if scenario.sensing.has_tracks else 0
-        large.append(n * known * (32 + 4 * (delay + 1)))
-        check_room([*large, n * (delay + 1) * (16 + 4 * k), 2 * n * self.layout.size * 4], w, self.device)
-        each, robot = (w,), (w, n)
-        self.clock = allocate(Clock, {}, each, self.device)
-        self.robots = allocate(Robots, {"track": (w, n, s + 1)}, robot, self.device)
-        link = {"heard": (w, n, 2), "heard_at": (w, n, 2)}
-        self.links = allocate(Links, link, (w, n, delay + 1), self.device)
-        message = {"sending": (w, n, k), "sent": (w, n, delay + 1, k), "heard": (w, n, 2, k)}
-        self.messages = allocate(Messages, message, each, self.device)
-        self.targets = allocate(Targets, {}, (w, t), self.device)
-        tracks = {"sighted": (w, n, delay + 1, known), "target_at": (w, delay + 1, known)}
-        tracks |= dict.fromkeys(("mate_at", "heard_at"), (w, n, n if scenario.sensing.has_tracks else 0))
-        self.tracks = allocate(Tracks, tracks, (w, n, known), self.device)
-        grid = {"sensed_at": (w, rows, columns), "sensed_by": (w, n, words, rows)}
-        grid |= dict.fromkeys(("sensed", "in_discs", "coming"), (w, words, rows))
-        self.cells = allocate(Cells, grid, (w, rows), self.device)
-        bits, field_row = (w, hops.rows, (hops.columns + 31) // 32), (w, hops.rows)
-        field = {"labels": (w, *labels), "settled": bits}
-        field |= dict.fromkeys(("sensed", "swept"), (w, (hops.columns + 63) // 64, hops.rows))
-        field["there"] = w, hops.rows + 2 * int(MARGIN), bits[2] + 2, hops.history_length
-        field |= {"row_oldest": field_row, "row_ages": field_row}
-        self.contamination = allocate(Contamination, field, each, self.device)
-        terms = {"in_sight": each, "waiting": each, "idle_ended": each, "terms": (w, n, len(self.reward_term_names))}
-        self.latest = allocate(StepEvents, terms, robot, self.device)
-        of_robots = {name: robot for name, array in variables_of(EpisodeTotals).items() if array.type.ndim == 2}
-        self.tally = allocate(EpisodeTotals, {"contact": (w, n, n), **of_robots}, each, self.device)
-        names = (
-            "clock",
-            "robots",
-            "links",
-            "messages",
-            "targets",
-            "tracks",
-            "cells",
-            "contamination",
-            "latest",
-            "tally",
-        )
-        self._structs = {name: getattr(self, name) for name in names}
-        self._allocate_rogues(t)
+        w, n, k = self.num_worlds, self.num_robots, self.scenario.messages.size
+        self._structs = state_of(self.scenario, w, self.layout.size, len(self.reward_term_names), self.device)
+        self.__dict__.update(self._structs)
+        self.rogues: Any = self._structs.get("rogues")
+        self.rogue_action: Any = getattr(self.rogues, "action", None)
+        self.rogue_observation: Any = getattr(self.rogues, "observation", None)
+        self.rogue_reward: Any = getattr(self.rogues, "reward", None)
+        self.rogue_present: Any = getattr(self.rogues, "present", None)
+        self.rogue_terminated: Any = getattr(self.rogues, "terminated", None)
+        self.rogue_truncated: Any = getattr(self.rogues, "truncated", None)
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
         self.command = wp.zeros((w, n, self.action_shape[2] - k), dtype=wp.float32, device=self.device)
         self._taken = wp.zeros_like(self.action)
@@ -285,22 +236,6 @@ class Simulation:
         self.terminated, self.truncated = self.latest.terminated, self.latest.truncated
         self.invalid, self.invalid_at = self.clock.invalid, self.clock.invalid_at
 
-    def _allocate_rogues(self, slots: int) -> None:
-        """Make the arrays of the adversary's side, or set them to None."""
-        self.rogues: Any = None
-        if self.scenario.targets.rogues is not None:
-            each, size = (self.num_worlds, slots), rogue_layout(self.scenario).size
-            check_room([slots * (size + 2) * 4], self.num_worlds, self.device)
-            shapes = {"action": (*each, 2), "observation": (*each, size)}
-            self.rogues = self._structs["rogues"] = allocate(Rogues, shapes, each, self.device)
-        arrays = {} if self.rogues is None else fields_of(self.rogues)
-        self.rogue_action: Any = arrays.get("action")
-        self.rogue_observation: Any = arrays.get("observation")
-        self.rogue_reward: Any = arrays.get("reward")
-        self.rogue_present: Any = arrays.get("present")
-        self.rogue_terminated: Any = arrays.get("terminated")
-        self.rogue_truncated: Any = arrays.get("truncated")
-
     def _build(self) -> None:
         """Bind the stages of a reset and of a step to the arrays."""
         constants = constants_of(self.scenario, self.device)
@@ -312,10 +247,10 @@ class Simulation:
         sizes = {ROBOT: self.num_robots, TARGET: self.targets.stage.shape[1], ROW: self.cells.idle_max.shape[1]}
         sizes |= {FIELD_ROW: self.contamination.row_ages.shape[1], ARRAY: len(values["initial"].size)}
         work = self.num_robots * _ROBOT_WORK + sizes[TARGET] * _TARGET_WORK
-        self.split = split_of(work, self.num_worlds, self.device, self.threads)
+        blocks = blocks_of(work, self.num_worlds, self.device, self.threads)
         values["bins"] = bins_of(self.scenario, self.speed_unit, self.num_worlds, self.device)
         sizes[BIN] = values["bins"].columns * values["bins"].rows
-        place = self.num_worlds, self.device, self.split
+        place = self.num_worlds, self.device, blocks, self.threads
         self._extended = ExtensionStages(self.scenario, self._structs, self.observation)
         at_reset, at_step = self._own_stages()
         self._reset = Program(self._extended.reset_stages(at_reset), values, sizes, *place)
@@ -378,22 +313,43 @@ class Simulation:
         self.load_state(saved["arrays"])
 
 
-def fold_seed(seed: int) -> int:
-    """Map a whole number of at least 0 to a seed of a world; numbers below 2^31 are unchanged."""
-    if not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise ValueError(f"seed must be a whole number of at least 0, got {shown(seed)}")
-    if seed < 2**31:
-        return int(seed)
-    return int(np.random.SeedSequence(int(seed)).generate_state(1)[0] >> 1)
+class Together:
+    """Control steps of a fixed number of simulations, in parallel on CPU threads.
 
+    If there are at least as many simulations as threads, one thread steps each of them. Otherwise, on a GPU, and with
+    functions of the user's own, the simulations are stepped one after another, and the threads share each step.
 
-def _checked_seeds(seeds: Any, count: int) -> np.ndarray:
-    try:
-        array = np.atleast_1d(np.asarray(seeds))
-    except ValueError as error:  # rows of different lengths
-        raise ValueError(f"seed must be a whole number from 0 to {LAST_SEED}, got {shown(seeds)}") from error
-    if array.size and (array.dtype.kind not in "iu" or array.min() < 0 or array.max() > LAST_SEED):
-        raise ValueError(f"seed must be a whole number from 0 to {LAST_SEED}, got {shown(seeds)}")
-    if array.shape != (count,):
-        raise ValueError(f"seeds must be one for each of the {count} worlds that are reset, got shape {array.shape}")
-    return array.astype(np.int32)
+    Args:
+        count: Number of simulations.
+        threads: CPU threads; all cores by default.
+
+    Attributes:
+        threads: Number of CPU threads with which each simulation must be created.
+
+    Raises:
+        ValueError: the number of threads is below 1.
+    """
+
+    def __init__(self, count: int, threads: int | None = None):
+        self._all = cores() if threads is None else whole_number("threads", threads)
+        self.threads = 1 if count >= self._all else self._all
+        self._works: list[Work | None] = []
+        self._joined: Work | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without the joined work, which contains addresses; it is made anew by the next step."""
+        return self.__dict__ | {"_works": [], "_joined": None}
+
+    def advance(self, simulations: Sequence[Simulation]) -> None:
+        """Advance all simulations by one control step, with the actions that were stored by `take`."""
+        works = [each.stages.work for each in simulations]
+        if works != self._works:
+            self._works, known = works, [work for work in works if work is not None]
+            joined = self.threads == 1 and len(known) == len(works)
+            tasks = [[launch for task in work.tasks for launch in task] for work in known]
+            self._joined = Work(tasks, simulations[0].device, self._all) if joined else None
+        if self._joined is not None:
+            self._joined()
+        else:
+            for each in simulations:
+                each.advance()

@@ -5,87 +5,88 @@ arguments are matched by the names of its parameters, among the state (`lissajou
 (`lissajous_env.world.constants`). It skips worlds in which `clock.active` is 0.
 """
 
-from collections.abc import Iterable
+import dataclasses
+from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
+import warp as wp
+
 from lissajous_env.device.program import Stage
-from lissajous_env.device.stage import ROBOT
+from lissajous_env.device.stage import ROBOT, TARGET
+from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.robot_models import model_of
+from lissajous_env.parameters.rogues import Rogue, rogue_of
 from lissajous_env.parameters.scenario import Faults, Scenario
-from lissajous_env.world.clock import advance_clock, end_episodes, reset_clock
+from lissajous_env.wording import shown
+from lissajous_env.world.clock import advance_clock, end_episodes, reset_arrays, reset_clock
 from lissajous_env.world.contamination.conservative import bound_labels, reset_bounds
 from lissajous_env.world.contamination.field import clear_cells, keep_guarantee, reset_labels, spread
 from lissajous_env.world.coverage import cover
-from lissajous_env.world.initial import reset_arrays
 from lissajous_env.world.observation import message_start, track_start
-from lissajous_env.world.observing import keep_final, observe, observe_listed
+from lissajous_env.world.observing import keep_final, observe
 from lissajous_env.world.reward import clear_events, give_reward
-from lissajous_env.world.robots.bin_sizes import has_bins
-from lissajous_env.world.robots.bins import clear_bins, list_robots
-from lissajous_env.world.robots.collisions import find_collisions, find_listed_collisions, take_consequences
+from lissajous_env.world.robots.bins import clear_bins, has_bins, list_robots
+from lissajous_env.world.robots.car import drive
+from lissajous_env.world.robots.collisions import find_collisions, take_consequences
 from lissajous_env.world.robots.deviations import find_deviations, watch_boundary
-from lissajous_env.world.robots.driver import drive
-from lissajous_env.world.robots.facing import turn_inside
 from lissajous_env.world.robots.faults import reset_losses, update_status
-from lissajous_env.world.robots.messages import (
+from lissajous_env.world.robots.placing import draw_apart, follow_curve, reset_robots, turn_inside
+from lissajous_env.world.robots.signals import (
     hear,
     hear_policy_messages,
+    measure,
     send,
     send_policy_messages,
+    take_commands,
 )
-from lissajous_env.world.robots.placing import draw_apart, follow_curve, reset_robots
-from lissajous_env.world.robots.signals import measure, take_commands
 from lissajous_env.world.robots.walls import watch_walls
-from lissajous_env.world.rogues.stages import rogue_motion, rogue_results
+from lissajous_env.world.rogues.acting import choose_action, fill_rows, move_rogues, reward_rogues
+from lissajous_env.world.state import Rogues
 from lissajous_env.world.tally import keep_score
-from lissajous_env.world.targets.detection import (
-    move_and_detect,
-    move_and_detect_listed,
-    place_unseen,
-    place_unseen_listed,
-)
+from lissajous_env.world.targets.detection import move_and_detect, place_unseen
 from lissajous_env.world.targets.motion import reset_arrivals, reset_targets, respawn
 from lissajous_env.world.tracks import observe_tracks, sight, update_tracks
 
 
 def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
     """Return the stages of a control step, with those of rogues if there are any."""
-    model, many = model_of(scenario.robot.kind), has_bins(scenario)
+    model = model_of(scenario.robot.kind)
     return [
         Stage("clock", advance_clock),
         Stage("events", clear_events),
         Stage("faults", update_status, when=scenario.faults != Faults()),
         Stage("commands", take_commands),
-        Stage("driver", drive, barrier=False, when=scenario.task.action == "velocity"),
-        Stage("motion", model.move, ROBOT, barrier=False),
-        Stage("phase", follow_curve, barrier=False, when=not model.keeps_to_curve),
-        Stage("measurement", measure, barrier=False),
+        Stage("driver", drive, when=scenario.task.action == "velocity"),
+        Stage("motion", model.move, ROBOT),
+        Stage("phase", follow_curve, when=not model.keeps_to_curve),
+        Stage("measurement", measure),
         Stage("sending", send),
         Stage("policy sending", send_policy_messages, when=scenario.messages.size > 0),
-        *_bin_stages(many),
-        Stage("collisions", find_listed_collisions if many else find_collisions),
-        *rogue_motion(scenario, rogues),
-        *_target_stages(scenario, "targets", many),
+        *_bin_stages(scenario),
+        Stage("collisions", find_collisions),
+        *_rogue_motion(scenario, rogues),
+        *_target_stages(scenario, "targets"),
         Stage("coverage", cover, when=scenario.task.grid is not None),
         *_contamination_stages(scenario, range(scenario.spreading.ticks)),
         Stage("consequences", take_consequences, when=scenario.task.on_collision != "count"),
         Stage("boundary", watch_boundary),
         Stage("walls", watch_walls, when=scenario.task.boundary == "wall" and not model.keeps_to_curve),
-        Stage("deviations", find_deviations, barrier=False),
+        Stage("deviations", find_deviations),
         Stage("score", keep_score),
         Stage("end", end_episodes),
         Stage("reward", give_reward),
         Stage("hearing", hear),
         _policy_hearing(scenario),
         *_track_stages(scenario),
-        Stage("observation", observe_listed if many else observe),
-        *rogue_results(scenario),
+        Stage("observation", observe),
+        *_rogue_results(scenario),
     ]
 
 
 def reset_stages(scenario: Scenario) -> list[Stage]:
     """Return the stages of a reset."""
-    many, turning = has_bins(scenario), scenario.start_turning
+    turning = scenario.start_turning
     return [
         Stage("clock", reset_clock),
         Stage("arrays", reset_arrays),
@@ -97,21 +98,21 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("sending", send),
         Stage("targets", reset_targets),
         Stage("arrivals", reset_arrivals, when=scenario.targets.arrival_rate > 0),
-        *_bin_stages(many),
-        *_target_stages(scenario, "detection", many),
+        *_bin_stages(scenario),
+        *_target_stages(scenario, "detection"),
         Stage("coverage", cover, when=scenario.task.grid is not None),
         Stage("labels", reset_labels, when=scenario.task.contamination is not None),
         Stage("bounds", reset_bounds, when=scenario.task.conservative),
         *_contamination_stages(scenario, [scenario.spreading.ticks - 1]),
         Stage("boundary", watch_boundary),
-        Stage("deviations", find_deviations, barrier=False),
+        Stage("deviations", find_deviations),
         Stage("score", keep_score),
         Stage("hearing", hear),
         Stage("final", keep_final),
         _policy_hearing(scenario),
         *_track_stages(scenario),
-        Stage("observation", observe_listed if many else observe),
-        *rogue_results(scenario),
+        Stage("observation", observe),
+        *_rogue_results(scenario),
     ]
 
 
@@ -131,18 +132,19 @@ def _track_stages(scenario: Scenario) -> list[Stage]:
     ]
 
 
-def _bin_stages(many: bool) -> list[Stage]:
+def _bin_stages(scenario: Scenario) -> list[Stage]:
     """Return the stages that list the robots near each bin."""
+    many = has_bins(scenario)
     return [Stage("bins", clear_bins, when=many), Stage("listing", list_robots, when=many)]
 
 
-def _target_stages(scenario: Scenario, name: str, many: bool) -> list[Stage]:
+def _target_stages(scenario: Scenario, name: str) -> list[Stage]:
     """Return the stages in which targets appear, then, in that of this name, move and are detected."""
     unseen = scenario.targets.entry == "unseen"
     return [
         Stage("respawn", respawn, when=scenario.targets.respawn),
-        Stage("entry", place_unseen_listed if many else place_unseen, when=unseen),
-        Stage(name, move_and_detect_listed if many else move_and_detect, barrier=not unseen),
+        Stage("entry", place_unseen, when=unseen),
+        Stage(name, move_and_detect),
     ]
 
 
@@ -158,3 +160,64 @@ def _contamination_stages(scenario: Scenario, ticks: Iterable[int]) -> list[Stag
         stages.append(Stage(f"clearing{count}", clear_cells, own=own))
         stages.append(Stage(f"contamination{count}", spread, own=own))
     return [*stages, Stage("guarantee", keep_guarantee)]
+
+
+def _rogue_motion(scenario: Scenario, rogues: Any) -> list[Stage]:
+    """Return the stages in which scripted rogues decide, and all rogues move."""
+    if scenario.targets.rogues is None:
+        return []
+    rogue = rogue_of(scenario.targets.rogues)
+    if rogue is None:
+        decides = []
+    elif rogue.members:
+        decides = _mixed_decisions(rogue.members, scenario, rogues)
+    else:
+        decides = [_decision(rogue, scenario, rogues)]
+    return [*decides, Stage("rogues", move_rogues)]
+
+
+def _mixed_decisions(members: Sequence[Rogue], scenario: Scenario, rogues: Any) -> list[Stage]:
+    """Return the stages of a mixture: each member decides for all rogues, and the action of one of them is chosen."""
+    stages, before = [], 0
+    for name in dict.fromkeys(each.name for each in members):
+        same = [each for each in members if each.name == name]
+        after = before + len(same)
+        apart = Rogues()
+        for field, array in fields_of(rogues).items():
+            setattr(apart, field, wp.zeros_like(array) if field == "action" else array)
+        decision = _decision(same[0], scenario, apart)
+        stages.append(dataclasses.replace(decision, own={"rogues": apart}))
+        own = {"low": before / len(members), "high": after / len(members), "decided": apart.action}
+        stages.append(Stage(f"choice of {decision.name}", choose_action, own=own))
+        before = after
+    return stages
+
+
+def _decision(rogue: Rogue, scenario: Scenario, rogues: Any) -> Stage:
+    """Return the stage in which a scripted or learned rogue decides."""
+    name = f"rogue {rogue.name}"
+    if rogue.bind is not None:
+        return Stage(name, rogue.bind(scenario, rogues))
+    if isinstance(rogue.decide, wp.Kernel):
+        return Stage(name, rogue.decide, TARGET)
+
+    def decide() -> None:
+        action = np.asarray(rogue.decide(rogues.observation.numpy().copy()))
+        shape = tuple(rogues.action.shape)
+        if action.shape != shape or action.dtype.kind not in "fiu" or not np.isfinite(action).all():
+            got = f"{action.dtype} of shape {action.shape}" if action.shape != shape else shown(action)
+            raise ValueError(f"{name} must return finite numbers of shape {shape}, got {got}")
+        rogues.action.assign(action.astype(np.float32))
+
+    decide.__doc__ = rogue.about
+    return Stage(name, decide)
+
+
+def _rogue_results(scenario: Scenario) -> list[Stage]:
+    """Return the stages in which rogues are rewarded and observe."""
+    own = {"bounds_per_step": scenario.task.step / scenario.detection_time_bound}
+    is_on = scenario.targets.rogues is not None
+    return [
+        Stage("rogue reward", reward_rogues, when=is_on),
+        Stage("rogue observation", fill_rows, when=is_on, own=own),
+    ]

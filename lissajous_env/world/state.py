@@ -8,6 +8,9 @@ from typing import Any
 
 import warp as wp
 
+from lissajous_env.device import part_structs
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.stage import named
 from lissajous_env.device.warp_abi import variables_of
 
 WORKING = wp.constant(0)
@@ -289,6 +292,39 @@ class StepEvents:
     truncated: wp.array2d(dtype=wp.bool)
     """(W, N) True when the time is over."""
 
+
+named(
+    **dict.fromkeys(("w", "i", "j", "t", "row", "column", "now", "slot", "key"), int),
+    curve=CurveStruct,
+    formation=part_structs.FormationStruct,
+    robot=part_structs.RobotStruct,
+    sensing=part_structs.SensingStruct,
+    target=part_structs.TargetStruct,
+    faults=part_structs.FaultsStruct,
+    noise=part_structs.NoiseStruct,
+    task=part_structs.TaskStruct,
+    clock=Clock,
+    robots=Robots,
+    links=Links,
+    messages=Messages,
+    targets=Targets,
+    tracks=Tracks,
+    rogues=Rogues,
+    cells=Cells,
+    contamination=Contamination,
+    latest=StepEvents,
+    steps=int,
+    cells_total=int,
+    age_per_step=float,
+    speed_unit=float,
+    **dict.fromkeys(("action", "command", "command_out", "taken"), wp.array3d(dtype=float)),
+    **dict.fromkeys(("observation", "observation_out", "final_observation_out"), wp.array3d(dtype=float)),
+    **dict.fromkeys(("displaced", "drive_factors", "top_speeds"), wp.array(dtype=float)),
+    **dict.fromkeys(("places", "removals", "seeds"), wp.array(dtype=int)),
+    **dict.fromkeys(("neighbours", "schedule"), wp.array2d(dtype=int)),
+    driving=wp.array2d(dtype=float),
+    equilibrium=wp.array(dtype=wp.float64),
+)
 
 INITIAL_STATE = {
     "robots.resumed_at": -1,

@@ -4,9 +4,9 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
-from lissajous_env.device.stage import WORLD, stage
+from lissajous_env.device.stage import WORLD, part, stage
 from lissajous_env.device.trig import atan2
-from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Robots, StepEvents
+from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK
 
 wp.set_module_options(OPTIONS)
 
@@ -96,8 +96,8 @@ INITIAL_TOTALS = {
 """Values that are not zero at the beginning of an episode."""
 
 
-@wp.func
-def tally_tracking(w: int, now: int, robots: Robots, latest: StepEvents, tally: EpisodeTotals):
+@part
+def tally_tracking(w, now, robots, latest, tally: EpisodeTotals):
     """Add the distances of the robots from the curve, and from the point of it at their own parameter."""
     there = int(0)
     lateral = wp.float64(0.0)
@@ -118,8 +118,8 @@ def tally_tracking(w: int, now: int, robots: Robots, latest: StepEvents, tally: 
         tally.tracking_sum[w] += tracking / wp.float64(wp.max(there, 1))
 
 
-@wp.func
-def tally_driving(w: int, now: int, robots: Robots, latest: StepEvents, tally: EpisodeTotals):
+@part
+def tally_driving(w, now, robots, latest, tally: EpisodeTotals):
     """Add the distances travelled and the changes of the actions, and record the largest speed."""
     there = int(0)
     distance = float(0.0)
@@ -138,8 +138,8 @@ def tally_driving(w: int, now: int, robots: Robots, latest: StepEvents, tally: E
         tally.change_sum[w] += wp.float64(change / float(wp.max(there, 1)))
 
 
-@wp.func
-def tally_spacing(w: int, neighbours: wp.array2d(dtype=int), robots: Robots, tally: EpisodeTotals):
+@part
+def tally_spacing(w, neighbours, robots, tally: EpisodeTotals):
     """Record the largest distance of neighbours on the ring."""
     square = float(0.0)
     for i in range(robots.status.shape[1]):
@@ -150,8 +150,8 @@ def tally_spacing(w: int, neighbours: wp.array2d(dtype=int), robots: Robots, tal
     tally.spacing_max[w] = wp.max(tally.spacing_max[w], wp.sqrt(square))
 
 
-@wp.func
-def any_failed(w: int, robots: Robots) -> bool:
+@part
+def any_failed(w, robots) -> bool:
     """Return whether a robot has failed and not resumed; a robot that was removed has not."""
     failed = int(0)
     for i in range(robots.status.shape[1]):
@@ -160,8 +160,8 @@ def any_failed(w: int, robots: Robots) -> bool:
     return failed > 0
 
 
-@wp.func
-def tally_faults(w: int, robots: Robots, tally: EpisodeTotals):
+@part
+def tally_faults(w, robots, tally: EpisodeTotals):
     """Record whether a robot ever failed, and when the latest failed robot resumed; -1 while a robot has failed."""
     fault_end = int(-1)
     for i in range(robots.status.shape[1]):
@@ -172,8 +172,8 @@ def tally_faults(w: int, robots: Robots, tally: EpisodeTotals):
         tally.faulted[w] = 1
 
 
-@wp.func
-def formation_error(w: int, robots: Robots, latest: StepEvents) -> float:
+@part
+def formation_error(w, robots, latest) -> float:
     """Return max_i |wrap(phase_i - equilibrium_i - theta_0)| over present robots [rad], theta_0 by circular mean."""
     unit = wp.vec2(0.0, 0.0)
     n = robots.status.shape[1]
@@ -188,8 +188,8 @@ def formation_error(w: int, robots: Robots, latest: StepEvents) -> float:
     return error
 
 
-@wp.func
-def tally_formation(w: int, now: int, robots: Robots, latest: StepEvents, tally: EpisodeTotals):
+@part
+def tally_formation(w, now, robots, latest, tally: EpisodeTotals):
     """Record the deviation from the equilibrium, its largest values, and when a fault last disturbed it.
 
     A car on a curve that it can hardly follow always oscillates around the equilibrium; a formation counts as disturbed
@@ -221,15 +221,7 @@ def tally_coverage(w: int, now: int, robots: int, cells_total: int, tally: Episo
         "phase_error_max, spacing_max, speed_max, tracking_max, tracking_sum"
     ),
 )
-def keep_score(
-    w: int,
-    cells_total: int,
-    neighbours: wp.array2d(dtype=int),
-    clock: Clock,
-    robots: Robots,
-    latest: StepEvents,
-    tally: EpisodeTotals,
-):
+def keep_score(w, cells_total, neighbours, clock, robots, latest, tally: EpisodeTotals):
     """Add the state after this step to the totals of the episode."""
     now = clock.step[w]
     n = robots.status.shape[1]

@@ -12,15 +12,13 @@ import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import NoiseStruct, SensingStruct, TargetStruct, TaskStruct
-from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Sensing
 from lissajous_env.world.observation import TEAMMATE, TRACK
 from lissajous_env.world.observing import empty, far, keep_nearest
 from lissajous_env.world.robots.bins import Bins
-from lissajous_env.world.state import FOUND, GONE, HIDDEN, REMOVED, Clock, Links, Robots, Targets, Tracks
+from lissajous_env.world.state import FOUND, GONE, HIDDEN, REMOVED
 
 wp.set_module_options(OPTIONS)
 
@@ -34,16 +32,7 @@ _LEAVES = wp.constant(2)
 
 
 @stage(ROBOT, writes="tracks: sighted, target_at")
-def sight(
-    w: int,
-    i: int,
-    sensing: SensingStruct,
-    target: TargetStruct,
-    clock: Clock,
-    robots: Robots,
-    targets: Targets,
-    tracks: Tracks,
-):
+def sight(w, i, sensing, target, clock, robots, targets, tracks):
     """Note which targets the robot has in sight now, and where they are."""
     now = clock.step[w]
     slot = now % tracks.sighted.shape[2]
@@ -60,8 +49,8 @@ def sight(
         tracks.sighted[w, i, slot, t] = sighted
 
 
-@wp.func
-def learn(w: int, i: int, t: int, sighted: int, slot: int, seen_at: int, step: float, tracks: Tracks):
+@part
+def learn(w, i, t, sighted: int, slot, seen_at: int, step: float, tracks):
     """Update the track of a target by a sighting that is newer than it, or as new."""
     known = tracks.seen_at[w, i, t]
     if sighted == _LEAVES and seen_at >= known:
@@ -76,18 +65,8 @@ def learn(w: int, i: int, t: int, sighted: int, slot: int, seen_at: int, step: f
         tracks.seen_at[w, i, t] = seen_at
 
 
-@wp.func
-def arrives(
-    w: int,
-    i: int,
-    j: int,
-    key: int,
-    sent_at: int,
-    sensing: SensingStruct,
-    noise: NoiseStruct,
-    neighbours: wp.array2d(dtype=int),
-    links: Links,
-) -> bool:
+@part
+def arrives(w, i, j, key, sent_at: int, sensing, noise, neighbours, links) -> bool:
     """Return whether the message that teammate j sent in a step arrives at robot i now."""
     if sensing.shared < _RING or j == i or sent_at < 0:
         return False
@@ -102,17 +81,7 @@ def arrives(
 
 
 @stage(ROBOT, writes="tracks: heard_at, leaves, mate_at, other_at, own_at, place, seen_at, velocity")
-def update_tracks(
-    w: int,
-    i: int,
-    sensing: SensingStruct,
-    noise: NoiseStruct,
-    task: TaskStruct,
-    neighbours: wp.array2d(dtype=int),
-    clock: Clock,
-    links: Links,
-    tracks: Tracks,
-):
+def update_tracks(w, i, sensing, noise, task, neighbours, clock, links, tracks):
     """Update the tracks of each robot by what it hears, oldest first, and by what it has in sight itself."""
     now = clock.step[w]
     slots = tracks.sighted.shape[2]
@@ -141,16 +110,8 @@ def update_tracks(
             learn(w, i, t, sighted, slot, now, task.step, tracks)
 
 
-@wp.func
-def put_place(
-    w: int,
-    i: int,
-    entry: int,
-    offset: wp.vec2,
-    age: float,
-    curve: CurveStruct,
-    observation_out: wp.array3d(dtype=float),
-):
+@part
+def put_place(w, i, entry: int, offset: wp.vec2, age: float, curve, observation_out):
     """Fill the first entries of a track or a teammate at a relative place [m]."""
     observation_out[w, i, entry] = 1.0
     observation_out[w, i, entry + 1] = far(0.5 * offset[0] / curve.half_width)
@@ -160,18 +121,7 @@ def put_place(
 
 @stage(ROBOT, writes="bins: nearest; observation_out")
 def observe_tracks(
-    w: int,
-    i: int,
-    start: int,
-    curve: CurveStruct,
-    sensing: SensingStruct,
-    task: TaskStruct,
-    speed_unit: float,
-    clock: Clock,
-    robots: Robots,
-    tracks: Tracks,
-    bins: Bins,
-    observation_out: wp.array3d(dtype=float),
+    w, i, start: int, curve, sensing, task, speed_unit, clock, robots, tracks, bins: Bins, observation_out
 ):
     """List the tracks of each robot, then its teammates, nearest first; a removed robot has none."""
     now = clock.step[w]

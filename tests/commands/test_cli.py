@@ -191,7 +191,7 @@ def test_policies_lists_what_drives_a_scenario_and_what_each_one_is(capsys):
     listed = {each["name"]: each for each in json.loads(out)}
     assert (code, tuple(listed)) == (0, baselines.names("failure"))
     everything = json.loads(called(capsys, "policies", "--json")[1])
-    assert {each["name"] for each in everything if each["learned"]} >= {"learned-intruders", "learned-intruders-safe"}
+    assert {each["name"] for each in everything if each["learned"]} >= {"learned-watch"}
     assert not listed["kuramoto"]["learned"]
     assert [each["name"] for each in everything] == list(baselines.names())
     assert all(each["description"] and each["kind"] in (None, *robot_kinds(), "velocity") for each in everything)
@@ -228,10 +228,3 @@ def test_json_is_all_that_is_on_stdout_and_quiet_says_nothing(arguments, capsys,
     code, out, error = called(capsys, *arguments, "--quiet", "--json")
     assert (code, error) == (0, "")
     assert json.loads(out)
-
-
-def test_a_missing_extra_says_what_works_from_a_checkout_too(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "training.trainer", None)
-    code, _, error = called(capsys, "train")
-    assert (code, len(error.splitlines())) == (2, 1)
-    assert 'pip install ".[train]" in a checkout, pip install "lissajous-env[train]" elsewhere' in error

@@ -5,7 +5,6 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from command_line import called
@@ -82,7 +81,7 @@ from lissajous_env.device.devices import as_device, compile_quietly
 compilation.listener = print
 as_device("cpu")
 with compile_quietly():
-    wp.load_module(collisions, device="cpu")
+    compilation.load_together([collisions.find_collisions], wp.get_device("cpu"), 1)
 """
 
 
@@ -94,18 +93,6 @@ def loaded(**place):
     return ended.stdout.splitlines()
 
 
-def test_without_a_home_nothing_is_written_to_the_current_folder(tmp_path):
-    # Story: a container with a number for a user, which is in no list of users and has no home.
-    environment = {name: value for name, value in os.environ.items() if name not in ("HOME", "WARP_CACHE_PATH")}
-    environment |= {"XDG_CACHE_HOME": "", "PYTHONPATH": str(Path(lissajous_env.__file__).parents[1])}
-    program = f"import os\nos.getuid = lambda: 54321\nassert os.path.expanduser('~') == '~'\n{LOAD}"
-    command = [sys.executable, "-c", program]
-    ended = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path, timeout=120)
-    assert ended.returncode == 0, ended.stderr
-    assert "(the user has no home folder): kernels are compiled for this run alone" in ended.stdout
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_the_command_says_that_it_compiles_unless_quiet(monkeypatch, capsys):
     monkeypatch.setattr(compilation, "listener", None)
     for options, heard in (([], "compiling\n"), (["--quiet"], "")):
@@ -114,22 +101,6 @@ def test_the_command_says_that_it_compiles_unless_quiet(monkeypatch, capsys):
         )
         code, _, error = called(capsys, "scenarios", *options)
         assert (code, error) == (0, heard)
-
-
-def test_names_in_brackets_stand_in_what_is_printed(tmp_path, monkeypatch, capsys):
-    (tmp_path / "mine.py").write_text(
-        "from functools import partial\nimport baselines\nb = partial(baselines.make, 'still')\n"
-    )
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delitem(sys.modules, "mine", raising=False)
-    out = tmp_path / "x[/b]" / "[red]"
-    out.parent.mkdir(parents=True)
-    short = ["--episodes", "1", "--set", "task.duration=1"]
-    code, text, _ = called(capsys, "benchmark", "--scenarios", "failure", "--policies", "mine:b", *short, "--out", out)
-    assert code == 0
-    assert str(out) in text
-    code, text, _ = called(capsys, "evaluate", "failure", "mine:b", *short, "--out", f"{out}.csv")
-    assert (code, f"wrote {out}.csv" in text) == (0, True)
 
 
 def test_version(capsys):

@@ -202,7 +202,7 @@ class Tensors:
 
     @property
     def scenario(self):
-        return self.env.scenario
+        return self.env.batch.scenario
 
 
 ADAPTERS = {"parallel": Dicts, "rllib": Dicts, "aec": Turns, "gymnasium": Team, "vector": Vector, "vector rows": Vector,

@@ -135,25 +135,3 @@ def test_without_resetting_a_world_waits_for_its_mask():
     assert fresh.reset(seeds=[6, 8]).numpy().tobytes() == observation[mask].tobytes()
     _, _, _, truncated, _ = env.step(actions_of(env, 1)[0])
     assert truncated.tolist() == [True, False, True, False]
-
-
-def test_the_last_step_is_terminated_if_its_collision_removed_the_last_robots():
-    # Story: the time is over in the very step in which the only two robots meet. It is one flag, in both environments.
-    settings = {**KINDS["two points"], "task.duration": 3.0}
-    opposite = np.array([[-1.0], [1.0]], dtype=np.float32)
-    env = lissajous_env.LissajousEnv(**settings)
-    env.reset(seed=3)
-    steps, terminated = 0, False
-    while not terminated:
-        _, _, terminated, truncated, _ = env.step(opposite)
-        assert not (terminated and truncated)
-        steps += 1
-    assert 1 < steps < 30
-    settings["task.duration"] = steps * 0.1
-    env, batch = lissajous_env.LissajousEnv(**settings), lissajous_env.vector_env(**settings)
-    env.reset(seed=3)
-    batch.reset(seed=3)
-    for k in range(steps):
-        single, many = env.step(opposite), batch.step(opposite[None])
-        assert single[2:4] == (k == steps - 1, False)
-        assert [bool(flag[0]) for flag in many[2:4]] == [k == steps - 1, False]

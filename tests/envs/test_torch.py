@@ -5,14 +5,11 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from test_learned import by_torch, home, played  # noqa: E402
 from test_mpcc import CURVE, P, load_benchmark  # noqa: E402
 from test_policy_laws import CASES, episode  # noqa: E402
 
 import baselines  # noqa: E402
-import training  # noqa: E402
 from baselines.mpcc.solver import Mpcc  # noqa: E402
-from lissajous_env import Simulation  # noqa: E402
 
 
 @pytest.mark.parametrize(("name", "scenario"), CASES)
@@ -24,21 +21,6 @@ def test_actions_for_tensors_are_those_for_arrays(name, scenario):
         got = policy.act(torch.from_numpy(rows))
         assert isinstance(got, torch.Tensor)
         np.testing.assert_array_equal(got.numpy(), action)
-
-
-@pytest.mark.parametrize("name", ["learned-intruders"])
-def test_the_kernel_computes_what_torch_does(name):
-    # Oracle: torch, on the observations of an episode.
-    policy = training.load(name, num_worlds=4)
-    observations, actions = played(policy, Simulation(home(name), 4, seed=5), 60)
-    base = policy.card.make_base(policy.scenario, 4, "cpu")
-    for observation, action in zip(observations, actions, strict=True):
-        rows, added_to = observation[:, :, policy.card.columns(policy.scenario)], 0.0
-        if base is not None:
-            added_to = base.act(observation)
-            rows = np.concatenate([rows, added_to], axis=2)
-        share = 1.0 if base is None else policy.card.residual
-        assert np.clip(added_to + share * by_torch(policy.network, rows), -1, 1) == pytest.approx(action, abs=2e-6)
 
 
 def test_the_solver_takes_tensors_as_arrays():

@@ -20,7 +20,7 @@ def played(name, device="cpu", **overrides):
     return simulation
 
 
-@pytest.mark.parametrize("name", ["rough", "failure", "knot"])
+@pytest.mark.parametrize("name", ["rough", "knot"])
 def test_each_number_is_what_its_name_says(name):
     # Oracle: the simulation's arrays, robot by robot and target by target.
     simulation = played(name)
@@ -47,7 +47,7 @@ def test_each_number_is_what_its_name_says(name):
 
 
 @pytest.mark.parametrize("device", DEVICES)
-@pytest.mark.parametrize(("name", "overrides"), [("rough", {}), ("failure", {}), ("experiment", CRASHING)])
+@pytest.mark.parametrize(("name", "overrides"), [("rough", {}), ("experiment", CRASHING)])
 def test_torch_says_what_numpy_does(name, overrides, device):
     # Oracle: NumPy.
     torch = pytest.importorskip("torch")

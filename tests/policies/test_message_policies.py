@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 from test_messages import draws, heard, made
-from test_network import make_network
+from test_network import make_team
 
 import baselines
 import lissajous_env
@@ -15,11 +15,10 @@ from baselines.policies.base import Filtered
 from baselines.policies.registry import make
 from baselines.policies.safety.filter import Safe, SafetyParameters
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.world.observation import layout, message_start
+from lissajous_env.world.observation import message_start
 from lissajous_env.world.robots.point import POINT
 from training.learned.card import Card
-from training.learned.policy import Learned
-from training.learned.wiring import Wiring
+from training.learned.team_policy import LearnedTeam
 
 wp.set_module_options(OPTIONS)
 
@@ -46,19 +45,17 @@ def test_classical_policies_send_zeros_and_move_as_ever(name):
                 simulation.step(action)
 
 
-@pytest.mark.parametrize("base", [None, "kuramoto"])
-def test_a_small_network_without_messages_sends_zeros_in_the_longest_action(base):
-    # Oracle: the network without messages. Its row is narrower than the action, of 33 numbers.
+def test_a_network_without_messages_sends_zeros():
+    # Oracle: the network without messages.
     plain, talking = made(k=0), made(k=32)
-    card = Card.of(plain, inputs=("x", "y", "cos_phase"), base=base, residual=0.3)
-    network = make_network((card.network_inputs, 5, 1))
+    card, network = Card.of(plain), make_team(1)
     rows = lissajous_env.Simulation(talking, 3, seed=1).observation.numpy()
-    action = Learned(network, card, talking, 3).act(rows)
-    expected = Learned(network, card, plain, 3).act(np.ascontiguousarray(rows[..., : layout(plain).size]))
-    np.testing.assert_array_equal(action[..., :1], expected)
+    action = LearnedTeam(network, card, talking, 3).act(rows)
+    simulation = lissajous_env.Simulation(plain, 3, seed=1)
+    np.testing.assert_array_equal(
+        action[..., :1], LearnedTeam(network, card, plain, 3).act(simulation.observation.numpy())
+    )
     assert not action[..., 1:].any()
-    with pytest.raises(ValueError, match="action_size must be 33 for failure, got 1"):
-        Wiring(card, talking)
 
 
 class Talker(baselines.Policy):

@@ -18,8 +18,7 @@ from baselines.policies.patrol_path import (
     fastest_speed,
     patrol_loop,
 )
-from baselines.policies.trackers import WithMpcc
-from baselines.policies.vector_field import FieldParameters, WithVectorField
+from baselines.policies.trackers import FieldParameters, WithMpcc, WithVectorField
 
 
 def played(policy, simulation, steps):

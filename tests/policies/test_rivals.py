@@ -10,10 +10,9 @@ from scipy.optimize import brentq
 
 import baselines
 import lissajous_env
-from baselines.policies.arc_length import PREVIEW, KuramotoByArc, ground_speed
-from baselines.policies.coordinators import Consensus
+from baselines.policies.coordinators import PREVIEW, Consensus, KuramotoByArc, ground_speed
 from baselines.policies.patrol_path import cruising_speed
-from baselines.policies.vector_field import Field, field_of, field_rate, field_velocity
+from baselines.policies.trackers import Field, field_of, field_rate, field_velocity
 from baselines.similarity import motion_scale
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.episodes.evaluation import episodes

@@ -8,14 +8,13 @@ from command_line import called
 
 import baselines
 import lissajous_env
-from baselines.policies.arc_length import ArcParameters, KuramotoByArc
 from baselines.policies.base import Filtered
+from baselines.policies.coordinators import ArcParameters, KuramotoByArc
 from baselines.policies.patrol import Sweep
 from baselines.policies.patrol_path import SweepParameters
 from baselines.policies.safety.filter import Safe
 from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE, PolicySettings
-from baselines.policies.trackers import WithMpcc
-from baselines.policies.vector_field import FieldParameters
+from baselines.policies.trackers import FieldParameters, WithMpcc
 from lissajous_env.parameters.scenario_file import as_toml
 
 SHORT = lissajous_env.scenario("evaders", **{"task.duration": 2.0})

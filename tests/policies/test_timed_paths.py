@@ -138,20 +138,6 @@ def test_worlds_follow_plans_of_their_own():
         simulation.step(action)
 
 
-@pytest.mark.parametrize(("length", "time"), [(2.0, 4.0), (1 / 8, 1.0)])
-def test_similar_paths_are_followed_alike(length, time):
-    """Oracle: the law of similarity, bit for bit."""
-    scaled = EVADERS.scaled(length, time)
-    seen = []
-    for scenario, loop in ((EVADERS, ellipse(EVADERS)), (scaled, length * ellipse(EVADERS))):
-        policy = TimedPaths(scenario, tables=path_tables(scenario, loop))
-        simulation = lissajous_env.Simulation(scenario, seed=1)
-        for _ in range(60):
-            simulation.step(policy.act(simulation.observation))
-        seen.append(simulation.observation.numpy().copy())
-    np.testing.assert_array_equal(*seen)
-
-
 @pytest.mark.parametrize(("make", "words"), [
     (lambda: path_tables(EVADERS, np.zeros((3, 20, 2))), r"loop must be places \(plans, 5 robots.*got shape"),
     (lambda: path_tables(EVADERS, np.zeros((5, 3, 2))), "loop must have at least 4 places.*got 3"),

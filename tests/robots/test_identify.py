@@ -173,14 +173,6 @@ def test_a_limit_that_no_command_reaches_is_given():
     assert np.isfinite(found.errors["speed_factor"])
 
 
-def test_other_commands_are_refused():
-    ((track, commands, _),) = logs([0], same=8, **RATES, **{"task.duration": 10.0})
-    with pytest.raises(ValueError, match=r"commands must be speed \[m/s\] and yaw rate .* got steering, throttle"):
-        identify(track, Series(commands.time, commands.value, ("steering", "throttle")), DRIVE)
-    with pytest.raises(ValueError, match="log must be of a robot whose speed and yaw rate change"):
-        identify(track, Series(commands.time, 0 * commands.value), DRIVE)
-
-
 @pytest.mark.parametrize("fields", [{}, LIMITS])
 def test_commands_are_actions_again(fields):
     robot = lissajous_env.scenario("experiment", **fields).resolve().robot

@@ -80,6 +80,11 @@ def shifted(robot, t):
     return odometry(EPOCH + t + (3600 if robot == 3 else 0), *circle(robot, t))
 
 
+def drifting(t):
+    """Place of a frame of odometry, whose wheels slip."""
+    return 1.0 + 0.2 * t, -2.0, 0.5 + 0.1 * t
+
+
 def within(frame, place):
     """A place in another frame, whose own place is given."""
     x, y = place[0] - frame[0], place[1] - frame[1]
@@ -130,8 +135,8 @@ FIXED = {
     ),
     "a tree of frames": (
         [("/tf", transforms(
-            transform(EPOCH + t, *within((1.0, -2.0, 0.5), circle(k, t)), f"robot_{k}/base_link", f"robot_{k}/odom"),
-            transform(EPOCH + t, 1.0, -2.0, 0.5, f"robot_{k}/odom")), EPOCH + t) for t in TIMES for k in range(5)],
+            transform(EPOCH + t, *within(drifting(t), circle(k, t)), f"robot_{k}/base_link", f"robot_{k}/odom"),
+            transform(EPOCH + t, *drifting(t), f"robot_{k}/odom")), EPOCH + t) for t in TIMES for k in range(5)],
         ("those of /tf",),
     ),
     "an array of poses": (
@@ -229,6 +234,8 @@ def test_commands_have_the_times_of_their_stamps_and_are_of_the_robot_in_the_sam
             message = joints(EPOCH + t + late, ["steering", "throttle"], [0.1 * k, 0.01 * t])
             bags[-1].append(("/command", message, EPOCH + t + 0.3))
     log = read([write(tmp_path / f"bag_{k}", bag) for k, bag in enumerate(bags)], ["/odom"], "/command")
+    for k, track in enumerate(log.tracks):
+        np.testing.assert_allclose(track.position[:, :2], [circle(k, t)[:2] for t in TIMES])
     np.testing.assert_allclose(log.commands[0].time, EPOCH + TIMES, atol=1e-6)
     np.testing.assert_allclose(log.commands[1].time, EPOCH + TIMES + 0.3, atol=1e-6)
     np.testing.assert_allclose(log.commands[1].value[:, 0], 0.1)
@@ -262,6 +269,12 @@ def test_frames_and_arrays_are_named_with_a_part(tmp_path):
     assert wrong(scored(tmp_path, frames, topics=["/tf:car_{}"])) == []
     with pytest.raises(ValueError, match=r"topics must name the robots' frames in /tf.*car_\{\}, goal_\{\}"):
         scored(tmp_path / "all", frames)
+
+
+def test_robots_are_in_the_order_of_their_numbers(tmp_path):
+    log = read(write(tmp_path / "log", [(topic.replace("_1", "_10"), *rest) for topic, *rest in shrunk()]))
+    assert log.labels == ("0", "2", "3", "4", "10")
+    np.testing.assert_allclose(log.tracks[4].position[0, :2], circle(1, 0.0)[:2])
 
 
 REFUSED = {

@@ -18,7 +18,6 @@ PAIRS = [
     ("experiment", "kuramoto-mpcc"),
     (lissajous_env.scenario("rough", **{"robot.kind": "differential"}), "kuramoto-mpcc-safe"),
     ("rough-lost", "tracked-reference-mpcc"),
-    ("rough", "learned-intruders"),
     ("evaders-lost", "partition-repair"),
     ("team", "sweep"),
 ]

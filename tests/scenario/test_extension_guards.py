@@ -173,7 +173,7 @@ def test_a_removed_robot_gets_no_term_of_a_kernel_whatever_that_brings():
     kept = [stage for stage in simulation.stages.stages if stage.name != "wild_kernel checked"]
     assert len(kept) == len(simulation.stages.stages) - 1
     program = type(simulation.stages)
-    settings = simulation.stages._values, simulation.stages._sizes, 1, simulation.device, simulation.split
+    settings = simulation.stages._values, simulation.stages._sizes, 1, simulation.device
     simulation._step = program(kept, *settings)
     for _ in range(5):
         simulation.step(np.zeros(simulation.action_shape))

@@ -146,12 +146,6 @@ def test_every_adapter_and_score_row_has_them():
     assert load_extension(near_wall.place) == near_wall
 
 
-def test_a_scenario_with_extensions_is_another_one():
-    digests = {made(*each).digest() for each in ((), (near_wall,), (near_wall_kernel,), (near_wall, mean_speed))}
-    assert len(digests) == 4
-    assert made(near_wall).to_dict()["extensions"][0]["place"] == "test_extensions:near_wall"
-
-
 def returning(value):
     def wrong(world):
         return value

@@ -112,11 +112,3 @@ def test_suggestions_are_what_a_user_may_mean(line, words, folder, capsys):
     code, _, error = called(capsys, *line)
     assert code == 2
     assert words in error.splitlines()[0], error
-
-
-def test_the_list_of_policies_names_those_of_the_folder(capsys):
-    code, out, _ = called(capsys, "policies")
-    assert code in (0, None)
-    listed = " ".join(out.rpartition("Registered by modules of the current folder: ")[2].split())
-    assert "my-still (my_policies.py)" in listed
-    assert "my-way (my_method.py)" in listed

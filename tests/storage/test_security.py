@@ -90,13 +90,13 @@ def test_a_folder_of_a_training(attacked, tmp_path, marker, capsys):
 
 @pytest.mark.parametrize("command", ["run", "benchmark"])
 def test_a_folder_of_a_policy(attacked, tmp_path, command):
-    shipped = policy.find("learned-intruders")
+    shipped = policy.find("learned-watch")
 
     def play(folder):
         shutil.rmtree(tmp_path / "out", ignore_errors=True)
         named = {
-            "run": ("rough", folder, "--out", tmp_path / "out.npz"),
-            "benchmark": ("--scenarios", "rough", "--policies", folder, "--episodes", "1", "--out", tmp_path / "out"),
+            "run": ("watch", folder, "--out", tmp_path / "out.npz"),
+            "benchmark": ("--scenarios", "watch", "--policies", folder, "--episodes", "1", "--out", tmp_path / "out"),
         }
         return [command, *named[command], *SHORT]
 
@@ -151,10 +151,10 @@ def test_a_recording(attacked, tmp_path, capsys):
 def test_what_a_checkpoint_names_stays_in_its_folder(tmp_path, capsys):
     # Story: the manifest names a file elsewhere, by a path; only its last part counts.
     folder = tmp_path / "policy"
-    shutil.copytree(policy.find("learned-intruders"), folder)
+    shutil.copytree(policy.find("learned-watch"), folder)
     text = json.loads((folder / "checkpoint.json").read_text())
     (weights,) = folder.glob("weights-*")
     weights.rename(tmp_path / weights.name)
     text["files"]["weights"]["name"] = f"../{weights.name}"
     (folder / "checkpoint.json").write_text(json.dumps(text))
-    assert ended(["evaluate", "rough", folder, "--episodes", "1", *SHORT], capsys) == 2
+    assert ended(["evaluate", "watch", folder, "--episodes", "1", *SHORT], capsys) == 2

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 from safetensors.numpy import save as to_safetensors
-from test_network import make_network
+from test_network import make_team
 
 import lissajous_env
 import training
@@ -27,9 +27,9 @@ HOSTILE = (
 @pytest.fixture
 def folder(tmp_path):
     """A checkpoint that was trained, with a curve and a best policy."""
-    network = make_network((44, 4, 2))
+    network = make_team()
     settings = {"algorithm": "ppo", "seed": 0}
-    card = Card.of(lissajous_env.scenario("intruders"), base="sweep", residual=0.25, settings=settings)
+    card = Card.of(lissajous_env.scenario("intruders"), settings=settings)
     notes = {"counters": {"steps": 10, "seconds": 0.5}, "curve": [POINT], "rivals": {"sweep": SCORES}, "best": POINT}
     checkpoint.save(tmp_path / "x", network, card, state={"a": np.arange(3)}, notes=notes)
     return tmp_path / "x"
@@ -108,9 +108,6 @@ def test_any_entry_may_be_missing_or_wrong(folder):
 @pytest.mark.parametrize(
     ("place", "value", "words"),
     [
-        (("policy", "residual"), float("nan"), "it must contain only finite numbers, got NaN"),
-        (("policy", "residual"), True, "residual must be from 0 to 2, got True"),
-        (("policy", "residual"), -0.1, "residual must be from 0 to 2, got -0.1"),
         (("policy", "action_size"), 2.0, "action_size must be a whole number of at least 1, got 2.0"),
         (("policy", "inputs"), "abc", "inputs must be words, each once, got 'abc'"),
         (("policy", "base"), "nothing", "base must be a registered classical policy, or none, got 'nothing'"),
@@ -142,7 +139,7 @@ def put_weights(folder, data):
 
 @pytest.mark.parametrize("dtype", ["BF16", "F8_E4M3", "F64", "F16", "I64", "I8", "BOOL"])
 def test_weights_of_other_numbers_are_refused(folder, dtype):
-    arrays = make_network((44, 4, 2)).to_arrays()
+    arrays = make_team().to_arrays()
     width = {"BF16": 2, "F8_E4M3": 1, "F64": 8, "F16": 2, "I64": 8, "I8": 1, "BOOL": 1}[dtype]
     header, data = {}, b""
     for name, array in arrays.items():
@@ -157,8 +154,8 @@ def test_weights_of_other_numbers_are_refused(folder, dtype):
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_weights_that_are_not_finite_are_refused(folder, value):
-    arrays = {name: array.copy() for name, array in make_network((44, 4, 2)).to_arrays().items()}
-    arrays["policy.1.bias"][0] = value
+    arrays = {name: array.copy() for name, array in make_team().to_arrays().items()}
+    arrays["team.last.bias"][0] = value
     put_weights(folder, to_safetensors(arrays))
     with pytest.raises(ValueError, match=r"weights-\w+\.safetensors is damaged: weights and biases must be finite"):
         checkpoint.read(folder)

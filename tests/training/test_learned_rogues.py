@@ -176,8 +176,8 @@ def test_bad_input_is_refused_by_name(trained, capsys, tmp_path):
     with pytest.raises(ValueError, match=r"targets.rogues must be one of .* or a folder with checkpoint.json, got"):
         lissajous_env.scenario("evaders", rogues=str(tmp_path))
     with pytest.raises(ValueError, match=r"rogues must be the folder of a rogue, got .*, which drives robots of kind"):
-        lissajous_env.scenario("evaders", rogues=str(find("learned-intruders")))
-    with pytest.raises(ValueError, match="must drive robots of kind rogue"):
+        lissajous_env.scenario("evaders", rogues=str(find("learned-watch")))
+    with pytest.raises(ValueError, match=r"policy must drive robots, got .*, which drives rogues"):
         baselines.make(str(folder), "experiment")
     damaged = tmp_path / "damaged"
     damaged.mkdir()

@@ -18,7 +18,6 @@ from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.vec_env import VecNormalize
 
 import training.sb3
-from training.learned.card import Card
 
 SHORT = {"task.duration": 2.0}
 FAST = {"n_steps": 8, "batch_size": 40, "n_epochs": 1, "device": "cpu"}
@@ -61,18 +60,6 @@ def test_a_model_of_rows_scores_as_where_it_was_trained(name):
     assert [row["policy"] for row in rows] == ["PPO"] * 3
     assert same(rows, scores)
     assert not same(rows[::-1], scores)
-
-
-def test_a_card_goes_with_its_model():
-    # Oracle: as above; a row that is a part of the observation, and an action that is added to a base's.
-    scenario = made()
-    card = Card.of(scenario, ("speed", "x", "y", "cos_phase"), base="sweep", residual=0.4)
-    env = training.sb3.RobotVecEnv(scenario, 3, card)
-    model = PPO("MlpPolicy", env, seed=1, **FAST).learn(200)
-    scores = played_by_hand(model, env, 3)
-    assert same(by_policy(training.sb3.ModelPolicy(model, scenario, 3, card=card), scores), scores)
-    with pytest.raises(ValueError, match=r"observation_space of PPO must be a Box of shape \(42,\), a robot's row"):
-        training.sb3.ModelPolicy(model, scenario, 3)
 
 
 def test_normalised_rows_are_normalised_again():

@@ -11,6 +11,8 @@ from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.forward import Forward
 from training.learned.network import Network
+from training.learned.perception import OWN, TOKEN
+from training.learned.team_network import TeamNetwork
 
 
 def make_network(sizes=(42, 8, 2), seed=0):
@@ -19,11 +21,19 @@ def make_network(sizes=(42, 8, 2), seed=0):
     return Network(weights, tuple(draw.normal(size=len(w)).astype(np.float32) for w in weights))
 
 
+def make_team(actions=2, seed=0):
+    """A network of a team, of random weights."""
+    draw = np.random.default_rng(seed)
+    sizes = {"own": (8, len(OWN)), "token": (4, len(TOKEN)), "trunk": (6, 12), "last": (6, 6), "action": (actions, 6)}
+    weights = {name: 0.3 * draw.normal(size=size) for name, size in sizes.items()}
+    return TeamNetwork(weights, {name: draw.normal(size=size[0]) for name, size in sizes.items()})
+
+
 def outputs(network, rows, threads=None):
-    """Outputs (rows, outputs) of a network, clipped to [-1, 1], by the kernel: one robot a world."""
+    """Outputs (rows, outputs) of a network, clipped to [-1, 1], by the kernel: one agent a world."""
     given = wp.array(rows[:, None], dtype=wp.float32, device="cpu")
     action = wp.zeros((len(rows), 1, network.outputs), dtype=wp.float32, device="cpu")
-    Forward(network, np.arange(network.inputs), given, None, 1.0, action, threads).launch(given, None)
+    Forward(network, np.arange(network.inputs), given, action, threads).launch()
     return action.numpy()[:, 0]
 
 
@@ -105,14 +115,15 @@ def test_layers_that_do_not_fit_are_refused(weights, biases, words):
 
 
 def test_a_checkpoint_gives_back_what_was_saved(tmp_path):
-    network, card = make_network(), Card.of(lissajous_env.scenario("intruders"), settings={"seed": 3})
+    network, card = make_team(), Card.of(lissajous_env.scenario("intruders"), settings={"seed": 3})
     state = {"a": np.arange(5), "b.c": np.zeros((2, 3), dtype=np.float32), "flags": np.array([True, False])}
     checkpoint.save(tmp_path / "x", network, card, state=state, notes={"counters": {"steps": 7}})
     read, again, text = checkpoint.read(tmp_path / "x")
     assert again == card
     assert text["counters"] == {"steps": 7}
     assert text["versions"]["lissajous-env"]
-    for ours, theirs in zip((*network.weights, *network.biases), (*read.weights, *read.biases), strict=True):
+    for name, ours in network.to_arrays().items():
+        theirs = read.to_arrays()[name]
         assert (ours == theirs).all()
         assert theirs.dtype == np.float32
     kept = checkpoint.read_state(tmp_path / "x", text)
@@ -122,15 +133,15 @@ def test_a_checkpoint_gives_back_what_was_saved(tmp_path):
 def test_a_new_checkpoint_takes_the_place_of_the_old_one(tmp_path):
     card = Card.of(lissajous_env.scenario("intruders"))
     for seed in range(3):
-        checkpoint.save(tmp_path, make_network(seed=seed), card, state={"seed": np.array(seed)})
+        checkpoint.save(tmp_path, make_team(seed=seed), card, state={"seed": np.array(seed)})
     assert len(list(tmp_path.iterdir())) == 4
     network, _, text = checkpoint.read(tmp_path)
-    assert (network.weights[0] == make_network(seed=2).weights[0]).all()
+    assert (network.weights["own"] == make_team(seed=2).weights["own"]).all()
     assert checkpoint.read_state(tmp_path, text)["seed"] == 2
 
 
 def test_damage_is_named(tmp_path):
-    checkpoint.save(tmp_path, make_network(), Card.of(lissajous_env.scenario("intruders")))
+    checkpoint.save(tmp_path, make_team(), Card.of(lissajous_env.scenario("intruders")))
     (weights,) = tmp_path.glob("weights-*")
     whole = weights.read_bytes()
     weights.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
@@ -155,13 +166,11 @@ def test_damage_is_named(tmp_path):
         checkpoint.read(tmp_path / "nowhere")
 
 
-def test_a_layout_that_does_not_fit_is_refused_in_words():
+def test_a_policy_is_for_robots_of_its_kind():
     card = Card.of(lissajous_env.scenario("intruders"))
-    narrow = lissajous_env.scenario("intruders", **{"sensing.targets_seen": 3})
-    with pytest.raises(ValueError, match=r"lists 2 robots and 3 targets and lacks target_3_present, target_3_x"):
-        card.columns(narrow)
+    card.check(lissajous_env.scenario("intruders", **{"sensing.targets_seen": 3, "messages.size": 2}))
     with pytest.raises(ValueError, match=r"must drive robots of kind car, got failure, with robots of kind curve"):
-        card.columns(lissajous_env.scenario("failure"))
-    wide = lissajous_env.scenario("intruders", **{"sensing.robots_seen": 4})
-    names = lissajous_env.Simulation(wide).layout.names
-    assert [names[k] for k in card.columns(wide)] == list(card.inputs), "entries are found by name, wherever they stand"
+        card.check(lissajous_env.scenario("failure"))
+    talking = lissajous_env.scenario("intruders", **{"messages.size": 2})
+    with pytest.raises(ValueError, match="action_size must be 2 for intruders, got 4"):
+        Card.of(talking).check(lissajous_env.scenario("intruders"))

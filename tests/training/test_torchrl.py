@@ -48,7 +48,7 @@ def actions_of(env, steps, seed=0):
     shape = (steps, *env.full_action_spec["robot", "action"].shape)
     draw = np.random.default_rng(seed)
     if env.full_action_spec["robot", "action"].dtype == torch.int64:
-        return torch.from_numpy(draw.integers(0, len(action_table(env.scenario)), shape))
+        return torch.from_numpy(draw.integers(0, len(action_table(env.batch.scenario)), shape))
     return torch.from_numpy(draw.uniform(-1, 1, shape).astype(np.float32))
 
 
@@ -71,7 +71,7 @@ def test_the_checker_of_torchrl(kind):
     mask = torch.tensor([[True], [False], [True], [False]])
     env.reset(data[:, -1]["next"].clone().set("_reset", mask))
     played = data.shape[1]  # fewer than 7 where a world lost all its robots before
-    assert env.simulation.clock.step.numpy().tolist() == [0, played, 0, played]
+    assert env.batch.simulation.clock.step.numpy().tolist() == [0, played, 0, played]
     check_env_specs(env, seed=3, break_when_any_done="both")
 
 
@@ -89,9 +89,9 @@ def test_a_rollout_is_the_simulation_stepped_by_hand(kind, device):
     # Oracle: `Simulation` with the same seeds and NumPy actions, bit for bit over three episodes of each world.
     env = make(kind, seed=20, device=device)
     actions = actions_of(env, 33)
-    data = play(env, actions).cpu()
-    simulation = by_hand(kind, seed=20) if device == "cpu" else lissajous_env.Simulation(env.scenario, 4, device, 20)
-    table = action_table(env.scenario)
+    data, made = play(env, actions).cpu(), env.batch.scenario
+    simulation = by_hand(kind, seed=20) if device == "cpu" else lissajous_env.Simulation(made, 4, device, 20)
+    table = action_table(env.batch.scenario)
     ends = 0
     for t, batch in enumerate(actions.numpy()):
         now = data[:, t]
@@ -135,22 +135,10 @@ def test_a_world_that_ended_waits_for_its_reset():
     assert all(later["score", name].isnan().all() for name in SCORES)
 
 
-def test_a_picture():
-    env = make()
-    env.reset()
-    assert env.render().dtype == np.uint8
-    assert env.render(world=3, size=0.5).shape < env.render().shape
-    with pytest.raises(ValueError, match="mode must be rgb_array"):
-        env.render("human")
-
-
 def test_refusals():
     env = make()
     with pytest.raises(ValueError, match="_reset must be a mask of worlds"):
         env.reset(env.reset().set(("robot", "_reset"), torch.ones(4, 5, 1, dtype=torch.bool)))
-    with pytest.raises(ValueError, match="device must be cpu, the device of the environment, got meta"):
-        env.to("meta")
-    assert env.to("cpu") is env
     with pytest.raises(ValueError, match="did you mean intruders"):
         LissajousTorchEnv("intruder")
     with pytest.raises(ValueError, match="seed must be a whole number"):

@@ -39,12 +39,13 @@ def arrays_of(folder):
 @pytest.mark.parametrize(
     ("changes", "teacher"),
     [
-        ({}, "a-cmommt"),
+        ({}, "greedy-cover"),
+        ({"corrects": False}, "greedy-cover"),
         ({"scenario": "intercept", "memory": 8, "heads": 0}, "lead-pursuit"),
         ({"scenario": "hotspots"}, "index-learned"),
         ({"scenario": "experiment", "overrides": {"task.duration": 2.0}}, "arc-mpcc"),
         ({"scenario": "failure", "imitation": 0, "overrides": {"task.duration": 2.0}}, "kuramoto"),
-        ({"scenario": "watch-v1", "groups": 2, "episodes": 16}, "a-cmommt"),
+        ({"scenario": "watch-v1", "groups": 2, "episodes": 16}, "greedy-cover"),
     ],
     ids=lambda value: value.get("scenario", "watch") if isinstance(value, dict) else value,
 )
@@ -61,7 +62,7 @@ def test_a_training_leaves_a_policy_that_is_played(tmp_path, changes, teacher):
 def test_imitation_comes_close_to_its_teacher(tmp_path):
     # Oracle: the teacher's own score.
     settings = small(
-        tmp_path, steps=1, hidden=64, features=32, imitation=1, imitation_epochs=12, episodes=8,
+        tmp_path, corrects=False, steps=1, hidden=64, features=32, imitation=1, imitation_epochs=12, episodes=8,
         overrides={"task.duration": 60.0},
     )  # fmt: skip
     point = train(settings, QUIET)["curve"][0]
@@ -76,7 +77,7 @@ def test_ppo_learns_a_problem_of_one_step(tmp_path):
     }  # fmt: skip
     settings = small(
         tmp_path, scenario="failure", imitation=0, worlds=64, rollout=20, minibatch=320, gamma=0.0, noise=0.6,
-        noise_end=0.3, learning_rate=1e-2, steps=60_000, overrides=overrides,
+        noise_end=0.3, correlation=0.0, learning_rate=1e-2, steps=60_000, overrides=overrides,
     )  # fmt: skip
     state = Training(settings)
     with torch.no_grad():
@@ -187,13 +188,15 @@ def test_what_the_critic_reads_is_the_true_state(tmp_path):
     for _ in range(3):
         worlds.step(np.full((worlds.count, 2), 0.5))
     simulation = worlds.batch.simulation
-    tokens, present, own = truth(simulation)
+    tokens, present, own, near = truth(simulation)
     robots, targets = simulation.robots.position.numpy()[..., :2], simulation.targets.position.numpy()
     far = np.linalg.norm(targets[:, None] - robots[:, :, None], axis=-1) / 4.0
     assert tokens[:, :, :10, 4] == pytest.approx(far / (1 + far), abs=1e-5)
     seen = far < 1
     assert (own == (seen & (seen.sum(axis=1, keepdims=True) == 1)).sum(axis=2)).all()
     assert (present.sum(axis=-1) == 10 + 4).all()
+    gap = np.linalg.norm(robots[:, None] - robots[:, :, None], axis=-1) / 0.8 - 1 + 9 * np.eye(5)
+    assert near == pytest.approx((1 - gap).clip(0, 1).sum(axis=-1), abs=1e-5)
     assert tokens[..., :10, 6][seen].sum() == sum(min(n - 1, 2) * n for n in seen.sum(axis=1).ravel() if n)
 
 

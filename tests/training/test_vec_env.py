@@ -5,7 +5,6 @@ import warnings
 import numpy as np
 import pytest
 
-import baselines
 import lissajous_env
 
 pytest.importorskip("stable_baselines3")
@@ -15,14 +14,11 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecCheckNan, VecEnv, VecMonitor, VecNormalize
 
-from training.learned.card import Card
 from training.sb3 import RobotVecEnv
 
 
-def make_env(name="intruders", worlds=3, card=None, **overrides):
-    scenario = lissajous_env.scenario(name, **overrides)
-    inputs = card or {}
-    return RobotVecEnv(scenario, worlds, Card.of(scenario, **inputs) if card else None, seed=0)
+def make_env(name="intruders", worlds=3, **overrides):
+    return RobotVecEnv(name, worlds, seed=0, **overrides)
 
 
 def test_stable_baselines_checks_and_wrappers_pass():
@@ -39,27 +35,6 @@ def test_stable_baselines_checks_and_wrappers_pass():
     assert np.isfinite(returns).all()
     assert env.env_is_wrapped(VecMonitor) == [False] * 15
     assert env.get_attr("num_envs", [0, 1]) == [15, 15]
-
-
-def test_a_base_acts_and_the_action_is_added_to_it():
-    # Oracle: the classical policy itself, when nothing is added.
-    env = make_env(card={"base": "sweep", "residual": 0.5}, **{"task.duration": 3.0})
-    assert env.observation_space.shape == (44,)
-    policy = baselines.make("sweep", env.scenario, 3)
-    simulation = lissajous_env.Simulation(env.scenario, 3)
-    rows, observation = env.reset(), simulation.observation
-    for _ in range(2):
-        policy.reset()
-        for _ in range(30):
-            action = policy.act(observation.numpy())
-            assert (rows[:, 42:] == action.reshape(15, 2)).all()
-            rows, *_ = env.step(np.zeros((15, 2)))
-            observation, *_ = simulation.step(action)
-        observation = simulation.reset()
-    shown = rows[:, 42:].copy()
-    env.step(np.full((15, 2), 9.0))
-    applied = env.simulation.action.numpy().reshape(15, 2)
-    assert applied == pytest.approx(np.clip(shown + 0.5, -1, 1)), "an action is clipped before it is added"
 
 
 def test_our_rows_are_bootstrapped_at_the_end_of_an_episode():

@@ -1,4 +1,4 @@
-"""Many robots and targets: bins and threads give bit-identical results, equal to brute force."""
+"""Many robots and targets: bins give bit-identical results, equal to brute force."""
 
 import subprocess
 import sys
@@ -9,8 +9,8 @@ import pytest
 import lissajous_env
 from lissajous_env.device import program
 from lissajous_env.world import stages
-from lissajous_env.world.robots import bin_sizes
-from lissajous_env.world.robots.bin_sizes import has_bins
+from lissajous_env.world.robots import bins
+from lissajous_env.world.robots.bins import has_bins
 from lissajous_env.world.state import REMOVED
 
 DENSE = {"curve.a": 201, "curve.b": 200, "formation.phase_rate": 0.001, "robot.radius": 0.1}
@@ -45,12 +45,11 @@ def leap(world):
 def made(monkeypatch):
     """Make a simulation that has bins or not, whatever its size."""
 
-    def make(scenario, with_bins, threads=1, worlds=2):
-        for module in (bin_sizes, stages):
+    def make(scenario, with_bins):
+        for module in (bins, stages):
             monkeypatch.setattr(module, "has_bins", lambda scenario: with_bins)
-        return lissajous_env.Simulation(scenario, worlds, seed=3, threads=threads)
+        return lissajous_env.Simulation(scenario, 2, seed=3, threads=1)
 
-    monkeypatch.setattr(program, "_SHARE", 1)
     return make
 
 
@@ -68,16 +67,13 @@ def drive(simulations, steps=15, most=1.0):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_trajectory_is_the_same_with_bins_and_on_threads(case, made):
-    # Oracle: every robot asked by every target and every other robot, on one thread.
+def test_a_trajectory_is_the_same_with_bins(case, made):
+    # Oracle: every robot asked by every target and every other robot.
     name, overrides = CASES[case]
     scenario = lissajous_env.scenario(name, **overrides)
-    alone, binned, split = made(scenario, False), made(scenario, True), made(scenario, True, threads=5)
-    unbinned = made(scenario, False, threads=4)
-    drive([alone, binned, split, unbinned], 15 if scenario.resolve().num_robots < 300 else 4)
+    alone, binned = made(scenario, False), made(scenario, True)
+    drive([alone, binned], 15 if scenario.resolve().num_robots < 300 else 4)
     assert different(alone, binned) == []
-    assert different(alone, split) == []
-    assert different(alone, unbinned) == []
 
 
 @pytest.mark.parametrize("case", ["stopped by collisions", "large bodies", "crowd"])
@@ -137,17 +133,24 @@ def test_collisions_of_a_thousand_robots_are_those_of_brute_force():
 
 
 @pytest.mark.parametrize(
-    ("robots", "targets", "radius", "expected"),
-    [
-        (5, 20, None, False), (5, 1_000_000, None, False), (49, 2000, None, False), (65, 100, None, False),
-        (65, 300, None, True), (101, 0, None, True), (101, 2000, 8.0, True), (101, 2000, 20.0, False),
-    ],
-)  # fmt: skip
-def test_bins_are_for_where_they_pay(robots, targets, radius, expected):
+    ("robots", "radius", "expected"),
+    [(5, None, False), (49, None, False), (65, None, True), (101, 8.0, True), (101, 20.0, False)],
+)
+def test_bins_are_for_where_they_pay(robots, radius, expected):
     # Oracle: the crossing points that were measured, either side.
     scenario = lissajous_env.scenario("swarm", **{"curve.a": robots // 2 | 1, "curve.b": robots - (robots // 2 | 1)})
-    scenario = lissajous_env.scenario(scenario, **{"targets.count": targets, "sensing.radius": radius})
-    assert has_bins(scenario.resolve()) == expected
+    assert has_bins(lissajous_env.scenario(scenario, **{"sensing.radius": radius}).resolve()) == expected
+
+
+@pytest.mark.parametrize("fleeing", [0.0, 0.01])
+def test_a_target_is_compared_with_few_of_many_robots(fleeing):
+    # Oracle: all robots, with each of which every target was once compared.
+    crowd = {**DENSE, "robot.radius": 0.001, "targets.wandering": 1 - fleeing, "targets.fleeing": fleeing}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("swarm", **crowd))
+    simulation.advance()
+    bins = simulation.stages._values["bins"]
+    listed = bins.used.numpy()[0] / (bins.columns * bins.rows)
+    assert 0.1 < listed < simulation.num_robots / 50
 
 
 def test_a_thousand_robots_and_a_million_targets_take_less_than_600_megabytes():

@@ -228,4 +228,4 @@ def test_who_cannot_drive_cars_that_reverse_refuses_them_by_name():
         baselines.make("partition-proved", scenario)
     card = Card.of(lissajous_env.scenario("evaders"))
     with pytest.raises(ValueError, match=r"robot.speed_min must be 0 for the policy trained on evaders \[m/s\], got"):
-        card.columns(scenario)
+        card.check(scenario)

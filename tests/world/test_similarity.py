@@ -11,8 +11,6 @@ from test_feedback import FIELD
 
 import baselines
 import lissajous_env
-from baselines.mpcc import MpccParameters
-from baselines.similarity import motion_scale
 
 pytestmark = pytest.mark.filterwarnings("ignore::lissajous_env.parameters.assumptions.AssumptionWarning")
 
@@ -99,14 +97,6 @@ def test_the_unit_of_the_throttle_does_not_matter():
     percent = {f"robot.{name}": value for name, value in percent.items()}
     again, _ = observations(lissajous_env.scenario(scenario, **percent), "kuramoto-mpcc")
     np.testing.assert_array_equal(again, seen)
-
-
-def test_the_papers_scenarios_are_the_unit():
-    for name in ("experiment", "experiment-printed", "evaders", "rough"):
-        scenario = lissajous_env.scenario(name).resolve()
-        assert motion_scale(scenario) == (1.0, 1.0)
-        assert scenario.formation.coupling == 1.0
-        assert MpccParameters.of(scenario).weight_lateral == MpccParameters.weight_lateral
 
 
 @pytest.mark.parametrize("factors", [(0.0, 1.0), (1.0, -2.0), (float("nan"), 1.0), ("2", 1.0)])

@@ -7,10 +7,8 @@ import pytest
 import warp as wp
 
 import lissajous_env
-from lissajous_env.device import program
-from lissajous_env.device.program import Program
 from lissajous_env.device.warp_abi import fields_of, is_struct
-from lissajous_env.world import simulation, stages
+from lissajous_env.world import stages
 
 
 def actions_of(simulation, steps, seed=0):
@@ -94,31 +92,6 @@ def test_simulations_are_made_and_stepped_in_many_threads():
 RANDOM = {"formation.start": "random"}
 
 
-def in_both_orders(monkeypatch, scenario, listed):
-    """Arrays that differ where the parts of a world are done from the first to the last and from the last on."""
-    monkeypatch.setattr(program, "_SHARE", 1)
-    monkeypatch.setattr(simulation, "step_stages", listed)
-    forwards = lissajous_env.Simulation(scenario, 1, seed=2, threads=3)
-    shares = Program._shares
-    monkeypatch.setattr(Program, "_shares", lambda self, parts: shares(self, parts)[::-1])
-    backwards = lissajous_env.Simulation(scenario, 1, seed=2, threads=3)
-    assert forwards.split.parts == 3
-    for action in actions_of(forwards, 20):
-        for each in (forwards, backwards):
-            each.action.assign(action)
-            for call in each.stages._calls:
-                for launch in call.__self__.launches:
-                    launch.launch()
-    return same_state(forwards, backwards)
-
-
-@pytest.mark.parametrize(("name", "rogues"), [("evaders-failure", None), ("evaders", "hide"), ("swarm", "flee")])
-def test_the_order_of_the_parts_changes_nothing(name, rogues, monkeypatch):
-    # Oracle: the parts in the opposite order, as threads may do them. A missing barrier would be seen here.
-    entry = {"targets.entry": "unseen", "targets.arrival_rate": 3.0, "rogues": rogues, **RANDOM}
-    assert in_both_orders(monkeypatch, lissajous_env.scenario(name, **entry), stages.step_stages) == []
-
-
 def arrays_of(values):
     """Arrays by name, those of structs as `robots.phase`."""
     arrays = {}
@@ -143,7 +116,7 @@ def test_a_stage_changes_nothing_but_what_it_writes(name, overrides):
     arrays = arrays_of(simulation.stages._values)
 
     def run(stages):
-        for stage, launch in zip(stages.stages, stages.work.launches, strict=True):
+        for stage, launch in zip(stages.stages, stages.work.tasks[0], strict=True):
             before = {name: array.numpy().tobytes() for name, array in arrays.items()}
             launch.launch()
             changed = {name for name, array in arrays.items() if array.numpy().tobytes() != before[name]}

@@ -112,9 +112,10 @@ def read(folder: str | Path) -> tuple[Network | TeamNetwork, Card, dict[str, Any
             require(f"dtype of {name}", array.dtype == np.float32, "must be float32", str(array.dtype))
         kind = TeamNetwork if any(name.startswith("team.") for name in arrays) else Network
         network = kind.from_arrays(arrays)
-    if network.inputs != card.network_inputs or network.outputs != card.action_size:
+    sizes = len(card.inputs), card.action_size
+    if (network.inputs, network.outputs) != sizes:
         got = f"{network.inputs} to {network.outputs}"
-        raise ValueError(f"{path} is damaged: it must map {card.network_inputs} to {card.action_size}, got {got}")
+        raise ValueError(f"{path} is damaged: it must map {sizes[0]} to {sizes[1]}, got {got}")
     return network, card, text
 
 

@@ -3,9 +3,6 @@
 The action for a row is therefore bit-identical in any batch, at any position and for any number of threads, unlike with
 a matrix product, whose rounding depends on the number of rows.
 
-With a base, the action is the sum of a classical policy's and a learned one: clip(base + residual * clip(own)), all in
-[-1, 1] (T. Johannink et al., "Residual Reinforcement Learning for Robot Control", ICRA 2019).
-
 On a CPU the inner loop runs over the inputs, with WIDTH outputs of ROWS rows in vector registers, so that additions are
 independent and each weight is read once for all these rows.
 """
@@ -50,12 +47,6 @@ class Layers:
 def limited(x: float, bound: float) -> float:
     """Clip x to [-bound, bound]; NaN stays NaN, which a simulation reports."""
     return wp.where(x > bound, bound, wp.where(x < -bound, -bound, x))
-
-
-@wp.func
-def added(base: float, residual: float, own: float) -> float:
-    """Return clip(base + residual * clip(own)), whose sum is rounded once, as in `wiring.sum_of_actions`."""
-    return limited(float(wp.float64(base) + wp.float64(residual) * wp.float64(limited(own, 1.0))), 1.0)
 
 
 @wp.func
@@ -105,32 +96,25 @@ def layer(
 @wp.kernel
 def act_by_network(
     layers: Layers,
-    residual: float,
     columns: wp.array(dtype=int),
     first: int,
     observation: wp.array3d(dtype=float),
-    base: wp.array3d(dtype=float),
     blocks: wp.array3d(dtype=block),
     values: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
-    """Write the actions of ROWS robots: the network's output, or its sum with a base's action; row w N + i is robot i.
+    """Write the actions of ROWS agents, the network's output, clipped to [-1, 1]; row w N + i is agent i of world w.
 
-    The network reads the entries `columns` of the observation and then as many components of the base's action as it
-    has further inputs, none without a base. Components of an action beyond its outputs are zero, or the base's.
+    The network reads the entries `columns` of the observation. Components of an action beyond its outputs are zero.
     Inputs and outputs of a layer are in `blocks` (2, rows, blocks); `values` (2, rows, numbers) is the same memory.
     """
     row = ROWS * (first + wp.tid())
     robots = observation.shape[1]
     end = wp.min(row + ROWS, observation.shape[0] * robots)
-    entries = columns.shape[0]
-    size = layers.sizes[0][0] - entries
     for r in range(row, end):
         w, i = r // robots, r % robots
-        for k in range(entries):
+        for k in range(columns.shape[0]):
             values[0, r, k] = limited(observation[w, i, columns[k]], ABSURD)
-        for k in range(size):
-            values[0, r, entries + k] = base[w, i, k]
     last = layers.sizes.shape[0] - 1
     at = int(0)
     for k in range(last + 1):
@@ -142,14 +126,7 @@ def act_by_network(
             own = float(0.0)
             if k < WIDTH * layers.sizes[last][1]:
                 own = values[(last + 1) % 2, r, k]
-            if size > 0:
-                action_out[w, i, k] = added(base[w, i, k], residual, own)
-            else:
-                action_out[w, i, k] = limited(own, 1.0)
-
-
-_FIRST_INPUT = 4
-"""Index of the observation in the kernel's arguments; the base follows."""
+            action_out[w, i, k] = limited(own, 1.0)
 
 
 class Forward:
@@ -159,8 +136,6 @@ class Forward:
         network: Network to evaluate.
         columns: Indices of the observation's entries that it reads.
         observation: (W, N, D) array of observations.
-        base: (W, N, action_size) array of a base's actions, or None.
-        residual: Factor of the network's output if there is a base.
         action: (W, N, action_size) array for the actions.
         threads: CPU threads; all cores by default.
     """
@@ -170,37 +145,28 @@ class Forward:
         network: Network,
         columns: np.ndarray,
         observation: wp.array,
-        base: wp.array | None,
-        residual: float,
         action: wp.array,
         threads: int | None = None,
     ):
         device: Any = observation.device
         rows = observation.shape[0] * observation.shape[1]
         layers, width = _layers(network, device)
-        if base is None:
-            base = wp.zeros((0, 0, 0), dtype=wp.float32, device=device)
         tasks = -(-rows // int(ROWS))
         blocks = wp.zeros((2, tasks * int(ROWS), width), dtype=block, device=device)
         self._blocks = blocks  # whose memory the next array shows
         numbers = (*blocks.shape[:2], width * int(WIDTH))
         values = wp.array(ptr=blocks.ptr, shape=numbers, dtype=wp.float32, device=device)
         read = wp.array(np.asarray(columns, dtype=np.int32), dtype=wp.int32, device=device)
-        self._inputs = [observation, base]
 
         def inputs(low: int) -> list[Any]:
-            return [layers, residual, read, low, observation, base, blocks, values]
+            return [layers, read, low, observation, blocks, values]
 
         threads = threads or cores()
         with compile_quietly():
             self._work = shared_launch(act_by_network, tasks, inputs, [action], device, threads, SMALLEST_SHARE)
 
-    def launch(self, observation: wp.array, base: wp.array | None) -> None:
-        """Write the actions for an observation and a base's actions, with the same shapes as at construction."""
-        for k, array in enumerate((observation, base)):
-            if array is not None and array is not self._inputs[k]:
-                self._work.set_argument(_FIRST_INPUT + k, array)
-                self._inputs[k] = array
+    def launch(self) -> None:
+        """Write the actions for the observation."""
         self._work()
 
 

@@ -56,14 +56,6 @@ class Network:
         """Sizes of the hidden layers."""
         return tuple(weight.shape[0] for weight in self.weights[:-1])
 
-    def with_constants(self, first: int, values: np.ndarray) -> "Network":
-        """Return the network of the other inputs where those from `first` on have constant values (C,)."""
-        after = first + len(values)
-        weight, bias = self.weights[0].astype(np.float64), self.biases[0].astype(np.float64)
-        bias = bias + weight[:, first:after] @ values.astype(np.float64)
-        weight = np.concatenate([weight[:, :first], weight[:, after:]], axis=1)
-        return Network((weight, *self.weights[1:]), (bias, *self.biases[1:]))
-
     def to_arrays(self) -> dict[str, np.ndarray]:
         """Return the arrays by name, as stored in a checkpoint: `policy.K.weight`, `policy.K.bias` of layer K."""
         named = {}

@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baselines.policies.base import Policy
+from baselines.policies.reacting import Reacting
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.observation import (
@@ -26,9 +28,11 @@ OWN = (
     *("cos_heading", "sin_heading", "speed", "works", "cos_phase", "sin_phase"),
     *("right", "upper", "left", "lower", "width", "height", "team", "pace"),
     *(f"neighbour_{k}_{name}" for k in (0, 1) for name, *_ in NEIGHBOUR_ENTRIES),
+    *("x_base", "y_base"),
 )
 """Numbers of the robot: its entries of the observation; distances to the walls [4 sights]; half of the width and of the
-height [8 sights], robots [8], and the way that it drives in a step at top speed [sight]; and its ring neighbours.
+height [8 sights], robots [8], and the way that it drives in a step at top speed [sight]; its ring neighbours; and the
+velocity that the base wishes [top speed], zeros without a base.
 Phases and neighbours are 0 where actions are velocities, for which the paper's curve has no meaning."""
 TOKEN = (
     *("track", "teammate", "target", "robot", "x", "y", "distance", "near", "x_velocity", "y_velocity"),
@@ -54,8 +58,22 @@ class Perception(NamedTuple):
     """(W, N, K) 1 where there is a token, else 0."""
 
 
-def perceive(observation: np.ndarray, scenario: Scenario) -> Perception:
-    """Return what robots perceive according to their rows (W, N, D) in a resolved scenario."""
+def wish_of(base: Policy, observation: np.ndarray) -> np.ndarray:
+    """Return the actions (W, N, A) of a classical policy, before robots that are near are kept apart if it reacts."""
+    if not isinstance(base, Reacting):
+        return base.act(observation)
+    wish = base.wish(base.rows(observation))
+    return (wish / np.maximum(np.linalg.norm(wish, axis=-1, keepdims=True), 1.0)).astype(np.float32)
+
+
+def perceive(observation: np.ndarray, scenario: Scenario, wish: np.ndarray | None = None) -> Perception:
+    """Return what robots perceive according to their rows (W, N, D) in a resolved scenario.
+
+    Args:
+        observation: (W, N, D) rows.
+        scenario: The scenario, resolved.
+        wish: (W, N, 2) velocities that a base wishes [top speed], if there is one.
+    """
     sensing, sight, top = scenario.sensing, scenario.sight, speed_unit(scenario)
     half = np.array([scenario.curve.half_width, scenario.curve.half_height], np.float32) / np.float32(sight)
     here = observation[..., :2] * half
@@ -96,7 +114,9 @@ def perceive(observation: np.ndarray, scenario: Scenario) -> Perception:
     own[..., 12], own[..., 13] = scenario.num_robots / 8, top * scenario.task.step / sight
     if scenario.task.action != "velocity":
         own[..., 4:6] = observation[..., 5:7]
-        own[..., 14:] = observation[..., len(OWN_ENTRIES) : len(OWN_ENTRIES) + len(OWN) - 14]
+        own[..., 14:-2] = observation[..., len(OWN_ENTRIES) : len(OWN_ENTRIES) + len(OWN) - 16]
+    if wish is not None:
+        own[..., -2:] = wish[..., :2]
     return Perception(own, tokens, tokens[..., :4].sum(axis=-1))
 
 

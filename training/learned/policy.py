@@ -5,65 +5,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import warp as wp
-
 import baselines
 from baselines.policies.base import Policy
 from baselines.policies.registry import LOADERS, Loader
 from lissajous_env import Scenario
 from lissajous_env.wording import few_of
 from training.learned import checkpoint
-from training.learned.card import Card, constants_of
-from training.learned.forward import Forward
-from training.learned.network import Network
 from training.learned.team_network import TeamNetwork
 from training.learned.team_policy import LearnedTeam
-
-
-class Learned(Policy):
-    """Policy whose action is a network's output, clipped to [-1, 1], or the sum of a base's action and a part of it.
-
-    The same network maps each row of the observation to the action of its robot. A policy that was trained without
-    messages sends zeros in a scenario with messages.
-
-    Args:
-        network: Network of the policy.
-        card: Card of the policy.
-        scenario: Scenario to play.
-        num_worlds: W.
-        device: Warp device.
-
-    Raises:
-        ValueError: the network does not fit the card, the base is not a registered classical policy, or the robots or
-            observation of the scenario do not fit the policy.
-    """
-
-    arrays = "warp"
-
-    def __init__(
-        self, network: Network, card: Card, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"
-    ):
-        super().__init__(scenario, num_worlds, device)
-        _check(network, card)
-        self.network, self.card, self.kind = network, card, card.kind
-        columns = card.columns(self.scenario, or_silent=True)
-        self.base = card.make_base(self.scenario, num_worlds, self.device)
-        added_to = None if self.base is None else self.base.action
-        if card.constants:
-            values = constants_of(self.scenario, card.constants)
-            network = network.with_constants(len(card.inputs), values)
-        self._forward = Forward(network, columns, self._observation, added_to, card.residual, self.action)
-
-    def decide(self, observation: wp.array) -> None:
-        """Run the network, and add its output to the base's action if there is a base."""
-        base = None if self.base is None else self.base.act(observation)
-        self._forward.launch(observation, base)
-
-
-def _check(network: Network, card: Card) -> None:
-    if (network.inputs, network.outputs) != (card.network_inputs, card.action_size):
-        wanted = f"{card.network_inputs} inputs to {card.action_size} components of an action"
-        raise ValueError(f"network must map {wanted}, got {network.inputs} to {network.outputs}")
 
 
 def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: int = 1, device: Any = "cpu") -> Policy:
@@ -73,11 +22,10 @@ def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: i
         ValueError: there is no such name or folder, the checkpoint is damaged, or the policy does not fit the scenario.
     """
     network, card, _ = checkpoint.read(find(name))
+    if not isinstance(network, TeamNetwork):
+        raise ValueError(f"policy must drive robots, got {name}, which drives rogues")
     made = checkpoint.home_scenario(card) if scenario is None else scenario
-    if isinstance(network, TeamNetwork):
-        policy = LearnedTeam(network, card, made, num_worlds, device)
-    else:
-        policy = Learned(network, card, made, num_worlds, device)
+    policy = LearnedTeam(network, card, made, num_worlds, device)
     policy.name = str(name)
     return policy
 

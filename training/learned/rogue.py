@@ -47,14 +47,7 @@ def as_rogue(name: str, network: Network, card: Card) -> Rogue:
 
     def bind(scenario: Scenario, rogues: Any) -> Callable[[], None]:
         fitted, columns = fit_network(network, card, scenario)
-        observation = rogues.observation
-        forward = Forward(fitted, columns, observation, None, 1.0, rogues.action)
-
-        def decide() -> None:
-            """Decide for each rogue by the network."""
-            forward.launch(observation, None)
-
-        return decide
+        return Forward(fitted, columns, rogues.observation, rogues.action).launch
 
     against = str(card.settings.get("against") or "")
     words = f"learned on {card.scenario}" + (f" against {against}" if against else "")

@@ -4,17 +4,18 @@ from typing import Any
 
 import numpy as np
 
+import baselines
 from baselines.policies.base import Policy
+from baselines.policies.own_row import Rows
 from baselines.policies.reacting import kept_apart
-from baselines.policies.rows import Rows
 from lissajous_env import Scenario
 from training.learned.card import Card
-from training.learned.perception import perceive
+from training.learned.perception import perceive, wish_of
 from training.learned.team_network import TeamNetwork
 
 
 class LearnedTeam(Policy):
-    """Policy whose action is a network's output, clipped to [-1, 1].
+    """Policy whose action is a network's output, added to the wish of the base if the card has one, in [-1, 1].
 
     Velocities are changed to lead away from robots that are near, as those of the classical policies are. The same
     network decides for each robot, from the robot's own row and memory alone.
@@ -36,18 +37,23 @@ class LearnedTeam(Policy):
         super().__init__(scenario, num_worlds, device)
         if network.outputs != card.action_size:
             raise ValueError(f"network must have {card.action_size} outputs, got {network.outputs}")
-        card.columns(self.scenario, or_silent=True)
+        card.check(self.scenario)
         self.network, self.card, self.kind = network, card, card.kind
+        self.base = baselines.make(card.base, self.scenario, num_worlds) if card.base else None
         self._memory = np.zeros((*self.shape, network.memory), np.float32)
 
     def forget(self, mask: np.ndarray) -> None:
         """Forget everything in the masked worlds."""
+        super().forget(mask)
         self._memory[mask] = 0.0
 
     def decide(self, observation: np.ndarray) -> np.ndarray:
-        """Return the network's outputs as actions; entries far outside of their ranges count as at most 10."""
+        """Return the actions; entries far outside of their ranges count as at most 10."""
         observation = observation.clip(-10.0, 10.0)
-        outputs, self._memory = self.network(perceive(observation, self.scenario), self._memory)
+        wish = None if self.base is None else wish_of(self.base, observation)
+        outputs, self._memory = self.network(perceive(observation, self.scenario, wish), self._memory)
+        if wish is not None:
+            outputs[..., :2] += wish[..., :2]
         action = np.zeros(self.action.shape, np.float32)
         action[..., : outputs.shape[-1]] = outputs.clip(-1.0, 1.0)
         if self.scenario.task.action == "velocity":

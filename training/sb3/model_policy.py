@@ -24,8 +24,7 @@ from baselines.policies.base import Policy
 from lissajous_env import Scenario
 from lissajous_env.envs.sides import action_table
 from lissajous_env.wording import shown
-from training.learned.card import Card
-from training.learned.wiring import Wiring
+from lissajous_env.world.observation import layout
 
 
 class ModelPolicy(Policy):
@@ -44,7 +43,6 @@ class ModelPolicy(Policy):
         deterministic: Use the most likely action instead of a random one.
         normalizer: `VecNormalize` of the training, if there was one, inside or outside of `VecFrameStack`; its
             statistics are not changed.
-        card: Card of the `RobotVecEnv` of the training, if it had one.
 
     Raises:
         ValueError: not a model, or its spaces do not fit the scenario.
@@ -61,7 +59,6 @@ class ModelPolicy(Policy):
         *,
         deterministic: bool = True,
         normalizer: Any = None,
-        card: Card | None = None,
     ):
         super().__init__(scenario, num_worlds, device)
         for part in ("predict", "observation_space", "action_space"):
@@ -69,7 +66,6 @@ class ModelPolicy(Policy):
                 raise ValueError(f"model must be a model of Stable-Baselines3, with {part}, got {shown(model)}")
         self.name, self.kind = type(model).__name__, self.scenario.robot.kind
         self.model, self.deterministic, self.normalizer = model, deterministic, normalizer
-        self._wiring = Wiring(card or Card.of(self.scenario), self.scenario, self.num_worlds, self.device)
         self._row_shape, self._axis, of_team = self._read_observation_space(model)
         self._table = self._read_action_space(model.action_space, of_team)
         self._state: Any = None
@@ -78,12 +74,11 @@ class ModelPolicy(Policy):
 
     def forget(self, mask: np.ndarray) -> None:
         """Reset the state of the masked worlds."""
-        self._wiring.reset(mask)
         self._begins[mask] = True
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        rows = self._normalized(self._wiring.read(observation.numpy()).reshape(-1, *self._row_shape))
+        rows = self._normalized(observation.numpy().reshape(-1, *self._row_shape))
         if rows.shape != self._frames.shape:
             rows = self._normalized(self._stacked(rows))
         outputs, self._state = self.model.predict(
@@ -91,7 +86,7 @@ class ModelPolicy(Policy):
         )
         self._begins[:] = False
         chosen = outputs if self._table is None else self._table[outputs]
-        self.action.assign(self._wiring.actions(np.asarray(chosen, dtype=np.float32).reshape(self.action.shape)))
+        self.action.assign(np.asarray(chosen, dtype=np.float32).reshape(self.action.shape))
 
     def _normalized(self, rows: np.ndarray) -> np.ndarray:
         """Return rows of the shape that `VecNormalize` was trained on normalized, others as they are."""
@@ -113,7 +108,8 @@ class ModelPolicy(Policy):
 
         Several rows of a robot can be as long as one of a flat team; the size of the actions decides between them.
         """
-        n, inputs, size, space = self.num_robots, len(self._wiring.low), self.scenario.action_size, model.action_space
+        n, inputs = self.num_robots, layout(self.scenario).size
+        size, space = self.scenario.action_size, model.action_space
         alone, teams = (inputs,), ((n, inputs), (n * inputs,))
         acts_for_all = isinstance(space, MultiDiscrete) or getattr(space, "shape", None) in ((n, size), (n * size,))
         shape = model.observation_space.shape if isinstance(model.observation_space, Box) else ()

@@ -4,7 +4,6 @@ import time
 from collections import deque
 from typing import Any
 
-import gymnasium
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -12,8 +11,6 @@ from lissajous_env import Scenario
 from lissajous_env.envs.batch import Batch
 from lissajous_env.envs.one_world import METADATA
 from lissajous_env.wording import shown
-from training.learned.card import Card
-from training.learned.wiring import Wiring
 
 RECENT = 256
 """Number of latest episodes whose scores are stored."""
@@ -32,9 +29,15 @@ class BatchVecEnv(VecEnv):
     `Monitor` does.
     """
 
-    def __init__(self, batch: Batch, render_mode: str | None, rows: gymnasium.Space | None = None):
+    def __init__(
+        self, scenario: str | Scenario, num_worlds: int, *, roles: str, robots: Any = None, device: Any = "cpu",
+        seed: int | None = None, threads: int | None = None, discrete_actions: bool = False,
+        render_mode: str | None = None, **overrides: Any,
+    ):  # fmt: skip
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode must be None or rgb_array, got {shown(render_mode)}")
+        settings: dict[str, Any] = {"discrete_actions": discrete_actions, "device": device, "threads": threads}
+        batch = Batch(scenario, num_worlds, roles=roles, robots=robots, seed=seed, overrides=overrides, **settings)
         self.batch, self.simulation, self.scenario = batch, batch.simulation, batch.scenario
         (self._side,) = batch.sides
         self.scores: deque[dict[str, Any]] = deque(maxlen=RECENT)
@@ -45,7 +48,7 @@ class BatchVecEnv(VecEnv):
         self._acts, self._returns = np.zeros(count, dtype=bool), np.zeros(count)
         self._lengths = np.zeros(count, dtype=np.int64)
         self._table = self._side.table
-        super().__init__(count, rows or self._side.row_space(), self._side.action_space())
+        super().__init__(count, self._side.row_space(), self._side.action_space())
         self.metadata["render_fps"] = METADATA["render_fps"]
 
     def close(self) -> None:
@@ -104,7 +107,7 @@ class BatchVecEnv(VecEnv):
 
     def step_wait(self) -> Stepped:
         """Take the step with the stored actions; begin new episodes in the worlds whose episode is over."""
-        self.batch.step({self._side.agent: self._taken()})
+        self.batch.step({self._side.agent: self._actions})
         side, simulation = self._side, self.simulation
         arrays = side.arrays(simulation)
         rewards = arrays.reward.numpy().reshape(-1).copy()
@@ -115,11 +118,12 @@ class BatchVecEnv(VecEnv):
         truncated = dones & self._acts & ~terminated
         infos: list[dict[str, Any]] = [{"TimeLimit.truncated": late} for late in truncated.tolist()]
         if dones.any():
-            for k, row in zip(np.flatnonzero(dones), self._last_rows(dones), strict=True):
+            for k, row in zip(np.flatnonzero(dones), self._rows()[dones], strict=True):
                 infos[k]["terminal_observation"] = row
         self._report(rewards, dones, infos)
         if over.any():
-            self._begin_again(over)
+            self.scores.extend(self.batch.score(over))
+            self.batch.reset(over)
         self._acts = side.acting(simulation).reshape(-1)
         return self._rows(), rewards, dones, infos
 
@@ -135,21 +139,9 @@ class BatchVecEnv(VecEnv):
             infos[k]["episode"] = {"r": float(self._returns[k]), "l": int(self._lengths[k]), "t": at}
         self._returns[dones], self._lengths[dones] = 0.0, 0
 
-    def _taken(self) -> np.ndarray:
-        """Return the actions for the stored ones."""
-        return self._actions
-
-    def _begin_again(self, over: np.ndarray) -> None:
-        self.scores.extend(self.batch.score(over))
-        self.batch.reset(over)
-
     def _rows(self) -> np.ndarray:
         """Return a copy of the rows (W N, inputs)."""
         return self._side.arrays(self.simulation).observation.numpy().reshape(self.num_envs, -1).copy()
-
-    def _last_rows(self, dones: np.ndarray) -> np.ndarray:
-        """Return a copy of the rows of the episodes that have just ended."""
-        return self._rows()[dones]
 
 
 class RogueVecEnv(BatchVecEnv):
@@ -162,34 +154,14 @@ class RogueVecEnv(BatchVecEnv):
         scenario: Scenario, or its name; `rogues` is `agents`.
         num_worlds: W; there are W N rows, for N target slots.
         robots: Policy that drives the robots: a name, a policy for W worlds, or a function of the observation.
-        device: Warp device.
-        seed: Seed of world 0; world k has seed + k, and draws its next seeds from it. Without a seed here or by
-            `seed`, the first reset draws seeds from the operating system.
-        threads: CPU threads; all cores by default.
-        discrete_actions: True for actions that are indices of `lissajous_env.envs.sides.rogue_table`: rest, or one
-            of eight directions at full speed.
-        render_mode: None, or `rgb_array` for pictures of the worlds.
-        **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
+        **settings: Further arguments of `RobotVecEnv`.
 
     Raises:
         ValueError: an invalid setting, or rogues that are no agents.
     """
 
-    def __init__(
-        self,
-        scenario: str | Scenario,
-        num_worlds: int = 1,
-        robots: Any = "kuramoto-mpcc",
-        device: Any = "cpu",
-        seed: int | None = None,
-        threads: int | None = None,
-        discrete_actions: bool = False,
-        render_mode: str | None = None,
-        **overrides: Any,
-    ):
-        settings: dict[str, Any] = {"discrete_actions": discrete_actions, "device": device, "seed": seed}
-        settings |= {"threads": threads, "overrides": overrides}
-        super().__init__(Batch(scenario, num_worlds, roles="rogues", robots=robots, **settings), render_mode)
+    def __init__(self, scenario: str | Scenario, num_worlds: int = 1, robots: Any = "kuramoto-mpcc", **settings: Any):
+        super().__init__(scenario, num_worlds, roles="rogues", robots=robots, **settings)
 
 
 class RobotVecEnv(BatchVecEnv):
@@ -200,50 +172,14 @@ class RobotVecEnv(BatchVecEnv):
     Args:
         scenario: Scenario, or its name.
         num_worlds: W; there are W N rows.
-        card: Entries of the observation that a row contains, and the base to which its action is added; by default
-            the whole observation and no base.
         device: Warp device.
         seed: Seed of world 0; world k has seed + k, and draws its next seeds from it. Without a seed here or by
             `seed`, the first reset draws seeds from the operating system.
         threads: CPU threads; all cores by default.
-        discrete_actions: True for actions that are indices of `lissajous_env.envs.sides.action_table`, as for DQN.
+        discrete_actions: True for actions that are rows of a table of `lissajous_env.envs.sides`, as for DQN.
         render_mode: None, or `rgb_array` for pictures of the worlds, as for `VecVideoRecorder`.
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
     """
 
-    def __init__(
-        self,
-        scenario: str | Scenario,
-        num_worlds: int = 1,
-        card: Card | None = None,
-        device: Any = "cpu",
-        seed: int | None = None,
-        threads: int | None = None,
-        discrete_actions: bool = False,
-        render_mode: str | None = None,
-        **overrides: Any,
-    ):
-        settings: dict[str, Any] = {"discrete_actions": discrete_actions, "device": device, "seed": seed}
-        batch = Batch(scenario, num_worlds, roles="robots", threads=threads, overrides=overrides, **settings)
-        self.card = card or Card.of(batch.scenario)
-        self._wiring = Wiring(self.card, batch.scenario, num_worlds, device)
-        super().__init__(batch, render_mode, gymnasium.spaces.Box(self._wiring.low, self._wiring.high))
-
-    def reset(self) -> np.ndarray:
-        """Begin an episode in every world; return the rows (W N, inputs)."""
-        self._wiring.reset()
-        return super().reset()
-
-    def _taken(self) -> np.ndarray:
-        return self._wiring.actions(self._actions)
-
-    def _begin_again(self, over: np.ndarray) -> None:
-        super()._begin_again(over)
-        self._wiring.reset(over)
-
-    def _rows(self) -> np.ndarray:
-        return self._wiring.read(self.simulation.observation.numpy()).reshape(self.num_envs, -1).copy()
-
-    def _last_rows(self, dones: np.ndarray) -> np.ndarray:
-        # The base's action is that of the previous step: a final observation is used for its value only.
-        return self._wiring.rows(self.simulation.observation.numpy()).reshape(self.num_envs, -1)[dones]
+    def __init__(self, scenario: str | Scenario, num_worlds: int = 1, **settings: Any):
+        super().__init__(scenario, num_worlds, roles="robots", **settings)

@@ -30,8 +30,6 @@ from lissajous_env.parameters import named
 from training.torchrl.env import SCORES, LissajousTorchEnv
 
 _OF_ENVIRONMENT = ("state", "threads")
-_FILM = 0.5
-"""Size of the video of an evaluation, as a factor of a picture's usual size."""
 
 
 class LissajousTaskClass(TaskClass):
@@ -78,8 +76,8 @@ class LissajousTaskClass(TaskClass):
         return self.scenario.task.steps
 
     def has_render(self, env: EnvBase) -> bool:
-        """Return True: if the experiment's `render` is on, the first world of an evaluation is recorded."""
-        return True
+        """Return False: `lissajous run` films what was trained."""
+        return False
 
     def group_map(self, env: EnvBase) -> dict[str, list[str]]:
         """Return the group of the robots and, if rogues are agents, that of the rogues."""
@@ -119,11 +117,6 @@ class LissajousTaskClass(TaskClass):
         columns = {name: batch["next", "score", name][ended] for name in SCORES}
         known = {name: column[torch.isfinite(column)] for name, column in columns.items()}
         return {f"collection/score/{name}": values.mean().item() for name, values in known.items() if len(values)}
-
-    @staticmethod
-    def render_callback(experiment: Any, env: EnvBase, data: TensorDictBase) -> Any:
-        """Draw the first world in small size, because BenchMARL stores every frame of an episode in memory."""
-        return env.render(size=_FILM)  # pyright: ignore[reportCallIssue]
 
 
 class _NamedTask(Task):

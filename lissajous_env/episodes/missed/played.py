@@ -14,7 +14,8 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import TargetMotion, target_motion
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import WORST_CASE
-from lissajous_env.world.simulation import Simulation, fold_seed
+from lissajous_env.world.selection import fold_seed
+from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import HIDDEN, NEVER, NOWHERE, PRESENT
 
 _TESTED = 10

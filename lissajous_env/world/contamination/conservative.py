@@ -32,13 +32,11 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import TargetStruct
-from lissajous_env.device.stage import FIELD_ROW, stage
+from lissajous_env.device.stage import FIELD_ROW, part, stage
 from lissajous_env.parameters.spreading import Reaches
 from lissajous_env.world.contamination.field import BOUNDARY
 from lissajous_env.world.contamination.labels import MARGIN, NONE, Hops
-from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robots
+from lissajous_env.world.state import NEVER, NOWHERE
 
 wp.set_module_options(OPTIONS)
 
@@ -70,8 +68,8 @@ def as_reach(reaches: Reaches, device: Any) -> Reach:
     return reach
 
 
-@wp.func
-def is_near_entry(row: int, column: int, up: int, aside: int, rows: int, columns: int, target: TargetStruct) -> bool:
+@part
+def is_near_entry(row, column, up: int, aside: int, rows: int, columns: int, target) -> bool:
     """Return whether targets are introduced at most so many rows and columns away."""
     if target.arrival_rate == 0.0:
         return False
@@ -80,18 +78,9 @@ def is_near_entry(row: int, column: int, up: int, aside: int, rows: int, columns
     return row <= up or row >= rows - 1 - up or column <= aside or column >= columns - 1 - aside
 
 
-@wp.func
+@part
 def least_label(
-    w: int,
-    slot: int,
-    row: int,
-    column: int,
-    rows: int,
-    columns: int,
-    lag: int,
-    enough: int,
-    reach: Reach,
-    contamination: Contamination,
+    w, slot, row, column, rows: int, columns: int, lag: int, enough: int, reach: Reach, contamination
 ) -> int:
     """Return the smallest label among the cells that a lag reaches, or any that is not above `enough`."""
     least = int(NONE)
@@ -108,19 +97,8 @@ def least_label(
     return least
 
 
-@wp.func
-def bound(
-    w: int,
-    tick: int,
-    row: int,
-    column: int,
-    rows: int,
-    columns: int,
-    ring: int,
-    target: TargetStruct,
-    reach: Reach,
-    contamination: Contamination,
-) -> int:
+@part
+def bound(w, tick: int, row, column, rows: int, columns: int, ring: int, target, reach: Reach, contamination) -> int:
     """Return the label of a cell at a tick: the largest of the bounds of all lags."""
     label = int(-1)
     for k in range(reach.lags.shape[0]):
@@ -138,18 +116,8 @@ def bound(
     return label
 
 
-@wp.func
-def forget_covered(
-    w: int,
-    slot: int,
-    row: int,
-    rows: int,
-    grown: float,
-    curve: CurveStruct,
-    hops: Hops,
-    robots: Robots,
-    contamination: Contamination,
-):
+@part
+def forget_covered(w, slot, row, rows: int, grown: float, curve, hops: Hops, robots, contamination):
     """Clear the cells of a row that a disc covers together with `grown` [m] around them."""
     height = 2.0 * curve.half_height / float(rows)
     scale = float(hops.columns) / (2.0 * curve.half_width)
@@ -172,7 +140,7 @@ def forget_covered(
 
 
 @stage(FIELD_ROW, writes="contamination: labels")
-def reset_bounds(w: int, row: int, target: TargetStruct, hops: Hops, clock: Clock, contamination: Contamination):
+def reset_bounds(w, row, target, hops: Hops, clock, contamination):
     """Contaminate the cells in which targets are introduced, where targets are present from the start."""
     rows = contamination.row_ages.shape[1]
     for column in range(hops.columns):
@@ -183,17 +151,7 @@ def reset_bounds(w: int, row: int, target: TargetStruct, hops: Hops, clock: Cloc
 
 
 @stage(FIELD_ROW, writes="contamination: labels, row_ages, row_oldest")
-def bound_labels(
-    w: int,
-    row: int,
-    curve: CurveStruct,
-    target: TargetStruct,
-    hops: Hops,
-    reach: Reach,
-    clock: Clock,
-    robots: Robots,
-    contamination: Contamination,
-):
+def bound_labels(w, row, curve, target, hops: Hops, reach: Reach, clock, robots, contamination):
     """Bound the label of each cell, and clear the cells that a disc covers entirely."""
     now = clock.step[w]
     tick = now / reach.period

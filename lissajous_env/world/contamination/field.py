@@ -17,14 +17,12 @@ counts as being in the cell from which it hops.
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.discs import along, half_of, mark_disc, mark_way, points_per_metre, run_of_bits
-from lissajous_env.device.part_structs import TargetStruct, TaskStruct
-from lissajous_env.device.stage import FIELD_ROW, WORLD, stage
+from lissajous_env.device.stage import FIELD_ROW, WORLD, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Targets as TargetSettings
 from lissajous_env.world.contamination.labels import MARGIN, Hops, context_of, forget_seen, label_cells, slot_of
-from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robots, planar
+from lissajous_env.world.state import NEVER, NOWHERE, planar
 from lissajous_env.world.tally import FAULT_MARGIN, EpisodeTotals, any_failed
 
 wp.set_module_options(OPTIONS)
@@ -41,25 +39,14 @@ def entries(entry: int, word: int, row: int, rows: int, columns: int) -> wp.uint
     return half_of(ends, word)
 
 
-@wp.func
-def is_over(w: int, target: TargetStruct, clock: Clock, contamination: Contamination) -> bool:
+@part
+def is_over(w, target, clock, contamination) -> bool:
     """Return whether no undetected target is left in any tick, and none will be introduced."""
     return target.arrival_rate == 0.0 and contamination.cleared_at[w] < clock.step[w] - 1
 
 
 @stage(FIELD_ROW, writes="contamination: sensed, swept, there", idle=True)
-def clear_cells(
-    w: int,
-    lane: int,
-    lanes: int,
-    curve: CurveStruct,
-    target: TargetStruct,
-    hops: Hops,
-    tick: int,
-    clock: Clock,
-    robots: Robots,
-    contamination: Contamination,
-):
+def clear_cells(w, lane, lanes, curve, target, hops: Hops, tick: int, clock, robots, contamination):
     """Find the cells that are sensed in a tick, and clear those that were sensed in the tick before."""
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
@@ -94,7 +81,7 @@ def clear_cells(
 
 
 @stage(FIELD_ROW, writes="contamination: there")
-def reset_labels(w: int, row: int, target: TargetStruct, hops: Hops, clock: Clock, contamination: Contamination):
+def reset_labels(w, row, target, hops: Hops, clock, contamination):
     """Contaminate the cells in which targets are introduced, where targets are present from the start."""
     if target.count > 0:
         for word in range(contamination.settled.shape[2]):
@@ -104,16 +91,7 @@ def reset_labels(w: int, row: int, target: TargetStruct, hops: Hops, clock: Cloc
 
 
 @stage(FIELD_ROW, writes="contamination: labels, row_ages, row_oldest, settled, there", idle=True)
-def spread(
-    w: int,
-    lane: int,
-    lanes: int,
-    target: TargetStruct,
-    hops: Hops,
-    tick: int,
-    clock: Clock,
-    contamination: Contamination,
-):
+def spread(w, lane, lanes, target, hops: Hops, tick: int, clock, contamination):
     """Spread contamination: targets stay, hop and are introduced where no robot senses."""
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
@@ -151,16 +129,7 @@ def spread(
         "contamination: age, age_before, age_max, age_reduction, cleared_at, high_at, mean_age, mean_age_sum, oldest"
     ),
 )
-def keep_guarantee(
-    w: int,
-    target: TargetStruct,
-    task: TaskStruct,
-    hops: Hops,
-    clock: Clock,
-    robots: Robots,
-    tally: EpisodeTotals,
-    contamination: Contamination,
-):
+def keep_guarantee(w, target, task, hops: Hops, clock, robots, tally: EpisodeTotals, contamination):
     """Compute how long a target can have been undetected: t - min e, its largest value and its mean over the cells."""
     now = clock.step[w]
     oldest = int(NEVER)

@@ -14,13 +14,20 @@ A list is read from the first entry of its bin to an entry without a robot:
         entry = bins.entry[w, entry[1]]
 """
 
+import math
+from typing import Any
+
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.stage import BIN, ROBOT, stage
-from lissajous_env.world.state import REMOVED, Clock, Robots, planar
+from lissajous_env.device.stage import BIN, ROBOT, part, stage
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.state import REMOVED, planar
 
 wp.set_module_options(OPTIONS)
+
+PARTED = wp.constant(1.05)
+"""A collision is over when the distance is above this many times the sum of the radii; lists reach as far."""
 
 
 @wp.struct
@@ -81,8 +88,8 @@ def bin_of(place: wp.vec2, bins: Bins) -> int:
     return row_of(place[1], bins) * bins.columns + column_of(place[0], bins)
 
 
-@wp.func
-def rows_of(w: int, i: int, widened: float, robots: Robots, bins: Bins) -> wp.vec2i:
+@part
+def rows_of(w, i, widened: float, robots, bins: Bins) -> wp.vec2i:
     """Return the first and last row that the robot's path in this step crosses, `widened` [m] to both sides."""
     low = robots.track[w, i, 0][1]
     high = low
@@ -92,8 +99,8 @@ def rows_of(w: int, i: int, widened: float, robots: Robots, bins: Bins) -> wp.ve
     return wp.vec2i(row_of(low - widened, bins), row_of(high + widened, bins))
 
 
-@wp.func
-def columns_of(w: int, i: int, row: int, widened: float, robots: Robots, bins: Bins) -> wp.vec2i:
+@part
+def columns_of(w, i, row, widened: float, robots, bins: Bins) -> wp.vec2i:
     """Return the first and last column of this path in one of these rows."""
     bottom = float(row) * bins.size - bins.half_height
     low = wp.where(row == 0, -1.0e30, bottom - widened)
@@ -124,8 +131,8 @@ def columns_of(w: int, i: int, row: int, widened: float, robots: Robots, bins: B
     return wp.vec2i(column_of(left - widened, bins), column_of(right + widened, bins))
 
 
-@wp.func
-def list_robot(w: int, i: int, robots: Robots, bins: Bins) -> bool:
+@part
+def list_robot(w, i, robots, bins: Bins) -> bool:
     """Put a robot into the lists of the bins that it comes near; return whether there was room for it."""
     rows = rows_of(w, i, bins.widened, robots, bins)
     for row in range(rows[0], rows[1] + 1):
@@ -140,7 +147,7 @@ def list_robot(w: int, i: int, robots: Robots, bins: Bins) -> bool:
 
 
 @stage(BIN, writes="bins: entry, everywhere, first, first_seen, seen_used, used")
-def clear_bins(w: int, lane: int, lanes: int, clock: Clock, bins: Bins):
+def clear_bins(w, lane, lanes, clock, bins: Bins):
     """Empty the lists."""
     for k in range(lane, bins.first.shape[1], lanes):
         bins.first[w, k] = bins.room
@@ -154,10 +161,64 @@ def clear_bins(w: int, lane: int, lanes: int, clock: Clock, bins: Bins):
 
 
 @stage(ROBOT, writes="bins: entry, everywhere, first, is_everywhere, used")
-def list_robots(w: int, i: int, clock: Clock, robots: Robots, bins: Bins):
+def list_robots(w, i, clock, robots, bins: Bins):
     """List the robots that are not removed; those for which there is no room, where all lists end."""
     bins.is_everywhere[w, i] = 0
     if robots.status[w, i] != REMOVED and not list_robot(w, i, robots, bins):
         bins.is_everywhere[w, i] = 1
         last = bins.room + wp.atomic_add(bins.everywhere, w, 1)
         bins.entry[w, last] = wp.vec2i(i, last + 1)
+
+
+MANY = 64
+"""Number of robots from which on bins are faster than a test of every robot."""
+
+_FEWEST = 12
+"""Bins below which they do not pay: every list is of nearly every robot."""
+
+_BINS_PER_ROBOT = 16
+_AT_LEAST = 1024
+_MOST_ENTRIES = 256
+"""Entries for each robot that there is room for at most; those for which there is none are in every list."""
+
+
+def has_bins(scenario: Scenario) -> bool:
+    """Return whether bins are faster for a resolved scenario."""
+    *_, columns, rows = _squares(scenario)
+    return scenario.num_robots >= MANY and columns * rows >= _FEWEST
+
+
+def _squares(scenario: Scenario) -> tuple[float, float, float, int, int]:
+    """Return the reach, the widened reach and the side of the bins [m], and the numbers of columns and rows."""
+    targets, curve, radius = scenario.targets, scenario.curve, scenario.sight
+    reach = max(radius + scenario.task.step * targets.speed_max, 2 * float(PARTED) * (scenario.robot.radius or 0.0))
+    if targets.fleeing > 0:
+        reach = max(reach, targets.flee_radius)
+    widened = 1.01 * reach + 1e-6 * max(curve.half_width, curve.half_height)
+    most = max(_BINS_PER_ROBOT * scenario.num_robots, _AT_LEAST)
+    size = max(widened, math.sqrt(4 * curve.half_width * curve.half_height / most))
+    return reach, widened, size, math.ceil(2 * curve.half_width / size), math.ceil(2 * curve.half_height / size)
+
+
+def bins_of(scenario: Scenario, speed: float, num_worlds: int, device: Any) -> Bins:
+    """Make the bins of a resolved scenario, of robots that are mostly not faster than `speed` [m/s]; none for few."""
+    filled, (n, curve) = Bins(), (scenario.num_robots, scenario.curve)
+    sensing = scenario.sensing
+    entries = max(sensing.robots_seen, sensing.targets_seen, sensing.tracks_seen, sensing.teammates_seen)
+    filled.nearest = wp.zeros((num_worlds, n, entries), dtype=wp.vec2, device=device)
+    if not has_bins(scenario):
+        return filled
+    filled.reach, filled.widened, filled.size, filled.columns, filled.rows = _squares(scenario)
+    filled.half_width, filled.half_height = curve.half_width, curve.half_height
+    across = 2 * filled.widened / filled.size + 2
+    each = min(math.ceil(across * (across + speed * scenario.task.step / filled.size)), _MOST_ENTRIES)
+    filled.room, bins = n * each, filled.columns * filled.rows
+
+    def array(*shape: int, dtype: Any = wp.int32) -> Any:
+        return wp.zeros((num_worlds, *shape), dtype=dtype, device=device)
+
+    filled.first, filled.entry = array(bins), array(filled.room + n + 1, dtype=wp.vec2i)
+    filled.used, filled.everywhere, filled.is_everywhere = array(), array(), array(n)
+    filled.first_seen, filled.seen_used = array(bins), array()
+    filled.seen = array(scenario.target_capacity, dtype=wp.vec4)
+    return filled

@@ -1,4 +1,4 @@
-"""Cars by the kinematic bicycle (12) with a motor; action = steering, throttle."""
+"""Cars by the kinematic bicycle (12) with a motor; action = steering, throttle, or a velocity for their driver."""
 
 import itertools
 import math
@@ -19,25 +19,24 @@ from lissajous_env.device.abreast import (
     where_equal,
     width,
 )
-from lissajous_env.device.car_input import steering_angle, throttle
-from lissajous_env.device.compilation import MOTION
-from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import FaultsStruct, RobotStruct, TaskStruct
-from lissajous_env.device.stage import ROBOT, stage
-from lissajous_env.device.trig import cos_sin
+from lissajous_env.device.car_input import car_action, steering_angle, throttle
+from lissajous_env.device.compilation import MOTION, OPTIONS, module_apart
+from lissajous_env.device.curve import wrap
+from lissajous_env.device.stage import ROBOT, part, stage
+from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.world.robots.faults import COAST, rolling
-from lissajous_env.world.robots.moving import begin_track, end_motion, stop_at_walls
-from lissajous_env.world.robots.walls import WALL
-from lissajous_env.world.state import WORKING, Clock, Robots
+from lissajous_env.world.robots.walls import WALL, begin_track, end_motion, stop_at_walls
+from lissajous_env.world.state import WORKING
 
 wp.set_module_options(MOTION)
+_DRIVING = module_apart(f"{__name__}.driving", OPTIONS)
 
 
-@wp.func
-def motor_push(robot: RobotStruct, drive: float, tau: float) -> float:
+@part
+def motor_push(robot, drive: float, tau: float) -> float:
     """Return the motor's acceleration, alpha tau - beta above the dead zone [m/s^2], equation (12).
 
     Differs from the paper: it has no dead zone; the authors' plant has one, in which the car coasts. Nor does a car of
@@ -48,14 +47,14 @@ def motor_push(robot: RobotStruct, drive: float, tau: float) -> float:
     return wp.where(robot.speed_min < 0.0, wp.max(push, 0.0) + wp.min(back, 0.0), push)
 
 
-@wp.func
-def speed_limit_below(robot: RobotStruct) -> float:
+@part
+def speed_limit_below(robot) -> float:
     """Return the limit below which no speed of a car falls [m/s]: 0, or none for one that reverses."""
     return wp.where(robot.speed_min < 0.0, -1.0e30, 0.0)
 
 
-@wp.func
-def car_rate(robot: RobotStruct, state: wp.vec4, curvature: float, push: float) -> wp.vec4:
+@part
+def car_rate(robot, state: wp.vec4, curvature: float, push: float) -> wp.vec4:
     """(x, y, heading, v)' = (v cos heading, v sin heading, v tan(delta) / l, -c v + push), equation (12).
 
     `curvature` is tan(delta) / l [1/m]. The yaw rate is limited by grip to a_lat / |v|; with `robot.speed_min` = 0 a
@@ -69,8 +68,8 @@ def car_rate(robot: RobotStruct, state: wp.vec4, curvature: float, push: float) 
     return wp.vec4(speed * ahead[0], speed * ahead[1], yaw_rate, push - robot.drag * speed)
 
 
-@wp.func
-def car_step(robot: RobotStruct, state: wp.vec4, curvature: float, push: float, h: float) -> wp.vec4:
+@part
+def car_step(robot, state: wp.vec4, curvature: float, push: float, h: float) -> wp.vec4:
     """Return the state after one step of the classical fourth-order Runge-Kutta method over h [s]."""
     k1 = car_rate(robot, state, curvature, push)
     k2 = car_rate(robot, state + 0.5 * h * k1, curvature, push)
@@ -80,10 +79,8 @@ def car_step(robot: RobotStruct, state: wp.vec4, curvature: float, push: float, 
     return wp.vec4(moved[0], moved[1], moved[2], wp.max(moved[3], speed_limit_below(robot)))
 
 
-@wp.func
-def take_input(
-    block: Block, robot: RobotStruct, command: wp.array3d(dtype=float), robots: Robots
-) -> tuple[Floats, Floats]:
+@part
+def take_input(block: Block, robot, command, robots) -> tuple[Floats, Floats]:
     """Return the curvature of the path [1/m] and the motor's acceleration [m/s^2] of the cars of a block."""
     steering = entries(block, command, 0)
     throttling = entries(block, command, 1)
@@ -100,16 +97,7 @@ def take_input(
 
 
 @stage(ROBOT, writes="robots: curvature, heading, position, speed, track")
-def move_cars(
-    block: Block,
-    curve: CurveStruct,
-    robot: RobotStruct,
-    task: TaskStruct,
-    faults: FaultsStruct,
-    command: wp.array3d(dtype=float),
-    clock: Clock,
-    robots: Robots,
-):
+def move_cars(block, curve, robot, task, faults, command, clock, robots):
     """Move cars with constant steering and throttle in a step; a failed car stops, or coasts as it steered last."""
     substeps = robots.track.shape[2] - 1
     h = task.step / float(substeps)
@@ -142,6 +130,40 @@ def move_cars(
             x, y, speed = stop_at_walls(curve, robot.radius, x, y, heading, speed)
         put_places(block, moving, x, y, s + 1, robots.track)
     end_motion(block, moving, x, y, heading, speed, robots)
+
+
+_SLOWEST = wp.constant(1.0 / 3.0)
+"""Least speed for which the driver computes the steering angle [top speed]; a slower car would steer to and fro."""
+
+
+@part
+def steering_towards(wish: wp.vec2, heading: float, speed: float, step: float, robot) -> float:
+    """Return the steering angle [rad] that turns a car to the direction of a wish within a step.
+
+    Of the bicycle (12), heading' = v tan(steering) / l, with the tangent's argument small: steering =
+    arctan(l error / (v step)). A wish of 0 has no direction.
+    """
+    if wp.length_sq(wish) == 0.0:
+        return 0.0
+    error = wrap(atan2(wish[1], wish[0]) - heading)
+    return wp.atan(robot.wheelbase * error / (wp.max(speed, _SLOWEST * robot.speed_max) * step))
+
+
+@part
+def throttle_for(size: float, robot) -> float:
+    """Return the throttle whose steady speed (drive throttle - offset) / drag is a share of the top speed."""
+    return (robot.drag * robot.speed_max * wp.min(size, 1.0) + robot.offset) / robot.drive
+
+
+@stage(ROBOT, writes="command_out", module=_DRIVING)
+def drive(w, i, robot, task, clock, robots, command_out):
+    """Replace the velocity that each car is to have by the steering and throttle of the driver."""
+    wish = wp.vec2(command_out[w, i, 0], command_out[w, i, 1])
+    pose = robots.measured[w, i]
+    steering = steering_towards(wish, pose[2], pose[3], task.step, robot)
+    action = car_action(robot, steering, throttle_for(wp.length(wish), robot))
+    command_out[w, i, 0] = action[0]
+    command_out[w, i, 1] = action[1]
 
 
 def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: Task) -> None:

@@ -1,44 +1,25 @@
 """Collisions: a pair closer than the sum of its radii, by the closest approach between sub-steps."""
 
-from typing import Any
-
 import warp as wp
 
-from lissajous_env.device import atomic
 from lissajous_env.device.approach import closest_approach
-from lissajous_env.device.compilation import OPTIONS, module_apart
-from lissajous_env.device.part_structs import RobotStruct, TaskStruct
-from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Task
-from lissajous_env.world.robots.bins import Bins, columns_of, rows_of
+from lissajous_env.world.robots.bins import PARTED, Bins, columns_of, rows_of
 from lissajous_env.world.robots.sight import max_displacement
-from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Robots, StepEvents
+from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK
 from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
-_LISTED = module_apart(f"{__name__}.listed", OPTIONS)
-
-PARTED = wp.constant(1.05)
-"""A collision is over when the distance is above this many times the sum of the radii."""
 
 _STOP = wp.constant(place_of(Task, "on_collision", "stop"))
 _REMOVE = wp.constant(place_of(Task, "on_collision", "remove"))
 
 
-@wp.func
-def compare_pair(
-    w: int,
-    i: int,
-    j: int,
-    now: int,
-    touch: float,
-    beyond: float,
-    places: wp.array(dtype=int),
-    robots: Robots,
-    latest: StepEvents,
-    tally: EpisodeTotals,
-) -> float:
+@part
+def compare_pair(w, i, j, now, touch: float, beyond: float, places, robots, latest, tally: EpisodeTotals) -> float:
     """Count a collision of two robots that come within `touch`, or end it; return their least squared distance [m^2].
 
     Robots of one of `places` overlap by design and are not compared: `Scenario.places`.
@@ -60,11 +41,11 @@ def compare_pair(
         met_at = tally.contact[w, i, j]
         tally.contact[w, i, j] = now
         if wp.abs(met_at) != now:
-            atomic.add_long(tally.contact_steps, w, wp.int64(1))
+            wp.atomic_add(tally.contact_steps, w, wp.int64(1))
             if met_at <= 0:
-                atomic.add_long(tally.collisions, w, wp.int64(1))
-                atomic.add_for(latest.collisions, w, i, 1)
-                atomic.add_for(latest.collisions, w, j, 1)
+                wp.atomic_add(tally.collisions, w, wp.int64(1))
+                wp.atomic_add(latest.collisions, w, i, 1)
+                wp.atomic_add(latest.collisions, w, j, 1)
     if wp.dot(before, before) > PARTED * PARTED * touch * touch:
         part_pair(w, i, j, tally)
     return least
@@ -77,112 +58,61 @@ def part_pair(w: int, i: int, j: int, tally: EpisodeTotals):
         tally.contact[w, i, j] = -tally.contact[w, i, j]
 
 
-@wp.func
-def compare_with_all(
-    w: int,
-    i: int,
-    now: int,
-    touch: float,
-    beyond: float,
-    way: float,
-    places: wp.array(dtype=int),
-    robots: Robots,
-    bins: Bins,
-    latest: StepEvents,
-    tally: EpisodeTotals,
+@part
+def compare_with_others(
+    w, i, now, touch: float, beyond: float, way: float, places, robots, bins: Bins, latest, tally: EpisodeTotals
 ) -> float:
-    """Run `compare_pair` for the robots after this one; none moves farther than `way` [m] in the step."""
-    last = robots.track.shape[2] - 1
-    nearest = float(1.0e30)
-    apart = beyond + 2.0 * way
-    for j in range(i + 1, robots.status.shape[1]):
-        if robots.status[w, j] != REMOVED:
-            away = robots.track[w, i, last] - robots.track[w, j, last]
-            if wp.length_sq(away) > apart * apart:
-                part_pair(w, i, j, tally)
-            else:
-                nearest = wp.min(nearest, compare_pair(w, i, j, now, touch, beyond, places, robots, latest, tally))
-    return nearest
+    """Run `compare_pair` for the robots after this one; none moves farther than `way` [m] in the step.
 
-
-@wp.func
-def compare_with_listed(
-    w: int,
-    i: int,
-    now: int,
-    touch: float,
-    beyond: float,
-    way: float,
-    places: wp.array(dtype=int),
-    robots: Robots,
-    bins: Bins,
-    latest: StepEvents,
-    tally: EpisodeTotals,
-) -> float:
-    """Compute `compare_with_all` from the lists of the bins on the robot's path, in several of which a robot may be.
-
-    In the first step of an episode, and as long as no two robots were within reach, the nearest is in no list.
+    With bins, robots are those in the lists on the robot's path, in several of which a robot may be. In the first step
+    of an episode, and as long as no two robots were within reach, the nearest is in no list.
     """
-    if beyond > bins.reach or bins.is_everywhere[w, i] == 1:
-        return compare_with_all(w, i, now, touch, beyond, way, places, robots, bins, latest, tally)
     nearest = float(1.0e30)
-    rows = rows_of(w, i, 0.0, robots, bins)
-    for row in range(rows[0], rows[1] + 1):
-        columns = columns_of(w, i, row, 0.0, robots, bins)
-        for column in range(columns[0], columns[1] + 1):
-            entry = bins.entry[w, bins.first[w, row * bins.columns + column]]
-            while entry[0] >= 0:
-                j = entry[0]
-                if j > i:
-                    least = compare_pair(w, i, j, now, touch, beyond, places, robots, latest, tally)
-                    nearest = wp.min(nearest, least)
-                entry = bins.entry[w, entry[1]]
+    if bins.columns > 0 and beyond <= bins.reach and bins.is_everywhere[w, i] == 0:
+        rows = rows_of(w, i, 0.0, robots, bins)
+        for row in range(rows[0], rows[1] + 1):
+            columns = columns_of(w, i, row, 0.0, robots, bins)
+            for column in range(columns[0], columns[1] + 1):
+                entry = bins.entry[w, bins.first[w, row * bins.columns + column]]
+                while entry[0] >= 0:
+                    j = entry[0]
+                    if j > i:
+                        least = compare_pair(w, i, j, now, touch, beyond, places, robots, latest, tally)
+                        nearest = wp.min(nearest, least)
+                    entry = bins.entry[w, entry[1]]
+    else:
+        last = robots.track.shape[2] - 1
+        apart = beyond + 2.0 * way
+        for j in range(i + 1, robots.status.shape[1]):
+            if robots.status[w, j] != REMOVED:
+                away = robots.track[w, i, last] - robots.track[w, j, last]
+                if wp.length_sq(away) > apart * apart:
+                    part_pair(w, i, j, tally)
+                else:
+                    nearest = wp.min(nearest, compare_pair(w, i, j, now, touch, beyond, places, robots, latest, tally))
     return nearest
 
 
-def _finding_collisions(compare: Any, module: Any = None) -> Any:
-    """Make the kernel that finds collisions, for robots that are few or many."""
-
-    @stage(ROBOT, writes="latest: collisions; tally: collisions, contact, contact_steps, min_separation", module=module)
-    def find_collisions(
-        w: int,
-        lane: int,
-        lanes: int,
-        begin: int,
-        end: int,
-        robot: RobotStruct,
-        places: wp.array(dtype=int),
-        clock: Clock,
-        robots: Robots,
-        bins: Bins,
-        latest: StepEvents,
-        tally: EpisodeTotals,
-    ):
-        """Compare each robot with those after it, over the sub-steps of the latest step."""
-        touch = 2.0 * robot.radius
-        # A pair this far apart cannot collide, nor be the nearest of the episode. Other threads may lower it meanwhile,
-        # to no less than the smallest distance of the episode.
-        beyond = wp.max(tally.min_separation[w], PARTED * touch)
-        nearest = float(1.0e30)
-        way = float(1.0e30)
-        if beyond < 1.0e30:
-            way = max_displacement(w, robots)
-        for i in range(begin + lane, end, lanes):
-            if robots.status[w, i] != REMOVED:
-                least = compare(w, i, clock.step[w], touch, beyond, way, places, robots, bins, latest, tally)
-                nearest = wp.min(nearest, least)
-        if nearest < 1.0e30:
-            atomic.lower(tally.min_separation, w, wp.sqrt(nearest))
-
-    return find_collisions
-
-
-find_collisions = _finding_collisions(compare_with_all)
-find_listed_collisions = _finding_collisions(compare_with_listed, _LISTED)
+@stage(ROBOT, writes="latest: collisions; tally: collisions, contact, contact_steps, min_separation")
+def find_collisions(w, lane, lanes, robot, places, clock, robots, bins: Bins, latest, tally: EpisodeTotals):
+    """Compare each robot with those after it, over the sub-steps of the latest step."""
+    touch = 2.0 * robot.radius
+    # A pair this far apart cannot collide, nor be the nearest of the episode.
+    beyond = wp.max(tally.min_separation[w], PARTED * touch)
+    nearest = float(1.0e30)
+    way = float(1.0e30)
+    if beyond < 1.0e30:
+        way = max_displacement(w, robots)
+    for i in range(lane, robots.status.shape[1], lanes):
+        if robots.status[w, i] != REMOVED:
+            least = compare_with_others(w, i, clock.step[w], touch, beyond, way, places, robots, bins, latest, tally)
+            nearest = wp.min(nearest, least)
+    if nearest < 1.0e30:
+        wp.atomic_min(tally.min_separation, w, wp.sqrt(nearest))
 
 
 @stage(ROBOT, writes="latest: terminated; robots: sensor, status, stuck_until")
-def take_consequences(w: int, i: int, task: TaskStruct, clock: Clock, robots: Robots, latest: StepEvents):
+def take_consequences(w, i, task, clock, robots, latest):
     """Stop or remove the robots that collided in this step, by `task.on_collision`."""
     if latest.collisions[w, i] > 0:
         robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)

@@ -17,7 +17,6 @@ import warp as wp
 
 from lissajous_env.device.abreast import (
     ABREAST,
-    Block,
     Floats,
     coordinates,
     is_in,
@@ -30,7 +29,6 @@ from lissajous_env.device.abreast import (
 )
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import (
-    CurveStruct,
     curve_parameter,
     lissajous,
     point2,
@@ -38,15 +36,14 @@ from lissajous_env.device.curve import (
     project_lissajous,
     series,
 )
-from lissajous_env.device.part_structs import FormationStruct, RobotStruct, TaskStruct
-from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.parts import Curve
 from lissajous_env.settings.task import Task
 from lissajous_env.theory.closed_forms import curve_derivatives, curve_point
 from lissajous_env.world.robots.placing import places_of
-from lissajous_env.world.state import NOWHERE, REMOVED, Clock, Robots, StepEvents
+from lissajous_env.world.state import NOWHERE, REMOVED
 
 wp.set_module_options(OPTIONS)
 
@@ -67,8 +64,8 @@ class CurvePoints:
     """Half of their distance [rad]: the extent of a parabola to both sides, and Newton's largest step."""
 
 
-@wp.func
-def curve_distances(sampled: CurvePoints, curve: CurveStruct, x: Floats, y: Floats, count: int) -> Floats:
+@part
+def curve_distances(sampled: CurvePoints, curve, x: Floats, y: Floats, count: int) -> Floats:
     """Return the distance of the robots of a block from the curve [m]; 0 for robots that are always on it."""
     distance = Floats()
     if sampled.points.shape[0] > 0:
@@ -135,15 +132,7 @@ _EDGE = wp.constant(1e-3)
 
 
 @stage(ROBOT, writes="latest: outside, partly_outside, terminated; robots: sensor, status")
-def watch_boundary(
-    block: Block,
-    curve: CurveStruct,
-    robot: RobotStruct,
-    task: TaskStruct,
-    clock: Clock,
-    robots: Robots,
-    latest: StepEvents,
-):
+def watch_boundary(block, curve, robot, task, clock, robots, latest):
     """Mark the robots that are partly or wholly outside the rectangle; `task.boundary=remove` removes the latter."""
     n = robots.status.shape[1]
     beyond = coordinates(block, robots.position, 0)
@@ -170,24 +159,15 @@ def watch_boundary(
                 latest.terminated[w, i] = True
 
 
-@wp.func
-def own_distance(curve: CurveStruct, x: float, y: float, alpha: float, phase: wp.float64) -> float:
+@part
+def own_distance(curve, x: float, y: float, alpha: float, phase: wp.float64) -> float:
     """Return the distance of a place from the point of a Lissajous curve at a phase [m]."""
     point = lissajous(curve, curve_parameter(alpha, phase))
     return wp.length(wp.vec2(x - point[0], y - point[1]))
 
 
 @stage(ROBOT, writes="latest: lateral, phase_offset, tracking")
-def find_deviations(
-    block: Block,
-    curve: CurveStruct,
-    formation: FormationStruct,
-    curve_points: CurvePoints,
-    equilibrium: wp.array(dtype=wp.float64),
-    clock: Clock,
-    robots: Robots,
-    latest: StepEvents,
-):
+def find_deviations(block, curve, formation, curve_points: CurvePoints, equilibrium, clock, robots, latest):
     """Find each robot's distance from the curve and from its own point of it, and its phase from the equilibrium."""
     alpha = float(formation.alpha)
     x, y, phase = places_of(block, robots)

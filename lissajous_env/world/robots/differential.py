@@ -19,23 +19,21 @@ from lissajous_env.device.abreast import (
     width,
 )
 from lissajous_env.device.compilation import MOTION, OPTIONS, module_apart
-from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import RobotStruct, TaskStruct
-from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.part_structs import RobotStruct
+from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.robot_models import AsCar, RobotModel, register_robot_model
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
-from lissajous_env.world.robots.moving import begin_track, end_motion, stop_at_walls
-from lissajous_env.world.robots.walls import WALL
-from lissajous_env.world.state import WORKING, Clock, Robots
+from lissajous_env.world.robots.walls import WALL, begin_track, end_motion, stop_at_walls
+from lissajous_env.world.state import WORKING
 
 wp.set_module_options(MOTION)
 _ACTING = module_apart(f"{__name__}.acting", OPTIONS)
 
 
-@wp.func
-def commanded_speed(robot: RobotStruct, action: float) -> float:
+@part
+def commanded_speed(robot, action: float) -> float:
     """Return the speed of an action u [m/s]: u speed_max forwards, |u| speed_min in reverse."""
     return action * wp.where(action < 0.0, -robot.speed_min, robot.speed_max)
 
@@ -53,16 +51,14 @@ def covered(before: float, wanted: float, rate: float, t: float) -> float:
     return (before + change) * t - 0.5 * change * wp.abs(change) / rate
 
 
-@wp.func
-def yaw_limit(robot: RobotStruct, before: float, after: float) -> float:
+@part
+def yaw_limit(robot, before: float, after: float) -> float:
     """Return the largest yaw rate that grip allows, a_lat / v at the larger of two speeds [rad/s]."""
     return robot.lateral_acceleration_max / wp.max(wp.max(wp.abs(before), wp.abs(after)), 1.0e-6)
 
 
-@wp.func
-def drive_step(
-    robot: RobotStruct, pose: wp.vec4, yaw_rate: float, speed: float, turning: float, push: float, h: float
-) -> wp.vec4:
+@part
+def drive_step(robot, pose: wp.vec4, yaw_rate: float, speed: float, turning: float, push: float, h: float) -> wp.vec4:
     """Return x, y, heading, v after a step h [s] towards a commanded speed [m/s] and yaw rate [rad/s].
 
     v changes at up to `push` [m/s^2] and the yaw rate at up to `yaw_acceleration_max`, so v and the heading are known
@@ -83,10 +79,8 @@ def drive_step(
     return wp.vec4(pose[0] + across + missed * middle[0], pose[1] + up + missed * middle[1], last_heading, last_speed)
 
 
-@wp.func
-def take_twist(
-    block: Block, robot: RobotStruct, command: wp.array3d(dtype=float), robots: Robots
-) -> tuple[Floats, Floats, Floats]:
+@part
+def take_twist(block: Block, robot, command, robots) -> tuple[Floats, Floats, Floats]:
     """Return commanded speeds [m/s], commanded yaw rates [rad/s] and accelerations [m/s^2] of the drives of a block.
 
     The acceleration is proportional to a drive's own motor, `robots.drive`, and its yaw rate inversely proportional to
@@ -105,15 +99,7 @@ def take_twist(
 
 
 @stage(ROBOT, writes="robots: heading, position, speed, track, yaw_rate")
-def move_drives(
-    block: Block,
-    curve: CurveStruct,
-    robot: RobotStruct,
-    task: TaskStruct,
-    command: wp.array3d(dtype=float),
-    clock: Clock,
-    robots: Robots,
-):
+def move_drives(block, curve, robot, task, command, clock, robots):
     """Move differential drives towards constant commands in a step; one that has failed stops dead."""
     substeps = robots.track.shape[2] - 1
     h = task.step / float(substeps)
@@ -148,8 +134,8 @@ def move_drives(
     put_floats(block, moving, yaw_rate, robots.yaw_rate)
 
 
-@wp.func
-def drive_action(robot: RobotStruct, speed: float, yaw_rate: float) -> wp.vec2:
+@part
+def drive_action(robot, speed: float, yaw_rate: float) -> wp.vec2:
     """Return the action in [-1, 1] of a speed [m/s] and a yaw rate [rad/s], clipped to what the drive can do."""
     top = wp.where(speed < 0.0, wp.max(-robot.speed_min, 1.0e-6), robot.speed_max)
     least = wp.where(robot.speed_min < 0.0, -1.0, 0.0)

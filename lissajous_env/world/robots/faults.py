@@ -5,11 +5,10 @@ import warp as wp
 from lissajous_env.device import randomness
 from lissajous_env.device.abreast import Block, where_equal
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.part_structs import FaultsStruct, TaskStruct
-from lissajous_env.device.stage import ROBOT, WORLD, stage
+from lissajous_env.device.stage import ROBOT, WORLD, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.parts import Faults
-from lissajous_env.world.state import NEVER, REMOVED, STUCK, WORKING, Clock, Robots
+from lissajous_env.world.state import NEVER, REMOVED, STUCK, WORKING
 
 wp.set_module_options(OPTIONS)
 
@@ -17,8 +16,8 @@ wp.set_module_options(OPTIONS)
 COAST = wp.constant(place_of(Faults, "stop", "coast"))
 
 
-@wp.func
-def rolling(block: Block, faults: FaultsStruct, robots: Robots) -> int:
+@part
+def rolling(block: Block, faults, robots) -> int:
     """Return a bit for each car of a block that has failed and coasts; a car that a collision stopped does not."""
     if faults.stop != COAST:
         return 0
@@ -32,15 +31,7 @@ def chance(rate: float, time: float) -> float:
 
 
 @stage(ROBOT, writes="robots: resumed_at, status, stuck_until")
-def update_status(
-    w: int,
-    i: int,
-    faults: FaultsStruct,
-    task: TaskStruct,
-    schedule: wp.array2d(dtype=int),
-    clock: Clock,
-    robots: Robots,
-):
+def update_status(w, i, faults, task, schedule, clock, robots):
     """Update which robots fail, resume and are removed in the step that ends now."""
     now = clock.step[w]
     if robots.status[w, i] == REMOVED or robots.removed_at[w, i] < now:
@@ -62,7 +53,7 @@ def update_status(
 
 
 @stage(WORLD, writes="robots: removed_at")
-def reset_losses(w: int, faults: FaultsStruct, removals: wp.array(dtype=int), steps: int, clock: Clock, robots: Robots):
+def reset_losses(w, faults, removals, steps, clock, robots):
     """Draw which robots are removed in this episode, and when: those of the schedule, then `lost` more at random."""
     n = robots.status.shape[1]
     draw = randomness.stream(randomness.step_key(clock.seed[w], 0), 0, randomness.LOSS)

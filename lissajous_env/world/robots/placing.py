@@ -1,5 +1,11 @@
-"""Phases of robots along the curve: at the beginning of an episode, and as they move beside it."""
+"""Starts of robots: their phases along the curve, also as they move beside it, and their headings within walls.
 
+A car that cannot reverse needs room for one of its tightest circles, to the left or to the right, now or after some way
+straight on: where all of them leave the hall, it meets a wall whatever it does. On a curve that bends more sharply than
+cars turn, some would begin like that. They begin turned away from the wall instead, by no more than necessary.
+"""
+
+import numpy as np
 import warp as wp
 
 from lissajous_env.device import randomness
@@ -19,22 +25,26 @@ from lissajous_env.device.compilation import MOTION, OPTIONS, module_apart
 from lissajous_env.device.curve import (
     CurveStruct,
     curve_parameter,
+    curve_struct,
     point,
     project,
     project_lissajous,
     tangent2,
+    wrap,
     wrap_phase,
 )
-from lissajous_env.device.part_structs import FaultsStruct, FormationStruct, NoiseStruct, RobotStruct
-from lissajous_env.device.stage import ROBOT, WORLD, stage
-from lissajous_env.device.structs import place_of
+from lissajous_env.device.devices import compile_quietly
+from lissajous_env.device.part_structs import RobotStruct
+from lissajous_env.device.stage import ROBOT, WORLD, part, stage
+from lissajous_env.device.structs import place_of, to_struct
 from lissajous_env.device.trig import cos_sin
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Formation
 from lissajous_env.world.robots.faults import rolling
-from lissajous_env.world.state import REMOVED, WORKING, Clock, Robots, planar
+from lissajous_env.world.state import REMOVED, WORKING, planar
 
 wp.set_module_options(MOTION)
-_HEADWAY = module_apart(f"{__name__}.headway", OPTIONS)
+_STARTS = module_apart(f"{__name__}.starts", OPTIONS)
 
 LARGEST_CORRECTION = wp.constant(0.1)
 """Limit of a correction of a robot's parameter on the curve [rad]: it may slide along its branch, not jump."""
@@ -46,8 +56,8 @@ _DRAWS = wp.constant(100)
 """Displacements of a robot that are drawn at most; the last one remains."""
 
 
-@wp.func
-def place_on_curve(w: int, i: int, rate: float, curve: CurveStruct, alpha: float, robots: Robots):
+@part
+def place_on_curve(w, i, rate: float, curve, alpha: float, robots):
     """Place a robot at the point of its phase, heading along the curve at phase rate `rate` [rad/s]."""
     gamma = curve_parameter(alpha, robots.phase[w, i])
     tangent = tangent2(curve, gamma) * (alpha * rate)
@@ -57,16 +67,8 @@ def place_on_curve(w: int, i: int, rate: float, curve: CurveStruct, alpha: float
         robots.heading[w, i] = wp.atan2(tangent[1], tangent[0])
 
 
-@wp.func
-def start_phase(
-    w: int,
-    i: int,
-    draw: int,
-    formation: FormationStruct,
-    equilibrium: wp.array(dtype=wp.float64),
-    displaced: wp.array(dtype=float),
-    clock: Clock,
-) -> wp.float64:
+@part
+def start_phase(w, i, draw: int, formation, equilibrium, displaced, clock) -> wp.float64:
     """Return the phase of a robot at reset [rad]; each `draw`, counted from 0, has a random displacement of its own."""
     phase = equilibrium[i] + wp.float64(displaced[i])
     if formation.start == ROTATED:  # the same turn for every robot
@@ -79,16 +81,8 @@ def start_phase(
     return wrap_phase(phase)
 
 
-@wp.func
-def begin_on_curve(
-    w: int,
-    i: int,
-    phase: wp.float64,
-    curve: CurveStruct,
-    formation: FormationStruct,
-    top_speeds: wp.array(dtype=float),
-    robots: Robots,
-):
+@part
+def begin_on_curve(w, i, phase: wp.float64, curve, formation, top_speeds, robots):
     """Put a robot on the curve at a phase [rad], at the formation's speed or its own top speed if that is lower."""
     alpha = float(formation.alpha)
     robots.phase[w, i] = phase
@@ -98,8 +92,8 @@ def begin_on_curve(
         robots.track[w, i, s] = robots.position[w, i]
 
 
-@wp.func
-def places_of(block: Block, robots: Robots) -> tuple[Floats, Floats, Doubles]:
+@part
+def places_of(block: Block, robots) -> tuple[Floats, Floats, Doubles]:
     """Return x, y [m] and phase [rad] of the robots of a block."""
     x = coordinates(block, robots.position, 0)
     y = coordinates(block, robots.position, 1)
@@ -107,9 +101,7 @@ def places_of(block: Block, robots: Robots) -> tuple[Floats, Floats, Doubles]:
 
 
 @stage(ROBOT, writes="robots: phase")
-def follow_curve(
-    block: Block, curve: CurveStruct, formation: FormationStruct, faults: FaultsStruct, clock: Clock, robots: Robots
-):
+def follow_curve(block, curve, formation, faults, clock, robots):
     """Let the phase of a robot that is not bound to the curve follow it along its branch."""
     alpha = float(formation.alpha)
     x, y, phase = places_of(block, robots)
@@ -133,18 +125,7 @@ def follow_curve(
     writes="robots: drive, heading, phase, position, speed, status, track, wheelbase",
 )
 def reset_robots(
-    w: int,
-    i: int,
-    curve: CurveStruct,
-    formation: FormationStruct,
-    robot: RobotStruct,
-    noise: NoiseStruct,
-    equilibrium: wp.array(dtype=wp.float64),
-    displaced: wp.array(dtype=float),
-    drive_factors: wp.array(dtype=float),
-    top_speeds: wp.array(dtype=float),
-    clock: Clock,
-    robots: Robots,
+    w, i, curve, formation, robot, noise, equilibrium, displaced, drive_factors, top_speeds, clock, robots
 ):
     """Place the robots on the curve at the formation's speed or their top speed, and draw each one's own constants."""
     key = randomness.step_key(clock.seed[w], 0)
@@ -158,8 +139,8 @@ def reset_robots(
     robots.drive[w, i] = drive * (1.0 + noise.drive_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
 
 
-@wp.func
-def collides_at_once(w: int, i: int, time: float, radius: float, places: wp.array(dtype=int), robots: Robots) -> bool:
+@part
+def collides_at_once(w, i, time: float, radius: float, places, robots) -> bool:
     """Return whether a robot collides within a time [s] with one of a smaller number if all go straight on.
 
     Positions and velocities are those in the plane. Robots of one of `places` overlap by design: `Scenario.places`.
@@ -173,19 +154,8 @@ def collides_at_once(w: int, i: int, time: float, radius: float, places: wp.arra
     return False
 
 
-@stage(WORLD, writes="robots: heading, phase, position, speed, track", module=_HEADWAY)
-def draw_apart(
-    w: int,
-    curve: CurveStruct,
-    formation: FormationStruct,
-    robot: RobotStruct,
-    equilibrium: wp.array(dtype=wp.float64),
-    displaced: wp.array(dtype=float),
-    top_speeds: wp.array(dtype=float),
-    places: wp.array(dtype=int),
-    clock: Clock,
-    robots: Robots,
-):
+@stage(WORLD, writes="robots: heading, phase, position, speed, track", module=_STARTS)
+def draw_apart(w, curve, formation, robot, equilibrium, displaced, top_speeds, places, clock, robots):
     """Draw the start of a robot again while it would collide within the headway, one robot after another."""
     for i in range(1, robots.status.shape[1]):
         for draw in range(1, _DRAWS):
@@ -193,3 +163,105 @@ def draw_apart(
                 break
             phase = start_phase(w, i, draw, formation, equilibrium, displaced, clock)
             begin_on_curve(w, i, phase, curve, formation, top_speeds, robots)
+
+
+_PARTS = wp.constant(64)
+"""Parts of a turn in which headings are compared."""
+_HALVINGS = wp.constant(12)
+"""Halvings of such a part."""
+
+
+@wp.func
+def passes(place: wp.vec2, ahead: wp.vec2, half: wp.vec2) -> bool:
+    """Return whether a ray enters, or begins in, the rectangle of half extents `half` [m] around the origin."""
+    first = float(0.0)
+    last = float(wp.inf)
+    for k in range(2):
+        if wp.abs(ahead[k]) > 1.0e-6:
+            one = (-half[k] - place[k]) / ahead[k]
+            other = (half[k] - place[k]) / ahead[k]
+            first = wp.max(first, wp.min(one, other))
+            last = wp.min(last, wp.max(one, other))
+        elif wp.abs(place[k]) > half[k]:
+            last = -1.0
+    return first <= last
+
+
+@wp.func
+def has_room(place: wp.vec2, heading: float, turning: float, half: wp.vec2) -> bool:
+    """Return whether a car can turn inside a rectangle, to the left or to the right, now or after some way straight on.
+
+    `turning` is the radius of its tightest circle [m], and `half` are the half extents within which the circle's middle
+    must be [m].
+    """
+    ahead = cos_sin(heading)
+    to_side = turning * wp.vec2(-ahead[1], ahead[0])
+    return passes(place + to_side, ahead, half) or passes(place - to_side, ahead, half)
+
+
+@wp.func
+def heading_with_room(place: wp.vec2, heading: float, turning: float, half: wp.vec2) -> float:
+    """Return the nearest heading at which a car has room to turn [rad]; the same heading if there is none."""
+    if half[0] < 0.0 or half[1] < 0.0 or has_room(place, heading, turning, half):
+        return heading
+    part = 6.2831853 / float(_PARTS)
+    for k in range(1, _PARTS + 1):
+        turned = float((k + 1) / 2) * part * wp.where(k % 2 == 0, -1.0, 1.0)
+        if has_room(place, heading + turned, turning, half):
+            width = wp.sign(turned) * part
+            for _halving in range(_HALVINGS):
+                width *= 0.5
+                if has_room(place, heading + turned - width, turning, half):
+                    turned -= width
+            return wrap(heading + turned)
+    return heading
+
+
+@part
+def turned_inside(place: wp.vec2, heading: float, speed: float, turning: float, curve, robot) -> float:
+    """Return the heading at which a car begins within walls, where steering and grip allow circles [rad]."""
+    widest = wp.max(turning, speed * speed / robot.lateral_acceleration_max)
+    x = wp.min(curve.half_width - robot.radius, curve.reach_x)
+    y = wp.min(curve.half_height - robot.radius, curve.reach_y)
+    return heading_with_room(place, heading, widest, wp.vec2(x - widest, y - widest))
+
+
+@stage(ROBOT, writes="robots: heading", module=_STARTS)
+def turn_inside(w, i, curve, robot, turning: float, clock, robots):
+    """Turn the robots that begin without room to turn within the walls."""
+    place = planar(robots.position[w, i])
+    robots.heading[w, i] = turned_inside(place, robots.heading[w, i], robots.speed[w, i], turning, curve, robot)
+
+
+@wp.kernel(module=_STARTS)
+def _turn_all(
+    curve: CurveStruct,
+    robot: RobotStruct,
+    turning: float,
+    pose: wp.array(dtype=wp.vec3),
+    speed: wp.array(dtype=float),
+    heading_out: wp.array(dtype=float),
+):
+    k = wp.tid()
+    place = wp.vec2(pose[k][0], pose[k][1])
+    heading_out[k] = turned_inside(place, pose[k][2], speed[k], turning, curve, robot)
+
+
+def start_headings(scenario: Scenario, pose: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """Return the headings (...) with which cars begin [rad], for a resolved scenario.
+
+    Args:
+        scenario: The scenario.
+        pose: (..., 3) x, y [m] and heading [rad] on the curve.
+        speed: (...) speeds at the start [m/s].
+    """
+    if scenario.start_turning == 0:
+        return pose[..., 2]
+    with compile_quietly():
+        curve, robot = curve_struct(scenario.curve, "cpu"), to_struct(RobotStruct, scenario.robot)
+        poses = wp.array(pose.reshape(-1, 3), dtype=wp.vec3, device="cpu")
+        speeds = wp.array(speed.reshape(-1), dtype=float, device="cpu")
+        heading = wp.zeros(poses.shape, dtype=float, device="cpu")
+        given = [curve, robot, scenario.start_turning, poses, speeds]
+        wp.launch(_turn_all, poses.shape, given, [heading], device="cpu")
+    return heading.numpy().reshape(speed.shape).astype(float)

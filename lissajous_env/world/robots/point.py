@@ -3,29 +3,18 @@
 import warp as wp
 
 from lissajous_env.device.compilation import MOTION
-from lissajous_env.device.curve import CurveStruct, curve_parameter, point, wrap_phase
-from lissajous_env.device.part_structs import FormationStruct, RobotStruct, TaskStruct
+from lissajous_env.device.curve import curve_parameter, point, wrap_phase
 from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
 from lissajous_env.theory.geometry import top_speed
 from lissajous_env.world.robots.placing import place_on_curve
-from lissajous_env.world.state import WORKING, Clock, Robots
+from lissajous_env.world.state import WORKING
 
 wp.set_module_options(MOTION)
 
 
-@stage(ROBOT, writes="robots: heading, phase, position, speed, track", split=True)
-def move_points(
-    w: int,
-    i: int,
-    curve: CurveStruct,
-    formation: FormationStruct,
-    robot: RobotStruct,
-    task: TaskStruct,
-    command: wp.array3d(dtype=float),
-    clock: Clock,
-    robots: Robots,
-):
+@stage(ROBOT, writes="robots: heading, phase, position, speed, track")
+def move_points(w, i, curve, formation, robot, task, command, clock, robots):
     """Move points: the phase advances at the commanded rate, on the curve; no wall is in their way.
 
     Differs from the paper: (1) is continuous; with a rate that is constant in a step, this is Euler's method on (1).

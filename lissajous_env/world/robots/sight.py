@@ -8,98 +8,14 @@ import warp as wp
 
 from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
 from lissajous_env.device.approach import first_within
+from lissajous_env.device.stage import part
 from lissajous_env.world.robots.bins import Bins, bin_of
-from lissajous_env.world.state import NOWHERE, Robots, planar
+from lissajous_env.world.state import NOWHERE, planar
 
 
-@wp.func
-def nearest_sensor(w: int, place: wp.vec2, robots: Robots, bins: Bins) -> wp.vec2:
-    """Return (index, squared distance [m^2]) of the working robot nearest to a place."""
-    nearest = int(0)
-    least = float(1.0e30)
-    for i in range(robots.sensor.shape[1]):
-        away = robots.sensor[w, i] - place
-        square = wp.dot(away, away)
-        if square < least:
-            least = square
-            nearest = i
-    return wp.vec2(float(nearest), least)
-
-
-@wp.func
-def nearest_sensors(
-    w: int, count: int, x: Floats, y: Floats, within: Floats, robots: Robots, bins: Bins
-) -> tuple[Ints, Floats]:
-    """Compute `nearest_sensor` for `count` places side by side, at any distance: index, squared distance [m^2]."""
-    nearest = Ints()
-    least = Floats(1.0e30)
-    for i in range(robots.sensor.shape[1]):
-        sensor = robots.sensor[w, i]
-        for k in range(ABREAST):
-            if k < width():
-                across = sensor[0] - x[k]
-                up = sensor[1] - y[k]
-                square = across * across + up * up
-                nearest[k] = wp.where(square < least[k], i, nearest[k])
-                least[k] = wp.min(square, least[k])
-    return nearest, least
-
-
-@wp.func
-def max_displacement(w: int, robots: Robots) -> float:
-    """Return the largest distance, over robots and the step, from the position at its end [m]."""
-    last = robots.track.shape[2] - 1
-    square = float(0.0)
-    for i in range(robots.track.shape[1]):
-        for s in range(last):
-            square = wp.max(square, wp.length_sq(robots.track[w, i, last] - robots.track[w, i, s]))
-    return wp.sqrt(square)
-
-
-@wp.func
-def share_until_sight(w: int, i: int, before: wp.vec2, after: wp.vec2, radius: float, robots: Robots) -> float:
-    """Return the share of the step until a robot detects a target that moves as in `first_sight`; 2 for never."""
-    pieces = robots.track.shape[2] - 1
-    moved = (after - before) / float(pieces)
-    start = before - planar(robots.track[w, i, 0])
-    for s in range(pieces):
-        end = before + float(s + 1) * moved - planar(robots.track[w, i, s + 1])
-        share = first_within(start, end, radius)
-        if share <= 1.0:
-            return (float(s) + share) / float(pieces)
-        start = end
-    return 2.0
-
-
-@wp.func
-def first_sight(
-    w: int, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots: Robots, bins: Bins
-) -> wp.vec2:
-    """Return (index of the robot that first has a target in its disc, share of the step until then; 2 for none).
-
-    The target goes from `before` to `after` [m] at one speed; where a wall reflects it, that cuts the corner. Robots
-    that end the step beyond `reach` [m] of `after`, as those that do not work, are passed over. A robot that resumes
-    works from the beginning of its first step on.
-    """
-    finder = int(-1)
-    least = float(2.0)
-    if reach <= 0.0:
-        return wp.vec2(-1.0, 2.0)
-    for i in range(robots.sensor.shape[1]):
-        if wp.length_sq(robots.sensor[w, i] - after) < reach * reach:
-            share = share_until_sight(w, i, before, after, radius, robots)
-            if share < least:
-                least = share
-                finder = i
-    return wp.vec2(float(finder), least)
-
-
-# The same by the lists of bins, where robots are many.
-
-
-@wp.func
-def nearest_listed(w: int, place: wp.vec2, robots: Robots, bins: Bins) -> wp.vec2:
-    """Compute `nearest_sensor` from the robots in the list of a place's bin."""
+@part
+def nearest_listed(w, place: wp.vec2, robots, bins: Bins) -> wp.vec2:
+    """Return (index, squared distance [m^2]) of the working robot nearest to a place in the list of its bin."""
     nearest = int(0)
     least = float(1.0e30)
     entry = bins.entry[w, bins.first[w, bin_of(place, bins)]]
@@ -114,24 +30,56 @@ def nearest_listed(w: int, place: wp.vec2, robots: Robots, bins: Bins) -> wp.vec
     return wp.vec2(float(nearest), least)
 
 
-@wp.func
-def nearest_listed_together(
-    w: int, count: int, x: Floats, y: Floats, within: Floats, robots: Robots, bins: Bins
-) -> tuple[Ints, Floats]:
-    """Compute `nearest_listed` for `count` places: index, squared distance [m^2].
+@part
+def nearest_sensors(w, count: int, x: Floats, y: Floats, robots, bins: Bins) -> tuple[Ints, Floats]:
+    """Return index and squared distance [m^2] of the working robots nearest to `count` places side by side.
 
-    Where lists reach less far than `within` [m] and contain no robot that is near, all robots are compared.
+    With bins, robots are only those in the lists of the places.
     """
     nearest = Ints()
     least = Floats(1.0e30)
-    for k in range(count):
-        place = wp.vec2(x[k], y[k])
-        found = nearest_listed(w, place, robots, bins)
-        if within[k] > bins.reach and found[1] > bins.reach * bins.reach:
-            found = nearest_sensor(w, place, robots, bins)
-        nearest[k] = int(found[0])
-        least[k] = found[1]
+    if bins.columns > 0:
+        for k in range(count):
+            listed = nearest_listed(w, wp.vec2(x[k], y[k]), robots, bins)
+            nearest[k] = int(listed[0])
+            least[k] = listed[1]
+    else:
+        for i in range(robots.sensor.shape[1]):
+            sensor = robots.sensor[w, i]
+            for k in range(ABREAST):
+                if k < width():
+                    across = sensor[0] - x[k]
+                    up = sensor[1] - y[k]
+                    square = across * across + up * up
+                    nearest[k] = wp.where(square < least[k], i, nearest[k])
+                    least[k] = wp.min(square, least[k])
     return nearest, least
+
+
+@part
+def max_displacement(w, robots) -> float:
+    """Return the largest distance, over robots and the step, from the position at its end [m]."""
+    last = robots.track.shape[2] - 1
+    square = float(0.0)
+    for i in range(robots.track.shape[1]):
+        for s in range(last):
+            square = wp.max(square, wp.length_sq(robots.track[w, i, last] - robots.track[w, i, s]))
+    return wp.sqrt(square)
+
+
+@part
+def share_until_sight(w, i, before: wp.vec2, after: wp.vec2, radius: float, robots) -> float:
+    """Return the share of the step until a robot detects a target that moves as in `first_sight`; 2 for never."""
+    pieces = robots.track.shape[2] - 1
+    moved = (after - before) / float(pieces)
+    start = before - planar(robots.track[w, i, 0])
+    for s in range(pieces):
+        end = before + float(s + 1) * moved - planar(robots.track[w, i, s + 1])
+        share = first_within(start, end, radius)
+        if share <= 1.0:
+            return (float(s) + share) / float(pieces)
+        start = end
+    return 2.0
 
 
 @wp.func
@@ -143,22 +91,32 @@ def leaves_lists(before: wp.vec2, after: wp.vec2, radius: float, bins: Bins) -> 
     return wp.length(after - before) > 0.5 * (bins.reach + bins.widened) - radius
 
 
-@wp.func
-def first_sight_listed(
-    w: int, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots: Robots, bins: Bins
-) -> wp.vec2:
-    """Compute `first_sight` from the list of the bin in which a target was, or from all robots if it moved far."""
-    if leaves_lists(before, after, radius, bins):
-        return first_sight(w, before, after, radius, reach, robots, bins)
+@part
+def first_sight(w, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots, bins: Bins) -> wp.vec2:
+    """Return (index of the robot that first has a target in its disc, share of the step until then; 2 for none).
+
+    The target goes from `before` to `after` [m] at one speed; where a wall reflects it, that cuts the corner. Robots
+    that end the step beyond `reach` [m] of `after`, as those that do not work, are passed over. A robot that resumes
+    works from the beginning of its first step on. With bins, robots are those in the list of the bin in which the
+    target was, unless it moved far.
+    """
     finder = int(-1)
     least = float(2.0)
-    entry = bins.entry[w, bins.first[w, bin_of(before, bins)]]
-    while entry[0] >= 0:
-        i = entry[0]
-        if robots.sensor[w, i][0] < NOWHERE:
-            share = share_until_sight(w, i, before, after, radius, robots)
-            if share < least or (share == least and i < finder):
-                least = share
-                finder = i
-        entry = bins.entry[w, entry[1]]
+    if bins.columns > 0 and not leaves_lists(before, after, radius, bins):
+        entry = bins.entry[w, bins.first[w, bin_of(before, bins)]]
+        while entry[0] >= 0:
+            i = entry[0]
+            if robots.sensor[w, i][0] < NOWHERE:
+                share = share_until_sight(w, i, before, after, radius, robots)
+                if share < least or (share == least and i < finder):
+                    least = share
+                    finder = i
+            entry = bins.entry[w, entry[1]]
+    elif reach > 0.0:
+        for i in range(robots.sensor.shape[1]):
+            if wp.length_sq(robots.sensor[w, i] - after) < reach * reach:
+                share = share_until_sight(w, i, before, after, radius, robots)
+                if share < least:
+                    least = share
+                    finder = i
     return wp.vec2(float(finder), least)

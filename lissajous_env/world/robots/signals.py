@@ -1,4 +1,8 @@
-"""Signals of robots: the limits and the noise of their actions, and the measurements that they make of themselves."""
+"""Signals of robots: the limits and the noise of their actions, their measurements of themselves, and their messages.
+
+On the ring, robots send their measured phase and position, and receive those of their two neighbours. Policies may add
+a message of their own, the last components of an action, which arrives with the phase message.
+"""
 
 import numpy as np
 import warp as wp
@@ -6,7 +10,6 @@ import warp as wp
 from lissajous_env.device import randomness
 from lissajous_env.device.abreast import (
     ABREAST,
-    Block,
     Floats,
     entries,
     floats,
@@ -21,28 +24,27 @@ from lissajous_env.device.abreast import (
     width,
 )
 from lissajous_env.device.compilation import MOTION
-from lissajous_env.device.curve import CurveStruct, curve_parameter, project, wrap_phase
-from lissajous_env.device.part_structs import FormationStruct, NoiseStruct
-from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.curve import curve_parameter, project, wrap_phase
+from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.robots.placing import LARGEST_CORRECTION, places_of
-from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Robots, StepEvents
+from lissajous_env.world.state import NOWHERE, REMOVED, WORKING
 
 wp.set_module_options(MOTION)
 
 _LARGEST = wp.constant(float(np.finfo(np.float32).max))
 
 
-@wp.func
-def flag(w: int, clock: Clock):
+@part
+def flag(w, clock):
     """Flag a world that received an action that is not finite."""
     clock.invalid[w] = 1
     if clock.invalid_at[w] == 0:
         clock.invalid_at[w] = clock.step[w]
 
 
-@wp.func
-def disturb_command(w: int, i: int, noise: NoiseStruct, clock: Clock, command_out: wp.array3d(dtype=float)):
+@part
+def disturb_command(w, i, noise, clock, command_out):
     """Add noise to the commands of a robot."""
     draw = randomness.stream(randomness.step_key(clock.seed[w], clock.step[w]), i, randomness.ACTUATOR)
     for entry in range(command_out.shape[2]):
@@ -50,15 +52,7 @@ def disturb_command(w: int, i: int, noise: NoiseStruct, clock: Clock, command_ou
 
 
 @stage(ROBOT, writes="clock: invalid, invalid_at; command_out; latest: change, effort; taken")
-def take_commands(
-    block: Block,
-    noise: NoiseStruct,
-    action: wp.array3d(dtype=float),
-    clock: Clock,
-    latest: StepEvents,
-    taken: wp.array3d(dtype=float),
-    command_out: wp.array3d(dtype=float),
-):
+def take_commands(block, noise, action, clock, latest, taken, command_out):
     """Limit the actions to [-1, 1] and add noise; replace one that is not finite by zero, and flag its world.
 
     Effort and change are those of the commands without the noise, which `taken` stores until the next step. The
@@ -109,9 +103,9 @@ def take_commands(
                 disturb_command((block.start + k) / n, (block.start + k) % n, noise, clock, command_out)
 
 
-@wp.func
+@part
 def disturb_pose(
-    draw: wp.uint32, alpha: float, curve: CurveStruct, noise: NoiseStruct, pose: wp.vec4, phase: wp.float64
+    draw: wp.uint32, alpha: float, curve, noise, pose: wp.vec4, phase: wp.float64
 ) -> tuple[wp.vec4, wp.float64]:
     """Add noise to a pose (x, y [m], heading [rad], speed [m/s]) and a phase [rad]."""
     pose[0] += noise.position * wp.randn(draw)
@@ -124,9 +118,7 @@ def disturb_pose(
 
 
 @stage(ROBOT, writes="robots: measured, measured_turn, sensor")
-def measure(
-    block: Block, curve: CurveStruct, formation: FormationStruct, noise: NoiseStruct, clock: Clock, robots: Robots
-):
+def measure(block, curve, formation, noise, clock, robots):
     """Measure each robot's pose and phase, and place its sensor; measurements of a removed robot are frozen."""
     n = robots.status.shape[1]
     alpha = float(formation.alpha)
@@ -171,3 +163,67 @@ def measure(
             sin_heading[k] = faces[1]
     put_fours(block, measuring, x, y, heading, speed, robots.measured)
     put_fours(block, measuring, cos_phase, sin_phase, cos_heading, sin_heading, robots.measured_turn)
+
+
+@stage(ROBOT, writes="links: sending, sent")
+def send(w, lane, lanes, clock, robots, links):
+    """Send measured phase and position to both neighbours; a removed robot sends nothing."""
+    slot = clock.step[w] % links.sent.shape[2]
+    for i in range(lane, robots.status.shape[1], lanes):
+        links.sending[w, i, slot] = wp.where(robots.status[w, i] == REMOVED, 0, 1)
+        pose = robots.measured[w, i]
+        turn = robots.measured_turn[w, i]
+        links.sent[w, i, slot] = wp.vec4(turn[0], turn[1], pose[0], pose[1])
+
+
+@stage(ROBOT, writes="links: heard, heard_at")
+def hear(w, lane, lanes, noise, neighbours, clock, links):
+    """Receive the neighbours' messages that arrive now, unless they are lost."""
+    now = clock.step[w]
+    slots = links.sent.shape[2]
+    sent_at = now - (slots - 1)
+    if sent_at < 0:
+        return
+    slot = sent_at % slots
+    key = randomness.step_key(clock.seed[w], now)
+    for i in range(lane, links.sending.shape[1], lanes):
+        for side in range(2):
+            j = neighbours[i, side]
+            arrives = j >= 0
+            if arrives:
+                arrives = links.sending[w, j, slot] == 1
+            if arrives and noise.message_loss > 0.0:
+                arrives = randomness.uniform(key, 2 * i + side, randomness.MESSAGE) >= noise.message_loss
+            if arrives:
+                links.heard[w, i, side] = links.sent[w, j, slot]
+                links.heard_at[w, i, side] = sent_at
+
+
+@stage(ROBOT, writes="messages: sending, sent")
+def send_policy_messages(w, i, taken, clock, robots, messages):
+    """Send the last components of each action; a failed robot repeats its last message, a removed one is silent."""
+    size = messages.sending.shape[2]
+    moving = taken.shape[2] - size
+    slot = clock.step[w] % messages.sent.shape[2]
+    status = robots.status[w, i]
+    for m in range(size):
+        if status == WORKING:
+            messages.sending[w, i, m] = taken[w, i, moving + m]
+        elif status == REMOVED:
+            messages.sending[w, i, m] = 0.0
+        messages.sent[w, i, slot, m] = messages.sending[w, i, m]
+
+
+@stage(ROBOT, writes="messages: heard; observation_out")
+def hear_policy_messages(w, i, start: int, neighbours, clock, robots, links, messages, observation_out):
+    """Receive a neighbour's message where its phase message arrives now, and observe the latest, from entry `start`."""
+    size = messages.heard.shape[3]
+    slots = messages.sent.shape[2]
+    sent_at = clock.step[w] - (slots - 1)
+    present = robots.status[w, i] != REMOVED
+    for side in range(2):
+        arrives = sent_at >= 0 and links.heard_at[w, i, side] == sent_at
+        for m in range(size):
+            if arrives:
+                messages.heard[w, i, side, m] = messages.sent[w, neighbours[i, side], sent_at % slots, m]
+            observation_out[w, i, start + side * size + m] = wp.where(present, messages.heard[w, i, side, m], 0.0)

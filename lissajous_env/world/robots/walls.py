@@ -1,15 +1,23 @@
-"""Walls around the rectangle: they stop bodies; contacts with them and robots that are blocked are counted."""
+"""Motion of robots on the ground: walls stop them; contacts with walls and robots that are blocked are counted."""
 
 import warp as wp
 
+from lissajous_env.device.abreast import (
+    ABREAST,
+    Block,
+    Floats,
+    put_floats,
+    put_places,
+    put_vectors,
+    width,
+)
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import RobotStruct, TaskStruct
-from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.curve import wrap
+from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.task import Task
-from lissajous_env.world.state import REMOVED, WORKING, Clock, Robots, planar
+from lissajous_env.world.state import REMOVED, WORKING, planar
 from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
@@ -22,8 +30,8 @@ APART = wp.constant(0.05)
 """Share of the radius beyond which a contact with a wall is over."""
 
 
-@wp.func
-def stop_at_wall(curve: CurveStruct, radius: float, robot: wp.vec4) -> wp.vec4:
+@part
+def stop_at_wall(curve, radius: float, robot: wp.vec4) -> wp.vec4:
     """Keep a body (x, y [m], heading [rad], speed [m/s]) in the rectangle.
 
     What of its velocity goes into a wall is lost, its heading stays.
@@ -38,14 +46,49 @@ def stop_at_wall(curve: CurveStruct, radius: float, robot: wp.vec4) -> wp.vec4:
     return wp.vec4(x, y, robot[2], robot[3] * kept)
 
 
-@wp.func
-def wall_distance(curve: CurveStruct, radius: float, place: wp.vec2) -> float:
+@part
+def begin_track(block: Block, standing: int, x: Floats, y: Floats, robots):
+    """Begin the track of a step, and store that of robots which stand, with a speed of 0."""
+    if standing != 0:
+        put_floats(block, standing, Floats(), robots.speed)
+        for s in range(1, robots.track.shape[2]):
+            put_places(block, standing, x, y, s, robots.track)
+    put_places(block, block.active_mask, x, y, 0, robots.track)
+
+
+@part
+def stop_at_walls(
+    curve, radius: float, x: Floats, y: Floats, heading: Floats, speed: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return x, y [m] and speed [m/s] of bodies that walls stop, as `stop_at_wall` does."""
+    for k in range(ABREAST):
+        if k < width():
+            pose = stop_at_wall(curve, radius, wp.vec4(x[k], y[k], heading[k], speed[k]))
+            x[k] = pose[0]
+            y[k] = pose[1]
+            speed[k] = pose[3]
+    return x, y, speed
+
+
+@part
+def end_motion(block: Block, moving: int, x: Floats, y: Floats, heading: Floats, speed: Floats, robots):
+    """Store where robots are at the end of a step."""
+    for k in range(ABREAST):
+        if k < width():
+            heading[k] = wrap(heading[k])
+    put_vectors(block, moving, x, y, Floats(), robots.position)
+    put_floats(block, moving, heading, robots.heading)
+    put_floats(block, moving, speed, robots.speed)
+
+
+@part
+def wall_distance(curve, radius: float, place: wp.vec2) -> float:
     """Return the distance of a body at a place from the nearest wall [m]; negative beyond it."""
     return wp.min(curve.half_width - wp.abs(place[0]), curve.half_height - wp.abs(place[1])) - radius
 
 
-@wp.func
-def driven_speed(w: int, i: int, driving: wp.array2d(dtype=float), taken: wp.array3d(dtype=float)) -> float:
+@part
+def driven_speed(w, i, driving, taken) -> float:
     """Return the speed that a robot's action requests [m/s], without its direction; `driving` as in `constants`."""
     square = float(0.0)
     for k in range(driving.shape[0]):
@@ -55,18 +98,7 @@ def driven_speed(w: int, i: int, driving: wp.array2d(dtype=float), taken: wp.arr
 
 
 @stage(ROBOT, writes="tally: at_wall, blocked_steps, driven_from, driven_steps, wall_contacts")
-def watch_walls(
-    w: int,
-    i: int,
-    curve: CurveStruct,
-    robot: RobotStruct,
-    task: TaskStruct,
-    driving: wp.array2d(dtype=float),
-    clock: Clock,
-    robots: Robots,
-    taken: wp.array3d(dtype=float),
-    tally: EpisodeTotals,
-):
+def watch_walls(w, i, curve, robot, task, driving, clock, robots, taken, tally: EpisodeTotals):
     """Count contacts with a wall, and the steps in which robots are blocked.
 
     A contact begins when a body reaches a wall and lasts until it is farther from it than APART. A working robot is

@@ -5,9 +5,7 @@ import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
-from lissajous_env.device.stage import TARGET, stage
+from lissajous_env.device.stage import TARGET, part, stage
 from lissajous_env.device.trig import atan2
 from lissajous_env.world.observing import comes_before, far, velocity
 from lissajous_env.world.robots.signals import flag
@@ -20,10 +18,6 @@ from lissajous_env.world.state import (
     REMOVED,
     RUNNING,
     WORKING,
-    Clock,
-    Robots,
-    Rogues,
-    Targets,
     planar,
 )
 
@@ -46,25 +40,16 @@ def commanded(x: float, y: float) -> wp.vec2:
     return action / wp.max(wp.length(action), 1.0)
 
 
-@wp.func
-def held(place: wp.vec2, curve: CurveStruct) -> wp.vec2:
+@part
+def held(place: wp.vec2, curve) -> wp.vec2:
     """Return the nearest place within the walls [m]."""
     x = wp.clamp(place[0], -curve.half_width, curve.half_width)
     y = wp.clamp(place[1], -curve.half_height, curve.half_height)
     return wp.vec2(x, y)
 
 
-@stage(TARGET, writes="clock: invalid, invalid_at; rogues: velocity; targets: heading, position", split=True)
-def move_rogues(
-    w: int,
-    t: int,
-    curve: CurveStruct,
-    target: TargetStruct,
-    task: TaskStruct,
-    clock: Clock,
-    targets: Targets,
-    rogues: Rogues,
-):
+@stage(TARGET, writes="clock: invalid, invalid_at; rogues: velocity; targets: heading, position")
+def move_rogues(w, t, curve, target, task, clock, targets, rogues):
     """Move each undetected rogue by its action; walls stop it, and an action that is not finite counts as zero."""
     moved = wp.vec2(0.0, 0.0)
     if targets.stage[w, t] == PRESENT:
@@ -82,16 +67,8 @@ def move_rogues(
     rogues.velocity[w, t] = moved / task.step
 
 
-@stage(TARGET, writes="rogues: action", split=True)
-def choose_action(
-    w: int,
-    t: int,
-    low: float,
-    high: float,
-    decided: wp.array3d(dtype=wp.float32),
-    clock: Clock,
-    rogues: Rogues,
-):
+@stage(TARGET, writes="rogues: action")
+def choose_action(w, t, low: float, high: float, decided: wp.array3d(dtype=wp.float32), clock, rogues):
     """Let a member of a mixture move the rogues whose draw, which depends on the world's seed alone, is its own."""
     key = randomness.step_key(clock.seed[w], 0)
     draw = randomness.uniform(key, t, randomness.MEMBER)
@@ -100,15 +77,8 @@ def choose_action(
             rogues.action[w, t, k] = decided[w, t, k]
 
 
-@stage(TARGET, writes="rogues: present, reward, terminated, truncated", idle=True, split=True)
-def reward_rogues(
-    w: int,
-    t: int,
-    task: TaskStruct,
-    clock: Clock,
-    targets: Targets,
-    rogues: Rogues,
-):
+@stage(TARGET, writes="rogues: present, reward, terminated, truncated", idle=True)
+def reward_rogues(w, t, task, clock, targets, rogues):
     """Reward each rogue with the time of this step for which it was undetected [s]; a detection terminates it."""
     reward = float(0.0)
     stage = targets.stage[w, t]
@@ -125,8 +95,8 @@ def reward_rogues(
     rogues.reward[w, t] = reward
 
 
-@wp.func
-def next_robot(w: int, place: wp.vec2, after: wp.vec2, sight: float, robots: Robots) -> wp.vec2:
+@part
+def next_robot(w, place: wp.vec2, after: wp.vec2, sight: float, robots) -> wp.vec2:
     """Return (squared distance [m^2], index) of the nearest robot in sight that comes after another; index -1 for none.
 
     A `sight` of 0 has no limit.
@@ -141,18 +111,8 @@ def next_robot(w: int, place: wp.vec2, after: wp.vec2, sight: float, robots: Rob
     return best
 
 
-@wp.func
-def observe_itself(
-    w: int,
-    t: int,
-    place: wp.vec2,
-    curve: CurveStruct,
-    target: TargetStruct,
-    radius: float,
-    age: float,
-    targets: Targets,
-    rogues: Rogues,
-):
+@part
+def observe_itself(w, t, place: wp.vec2, curve, target, radius: float, age: float, targets, rogues):
     """Fill the entries of the rogue and of the walls."""
     speed = rogues.velocity[w, t] / target.speed_limit
     rogues.observation[w, t, 0] = wp.where(targets.stage[w, t] == PRESENT, 1.0, 0.0)
@@ -167,19 +127,8 @@ def observe_itself(
         rogues.observation[w, t, OWN + 2 + side] = wp.clamp((curve.half_height + sign * place[1]) / radius, 0.0, _FAR)
 
 
-@wp.func
-def observe_robot(
-    w: int,
-    t: int,
-    i: int,
-    start: int,
-    away: wp.vec2,
-    curve: CurveStruct,
-    radius: float,
-    speed_unit: float,
-    robots: Robots,
-    rogues: Rogues,
-):
+@part
+def observe_robot(w, t, i, start: int, away: wp.vec2, curve, radius: float, speed_unit, robots, rogues):
     """Fill the entries of a robot that is `away` [m]."""
     speed = velocity(w, i, robots) / speed_unit
     rogues.observation[w, t, start] = 1.0
@@ -191,20 +140,8 @@ def observe_robot(
     rogues.observation[w, t, start + 6] = wp.clamp(wp.length(away) / radius - 1.0, -1.0, _FAR)
 
 
-@stage(TARGET, writes="rogues: observation", split=True)
-def fill_rows(
-    w: int,
-    t: int,
-    curve: CurveStruct,
-    sensing: SensingStruct,
-    target: TargetStruct,
-    speed_unit: float,
-    bounds_per_step: float,
-    clock: Clock,
-    robots: Robots,
-    targets: Targets,
-    rogues: Rogues,
-):
+@stage(TARGET, writes="rogues: observation")
+def fill_rows(w, t, curve, sensing, target, speed_unit, bounds_per_step: float, clock, robots, targets, rogues):
     """Fill the row of each rogue, in the step of its detection for the last time."""
     size = rogues.observation.shape[2]
     now = clock.step[w]

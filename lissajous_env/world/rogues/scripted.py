@@ -1,20 +1,19 @@
-"""Scripted rogues that decide by their row alone: wander, flee, shadow, follow-gap."""
+"""Scripted rogues that decide by their row alone: wander, flee, shadow, follow-gap; and hide, which reads the grid."""
 
 from typing import Any
 
 import warp as wp
 
 from lissajous_env.device import randomness
-from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
-from lissajous_env.device.stage import TARGET, stage
+from lissajous_env.device.compilation import OPTIONS, module_apart
+from lissajous_env.device.stage import TARGET, part, stage
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters.rogues import Rogue, register_rogue
+from lissajous_env.world.contamination.labels import MARGIN, NONE, Hops, slot_of
 from lissajous_env.world.rogues.rows import ROBOT, ROBOTS
-from lissajous_env.world.state import Clock, Rogues
 
 wp.set_module_options(OPTIONS)
+_HIDING = module_apart(f"{__name__}.hiding", OPTIONS)
 
 TURN = wp.constant(6.2831853)
 _MARGIN = wp.constant(0.05)
@@ -42,10 +41,8 @@ class Rules:
     """Control step [s]."""
 
 
-@wp.func
-def rules_of(
-    curve: CurveStruct, sensing: SensingStruct, target: TargetStruct, task: TaskStruct, speed_unit: float
-) -> Rules:
+@part
+def rules_of(curve, sensing, target, task, speed_unit) -> Rules:
     """Collect the constants of the rules."""
     rules = Rules()
     rules.half = wp.vec2(curve.half_width, curve.half_height)
@@ -57,33 +54,33 @@ def rules_of(
     return rules
 
 
-@wp.func
-def own_place(w: int, t: int, rules: Rules, rogues: Rogues) -> wp.vec2:
+@part
+def own_place(w, t, rules: Rules, rogues) -> wp.vec2:
     """Return where a rogue is, by its row [m]."""
     return wp.vec2(rogues.observation[w, t, 1] * rules.half[0], rogues.observation[w, t, 2] * rules.half[1])
 
 
-@wp.func
-def is_sensing(w: int, t: int, entry: int, rogues: Rogues) -> bool:
+@part
+def is_sensing(w, t, entry: int, rogues) -> bool:
     """Return whether the robot at an entry of the row works."""
     return rogues.observation[w, t, entry + 1] > 0.0
 
 
-@wp.func
-def robot_away(w: int, t: int, entry: int, rules: Rules, rogues: Rogues) -> wp.vec2:
+@part
+def robot_away(w, t, entry: int, rules: Rules, rogues) -> wp.vec2:
     """Return where the robot at an entry of the row is, relative to the rogue [m]."""
     x = 2.0 * rogues.observation[w, t, entry + 2] * rules.half[0]
     return wp.vec2(x, 2.0 * rogues.observation[w, t, entry + 3] * rules.half[1])
 
 
-@wp.func
-def robot_velocity(w: int, t: int, entry: int, rules: Rules, rogues: Rogues) -> wp.vec2:
+@part
+def robot_velocity(w, t, entry: int, rules: Rules, rogues) -> wp.vec2:
     """Return the velocity of the robot at an entry of the row [m/s]."""
     return rules.speed_unit * wp.vec2(rogues.observation[w, t, entry + 4], rogues.observation[w, t, entry + 5])
 
 
-@wp.func
-def nearest_sensing(w: int, t: int, rogues: Rogues) -> int:
+@part
+def nearest_sensing(w, t, rogues) -> int:
     """Return the entry of the nearest working robot in sight; -1 for none."""
     entry = int(ROBOTS)
     while entry < rogues.observation.shape[2]:
@@ -93,8 +90,8 @@ def nearest_sensing(w: int, t: int, rogues: Rogues) -> int:
     return -1
 
 
-@wp.func
-def wander(w: int, t: int, key: int, rules: Rules, rogues: Rogues) -> wp.vec2:
+@part
+def wander(w, t, key, rules: Rules, rogues) -> wp.vec2:
     """Return a direction that follows a random walk and bounces off the walls."""
     draw = randomness.uniform(key, t, randomness.ROGUE)
     before = wp.vec2(rogues.observation[w, t, 3], rogues.observation[w, t, 4])
@@ -107,8 +104,8 @@ def wander(w: int, t: int, key: int, rules: Rules, rogues: Rogues) -> wp.vec2:
     return wp.vec2(x, wp.where(wp.abs(after[1]) > rules.half[1], -ahead[1], ahead[1]))
 
 
-@wp.func
-def flee(w: int, t: int, key: int, rules: Rules, rogues: Rogues) -> wp.vec2:
+@part
+def flee(w, t, key, rules: Rules, rogues) -> wp.vec2:
     """Return the direction away from the nearest working robot."""
     entry = nearest_sensing(w, t, rogues)
     if entry < 0:
@@ -116,8 +113,8 @@ def flee(w: int, t: int, key: int, rules: Rules, rogues: Rogues) -> wp.vec2:
     return -wp.normalize(robot_away(w, t, entry, rules, rogues))
 
 
-@wp.func
-def shadow(w: int, t: int, key: int, rules: Rules, rogues: Rogues) -> wp.vec2:
+@part
+def shadow(w, t, key, rules: Rules, rogues) -> wp.vec2:
     """Return the velocity to just outside the disc in which the nearest working robot will sense after this step."""
     entry = nearest_sensing(w, t, rogues)
     if entry < 0:
@@ -127,8 +124,8 @@ def shadow(w: int, t: int, key: int, rules: Rules, rogues: Rogues) -> wp.vec2:
     return beside / (rules.speed * rules.step)
 
 
-@wp.func
-def gap_at(w: int, t: int, offset: wp.vec2, after: float, rules: Rules, rogues: Rogues) -> float:
+@part
+def gap_at(w, t, offset: wp.vec2, after: float, rules: Rules, rogues) -> float:
     """Return the distance from all discs that a place will have after a time [s], if the robots go straight on [m]."""
     gap = float(1.0e30)
     entry = int(ROBOTS)
@@ -140,8 +137,8 @@ def gap_at(w: int, t: int, offset: wp.vec2, after: float, rules: Rules, rogues: 
     return gap
 
 
-@wp.func
-def least_gap(w: int, t: int, ahead: wp.vec2, rules: Rules, rogues: Rogues) -> float:
+@part
+def least_gap(w, t, ahead: wp.vec2, rules: Rules, rogues) -> float:
     """Return the smallest distance from all discs on a straight way over half a sensing radius, or in that time [m]."""
     here = own_place(w, t, rules, rogues)
     gap = float(1.0e30)
@@ -153,8 +150,8 @@ def least_gap(w: int, t: int, ahead: wp.vec2, rules: Rules, rogues: Rogues) -> f
     return gap
 
 
-@wp.func
-def follow_gap(w: int, t: int, key: int, rules: Rules, rogues: Rogues) -> wp.vec2:
+@part
+def follow_gap(w, t, key, rules: Rules, rogues) -> wp.vec2:
     """Return the direction in which the smallest gap to all discs stays largest; none if that is where it is."""
     best = wp.vec2(0.0, 0.0)
     widest = least_gap(w, t, best, rules, rogues)
@@ -170,18 +167,8 @@ def follow_gap(w: int, t: int, key: int, rules: Rules, rogues: Rogues) -> wp.vec
 def _deciding(rule: Any) -> Any:
     """Make the kernel of a rule."""
 
-    @stage(TARGET, writes="rogues: action", split=True)
-    def decide(
-        w: int,
-        t: int,
-        curve: CurveStruct,
-        sensing: SensingStruct,
-        target: TargetStruct,
-        task: TaskStruct,
-        speed_unit: float,
-        clock: Clock,
-        rogues: Rogues,
-    ):
+    @stage(TARGET, writes="rogues: action")
+    def decide(w, t, curve, sensing, target, task, speed_unit, clock, rogues):
         """Decide for each rogue by its row."""
         if rogues.observation[w, t, 0] > 0.0:
             key = randomness.step_key(clock.seed[w], clock.step[w])
@@ -198,3 +185,104 @@ register_rogue(Rogue("wander", WANDER, "goes straight, turning at random"))
 register_rogue(Rogue("flee", FLEE, "goes away from the nearest working robot"))
 register_rogue(Rogue("shadow", SHADOW, "stays just outside the nearest disc"))
 register_rogue(Rogue("follow-gap", FOLLOW_GAP, "stays in the largest gap between discs"))
+
+
+# `hide` reads from the grid where the contaminated age is largest.
+
+_DEPTH = wp.constant(0.5)
+"""Distance to which the cells around the one where it goes count [sensing radius]."""
+_CLEARANCE = wp.constant(0.2)
+"""Distance from every disc that it preserves, if it can [sensing radius]."""
+
+
+@part
+def age_of(w, row, column, slot, now, conservative: int, contamination) -> int:
+    """Return for how long a target in a cell can have been undetected [step]; 0 for a cell that is cleared."""
+    label = contamination.labels[w, slot, row + MARGIN, column + MARGIN]
+    there = contamination.there[w, row + MARGIN, column / 32 + 1, slot] >> wp.uint32(column % 32)
+    if label >= NONE or (conservative == 0 and (there & wp.uint32(1)) == wp.uint32(0)):
+        return 0
+    return now - label / 256
+
+
+@part
+def age_around(w, row, column, aside: int, up: int, columns: int, slot, now, conservative: int, contamination) -> int:
+    """Return the smallest age of a cell and of the four that are so many columns aside or rows up or down [step]."""
+    rows = contamination.row_ages.shape[1]
+    age = age_of(w, row, column, slot, now, conservative, contamination)
+    for k in range(4):
+        sign = 1 - 2 * (k % 2)
+        near_row = wp.clamp(row + wp.where(k < 2, sign * up, 0), 0, rows - 1)
+        near_column = wp.clamp(column + wp.where(k < 2, 0, sign * aside), 0, columns - 1)
+        age = wp.min(age, age_of(w, near_row, near_column, slot, now, conservative, contamination))
+    return age
+
+
+@part
+def is_clear(w, t, offset: wp.vec2, rules: Rules, rogues) -> bool:
+    """Return whether a place relative to a rogue [m] is clear of all discs."""
+    least = (1.0 + _CLEARANCE) * rules.radius
+    entry = int(ROBOTS)
+    while entry < rogues.observation.shape[2]:
+        away = robot_away(w, t, entry, rules, rogues) - offset
+        if is_sensing(w, t, entry, rogues) and wp.dot(away, away) < least * least:
+            return False
+        entry += ROBOT
+    return True
+
+
+@part
+def around(w, t, wanted: wp.vec2, rules: Rules, rogues) -> wp.vec2:
+    """Return the direction nearest to a wanted one in which no disc comes close; without any, that of `follow_gap`."""
+    best = follow_gap(w, t, 0, rules, rogues)
+    nearest = float(-1.0e30)
+    for k in range(-1, DIRECTIONS + 1):
+        ahead = cos_sin(TURN * float(k) / float(DIRECTIONS))
+        if k == -1:
+            ahead = wanted
+        elif k == DIRECTIONS:
+            ahead = wp.vec2(0.0, 0.0)
+        if wp.dot(ahead, wanted) <= nearest:
+            continue
+        if least_gap(w, t, ahead, rules, rogues) > _CLEARANCE * rules.radius:
+            nearest = wp.dot(ahead, wanted)
+            best = ahead
+    return best
+
+
+@stage(TARGET, writes="rogues: action", module=_HIDING)
+def hide(w, t, curve, sensing, target, task, speed_unit, hops: Hops, clock, contamination, rogues):
+    """Go to the cell clear of all discs in which a target can be undetected for longest when the rogue arrives."""
+    rules = rules_of(curve, sensing, target, task, speed_unit)
+    rows = contamination.row_ages.shape[1]
+    now = clock.step[w] - 1  # the labels and the rows are of the end of the step before
+    slot = slot_of(now, hops.ticks - 1, hops)
+    cell = wp.vec2(2.0 * curve.half_width / float(hops.columns), 2.0 * curve.half_height / float(rows))
+    aside = int(_DEPTH * sensing.radius / cell[0])
+    up = int(_DEPTH * sensing.radius / cell[1])
+    if rogues.observation[w, t, 0] > 0.0:
+        here = own_place(w, t, rules, rogues)
+        best = wp.vec2(0.0, 0.0)
+        most = float(-1.0e30)
+        for row in range(rows):
+            for column in range(hops.columns):
+                x = (float(column) + 0.5) * cell[0] - curve.half_width - here[0]
+                offset = wp.vec2(x, (float(row) + 0.5) * cell[1] - curve.half_height - here[1])
+                takes = wp.length(offset) / rules.speed
+                age = age_of(w, row, column, slot, now, task.conservative, contamination)
+                if float(age) * task.step - takes > most:
+                    age = age_around(
+                        w, row, column, aside, up, hops.columns, slot, now, task.conservative, contamination
+                    )
+                    value = float(age) * task.step - takes
+                    if value > most and is_clear(w, t, offset, rules, rogues):
+                        most = value
+                        best = offset
+        ahead = around(w, t, best / wp.max(wp.length(best), rules.speed * rules.step), rules, rogues)
+        rogues.action[w, t, 0] = ahead[0]
+        rogues.action[w, t, 1] = ahead[1]
+
+
+register_rogue(
+    Rogue("hide", hide, "goes where a target can have been undetected for longest", needs_contamination=True)
+)

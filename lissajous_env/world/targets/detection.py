@@ -6,33 +6,20 @@ Targets of a world are processed side by side. With many robots or targets, bins
 target, with the same result to the last bit.
 """
 
-from typing import Any
-
 import warp as wp
 
-from lissajous_env.device import atomic, randomness
+from lissajous_env.device import randomness
 from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
-from lissajous_env.device.compilation import MOTION, module_apart
-from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
-from lissajous_env.device.stage import TARGET, stage
+from lissajous_env.device.compilation import MOTION
+from lissajous_env.device.stage import TARGET, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Targets as TargetSettings
 from lissajous_env.world.robots.bins import Bins, bin_of
-from lissajous_env.world.robots.sight import (
-    first_sight,
-    first_sight_listed,
-    max_displacement,
-    nearest_listed,
-    nearest_listed_together,
-    nearest_sensor,
-    nearest_sensors,
-)
-from lissajous_env.world.state import FOUND, GONE, HIDDEN, PRESENT, Clock, Robots, StepEvents, Targets
+from lissajous_env.world.robots.sight import first_sight, max_displacement, nearest_sensors
+from lissajous_env.world.state import FOUND, GONE, HIDDEN, PRESENT
 from lissajous_env.world.targets.motion import CUSTOM, FLEEING, STILL, away_from_all, flee, is_moved, wander
 
 wp.set_module_options(MOTION)
-_LISTED = module_apart(f"{__name__}.listed", MOTION)
 
 PLACES = wp.constant(64)
 """Number of places that are tried for a target that appears outside all discs."""
@@ -42,54 +29,28 @@ _FROM_ALL = wp.constant(place_of(TargetSettings, "flight", "all"))
 @wp.func
 def list_in_sight(w: int, t: int, place: wp.vec2, bins: Bins):
     """List a target that is in sight, for the robots that observe it."""
-    here = atomic.add(bins.seen_used, w, 1)
-    after = atomic.exchange(bins.first_seen, w, bin_of(place, bins), here)
+    here = wp.atomic_add(bins.seen_used, w, 1)
+    after = wp.atomic_exch(bins.first_seen, w, bin_of(place, bins), here)
     bins.seen[w, here] = wp.vec4(place[0], place[1], float(t), float(after))
 
 
-@wp.func
-def list_none(w: int, t: int, place: wp.vec2, bins: Bins):
-    """List nothing where there are no bins."""
-
-
-def _placing(nearest_to: Any, module: Any = None) -> Any:
-    """Make the kernel that places targets out of sight, for robots that are few or many."""
-
-    @stage(TARGET, writes="targets: position", module=module)
-    def place_unseen(
-        w: int,
-        lane: int,
-        lanes: int,
-        begin: int,
-        end: int,
-        curve: CurveStruct,
-        sensing: SensingStruct,
-        clock: Clock,
-        robots: Robots,
-        targets: Targets,
-        bins: Bins,
-    ):
-        """Put each target that appears now at the first of `PLACES` random places out of sight, or at the last."""
-        now = clock.step[w]
-        key = randomness.step_key(clock.seed[w], now)
-        for t in range(begin + lane, end, lanes):
-            if targets.appears_at[w, t] > now:
-                break  # the slots are in the order of their times
-            if targets.stage[w, t] == HIDDEN:
-                draw = randomness.stream(key, t, randomness.UNSEEN)
-                for _ in range(PLACES):
-                    x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
-                    y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
-                    targets.position[w, t] = wp.vec2(x, y)
-                    nearest = nearest_to(w, wp.vec2(x, y), robots, bins)
-                    if nearest[1] >= sensing.radius * sensing.radius:
-                        break
-
-    return place_unseen
-
-
-place_unseen = _placing(nearest_sensor)
-place_unseen_listed = _placing(nearest_listed, _LISTED)
+@stage(TARGET, writes="targets: position")
+def place_unseen(w, lane, lanes, curve, sensing, clock, robots, targets, bins: Bins):
+    """Put each target that appears now at the first of `PLACES` random places out of sight, or at the last."""
+    now = clock.step[w]
+    key = randomness.step_key(clock.seed[w], now)
+    for t in range(lane, targets.stage.shape[1], lanes):
+        if targets.appears_at[w, t] > now:
+            break  # the slots are in the order of their times
+        if targets.stage[w, t] == HIDDEN:
+            draw = randomness.stream(key, t, randomness.UNSEEN)
+            for _ in range(PLACES):
+                x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
+                y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
+                targets.position[w, t] = wp.vec2(x, y)
+                _nearest, square = nearest_sensors(w, 1, Floats(x), Floats(y), robots, bins)
+                if square[0] >= sensing.radius * sensing.radius:
+                    break
 
 
 @wp.struct
@@ -113,8 +74,8 @@ class Flock:
     """Distance to a robot below which it flees [m]; 0 for one that never flees."""
 
 
-@wp.func
-def gather(w: int, count: int, number: Ints, target: TargetStruct, targets: Targets) -> Flock:
+@part
+def gather(w, count: int, number: Ints, target, targets) -> Flock:
     """Load the targets of these numbers; one that an extension moves has already moved."""
     flock = Flock()
     flock.count = count
@@ -143,18 +104,9 @@ def gather(w: int, count: int, number: Ints, target: TargetStruct, targets: Targ
     return flock
 
 
-@wp.func
+@part
 def move_together(
-    w: int,
-    key: int,
-    flock: Flock,
-    nearest: Ints,
-    square: Floats,
-    step: float,
-    curve: CurveStruct,
-    target: TargetStruct,
-    robots: Robots,
-    targets: Targets,
+    w, key, flock: Flock, nearest: Ints, square: Floats, step: float, curve, target, robots, targets
 ) -> tuple[Floats, Floats]:
     """Move targets over a step [s]; returns their new places [m]. `nearest` and `square` are of `nearest_sensors`."""
     # Copies: a loop over the fields of a struct does not become SIMD.
@@ -186,20 +138,11 @@ def move_together(
     return x, y
 
 
-@wp.func
-def detect(
-    w: int,
-    t: int,
-    now: int,
-    nearest: wp.vec2,
-    sight: wp.vec2,
-    radius: float,
-    targets: Targets,
-    latest: StepEvents,
-) -> int:
+@part
+def detect(w, t, now, nearest: wp.vec2, sight: wp.vec2, radius: float, targets, latest) -> int:
     """Let a robot detect a target: the first on its way or else, if it is seen there, the nearest at its end.
 
-    `nearest` is of `nearest_sensor`, `sight` of `first_sight`. Returns 1 where it does.
+    `nearest` is of `nearest_sensors`, `sight` of `first_sight`. Returns 1 where it does.
     """
     found = wp.where(nearest[1] < radius * radius, int(nearest[0]), -1)
     if sight[1] <= 1.0:
@@ -209,143 +152,120 @@ def detect(
     if found < 0:
         return 0
     targets.found_at[w, t] = now
-    atomic.add_for(latest.detections, w, found, 1)
+    wp.atomic_add(latest.detections, w, found, 1)
     return 1
 
 
-def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module: Any = None) -> Any:
-    """Make the kernel that moves and detects targets, for robots and targets that are few or many."""
+@part
+def detect_together(
+    w,
+    now,
+    flock: Flock,
+    square: Floats,
+    x: Floats,
+    y: Floats,
+    far: float,
+    way: float,
+    sensing,
+    robots,
+    targets,
+    bins: Bins,
+    latest,
+) -> wp.vec2i:
+    """Let robots detect targets that are at x, y now [m]; return how many wait on, and are in sight.
 
-    @wp.func
-    def detect_together(
-        w: int,
-        now: int,
-        flock: Flock,
-        square: Floats,
-        x: Floats,
-        y: Floats,
-        far: float,
-        way: float,
-        sensing: SensingStruct,
-        robots: Robots,
-        targets: Targets,
-        bins: Bins,
-        latest: StepEvents,
-    ) -> wp.vec2i:
-        """Let robots detect targets that are at x, y now [m]; return how many wait on, and are in sight.
-
-        `square` is of `nearest_to`, at the places before. No robot moves farther than `way` [m] in the step, and a
-        robot that can have detected a target but is more than `far` [m] from it at the end is not in its list.
-        """
-        radius = sensing.radius
-        sight = sensing.sight
-        beyond = sight - radius
-        before_x = flock.before_x
-        before_y = flock.before_y
-        near = Floats()
-        for k in range(ABREAST):
-            if k < width():
-                across = x[k] - before_x[k]
-                up = y[k] - before_y[k]
-                near[k] = radius + wp.sqrt(across * across + up * up)
-        comes_near = bool(False)
-        for k in range(flock.count):
-            comes_near = comes_near or square[k] < (near[k] + beyond) * (near[k] + beyond)
-        # A target that was far from every sensor cannot have come into one's sight in this step.
-        nearest = Ints()
-        least = square
-        if comes_near:
-            nearest, least = nearest_to(w, flock.count, x, y, Floats(), robots, bins)
-        waiting = int(0)
-        sighted = int(0)
-        stage = flock.stage
-        seen = Ints()
-        asks = Ints()
-        for k in range(ABREAST):
-            if k < width():
-                seen[k] = wp.where(least[k] < sight * sight, 1, 0)
-                reach = near[k] + way
-                met = wp.where(square[k] < reach * reach or reach > far, 1, 0)
-                appears = wp.where(stage[k] == HIDDEN, 1, 0)
-                asks[k] = wp.where(stage[k] == FOUND, 0, wp.where(least[k] < radius * radius, 1, 0) | met | appears)
-        for k in range(flock.count):
-            t = flock.number[k]
-            targets.in_sight[w, t] = seen[k]
-            sighted += seen[k]
-            if seen[k] == 1:
-                list_seen(w, t, wp.vec2(x[k], y[k]), bins)
-            waiting += wp.where(flock.stage[k] == FOUND, 0, 1)
-            if asks[k] == 1:  # which is rare
-                first = wp.vec2(-1.0, 2.0)
-                if flock.stage[k] == PRESENT:
-                    before = wp.vec2(flock.before_x[k], flock.before_y[k])
-                    first = sight_of(w, before, wp.vec2(x[k], y[k]), radius, near[k] + way, robots, bins)
-                at_end = wp.vec2(float(nearest[k]), least[k])
-                waiting -= detect(w, t, now, at_end, first, radius, targets, latest)
-        return wp.vec2i(waiting, sighted)
-
-    @stage(
-        TARGET,
-        writes=(
-            "bins: first_seen, seen, seen_used; latest: detections, in_sight, waiting; targets: before, "
-            "found_at, found_early, heading, in_sight, position, stage"
-        ),
-        module=module,
-    )
-    def move_and_detect(
-        w: int,
-        lane: int,
-        lanes: int,
-        begin: int,
-        end: int,
-        curve: CurveStruct,
-        target: TargetStruct,
-        sensing: SensingStruct,
-        task: TaskStruct,
-        clock: Clock,
-        robots: Robots,
-        targets: Targets,
-        bins: Bins,
-        latest: StepEvents,
-    ):
-        """Remove detected targets, let others appear or move, and let the first robot that senses one detect it.
-
-        A target appears at the end of its step: it is detected then or, on its way, from the next step on.
-        """
-        now = clock.step[w]
-        key = randomness.step_key(clock.seed[w], now)
-        way = max_displacement(w, robots)
-        # A target that an extension moved farther than lists reach may have met any robot.
-        far = wp.where(bins.columns > 0, bins.widened + way, 1.0e30)
-        total = wp.vec2i(0, 0)
-        t = int(begin + lane)
-        while t < end:
-            number = Ints()
-            count = int(0)
-            while t < end and count < width():
-                if targets.appears_at[w, t] > now:
-                    t = end  # the slots are in the order of their times
-                else:
-                    stage = targets.stage[w, t]
-                    if target.leave == 1 and stage == FOUND:
-                        targets.stage[w, t] = GONE
-                        targets.in_sight[w, t] = 0
-                    elif stage != GONE:
-                        number[count] = t
-                        count += 1
-                    t += lanes
-            if count > 0:
-                flock = gather(w, count, number, target, targets)
-                nearest, square = nearest_to(w, count, flock.x, flock.y, flock.flight, robots, bins)
-                x, y = move_together(w, key, flock, nearest, square, task.step, curve, target, robots, targets)
-                total += detect_together(w, now, flock, square, x, y, far, way, sensing, robots, targets, bins, latest)
-        if total[0] > 0:
-            atomic.add(latest.waiting, w, total[0])
-        if total[1] > 0:
-            atomic.add(latest.in_sight, w, total[1])
-
-    return move_and_detect
+    `square` is of `nearest_sensors`, at the places before. No robot moves farther than `way` [m] in the step, and a
+    robot that can have detected a target but is more than `far` [m] from it at the end is not in its list.
+    """
+    radius = sensing.radius
+    sight = sensing.sight
+    beyond = sight - radius
+    before_x = flock.before_x
+    before_y = flock.before_y
+    near = Floats()
+    for k in range(ABREAST):
+        if k < width():
+            across = x[k] - before_x[k]
+            up = y[k] - before_y[k]
+            near[k] = radius + wp.sqrt(across * across + up * up)
+    comes_near = bool(False)
+    for k in range(flock.count):
+        comes_near = comes_near or square[k] < (near[k] + beyond) * (near[k] + beyond)
+    # A target that was far from every sensor cannot have come into one's sight in this step.
+    nearest = Ints()
+    least = square
+    if comes_near:
+        nearest, least = nearest_sensors(w, flock.count, x, y, robots, bins)
+    waiting = int(0)
+    sighted = int(0)
+    stage = flock.stage
+    seen = Ints()
+    asks = Ints()
+    for k in range(ABREAST):
+        if k < width():
+            seen[k] = wp.where(least[k] < sight * sight, 1, 0)
+            reach = near[k] + way
+            met = wp.where(square[k] < reach * reach or reach > far, 1, 0)
+            appears = wp.where(stage[k] == HIDDEN, 1, 0)
+            asks[k] = wp.where(stage[k] == FOUND, 0, wp.where(least[k] < radius * radius, 1, 0) | met | appears)
+    for k in range(flock.count):
+        t = flock.number[k]
+        targets.in_sight[w, t] = seen[k]
+        sighted += seen[k]
+        if seen[k] == 1 and bins.columns > 0:
+            list_in_sight(w, t, wp.vec2(x[k], y[k]), bins)
+        waiting += wp.where(flock.stage[k] == FOUND, 0, 1)
+        if asks[k] == 1:  # which is rare
+            first = wp.vec2(-1.0, 2.0)
+            if flock.stage[k] == PRESENT:
+                before = wp.vec2(flock.before_x[k], flock.before_y[k])
+                first = first_sight(w, before, wp.vec2(x[k], y[k]), radius, near[k] + way, robots, bins)
+            at_end = wp.vec2(float(nearest[k]), least[k])
+            waiting -= detect(w, t, now, at_end, first, radius, targets, latest)
+    return wp.vec2i(waiting, sighted)
 
 
-move_and_detect = _moving_and_detecting(nearest_sensors, first_sight, list_none)
-move_and_detect_listed = _moving_and_detecting(nearest_listed_together, first_sight_listed, list_in_sight, _LISTED)
+@stage(
+    TARGET,
+    writes=(
+        "bins: first_seen, seen, seen_used; latest: detections, in_sight, waiting; targets: before, "
+        "found_at, found_early, heading, in_sight, position, stage"
+    ),
+)
+def move_and_detect(w, lane, lanes, curve, target, sensing, task, clock, robots, targets, bins: Bins, latest):
+    """Remove detected targets, let others appear or move, and let the first robot that senses one detect it.
+
+    A target appears at the end of its step: it is detected then or, on its way, from the next step on.
+    """
+    now = clock.step[w]
+    key = randomness.step_key(clock.seed[w], now)
+    way = max_displacement(w, robots)
+    # A target that an extension moved farther than lists reach may have met any robot.
+    far = wp.where(bins.columns > 0, bins.widened + way, 1.0e30)
+    total = wp.vec2i(0, 0)
+    end = targets.stage.shape[1]
+    t = int(lane)
+    while t < end:
+        number = Ints()
+        count = int(0)
+        while t < end and count < width():
+            if targets.appears_at[w, t] > now:
+                t = end  # the slots are in the order of their times
+            else:
+                stage = targets.stage[w, t]
+                if target.leave == 1 and stage == FOUND:
+                    targets.stage[w, t] = GONE
+                    targets.in_sight[w, t] = 0
+                elif stage != GONE:
+                    number[count] = t
+                    count += 1
+                t += lanes
+        if count > 0:
+            flock = gather(w, count, number, target, targets)
+            nearest, square = nearest_sensors(w, count, flock.x, flock.y, robots, bins)
+            x, y = move_together(w, key, flock, nearest, square, task.step, curve, target, robots, targets)
+            total += detect_together(w, now, flock, square, x, y, far, way, sensing, robots, targets, bins, latest)
+    if total[0] > 0:
+        wp.atomic_add(latest.waiting, w, total[0])
+    if total[1] > 0:
+        wp.atomic_add(latest.in_sight, w, total[1])

@@ -4,13 +4,12 @@ import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import MOTION
-from lissajous_env.device.curve import CurveStruct, wrap
-from lissajous_env.device.part_structs import TargetStruct, TaskStruct
-from lissajous_env.device.stage import TARGET, WORLD, stage
+from lissajous_env.device.curve import wrap
+from lissajous_env.device.stage import TARGET, WORLD, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.settings.task import Targets as TargetSettings
-from lissajous_env.world.state import FOUND, HIDDEN, NEVER, Clock, Robots, Targets
+from lissajous_env.world.state import FOUND, HIDDEN, NEVER
 
 wp.set_module_options(MOTION)
 
@@ -31,8 +30,8 @@ _WALL = wp.constant(0.5)
 """Weight of a wall relative to that of a robot at the same distance."""
 
 
-@wp.func
-def boundary_point(curve: CurveStruct, share: float) -> wp.vec2:
+@part
+def boundary_point(curve, share: float) -> wp.vec2:
     """Return the point at a share in [0, 1) of the boundary, counter-clockwise from the right bottom [m]."""
     width = curve.half_width
     height = curve.half_height
@@ -48,8 +47,8 @@ def boundary_point(curve: CurveStruct, share: float) -> wp.vec2:
     return wp.vec2(along - 2.0 * height - width, -height)
 
 
-@wp.func
-def hotspot(key: int, k: int, curve: CurveStruct) -> wp.vec3:
+@part
+def hotspot(key, k: int, curve) -> wp.vec3:
     """Return x, y [m] and weight of a hotspot; `key` is that of the reset."""
     draw = randomness.stream(key, k, randomness.HOTSPOT)
     x = _MIDDLE * (2.0 * wp.randf(draw) - 1.0) * curve.half_width
@@ -59,8 +58,8 @@ def hotspot(key: int, k: int, curve: CurveStruct) -> wp.vec3:
     return wp.vec3(x, y, weight)
 
 
-@wp.func
-def near_hotspot(key: int, share: float, offset: wp.vec2, curve: CurveStruct, target: TargetStruct) -> wp.vec2:
+@part
+def near_hotspot(key, share: float, offset: wp.vec2, curve, target) -> wp.vec2:
     """Return the point at an offset [m] from the hotspot at a share in [0, 1) of the sum of the weights."""
     total = float(0.0)
     for k in range(target.hotspots):
@@ -77,8 +76,8 @@ def near_hotspot(key: int, share: float, offset: wp.vec2, curve: CurveStruct, ta
     return wp.vec2(x, y)
 
 
-@wp.func
-def entry_place(key: int, draw: wp.uint32, curve: CurveStruct, target: TargetStruct) -> tuple[wp.vec2, wp.uint32]:
+@part
+def entry_place(key, draw: wp.uint32, curve, target) -> tuple[wp.vec2, wp.uint32]:
     """Draw the place where a target appears [m]; returns it and the generator's next state."""
     x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
     y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
@@ -92,8 +91,8 @@ def entry_place(key: int, draw: wp.uint32, curve: CurveStruct, target: TargetStr
     return place, draw
 
 
-@stage(TARGET, writes="targets: before, heading, motion, position, speed", split=True)
-def reset_targets(w: int, t: int, curve: CurveStruct, target: TargetStruct, clock: Clock, targets: Targets):
+@stage(TARGET, writes="targets: before, heading, motion, position, speed")
+def reset_targets(w, t, curve, target, clock, targets):
     """Draw position, heading and motion of every target; those of the start appear at step 0.
 
     The place of a target that appears outside all discs is drawn anew at that moment.
@@ -124,9 +123,8 @@ def reset_targets(w: int, t: int, curve: CurveStruct, target: TargetStruct, cloc
         "targets: appears_at, before, earlier, earlier_longest, earlier_time, found_at, found_early, heading, "
         "position, stage"
     ),
-    split=True,
 )
-def respawn(w: int, t: int, curve: CurveStruct, target: TargetStruct, clock: Clock, targets: Targets):
+def respawn(w, t, curve, target, clock, targets):
     """Let each target that was detected in the step before appear anew in this one."""
     if targets.stage[w, t] == FOUND:
         now = clock.step[w]
@@ -146,7 +144,7 @@ def respawn(w: int, t: int, curve: CurveStruct, target: TargetStruct, clock: Clo
 
 
 @stage(WORLD, writes="targets: appears_at")
-def reset_arrivals(w: int, target: TargetStruct, task: TaskStruct, clock: Clock, targets: Targets):
+def reset_arrivals(w, target, task, clock, targets):
     """Draw the arrival times of the targets after those of the start, by a Poisson process."""
     draw = randomness.stream(randomness.step_key(clock.seed[w], 0), 0, randomness.ARRIVAL)
     time = float(0.0)
@@ -155,8 +153,8 @@ def reset_arrivals(w: int, target: TargetStruct, task: TaskStruct, clock: Clock,
         targets.appears_at[w, t] = 1 + int(wp.min(time / task.step, 1.0e9))
 
 
-@wp.func
-def bounce(x: float, y: float, heading: float, curve: CurveStruct) -> wp.vec3:
+@part
+def bounce(x: float, y: float, heading: float, curve) -> wp.vec3:
     """Reflect a target at the boundary of the rectangle: returns x, y [m], heading [rad]."""
     beside = wp.abs(x) > curve.half_width
     above = wp.abs(y) > curve.half_height
@@ -167,18 +165,9 @@ def bounce(x: float, y: float, heading: float, curve: CurveStruct) -> wp.vec3:
     return wp.vec3(wp.where(beside, inside_x, x), wp.where(above, inside_y, y), wrap(turned))
 
 
-@wp.func
+@part
 def wander(
-    t: int,
-    key: int,
-    motion: int,
-    x: float,
-    y: float,
-    heading: float,
-    speed: float,
-    step: float,
-    curve: CurveStruct,
-    target: TargetStruct,
+    t, key, motion: int, x: float, y: float, heading: float, speed: float, step: float, curve, target
 ) -> wp.vec3:
     """Move one target at a speed [m/s] over a step [s], straight on if it drifts: returns x, y [m], heading [rad]."""
     # A uniform draw of this deviation: its sum over a second is normal, at a third of the cost.
@@ -195,14 +184,14 @@ def is_moved(motion: int) -> bool:
     return motion != STILL and motion != CUSTOM
 
 
-@wp.func
-def repulsion(away: float, target: TargetStruct) -> float:
+@part
+def repulsion(away: float, target) -> float:
     """Return the weight of what is at a signed distance [m], one over the distance, with its sign."""
     return wp.sign(away) / wp.max(wp.abs(away), _CLOSEST * target.flee_radius)
 
 
-@wp.func
-def away_from_all(w: int, place: wp.vec2, curve: CurveStruct, target: TargetStruct, robots: Robots) -> wp.vec2:
+@part
+def away_from_all(w, place: wp.vec2, curve, target, robots) -> wp.vec2:
     """Return the direction of flight from all robots within `flee_radius`, and from the walls."""
     x = repulsion(place[0] + curve.half_width, target) + repulsion(place[0] - curve.half_width, target)
     y = repulsion(place[1] + curve.half_height, target) + repulsion(place[1] - curve.half_height, target)
@@ -215,8 +204,8 @@ def away_from_all(w: int, place: wp.vec2, curve: CurveStruct, target: TargetStru
     return force
 
 
-@wp.func
-def flee(place: wp.vec2, away: wp.vec2, step: float, curve: CurveStruct, target: TargetStruct) -> wp.vec3:
+@part
+def flee(place: wp.vec2, away: wp.vec2, step: float, curve, target) -> wp.vec3:
     """Move one target over a step [s] in the direction `away`: returns x, y [m], heading [rad]."""
     # A wall turns the flight along itself; it does not send the target back to the robot.
     fled = place + target.flee_speed * step * wp.normalize(away)
