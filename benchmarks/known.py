@@ -27,8 +27,7 @@ from baselines.benchmark.shown import number
 from baselines.planning import portfolio
 from baselines.planning.families.cars import lines, partitions, timed
 from baselines.planning.families.included import as_family, defaults
-from baselines.planning.family import Family, Settings
-from baselines.planning.plans import SETTLED, WHOLE, Figures, Plan, Planned
+from baselines.planning.plans import SETTLED, WHOLE, Family, Figures, Plan, Planned, Settings
 from baselines.planning.rehearse import Episodes, play, quietly
 from baselines.planning.search import Search
 from baselines.policies.base import UnsuitableScenarioError

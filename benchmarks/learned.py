@@ -1,11 +1,12 @@
-"""`learned-watch` against the rules, in worlds that no training and no tuning opened: `python benchmarks/learned.py`.
+"""Learned policies against the rules, in worlds that no training and no tuning opened: `python benchmarks/learned.py`.
 
     python benchmarks/learned.py --trainings runs/0 runs/1 runs/2 runs/3 runs/4 --store
+    python benchmarks/learned.py --scenario intercept --trainings runs/5 runs/6 runs/7 --store
     python benchmarks/learned.py --spaces --store
 
-The first command adds the best policies of some trainings to the comparison on `watch`, and names the training whose
-validation is best. The second one plays the scenarios of `watch-v1`, in its split `test` and its shifts, with the
-included policy and its base.
+The first two commands add the best policies of some trainings to the comparison on a scenario, and name the training
+whose validation is best. The last one plays the scenarios of `watch-v1`, in its split `test` and its shifts, with
+`learned-watch` and its base.
 """
 
 import itertools
@@ -20,19 +21,25 @@ import baselines
 import lissajous_env
 import training
 from training.learned import checkpoint
+from training.scenarios import score_of
 from training.validation import limit_of, rank_of
 
-SHIPPED, BASE, SCENARIO = "learned-watch", "greedy-cover", "watch"
-RULES = (BASE, "a-cmommt", "follow", "lanes")
+POLICIES = {
+    "watch": ("learned-watch", "greedy-cover", "a-cmommt", "follow", "lanes"),
+    "intercept": ("learned-intercept", "lead-pursuit", "voronoi-pursuit", "pure-pursuit", "lanes"),
+}
+"""Policies of each scenario: the learned one, its base, and other rules."""
+TITLES = {"observed_fraction": "targets in sight", "detection_rate": "detections [1/min]"}
 SEEDS = range(10_000, 10_256)
 SPACE, SPLITS, SCENARIOS, EPISODES = "watch-v1", ("test", "larger", "longer", "faster"), 24, 8
 """Space, its splits, and the number of scenarios of each, with the worlds of each of these."""
 
 
 def play(policy: Any, scenario: Any, seeds: range) -> np.ndarray:
-    """Return the share of targets in sight, the collisions and the distance [m] of each world, (3, W)."""
+    """Return the score, the collisions and the distance [m] of each world, (3, W)."""
     rows = lissajous_env.evaluate(policy, scenario, seeds)
-    return np.array([[row[name] for name in ("observed_fraction", "collisions", "distance_mean")] for row in rows]).T
+    columns = score_of(lissajous_env.scenario(scenario)), "collisions", "distance_mean"
+    return np.array([[row[name] for name in columns] for row in rows]).T
 
 
 def interval(values: np.ndarray, digits: int) -> str:
@@ -62,38 +69,38 @@ def _drawn(values: np.ndarray, count: int = 4000) -> np.ndarray:
     return np.stack(means, axis=-1)
 
 
-def on_watch(trainings: list[str]) -> figures.Table:
-    """Return the table of `watch`: the included policy, the trainings and the rules."""
-    played = {f"`{name}`": play(baselines.make(name, SCENARIO, len(SEEDS)), SCENARIO, SEEDS)[:, None]
-              for name in (SHIPPED, *RULES)}  # fmt: skip
+def on_scenario(scenario: str, trainings: list[str]) -> figures.Table:
+    """Return the table of a scenario: the included policy, the trainings and the rules."""
+    names, count = POLICIES[scenario], len(SEEDS)
+    played = {f"`{name}`": play(baselines.make(name, scenario, count), scenario, SEEDS)[:, None] for name in names}
+    base = played[f"`{names[1]}`"][0, 0]
     if trainings:
         folders = [Path(folder) / checkpoint.BEST for folder in trainings]
-        each = [play(training.load(folder, SCENARIO, len(SEEDS)), SCENARIO, SEEDS) for folder in folders]
+        each = [play(training.load(folder, scenario, count), scenario, SEEDS) for folder in folders]
         for folder, of in zip(trainings, each, strict=True):
-            print(folder, of.mean(axis=1).round(4), gain(of[None, 0], played[f"`{BASE}`"][0, 0]), flush=True)
+            print(folder, of.mean(axis=1).round(4), gain(of[None, 0], base), flush=True)
         played = {f"the best of each of {len(each)} trainings": np.stack(each, axis=1)} | played
-    base = played[f"`{BASE}`"][0, 0]
     rows = [[name, interval(of[0], 3), gain(of[0], base), interval(of[1], 2), f"{of[2].mean():.0f}"]
             for name, of in played.items()]  # fmt: skip
-    columns = ["policy", "targets in sight", f"over `{BASE}`", "collisions", "distance of a robot [m]"]
+    title = TITLES[score_of(lissajous_env.scenario(scenario))]
+    columns = ["policy", title, f"over `{names[1]}`", "collisions", "distance of a robot [m]"]
     return {"columns": columns, "rows": rows}
 
 
 def on_spaces() -> figures.Table:
     """Return the table of the splits of `watch-v1`: the included policy and its base."""
-    rows = []
+    rows, (ours, base, *_) = [], POLICIES["watch"]
     for split in SPLITS:
         scores = []
         for made in itertools.islice(lissajous_env.scenario_space(SPACE).scenarios(split), SCENARIOS):
             seeds = range(SEEDS[0], SEEDS[0] + EPISODES)
-            scores.append([play(baselines.make(name, made, EPISODES), made, seeds) for name in (SHIPPED, BASE)])
+            scores.append([play(baselines.make(name, made, EPISODES), made, seeds) for name in (ours, base)])
         # Scenarios are drawn as trainings are above.
-        ours, base = np.moveaxis(np.array(scores), (1, 2), (0, 1))
-        seen = [f"{of[0].mean():.3f}" for of in (ours, base)]
-        collided = [f"{of[1].mean():.2f}" for of in (ours, base)]
-        rows.append([f"`{split}`", *seen, gain(ours[0], base[0]), *collided])
+        both = np.moveaxis(np.array(scores), (1, 2), (0, 1))
+        seen, collided = ([f"{of[k].mean():.{3 - k}f}" for of in both] for k in (0, 1))
+        rows.append([f"`{split}`", *seen, gain(both[0, 0], both[1, 0]), *collided])
         print(*rows[-1], flush=True)
-    columns = [f"`{SPACE}`", f"`{SHIPPED}`", f"`{BASE}`", "ratio", "collisions", f"of `{BASE}`"]
+    columns = [f"`{SPACE}`", f"`{ours}`", f"`{base}`", "ratio", "collisions", f"of `{base}`"]
     return {"columns": columns, "rows": rows}
 
 
@@ -105,7 +112,8 @@ def preferred(trainings: list[str]) -> str:
 
 def main() -> None:
     parser = figures.parser(__doc__)
-    parser.add_argument("--trainings", nargs="+", default=[], metavar="FOLDER", help="folders of trainings on watch")
+    parser.add_argument("--trainings", nargs="+", default=[], metavar="FOLDER", help="folders of trainings")
+    parser.add_argument("--scenario", default="watch", choices=list(POLICIES), help="scenario of the comparison")
     parser.add_argument("--spaces", action="store_true", help="play the splits of watch-v1 instead of watch")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
@@ -114,7 +122,8 @@ def main() -> None:
     if options.spaces:
         figures.publish("learned-spaces", "watch-v1", on_spaces(), options.store)
     else:
-        figures.publish("learned", f"{len(SEEDS)} worlds of watch", on_watch(options.trainings), options.store)
+        table = on_scenario(options.scenario, options.trainings)
+        figures.publish(POLICIES[options.scenario][0], f"{len(SEEDS)} worlds", table, options.store)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,9 @@
 """Multi-robot persistent monitoring and target detection on Lissajous curves, for PettingZoo and Gymnasium."""
 
+# Before all others, whose import Ctrl-C may interrupt.
+from lissajous_env.console import interrupts as _interrupts  # noqa: F401
+
+# isort: split
 # Before all others: a scenario can be made only once the robot models and the scripted rogues are registered.
 from lissajous_env.world import robots as _robots  # noqa: F401
 from lissajous_env.world import rogues as _rogues  # noqa: F401

@@ -14,6 +14,7 @@ from baselines.benchmark.shown import (
     MAIN,
     OVERALL,
     SHOWN,
+    bounds_in_words,
     brought_in,
     in_words,
     shown_columns,
@@ -260,14 +261,8 @@ def _facts(scenario: Scenario, bounds: Bounds, reference: str | None) -> list[tu
         (scenario.detection_time_label, f"{scenario.detection_time_bound:.3g} s"),
         *((("policies are compared with", reference),) if reference is not None else ()),
     )
-    bounded = {
-        "lower bound of the mean detection time": bounds.mean_time,
-        "lower bound of the worst-case undetected time": bounds.worst_case,
-        "best known worst-case undetected time": bounds.best_known,
-        "the same in second halves of episodes": bounds.best_known_settled,
-        "worst-case undetected time in formation": bounds.in_formation,
-    }
-    return [*known, *((name, f"{bound:.3g} s") for name, bound in bounded.items() if math.isfinite(bound))]
+    words = bounds_in_words(bounds).removeprefix(", ")
+    return [*known, *((("bounds", words),) if words else ())]
 
 
 def _words(of: Estimate) -> dict[str, Any]:

@@ -138,18 +138,17 @@ def summarize_largest(
     )
 
 
-def wins(own: Values, other: Values, better: int = -1) -> np.ndarray:
-    """Return for each seed whether a policy is better than another: 1 if it is, 0 if not, 1/2 in a tie.
+def wins(own: Values, other: Values) -> np.ndarray:
+    """Return for each seed whether a policy has less than another: 1 if it has, 0 if not, 1/2 in a tie.
 
     Seed by seed, what a seed is worth, as easy or hard as it is, cancels. NaN where one of the two has no number.
 
     Args:
         own: Numbers of the policy, by seed.
         other: Numbers of the other policy, in the same order of seeds.
-        better: 1 where more is better, -1 where less is.
     """
     own, other = np.asarray(own, dtype=float), np.asarray(other, dtype=float)
-    won = (better * own > better * other) + (own == other) / 2
+    won = (own < other) + (own == other) / 2
     return np.where(np.isnan(own) | np.isnan(other), np.nan, won)
 
 

@@ -13,9 +13,9 @@ import numpy as np
 from baselines.benchmark.bounds import Bounds, bounds_of
 from baselines.benchmark.shown import (
     DETECTION_OVER_BEST,
-    IMPROVEMENT,
     OVER_LOWER_BOUND,
     OVERALL,
+    SOONER,
     WORST_CASE_OVER_BEST,
     column_of,
     numbers_of,
@@ -120,20 +120,16 @@ def with_derived(
     derived: dict[str, list[dict[str, Any]]] = {}
     for policy, rows in policies.items():
         compared = [{} if policy == reference else others.get(row["seed"], {}) for row in rows]
-        better = {of.name: _wins(column, rows, compared) for column, of in IMPROVEMENT.items()}
+        won = wins(numbers(rows, DETECTION_TIME), numbers(compared, DETECTION_TIME))
         derived[policy] = []
-        for k, row in enumerate(rows):
-            time, worst_case, (best_time, best_worst_case) = (
-                row[DETECTION_TIME.name],
-                _worst_case(row),
-                best[row["seed"]],
-            )
-            ratios = {
+        for row, sooner in zip(rows, won, strict=True):
+            time, (best_time, best_worst_case) = row[DETECTION_TIME.name], best[row["seed"]]
+            derived[policy].append(row | {
                 OVER_LOWER_BOUND.name: time / bounds.mean_time,
                 DETECTION_OVER_BEST.name: _ratio(time, best_time),
-                WORST_CASE_OVER_BEST.name: _ratio(worst_case, best_worst_case),
-            }
-            derived[policy].append(row | ratios | {name: float(won[k]) for name, won in better.items()})
+                WORST_CASE_OVER_BEST.name: _ratio(_worst_case(row), best_worst_case),
+                SOONER.name: float(sooner),
+            })  # fmt: skip
     return derived
 
 
@@ -151,22 +147,6 @@ def _ratio(time: float, least: float) -> float:
 def is_growing(row: Row) -> bool:
     """Return whether the worst-case undetected time of an episode was still growing at its end."""
     return row.get(OPEN.name) == 1 or 0 < row.get(WORST_CASE.name, math.nan) == row[AT_END.name]
-
-
-def _wins(column: Column, rows: Rows, others: Sequence[Row]) -> np.ndarray:
-    """Compare rows with those of the reference on the same seeds, which are empty where there are none.
-
-    A worst-case undetected time of an open episode is worse than any other, and two of them are equal. A time that was
-    still growing at the end is undecided against a longer one.
-    """
-    if column is not WORST_CASE:
-        return wins(numbers(rows, column), numbers(others, column), column.better)
-    own, other = ([_worst_case(row) for row in side] for side in (rows, others))
-    won = wins(own, other, column.better)
-    for k, (row, rival) in enumerate(zip(rows, others, strict=True)):
-        if won[k] in (0, 1) and is_growing(row if won[k] else rival):
-            won[k] = 0.5
-    return won
 
 
 def estimates_of(rows: Rows) -> dict[str, Estimate]:

@@ -151,7 +151,7 @@ def legend(table: Table, episodes: int) -> list[str]:
     ]
     if table.references:
         names = ", ".join(dict.fromkeys(table.references.values()))
-        words.append(f"Sooner, better: share of seeds on which the policy beats {names}; ties count half.")
+        words.append(f"Sooner: share of seeds on which the policy detects sooner than {names}; ties count half.")
     if any(estimates[WORST_CASE.name].known for estimates in of):
         words.append(
             "Guaranteed: worst-case undetected time, the largest of n episodes; >: a lower bound, because the worst "

@@ -151,7 +151,7 @@ class Outcome:
     elapsed: float = 0.0
     """Duration of this call [s]."""
     theorem: dict[str, list[str]] = field(default_factory=dict)
-    """Result of `baselines.benchmark.bounds.about_theorem` for all score rows of the folder."""
+    """Result of `baselines.benchmark.theorem.about_theorem` for all score rows of the folder."""
 
     @property
     def scenarios(self) -> dict[str, Scenario]:

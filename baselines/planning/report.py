@@ -91,7 +91,7 @@ def sentences(outcome: Outcome) -> list[str]:
     if any(plan.figures.too_close for plan in outcome.plans):
         least = outcome.request.least_gap
         words.append(f"Close: two bodies come closer than {least:.3g} m (--clearance); such plans come last.")
-    words.append("Detected in mean: mean detection time, with its 95 % interval over the episodes (Student's t).")
+    words.append("Detected in mean: mean detection time, with its 95 % bootstrap interval over the episodes.")
     if outcome.request.guarantee is not None:
         words += _of_guarantee(outcome)
     for number, refusals in outcome.refusals.items():
@@ -169,8 +169,8 @@ def _time(seconds: float) -> str:
 
 
 def _detection(figures: Figures) -> str:
-    """Return the mean detection time with its interval; a time is not negative."""
-    ends = between(max(figures.detection_low, 0.0), figures.detection_high)
+    """Return the mean detection time with its interval."""
+    ends = between(figures.detection_low, figures.detection_high)
     return f"{_number(figures.detection_time)} ({ends})" if ends else _number(figures.detection_time)
 
 

@@ -13,9 +13,8 @@ import numpy as np
 from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
 from baselines.planning.families import FAMILIES
 from baselines.planning.families.included import DEFAULTS
-from baselines.planning.family import Family, Settings
 from baselines.planning.free_paths import optimise
-from baselines.planning.plans import SETTLED, WHOLE, Plan, Planned, best_of, in_turn
+from baselines.planning.plans import SETTLED, WHOLE, Family, Plan, Planned, Settings, best_of, in_turn
 from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at, play
 from baselines.planning.request import PLANS
 from baselines.policies.settings import PolicySettings

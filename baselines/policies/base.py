@@ -42,6 +42,7 @@ class Remembering:
     remembers: tuple[str, ...] = ()
     """Names of attributes with Warp arrays (W, ...) that are zero when an episode begins."""
     num_worlds: int
+    """Number of worlds W."""
 
     def reset(self, worlds: Any = None) -> None:
         """Reset the memory of some worlds, or of all.

@@ -84,9 +84,9 @@ def register_coordinator(name: str, coordinator: Callable[..., Coordinator] | No
 
 register_coordinator("kuramoto", Kuramoto, "Time-inverted Kuramoto coordination, the paper's method")
 register_coordinator("open-loop", OpenLoop, "Constant phase rate of every robot, without feedback (Borkar et al.)")
-_OWN = "Each robot tracks its own reference, which"
-register_coordinator("tracked-reference", TrackedReference, f"{_OWN} stops with the robot (Borkar et al.)")
+_TRACKS = "Each robot tracks its own reference, which"
+register_coordinator("tracked-reference", TrackedReference, f"{_TRACKS} stops with the robot (Borkar et al.)")
 _RUNNING = partial(TrackedReference, parameters=RUNNING)
-register_coordinator("running-reference", _RUNNING, f"{_OWN} keeps moving if the robot stops")
+register_coordinator("running-reference", _RUNNING, f"{_TRACKS} keeps moving if the robot stops")
 register_coordinator("consensus", Consensus, "Linear consensus with the desired spacing given (Yao et al.)")
 register_coordinator("arc", KuramotoByArc, "Kuramoto on the arc length at constant ground speed, without the guarantee")

@@ -157,7 +157,7 @@ def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
 
 
 def _kind_of(name: str) -> str | None:
-    """Return the kind of robots that a registered policy drives, of any that its filter requires; None for any."""
+    """Return the kind of robots that a registered policy drives, that of its filter if it drives any; None for any."""
     entry, suffix = entry_of(name), unwrapped(name)[1]
     if entry is not None and entry.kind is None and suffix:
         return _FILTERS[suffix].kind
@@ -165,7 +165,7 @@ def _kind_of(name: str) -> str | None:
 
 
 def _drives(name: str, kind: str | None) -> bool:
-    """Return whether a registered policy, which its filter must suit, drives robots of a kind, maybe as cars."""
+    """Return whether a registered policy suits its filter and drives robots of a kind (None: any), maybe as cars."""
     own, wrapped = _kind_of(name), _FILTERS.get(unwrapped(name)[1])
     if wrapped is not None and own != wrapped.kind:
         return False

@@ -21,6 +21,8 @@ from typing import Any
 
 import tyro
 
+from lissajous_env.console import interrupts
+from lissajous_env.console.interrupts import INTERRUPTED
 from lissajous_env.console.terminal import CommandError, complain, make_console
 from lissajous_env.device import compilation
 from lissajous_env.plugins import search_current_folder
@@ -29,7 +31,6 @@ from lissajous_env.wording import few_of, nearest, shown
 GROUP = "lissajous_env.commands"
 FAILED = 1
 BAD_INPUT = 2
-INTERRUPTED = 130
 TRACEBACK = "LISSAJOUS_TRACEBACK"
 """Environment variable that enables tracebacks."""
 ROS_ARGUMENTS = "--ros-args"
@@ -117,7 +118,8 @@ def _run(arguments: list[str]) -> int:
         function = known[name].load()
     except Exception as error:
         raise CommandError(f"the command {name} cannot be loaded: {type(error).__name__}: {error}") from error
-    result = tyro.cli(function, prog=f"lissajous {name}", description=_description(function), args=options)
+    with interrupts.raised():
+        result = tyro.cli(function, prog=f"lissajous {name}", description=_description(function), args=options)
     return result if isinstance(result, int) else 0
 
 

@@ -237,7 +237,7 @@ def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.nd
             places = np.where(hidden[:, robot, None, None], np.stack(lines, axis=-1), places)
         _, heading, speed = motion.at(times)
         phase = _phases(log, scenario, robot, times, places[:, -1], heading, hidden[:, robot])
-        columns.append((places, heading, np.where(hidden[:, robot], 0.0, speed), phase, hidden[:, robot].astype(int)))
+        columns.append((places, heading, speed, phase, hidden[:, robot].astype(int)))
     names = ("track", "heading", "speed", "phase", "hidden")
     return {
         name: np.stack(of_robots, axis=1) for name, of_robots in zip(names, zip(*columns, strict=True), strict=True)

@@ -18,7 +18,7 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Callable, Container, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -86,18 +86,13 @@ def overridden(base: Scenario, overrides: Mapping[str, Any]) -> Scenario:
         part, _, name = dotted.partition(".")
         changed[part][name] = given[dotted]
     whole: dict[str, Any] = {"extensions": given["extensions"]} if "extensions" in given else {}
-    try:
-        changed["robot"] = _one_limit(base.robot, changed["robot"])
-        whole |= {
-            part: dataclasses.replace(getattr(base, part), **fields) for part, fields in changed.items() if fields
-        }
-        robot, curve = whole.get("robot", base.robot), whole.get("curve", base.curve)
-        if (curve.a + curve.b if robot.count is None else robot.count) != base.num_robots:
-            anew = {name: None for name in _OF_THE_NUMBER if f"formation.{name}" not in given}
-            whole["formation"] = dataclasses.replace(whole.get("formation", base.formation), **anew)
-        return dataclasses.replace(base, **whole)
-    except ValueError as error:
-        raise ValueError(f"{error}{_origin(str(error), base, given)}") from error
+    changed["robot"] = _one_limit(base.robot, changed["robot"])
+    whole |= {part: dataclasses.replace(getattr(base, part), **fields) for part, fields in changed.items() if fields}
+    robot, curve = whole.get("robot", base.robot), whole.get("curve", base.curve)
+    if (curve.a + curve.b if robot.count is None else robot.count) != base.num_robots:
+        anew = {name: None for name in _OF_THE_NUMBER if f"formation.{name}" not in given}
+        whole["formation"] = dataclasses.replace(whole.get("formation", base.formation), **anew)
+    return dataclasses.replace(base, **whole)
 
 
 def _one_limit(robot: Robot, fields: dict[str, Any]) -> dict[str, Any]:
@@ -113,16 +108,6 @@ def _one_limit(robot: Robot, fields: dict[str, Any]) -> dict[str, Any]:
     if both and not pair & fields.keys() and {"drag", "drive", "offset"} & fields.keys():
         return fields | {"speed_max": None}
     return fields
-
-
-def _origin(words: str, base: Scenario, given: Container[str]) -> str:
-    """Return a hint if the field of an error was not overridden but inherited from `base`; "" otherwise."""
-    dotted = words.partition(" ")[0]
-    part, _, name = dotted.partition(".")
-    if dotted not in _FIELDS or dotted in given or getattr(getattr(base, part), name) == _FIELDS[dotted].default:
-        return ""
-    default = _FIELDS[dotted].default
-    return f"; it comes from the scenario {base.name}: change it too, {dotted}={default!r} is the default"
 
 
 def _nearest_field(name: str) -> str:

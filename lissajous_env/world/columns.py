@@ -112,7 +112,7 @@ def _idleness(episode: Episode) -> float:
 
 def _contaminated(value: Callable[[Episode], Any]) -> Callable[[Episode], Any]:
     """Return a function that is NaN where a scenario computes no contamination."""
-    return lambda episode: value(episode) if episode.has_contamination else math.nan
+    return lambda episode: value(episode) if episode.scenario.task.contamination else math.nan
 
 
 _NO_TARGET = "no target appeared"

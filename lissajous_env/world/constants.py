@@ -16,6 +16,7 @@ from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.contamination.conservative import as_reach
 from lissajous_env.world.contamination.labels import MARGIN, across, as_hops
+from lissajous_env.world.observation import message_start, track_start
 from lissajous_env.world.robots.deviations import points_of
 from lissajous_env.world.robots.faults import removal_steps, schedule_steps
 from lissajous_env.world.rogues.rows import rogue_layout
@@ -57,6 +58,10 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
         "steps": task.steps,
         "cells_total": 0 if task.grid is None else task.grid[0] * task.grid[1],
         "age_per_step": scenario.task.step / scenario.time_unit,
+        "bounds_per_step": scenario.task.step / scenario.detection_time_bound,
+        "turning": scenario.start_turning,
+        "message_start": message_start(scenario),
+        "track_start": track_start(scenario),
         "speed_unit": model.speed_unit(scenario.driven, scenario.formation, scenario.robot),
         "driving": wp.array(_driving(scenario), dtype=wp.float32, device=device, ndim=2),
         "curve_points": points_of(None if model.keeps_to_curve else scenario.driven, str(device)),
@@ -111,8 +116,8 @@ def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, dev
     large.append(n * known * (32 + 4 * (delay + 1)))
     check_room([*large, n * (delay + 1) * (16 + 4 * k), 2 * n * row_size * 4], w, device)
     each, robot = (w,), (w, n)
-    bits, field_row = (w, hops.rows, (hops.columns + 31) // 32), (w, hops.rows)
-    there = w, hops.rows + 2 * int(MARGIN), bits[2] + 2, hops.history_length
+    field_row = w, hops.rows
+    there = w, hops.rows + 2 * int(MARGIN), (hops.columns + 31) // 32 + 2, hops.history_length
     mates = w, n, n if scenario.sensing.has_tracks else 0
     discs, swept = (w, words, rows), (w, (hops.columns + 63) // 64, hops.rows)
     of_robots = {name: robot for name, array in variables_of(EpisodeTotals).items() if array.type.ndim == 2}
@@ -126,7 +131,7 @@ def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, dev
                                            "mate_at": mates, "heard_at": mates}),
         "cells": (Cells, (w, rows), {"sensed_at": (w, rows, columns), "sensed_by": (w, n, words, rows),
                                      "sensed": discs, "in_discs": discs, "coming": discs}),
-        "contamination": (Contamination, each, {"labels": (w, *labels), "settled": bits, "sensed": swept,
+        "contamination": (Contamination, each, {"labels": (w, *labels), "sensed": swept,
                                                 "swept": swept, "there": there, "row_oldest": field_row,
                                                 "row_ages": field_row}),
         "latest": (StepEvents, robot, {"in_sight": each, "waiting": each, "idle_ended": each,

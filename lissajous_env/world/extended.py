@@ -28,7 +28,7 @@ from lissajous_env.world.columns import NAMES
 from lissajous_env.world.observation import layout
 from lissajous_env.world.reward import TERMS
 from lissajous_env.world.state import GONE, HIDDEN
-from lissajous_env.world.targets.motion import CUSTOM
+from lissajous_env.world.targets.motion import CUSTOM, inside
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
@@ -164,22 +164,20 @@ def take_places(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
     """Move the targets of an extension to their new positions."""
     stage = targets.stage[w, t]
     if targets.motion[w, t] == CUSTOM and stage != HIDDEN and stage != GONE:
-        x = wp.clamp(value[w, t][0], -curve.half_width, curve.half_width)
-        y = wp.clamp(value[w, t][1], -curve.half_height, curve.half_height)
-        moved = wp.vec2(x, y) - targets.position[w, t]
+        place = inside(value[w, t], curve)
+        moved = place - targets.position[w, t]
         if wp.length_sq(moved) > 0.0:
             targets.heading[w, t] = wp.atan2(moved[1], moved[0])
-        targets.position[w, t] = wp.vec2(x, y)
+        targets.position[w, t] = place
 
 
 @stage(TARGET, writes="targets: before, position")
 def take_entry(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
     """Put the targets that appear now at the places of an extension."""
     if targets.stage[w, t] == HIDDEN and targets.appears_at[w, t] <= clock.step[w]:
-        x = wp.clamp(value[w, t][0], -curve.half_width, curve.half_width)
-        y = wp.clamp(value[w, t][1], -curve.half_height, curve.half_height)
-        targets.position[w, t] = wp.vec2(x, y)
-        targets.before[w, t] = wp.vec2(x, y)
+        place = inside(value[w, t], curve)
+        targets.position[w, t] = place
+        targets.before[w, t] = place
 
 
 _LARGEST = LARGEST * (1 + 1e-6)

@@ -77,16 +77,6 @@ def put_message(w, i, start: int, age: float, message: wp.vec4, own: wp.vec4, tu
 
 
 @part
-def put_robot(w, i, entry: int, offset: wp.vec2, relative: wp.vec2, observation_out):
-    """Fill the entries of a robot in the disc, of its scaled place and velocity."""
-    observation_out[w, i, entry] = 1.0
-    observation_out[w, i, entry + 1] = offset[0]
-    observation_out[w, i, entry + 2] = offset[1]
-    observation_out[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
-    observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
-
-
-@part
 def put_target(w, i, entry: int, offset: wp.vec2, observation_out):
     """Fill the entries of a target in the disc, of its scaled place."""
     observation_out[w, i, entry] = 1.0
@@ -95,18 +85,31 @@ def put_target(w, i, entry: int, offset: wp.vec2, observation_out):
 
 
 @part
-def observe_ring(w, i, now, curve, age_per_step, robots, links, observation_out):
-    """Fill entries 8 to 19."""
+def put_robot(w, i, entry: int, offset: wp.vec2, relative: wp.vec2, observation_out):
+    """Fill the entries of a robot in the disc, of its scaled place and velocity."""
+    put_target(w, i, entry, offset, observation_out)
+    observation_out[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
+    observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
+
+
+@part
+def observe_ring(w, i, now, curve, age_per_step, message_start, robots, links, messages, observation_out):
+    """Fill entries 8 to 19, and those of the policies' messages."""
     own = robots.measured[w, i]
     turn = robots.measured_turn[w, i]
+    size = messages.heard.shape[3]
     for side in range(2):
         start = OWN + LINK * side
         heard_at = links.heard_at[w, i, side]
-        if heard_at < 0 or robots.status[w, i] == REMOVED:
+        removed = robots.status[w, i] == REMOVED
+        if heard_at < 0 or removed:
             clear(w, i, start, start + LINK, observation_out)
         else:
             age = float(now - heard_at) * age_per_step
             put_message(w, i, start, age, links.heard[w, i, side], own, turn, curve, observation_out)
+        for m in range(size):
+            entry = message_start + side * size + m
+            observation_out[w, i, entry] = wp.where(removed, 0.0, messages.heard[w, i, side, m])
 
 
 @wp.func
@@ -210,11 +213,25 @@ def observe_targets(w, i, kept: int, sensing, robots, targets, bins: Bins, obser
 
 @stage(ROBOT, writes="bins: nearest; observation_out")
 def observe(
-    w, i, curve, sensing, age_per_step, speed_unit, clock, robots, links, targets, bins: Bins, latest, observation_out
+    w,
+    i,
+    curve,
+    sensing,
+    age_per_step,
+    speed_unit,
+    message_start,
+    clock,
+    robots,
+    links,
+    messages,
+    targets,
+    bins: Bins,
+    latest,
+    observation_out,
 ):
     """Fill the row of each robot."""
     observe_self(w, i, curve, speed_unit, robots, observation_out)
-    observe_ring(w, i, clock.step[w], curve, age_per_step, robots, links, observation_out)
+    observe_ring(w, i, clock.step[w], curve, age_per_step, message_start, robots, links, messages, observation_out)
     kept = int(0)
     if sensing.robots_seen > 0 and robots.status[w, i] == WORKING:
         kept = nearest_robots(w, i, sensing.robots_seen, sensing.sight, robots, bins)

@@ -6,17 +6,16 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.device import stage
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.devices import as_device, compile_quietly
-from lissajous_env.device.part_structs import NoiseStruct, SensingStruct
+from lissajous_env.device.part_structs import NoiseStruct
 from lissajous_env.device.program import Program, Stage
-from lissajous_env.device.stage import part
+from lissajous_env.device.stage import ROBOT as ROBOTS
+from lissajous_env.device.stage import part, stage
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.constants import constants_of
-from lissajous_env.world.observation import LINK, OWN, ROBOT, TARGET, layout, message_start
+from lissajous_env.world.observation import LINK, OWN, ROBOT, TARGET, layout
 from lissajous_env.world.observing import (
     clear,
     empty,
@@ -89,22 +88,22 @@ def list_seen(
     empty(w, i, start + kept * width, width, room - kept, observation_out)
 
 
-@wp.kernel
+@stage(ROBOTS, writes="bins: nearest; observation_out; robots: measured_turn")
 def fill_row(
-    first: int,
-    lanes: int,
-    curve: CurveStruct,
-    sensing: SensingStruct,
-    age_per_step: float,
-    speed_unit: float,
-    start: int,
-    robots: Robots,
+    w,
+    i,
+    curve,
+    sensing,
+    age_per_step,
+    speed_unit,
+    message_start,
+    clock,
+    robots,
     bins: Bins,
     outside: Outside,
-    observation_out: wp.array3d(dtype=float),
+    observation_out,
 ):
     """Fill the row of a robot as `lissajous_env.world.observing` does."""
-    w, i = wp.tid()
     given = outside.phase[0]
     if given[2] > 0.0:
         faces = robots.measured_turn[w, i]
@@ -119,7 +118,7 @@ def fill_row(
             age = outside.age[side] * age_per_step
             put_message(w, i, entry, age, outside.message[side], own, turn, curve, observation_out)
         for m in range(outside.numbers.shape[1]):
-            observation_out[w, i, start + side * outside.numbers.shape[1] + m] = outside.numbers[side, m]
+            observation_out[w, i, message_start + side * outside.numbers.shape[1] + m] = outside.numbers[side, m]
     seen, sighted = sensing.robots_seen, sensing.targets_seen
     entry = OWN + 2 * LINK
     list_seen(w, i, 0, entry, ROBOT, seen, sensing, speed_unit, robots, bins, outside, observation_out)
@@ -157,12 +156,12 @@ class RowOutside:
         bins.nearest = wp.zeros((1, 1, seen), dtype=wp.vec2, device="cpu")
         row = wp.zeros((1, 1, layout(scenario).size), dtype=wp.float32, device="cpu")
         values = constants | {"noise": NoiseStruct(), "robots": robots, "clock": clock, "bins": bins}
-        values |= {"outside": outside, "observation_out": row, "start": message_start(scenario)}
+        values |= {"outside": outside, "observation_out": row}
         follow = Stage("phase", follow_curve)
-        rest = [Stage("measurement", measure), Stage("observation", fill_row, stage.ROBOT)]
+        rest = [Stage("measurement", measure), Stage("observation", fill_row)]
         with compile_quietly():
-            self._follow = Program([follow, *rest], values, {stage.ROBOT: 1}, 1, robots.status.device)
-            self._fill = Program(rest, values, {stage.ROBOT: 1}, 1, robots.status.device)
+            self._follow = Program([follow, *rest], values, {ROBOTS: 1}, 1, robots.status.device)
+            self._fill = Program(rest, values, {ROBOTS: 1}, 1, robots.status.device)
         self._kept = robots, outside, row
         self._position = robots.position.numpy()[0, 0]
         self._heading, self._speed = robots.heading.numpy()[0], robots.speed.numpy()[0]

@@ -54,11 +54,6 @@ class Episode:
         """Return whether the scenario has a coverage grid."""
         return self.scenario.task.grid is not None
 
-    @property
-    def has_contamination(self) -> bool:
-        """Return whether the scenario computes contamination."""
-        return self.scenario.task.contamination is not None
-
     @cached_property
     def detections(self) -> tuple[np.ndarray, np.ndarray]:
         """Time from each target's appearance until it was detected, or until now [s], and whether it was."""

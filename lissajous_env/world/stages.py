@@ -23,7 +23,6 @@ from lissajous_env.world.clock import advance_clock, end_episodes, reset_arrays,
 from lissajous_env.world.contamination.conservative import bound_labels, reset_bounds
 from lissajous_env.world.contamination.field import clear_cells, keep_guarantee, reset_labels, spread
 from lissajous_env.world.coverage import cover
-from lissajous_env.world.observation import message_start, track_start
 from lissajous_env.world.observing import keep_final, observe
 from lissajous_env.world.reward import clear_events, give_reward
 from lissajous_env.world.robots.bins import clear_bins, has_bins, list_robots
@@ -34,10 +33,8 @@ from lissajous_env.world.robots.faults import reset_losses, update_status
 from lissajous_env.world.robots.placing import draw_apart, follow_curve, reset_robots, turn_inside
 from lissajous_env.world.robots.signals import (
     hear,
-    hear_policy_messages,
     measure,
     send,
-    send_policy_messages,
     take_commands,
 )
 from lissajous_env.world.robots.walls import watch_walls
@@ -62,7 +59,6 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
         Stage("phase", follow_curve, when=not model.keeps_to_curve),
         Stage("measurement", measure),
         Stage("sending", send),
-        Stage("policy sending", send_policy_messages, when=scenario.messages.size > 0),
         *_bin_stages(scenario),
         Stage("collisions", find_collisions),
         *_rogue_motion(scenario, rogues),
@@ -77,7 +73,6 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
         Stage("end", end_episodes),
         Stage("reward", give_reward),
         Stage("hearing", hear),
-        _policy_hearing(scenario),
         *_track_stages(scenario),
         Stage("observation", observe),
         *_rogue_results(scenario),
@@ -86,14 +81,13 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
 
 def reset_stages(scenario: Scenario) -> list[Stage]:
     """Return the stages of a reset."""
-    turning = scenario.start_turning
     return [
         Stage("clock", reset_clock),
         Stage("arrays", reset_arrays),
         Stage("losses", reset_losses),
         Stage("robots", reset_robots),
         Stage("headway", draw_apart, when=scenario.formation.start_headway > 0),
-        Stage("facing", turn_inside, when=turning > 0, own={"turning": turning}),
+        Stage("facing", turn_inside, when=scenario.start_turning > 0),
         Stage("measurement", measure),
         Stage("sending", send),
         Stage("targets", reset_targets),
@@ -109,26 +103,19 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("score", keep_score),
         Stage("hearing", hear),
         Stage("final", keep_final),
-        _policy_hearing(scenario),
         *_track_stages(scenario),
         Stage("observation", observe),
         *_rogue_results(scenario),
     ]
 
 
-def _policy_hearing(scenario: Scenario) -> Stage:
-    """Return the stage in which robots receive and observe the messages of policies."""
-    own = {"start": message_start(scenario)}
-    return Stage("policy hearing", hear_policy_messages, when=scenario.messages.size > 0, own=own)
-
-
 def _track_stages(scenario: Scenario) -> list[Stage]:
     """Return the stages in which robots remember what they have in sight, and what they hear of the others' sight."""
-    there, own = scenario.sensing.has_tracks, {"start": track_start(scenario)}
+    there = scenario.sensing.has_tracks
     return [
         Stage("sighting", sight, when=there),
         Stage("tracking", update_tracks, when=there),
-        Stage("tracks", observe_tracks, when=there, own=own),
+        Stage("tracks", observe_tracks, when=there),
     ]
 
 
@@ -215,9 +202,8 @@ def _decision(rogue: Rogue, scenario: Scenario, rogues: Any) -> Stage:
 
 def _rogue_results(scenario: Scenario) -> list[Stage]:
     """Return the stages in which rogues are rewarded and observe."""
-    own = {"bounds_per_step": scenario.task.step / scenario.detection_time_bound}
     is_on = scenario.targets.rogues is not None
     return [
         Stage("rogue reward", reward_rogues, when=is_on),
-        Stage("rogue observation", fill_rows, when=is_on, own=own),
+        Stage("rogue observation", fill_rows, when=is_on),
     ]

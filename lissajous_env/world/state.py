@@ -229,8 +229,6 @@ class Contamination:
     """(W, D, R) a bit for each cell that a robot senses now."""
     swept: wp.array3d(dtype=wp.uint64)
     """(W, D, R) a bit for each cell that a robot has sensed on a long way since the tick before."""
-    settled: wp.array3d(dtype=wp.uint32)
-    """(W, R, B) a bit for each cell that has the oldest label of this world in every tick."""
     row_oldest: wp.array2d(dtype=wp.int32)
     """(W, R) earliest introduction of a target that may be in this row now [step]; NEVER for none."""
     row_ages: wp.array2d(dtype=wp.int64)
@@ -315,8 +313,8 @@ named(
     latest=StepEvents,
     steps=int,
     cells_total=int,
-    age_per_step=float,
-    speed_unit=float,
+    **dict.fromkeys(("message_start", "track_start"), int),
+    **dict.fromkeys(("age_per_step", "bounds_per_step", "speed_unit", "turning"), float),
     **dict.fromkeys(("action", "command", "command_out", "taken"), wp.array3d(dtype=float)),
     **dict.fromkeys(("observation", "observation_out", "final_observation_out"), wp.array3d(dtype=float)),
     **dict.fromkeys(("displaced", "drive_factors", "top_speeds"), wp.array(dtype=float)),

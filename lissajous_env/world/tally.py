@@ -97,43 +97,30 @@ INITIAL_TOTALS = {
 
 
 @part
-def tally_tracking(w, now, robots, latest, tally: EpisodeTotals):
-    """Add the distances of the robots from the curve, and from the point of it at their own parameter."""
+def tally_motion(w, now, robots, latest, tally: EpisodeTotals):
+    """Add distances from the curve and from the robots' own points of it, ways, and changes of the actions.
+
+    Record the largest of these distances, and the largest speed.
+    """
     there = int(0)
     lateral = wp.float64(0.0)
-    lateral_max = float(0.0)
     tracking = wp.float64(0.0)
-    tracking_max = float(0.0)
-    for i in range(robots.status.shape[1]):
-        if robots.status[w, i] != REMOVED:
-            there += 1
-            lateral += wp.float64(latest.lateral[w, i])
-            lateral_max = wp.max(lateral_max, latest.lateral[w, i])
-            tracking += wp.float64(latest.tracking[w, i])
-            tracking_max = wp.max(tracking_max, latest.tracking[w, i])
-    tally.lateral_max[w] = wp.max(tally.lateral_max[w], lateral_max)
-    tally.tracking_max[w] = wp.max(tally.tracking_max[w], tracking_max)
-    if now > 0:
-        tally.lateral_sum[w] += lateral / wp.float64(wp.max(there, 1))
-        tally.tracking_sum[w] += tracking / wp.float64(wp.max(there, 1))
-
-
-@part
-def tally_driving(w, now, robots, latest, tally: EpisodeTotals):
-    """Add the distances travelled and the changes of the actions, and record the largest speed."""
-    there = int(0)
     distance = float(0.0)
-    fastest = float(0.0)
     change = float(0.0)
     for i in range(robots.status.shape[1]):
         for s in range(1, robots.track.shape[2]):
             distance += wp.length(robots.track[w, i, s] - robots.track[w, i, s - 1])
         if robots.status[w, i] != REMOVED:
             there += 1
-            fastest = wp.max(fastest, wp.abs(robots.speed[w, i]))
+            lateral += wp.float64(latest.lateral[w, i])
+            tracking += wp.float64(latest.tracking[w, i])
             change += latest.change[w, i]
-    tally.speed_max[w] = wp.max(tally.speed_max[w], fastest)
+            tally.lateral_max[w] = wp.max(tally.lateral_max[w], latest.lateral[w, i])
+            tally.tracking_max[w] = wp.max(tally.tracking_max[w], latest.tracking[w, i])
+            tally.speed_max[w] = wp.max(tally.speed_max[w], wp.abs(robots.speed[w, i]))
     if now > 0:
+        tally.lateral_sum[w] += lateral / wp.float64(wp.max(there, 1))
+        tally.tracking_sum[w] += tracking / wp.float64(wp.max(there, 1))
         tally.distance_sum[w] += wp.float64(distance)
         tally.change_sum[w] += wp.float64(change / float(wp.max(there, 1)))
 
@@ -230,8 +217,7 @@ def keep_score(w, cells_total, neighbours, clock, robots, latest, tally: Episode
         for i in range(n):
             tally.outside_steps[w] += wp.int64(latest.outside[w, i])
             tally.partly_outside_steps[w] += wp.int64(latest.partly_outside[w, i])
-    tally_tracking(w, now, robots, latest, tally)
-    tally_driving(w, now, robots, latest, tally)
+    tally_motion(w, now, robots, latest, tally)
     tally_spacing(w, neighbours, robots, tally)
     tally_faults(w, robots, tally)
     tally_formation(w, now, robots, latest, tally)

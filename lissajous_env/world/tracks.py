@@ -121,7 +121,7 @@ def put_place(w, i, entry: int, offset: wp.vec2, age: float, curve, observation_
 
 @stage(ROBOT, writes="bins: nearest; observation_out")
 def observe_tracks(
-    w, i, start: int, curve, sensing, task, speed_unit, clock, robots, tracks, bins: Bins, observation_out
+    w, i, track_start, curve, sensing, task, speed_unit, clock, robots, tracks, bins: Bins, observation_out
 ):
     """List the tracks of each robot, then its teammates, nearest first; a removed robot has none."""
     now = clock.step[w]
@@ -135,7 +135,7 @@ def observe_tracks(
             if tracks.seen_at[w, i, t] >= 0 and age <= sensing.memory:
                 offset = (tracks.place[w, i, t] - here) / unit
                 kept = keep_nearest(w, i, kept, sensing.tracks_seen, offset, t, bins)
-    entry = int(start)
+    entry = int(track_start)
     for k in range(kept):
         t = int(bins.nearest[w, i, k][1])
         age = float(now - tracks.seen_at[w, i, t]) * task.step / sensing.memory
@@ -148,7 +148,7 @@ def observe_tracks(
         observation_out[w, i, entry + 8] = float(tracks.leaves[w, i, t])
         entry += TRACK
     empty(w, i, entry, TRACK, sensing.tracks_seen - kept, observation_out)
-    entry = start + TRACK * sensing.tracks_seen
+    entry = track_start + TRACK * sensing.tracks_seen
     mates = int(0)
     if robots.status[w, i] != REMOVED:
         for j in range(tracks.heard_at.shape[2]):

@@ -8,7 +8,6 @@ import math
 import os
 import re
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -231,15 +230,6 @@ def test_a_score_that_is_no_number_fails_its_policy_and_is_not_kept(tmp_path, mo
     outcome = measure(small(tmp_path, policies=("kuramoto",), episodes=1), console=QUIET)
     assert "the score of seed 0: return_mean must be a finite number, got 'inf'" in outcome.failures[0].error
     assert lines(tmp_path) == []
-
-
-def test_columns_that_do_not_fit_are_in_the_file_that_is_named(copied):
-    console = Console(width=60, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
-    run(small(copied), console=console)
-    line = next(each for each in console.export_text().splitlines() if each.startswith("Columns that do not fit"))
-    names, file = re.fullmatch(r"Columns that do not fit the terminal: (.*)\. They are in (\S+), .*", line).groups()
-    of = json.loads(Path(file).read_text())["statistics"]["failure"]
-    assert set(names.split(", ")) <= set(of["kuramoto"])
 
 
 @pytest.mark.parametrize(

@@ -162,23 +162,6 @@ def test_it_fits_narrow_and_wide_screens(browser, run):
     assert complaints(browser) == ([], [])
 
 
-def overprinted(run):
-    """Return the texts of a training's page that overlap others of the same picture, or come near them in a row."""
-    return run("""
-        const found = [];
-        for (const box of document.querySelectorAll(".plot, #evaluations td.name")) {
-            const row = box.matches("td"), gap = row ? 3 : 0;
-            const texts = [...box.querySelectorAll(row ? ".badge, .kind" : "text")];
-            const places = texts.map((text) => [text.textContent, text.getBoundingClientRect()]);
-            const meet = (a, b) => a.left < b.right + gap && b.left < a.right + gap
-                && a.top + 2 < b.bottom && b.top + 2 < a.bottom;
-            for (const [name, a] of places) for (const [other, b] of places)
-                if (a !== b && meet(a, b)) found.push([name, other]);
-        }
-        return found;
-    """)
-
-
 def test_a_link_into_a_report_opens_its_replay_at_a_moment(browser, folder, text):
     opened(browser, folder, text)
     browser.get("about:blank")

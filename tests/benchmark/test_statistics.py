@@ -59,7 +59,6 @@ def test_wins_by_hand_and_the_share_of_seeds():
     of = summarize(won, SHARE_OF_SEEDS)
     assert (of.n, of.known, of.value) == (7, 6, 0.5)
     assert in_words(of)[0] == "50 %"
-    assert wins([1.0, 2.0], [2.0, 1.0], better=1).tolist() == [0, 1]
 
 
 def test_seeds_in_common_cancel():

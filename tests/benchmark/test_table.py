@@ -109,19 +109,6 @@ def test_the_share_of_seeds_is_over_those_that_both_have():
     assert Table.of(played[:3], INTRUDERS).references == {}
 
 
-@pytest.mark.parametrize(
-    ("times", "shares"),
-    [
-        ([(4, 4, 0), (6, 6, 0), (40, 40, 1), (4, 1, 0)], [0.5, 0, 0, 1]),  # against 5 s: growing at 4 s is undecided
-        ([(4, 4, 1)] * 4, [0, 0, 0, 0]),  # an open episode loses, however short it was
-    ],
-)
-def test_worst_cases_seed_by_seed(times, shares):
-    played = [*worst_cases("kuramoto-mpcc", [(5, 1, 0)] * 4), *worst_cases("a", times)]
-    table = Table.of(played, INTRUDERS)
-    assert [row[f"{GUARANTEE}_improvement"] for row in table.rows[4:]] == shares
-
-
 def test_an_estimate_names_the_seed_of_its_worst_episode():
     # Story: the largest time, the smallest share, an open episode before a closed one; no order, no worst.
     times, shares = [2.0, 5.0, math.nan], [0.9, 0.2, 0.5]

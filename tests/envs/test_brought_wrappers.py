@@ -139,6 +139,16 @@ def test_wrappers_of_parallel_environments(name, wrapper):
         assert 0 < steps <= 41
 
 
+def test_generators_for_wrappers_are_seeded():
+    for make in (lissajous_env.vector_env, lissajous_env.parallel_env, lissajous_env.LissajousEnv):
+        env = make("experiment")
+        drawn = []
+        for seed in (5, 5, 6):
+            env.reset(seed=seed)
+            drawn.append(env.np_random.random())
+        assert drawn[0] == drawn[1] != drawn[2]
+
+
 def test_the_specification_states_the_length_of_an_episode():
     # Oracle: the number of steps until truncation.
     for settings, steps in [

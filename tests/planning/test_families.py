@@ -11,8 +11,7 @@ import baselines
 import lissajous_env
 from baselines.planning.families import FAMILIES, families_apart
 from baselines.planning.families.lissajous import curves_of, formations
-from baselines.planning.family import Family
-from baselines.planning.plans import Plan
+from baselines.planning.plans import Family, Plan
 from baselines.planning.request import Request
 from lissajous_env.theory import geometry
 

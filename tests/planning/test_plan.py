@@ -15,10 +15,9 @@ import baselines
 import lissajous_env
 from baselines.planning import report
 from baselines.planning.families.included import default_policies, defaults
-from baselines.planning.family import Family
 from baselines.planning.planner import Outcome
-from baselines.planning.plans import Figures, Plan, Planned, pareto_optimal, t_interval
-from baselines.planning.rehearse import BEST, CONFIRMED, Episodes
+from baselines.planning.plans import Family, Figures, Plan, Planned, pareto_optimal
+from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at
 from baselines.planning.request import Request
 from baselines.planning.search import AHEAD, Search
 from baselines.policies.settings import PolicySettings
@@ -131,6 +130,7 @@ def test_the_folders_reproduce_the_printed_figures(small, tmp_path, capsys):
         ages = worst_undetected_times(baselines.make(out / str(k), made, count), made, range(count))
         assert figures["settled"] == ("inf" if worst_of(rows) == "inf" else ages[:, made.task.steps // 2 + 1 :].max())
         assert figures["detection_time"] == pytest.approx(np.mean([row["detection_time_mean"] for row in rows]))
+        assert figures["detection_low"] < figures["detection_time"] < figures["detection_high"]
         assert figures["clearance"] == min(row["min_separation"] for row in rows) - 2 * made.robot.radius
         per_minute = np.mean([row["distance_mean"] for row in rows]) * 60 / made.task.duration
         assert figures["distance"] == pytest.approx(per_minute)
@@ -180,6 +180,23 @@ def test_fewer_robots_and_bodies_apart_come_first():
     assert len(pareto_optimal([planned(2.0, robots=6), few])) == 2
     close, clear, worse = planned(1.0, too_close=True), planned(2.0), planned(3.0, too_close=True)
     assert pareto_optimal([worse, close, clear]) == [clear, close]
+
+
+def test_a_look_ends_early_and_compares_as_a_plan_does(small):
+    """Story: a plan with a bound also loses robots; beyond a cutoff it has no bound, and a collision ends it."""
+    partition, random = (Plan("hand", lissajous_env.scenario(small), PolicySettings(name))
+                         for name in ("partition", "random"))  # fmt: skip
+    whole, cut, hit = (look_at(*given) for given in (
+        (partition, Episodes(failures=1), math.inf), (partition, Episodes(failures=1), 0.1),
+        (random, Episodes(failures=1), math.inf),
+    ))  # fmt: skip
+    assert whole.figures.worst_case < math.inf
+    assert [row["lost"] for row in whole.failed_rows] == [(robot,) for robot in range(5)]
+    assert (cut.figures.worst_case, cut.figures.settled, cut.figures.worst_case_failed) == (math.inf,) * 3
+    assert hit.figures.collisions > 0
+    assert cut.failed_rows == hit.failed_rows == []
+    first = planned(2.0, failed=5.0), planned(3.0, failed=4.0)
+    assert min(first, key=lambda each: each.figures.by_failures) == first[1]
 
 
 def test_ctrl_c_prints_the_best_so_far(small, capsys, monkeypatch):
@@ -280,10 +297,3 @@ def test_the_out_folder_is_checked_before_the_search(tmp_path, capsys):
     assert code == 2
     assert "plans.json" in said
     assert (tmp_path / report.FIGURES).read_text() == "mine"
-
-
-def test_the_interval_of_the_detection_time_is_that_of_student():
-    # Oracle: by hand; for four values t is 3.1824, and the standard deviation of 1, 2, 3, 4 is 1.29099.
-    low, high = t_interval([1.0, 2.0, 3.0, math.nan, 4.0])
-    assert (low, high) == pytest.approx((2.5 - 3.1824 * 1.29099 / 2, 2.5 + 3.1824 * 1.29099 / 2), abs=1e-4)
-    assert math.isnan(t_interval([1.0])[0])

@@ -112,7 +112,6 @@ FIXED = {
     "a status without a meaning": (
         shrunk() + extra("/robot_{}/status", lambda t: plain("UInt8", 3)), ("unknown status 3",)
     ),
-    "a status of text": (shrunk() + extra("/robot_{}/status", lambda t: plain("String", "ok")), ("msg/String",)),
     "a command of another type": (
         shrunk() + extra("/robot_{}/command", lambda t: KINDS["geometry_msgs/msg/Vector3"](0.5, 0.0, 0.0)),
         ("/robot_0/command", "geometry_msgs/msg/Vector3", "unknown without commands"),
@@ -120,6 +119,10 @@ FIXED = {
     "commands with other names": (
         shrunk() + extra("/robot_{}/command", lambda t: joints(EPOCH + t, ["left", "right"], [0.1, 0.2])),
         ("robot 0 are left, right",),
+    ),
+    "commands whose names change": (
+        shrunk() + extra("/robot_{}/command", lambda t: joints(EPOCH + t, "cd" if t > 2 else "ab", [0.1, 0.2])),
+        ("have other names or another length than the first",),
     ),
     "commands in degrees": (
         shrunk() + extra("/robot_{}/command", lambda t: joints(EPOCH + t, ["steering", "throttle"], [20.0, 0.2])),
@@ -243,9 +246,10 @@ def test_commands_have_the_times_of_their_stamps_and_are_of_the_robot_in_the_sam
 
 
 def test_a_robot_whose_clock_differs_is_named(tmp_path):
-    late = of_robots(lambda k, t: odometry(EPOCH + t - 1.5 * (k == 3), *circle(k, t)))
-    notes = scored(tmp_path, late).notes
-    assert any("the clock of robot 3 is 1.5 s behind those of the others" in note for note in notes)
+    ahead = of_robots(lambda k, t: odometry(EPOCH + t + 1.5 * (k == 3), *circle(k, t)))
+    log = read(write(tmp_path / "log", ahead + extra("/robot_{}/phase", lambda t: plain("Float64", t))))
+    assert any("the clock of robot 3 is 1.5 s ahead of those of the others" in note for note in log.notes)
+    np.testing.assert_allclose(log.phases[0].time, EPOCH + TIMES, atol=1e-6)
 
 
 def test_a_jump_is_named(tmp_path):
@@ -253,6 +257,19 @@ def test_a_jump_is_named(tmp_path):
     result = scored(tmp_path, jumping)
     assert any("robot 1: jumps" in note and "1700000002.0" in note for note in result.notes)
     assert result.rows[0]["speed_max"] == pytest.approx(SPEED)
+    failed = result.recording.status[:, 1]
+    assert (failed.max(), failed[-1]) == (1, 0)
+
+
+def test_a_log_ends_with_the_first_robot_unless_that_one_has_failed(tmp_path):
+    def shortened(left, more=()):
+        kept = [each for each in shrunk() if "robot_1" not in each[0] or each[2] < EPOCH + LASTS - left]
+        return scored(tmp_path / str(left), kept + list(more))
+
+    assert shortened(0.25).recording.duration == pytest.approx(LASTS - 0.3)
+    assert any("robot 1: no pose after" in note for note in shortened(2.0).notes)
+    removed = [("/robot_1/status", plain("UInt8", 2), EPOCH + 1.5)]
+    assert not any("no pose after" in note for note in shortened(2.5, removed).notes)
 
 
 def test_a_hint_says_that_an_origin_is_missing(tmp_path):

@@ -18,8 +18,6 @@ from lissajous_env.world.columns import NAMES
 
 pytest.importorskip("rosbags")
 
-from rosbags.highlevel import AnyReader
-
 from lissajous_env.logs.reading import read
 from lissajous_env.logs.writing import START, save_mcap
 
@@ -85,16 +83,6 @@ def test_logs_of_every_kind_score_as_the_simulation_did(scenario, policy, tmp_pa
     assert same(recording.score, score(read(tmp_path / "log.mcap")).rows[0]) == []
 
 
-def test_standard_tools_read_a_log(logged):
-    # Oracle: the reader of rosbags, which knows nothing of us, and the types of ROS 2.
-    recording, path = logged
-    with AnyReader([path]) as reader:
-        kinds = {each.topic: (each.msgtype, each.msgcount) for each in reader.connections}
-    frames = len(recording)
-    assert kinds["/robot_2/odom"] == ("nav_msgs/msg/Odometry", frames)
-    assert kinds["/robot_2/command"] == ("sensor_msgs/msg/JointState", frames - 1)
-
-
 def circle(count=101, robots=5):
     time = np.linspace(0, 10, count)
     gamma = 0.3 * time[None] + np.arange(robots)[:, None]
@@ -122,6 +110,18 @@ def test_interpolation_is_exact_for_a_cubic():
     place = np.stack([time**3, 0 * time, 0 * time], axis=1)
     found = motion_of(Track(time, place, 0 * time, 3 * time**2)).at(np.linspace(0, 2.5, 11))[0]
     np.testing.assert_allclose(found[:, 0], np.linspace(0, 2.5, 11) ** 3, atol=1e-12)
+    turning = motion_of(Track(time, 0 * place, time, 0 * time))
+    np.testing.assert_allclose(turning.at(np.array([0.25, 2.0]))[1], [0.25, 2.0])
+
+
+def test_a_speed_that_is_computed_is_negative_in_reverse():
+    track, unknown = circle()[0], np.full(101, np.nan)
+    heading = np.arctan2(*np.gradient(track.position, axis=0).T[1::-1])
+    forwards, backwards = (
+        motion_of(dataclasses.replace(track, heading=heading + turn, speed=unknown)).track.speed for turn in (0, np.pi)
+    )
+    assert forwards.min() > 0
+    np.testing.assert_allclose(backwards, -forwards)
 
 
 @pytest.mark.parametrize("damage", ["cut", "noise", "text"])

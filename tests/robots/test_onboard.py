@@ -156,7 +156,9 @@ def test_messages_that_are_no_messages_are_ignored():
     bad = [good._replace(sin_phase=float("nan")), good._replace(cos_phase=0.5), good._replace(sent_at=99.0)]
     bad += [good._replace(sender=0), good._replace(sender=-1), good._replace(numbers=(1.0,))]
     assert onboard.act(0.0, pose, bad).row[8] == 0
-    assert onboard.act(0.1, pose, [good]).row[8] == 1
+    row = onboard.act(0.1, pose, [good, good._replace(sent_at=-0.1, x=-1.0)]).row  # the second was sent before
+    assert row[8] == 1
+    assert row[12] == pytest.approx(0.5 * (good.x - pose.x) / onboard.scenario.curve.half_width)
 
 
 @pytest.mark.parametrize("policy", ["sweep", "tracked-reference-mpcc"])

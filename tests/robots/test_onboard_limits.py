@@ -164,12 +164,6 @@ def test_the_limits_let_the_shipped_robots_drive(scenario):
         simulation.step(policy.act(simulation.observation))
 
 
-@pytest.mark.parametrize(("field", "value"), [("pose_age", -1), ("fence", math.nan), ("watchdog", math.inf)])
-def test_limits_are_checked(field, value):
-    with pytest.raises(ValueError, match=f"limits.{field} must be"):
-        Limits(**{field: value})
-
-
 def test_what_the_sensor_sees_must_be_rows():
     robot = Robot()
     with pytest.raises(ValueError, match="robots must be rows of 4 numbers, got shape"):

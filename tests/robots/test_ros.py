@@ -181,7 +181,6 @@ def test_parameters_namespaces_and_remapping():
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ("robot:=7", "robot must be a whole number from 0 to 4, got 7"),
         ("robot:=two", "node.robot must be of type int"),
         ("command:=twist", "command must be car or dart for robots of kind car, got twist"),
     ],

@@ -96,6 +96,7 @@ def test_the_others_drive_on_without_a_removed_robot():
     with Team(made, "kuramoto-mpcc", message_wait=0.02, silence=1e6) as team:
         watch = Watch(team.world)
         played = team.world.play(watch.look)
+        assert team.world.awaited[0], "it was never waited for in vain"
     assert played.status[-1].tolist() == [2, 0, 0, 0, 0]
     assert (played.speed[20:, 1:] > 0.05).all()
 

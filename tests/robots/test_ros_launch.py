@@ -119,7 +119,6 @@ def test_a_process_ends_although_ros_does_not():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("robot", "--robot", "9"), "robot must be a whole number from 0 to 4, got 9"),
         (("world", "--scenario", "failure"), "scenario must be of robots of kind car or differential, got curve"),
         (("launch", "--policy", "nobody"), "got 'nobody'"),
     ],

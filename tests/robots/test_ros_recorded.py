@@ -54,10 +54,10 @@ class Recorder:
         return team.communicate(timeout=10)
 
 
-def recorded_and_scored(folder):
-    folder = folder / str(time.monotonic_ns())
+def test_a_recorded_launch_at_half_pace_scores_as_the_world_printed(tmp_path):
+    # Oracle: the simulation in the world's node, which knows nothing of the log.
     with in_ros():
-        recorder = Recorder(folder)
+        recorder = Recorder(tmp_path / "log")
         team = process(*TEAM, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         try:
             output, error = recorder.record(team)
@@ -65,14 +65,7 @@ def recorded_and_scored(folder):
             team.kill()
             team.wait()
     assert team.returncode == 0, error
-    printed = json.loads(output)
-    scored = score(read(folder))
-    return printed, scored
-
-
-def test_a_recorded_launch_at_half_pace_scores_as_the_world_printed(tmp_path):
-    # Oracle: the simulation in the world's node, which knows nothing of the log.
-    printed, scored = recorded_and_scored(tmp_path)
+    printed, scored = json.loads(output), score(read(tmp_path / "log"))
     (row,) = scored.rows
     assert scored.recording.duration == pytest.approx(LASTS)
     assert [(robot, end - begin) for robot, begin, end in scored.scenario.faults.schedule] == [(1, pytest.approx(1.0))]

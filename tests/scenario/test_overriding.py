@@ -45,26 +45,6 @@ def test_the_same_number_keeps_the_formation_and_what_is_given_stays():
         lissajous_env.scenario("experiment", **{"robot.count": 7, "formation.ring": (0, 1)})
 
 
-@pytest.mark.parametrize(("name", "overrides", "field", "default"), [
-    ("experiment", {"robot.count": 3}, "faults.schedule", "()"),
-    ("redundant", {"curve.a": 3, "curve.b": 2, "robot.count": 5}, "faults.schedule", "()"),
-    ("knot", {"robot.kind": "car"}, "curve.half_depth", "0.0"),
-    ("intruders", {"robot.throttle_min": 5.0}, "robot.throttle_max", "None"),
-])  # fmt: skip
-def test_a_field_of_the_scenario_that_no_longer_fits_says_where_it_came_from(name, overrides, field, default):
-    words = f"^{field} must .*; it comes from the scenario {name}: change it too, {field}="
-    with pytest.raises(ValueError, match=words) as refused:
-        lissajous_env.scenario(name, **overrides)
-    assert str(refused.value).endswith(f"{field}={default} is the default")
-
-
-def test_what_the_message_says_is_a_way_out():
-    made = lissajous_env.scenario("experiment", **{"robot.count": 3, "faults.schedule": ()})
-    assert made.num_robots == 3
-    with pytest.raises(ValueError, match=r"^faults.schedule must name robots 0 to 4, got \(9,\)$"):
-        lissajous_env.scenario("experiment", **{"faults.schedule": ((9, 1.0, 2.0),)})
-
-
 TAKES_A_SCENARIO = {
     "state_names": state_names,
     "layout": lambda given: layout(given).names,

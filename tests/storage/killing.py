@@ -21,7 +21,7 @@ from rich.console import Console
 
 QUIET = Console(quiet=True)
 _LOADED = ["torch._dynamo", "matplotlib.backends.backend_agg", "training.trainer"]
-_LOADED += ["training.learned.policy", "baselines.benchmark.running", "baselines.reproduce"]
+_LOADED += ["training.learned.policy", "baselines.benchmark.running"]
 _ADDS = ("open", "os.mkdir", "os.rename", "write", "fsync")
 """Operations that a full disk refuses."""
 
@@ -149,13 +149,6 @@ def benchmark(folder: Path) -> None:
     run(settings, console=QUIET)
 
 
-def reproduce(folder: Path) -> None:
-    """Make two parts of the paper, one with a picture."""
-    from baselines.commands import reproduce
-
-    reproduce.reproduce(("theorem2", "knot"), out=folder)
-
-
 def result_of_train(folder: Path) -> dict[str, Any]:
     """Read all that a training leaves, without its times.
 
@@ -189,11 +182,6 @@ def result_of_benchmark(folder: Path) -> dict[str, Any]:
     return rest | {"rows": rows, "statistics": summary["statistics"], "names": names}
 
 
-def result_of_reproduce(folder: Path) -> dict[str, Any]:
-    """Read all that a reproduction leaves."""
-    return {path.name: path.read_bytes() if path.name[0] != "." else b"" for path in folder.iterdir()}
-
-
 def _untimed(entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return [{name: value for name, value in entry.items() if name != "seconds"} for entry in entries]
 
@@ -201,6 +189,5 @@ def _untimed(entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
 WORK: dict[str, tuple[Callable[[Path], None], Callable[[Path], dict[str, Any]]]] = {
     "train": (train, result_of_train),
     "benchmark": (benchmark, result_of_benchmark),
-    "reproduce": (reproduce, result_of_reproduce),
 }
 """Commands in the small, and what reads their results."""

@@ -216,9 +216,7 @@ def test_a_folder_that_cannot_be_written_is_found_before_any_work(tmp_path, comm
     ("text", "words"),
     [
         ('{"a": NaN}', "only finite numbers, got NaN"),
-        ("[-Infinity]", "only finite numbers, got -Infinity"),
         ("1e400", "only finite numbers, got 1e400"),
-        ("1" + 400 * "0", "only finite numbers, got 1000"),
         ("-" + 5000 * "9", "only finite numbers, got -999"),
         (101 * "[" + 101 * "]", "nest at most 100 levels"),
         (100_000 * '{"a":' + "1" + 100_000 * "}", "nest at most 100 levels"),

@@ -6,8 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("lissajous_env", "baselines", "training")
 
@@ -23,33 +21,6 @@ class Half(Policy):
         return np.full((*self.shape, 1), 0.5)
 """
 
-ROBOT = """
-import warp as wp
-from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
-from lissajous_env.world.state import Clock, Robots
-
-
-@wp.kernel
-def stay(first: int, lanes: int, clock: Clock, robots: Robots):
-    tid, lane = wp.tid()
-    for i in range(lane, robots.status.shape[1], lanes):
-        robots.speed[first + tid, i] = 0.0
-
-
-register_robot_model(RobotModel("post", ("nothing",), ((0.0,),), stay, lambda curve, formation, robot: 1.0))
-"""
-
-COLUMN = """
-from pathlib import Path
-from baselines.benchmark.running import run
-from baselines.benchmark.types import Benchmark
-settings = Benchmark(("failure",), ("still", "random"), 2, out=Path("out"), overrides={"task.duration": 0.5})
-assert [row["speed_min"] for row in run(settings)][:2] == [0.0, 0.0]
-assert len(run(settings)) == 4  # read back, by its rule
-assert "least speed [m/s]" in (settings.out / "report.html").read_text()
-assert "speed_min" in (settings.out / "episodes.csv").read_text()
-"""
-
 STAGE = """
 from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.world.state import Clock, Robots
@@ -62,9 +33,9 @@ def halve_speeds(w: int, i: int, clock: Clock, robots: Robots):
 """
 
 
-def evaluated(policy, kind="curve"):
+def evaluated(policy):
     return f"""
-made = lissajous_env.scenario("failure", **{{"robot.kind": "{kind}", "task.duration": 1.0}})
+made = lissajous_env.scenario("failure", **{{"task.duration": 1.0}})
 assert len(lissajous_env.evaluate(baselines.make("{policy}", made, 2), made, seeds=range(2))) == 2
 """
 
@@ -97,54 +68,16 @@ simulation.advance()
 assert "halving" in str(simulation.stages)
 """,
     ),
-    "robot model": (
-        {"lissajous_env/world/robots/post.py": ROBOT},
-        {"lissajous_env/world/robots/__init__.py": [("import car, ", "import post, car, ")]},
-        evaluated("still", "post"),
-    ),
-    "core score column": (
-        {},
-        {
-            "lissajous_env/world/tally.py": [
-                ("    speed_max: wp", "    speed_min: wp.array(dtype=wp.float32)\n    speed_max: wp"),
-                (
-                    '    "tally.min_separation": 1.0e30,\n',
-                    '    "tally.min_separation": 1.0e30,\n    "tally.speed_min": 1.0e30,\n',
-                ),
-                (
-                    "    if now > 0:\n        tally.distance",
-                    "    tally.speed_min[w] = wp.min(tally.speed_min[w], "
-                    "fastest)\n    if now > 0:\n        tally.distance",
-                ),
-            ],
-            "lissajous_env/world/columns.py": [
-                (
-                    "_SMOOTHNESS = Column(",
-                    'SLOWEST = Column("speed_min", "least speed of the fastest robot", lambda '
-                    'e: e.totals["speed_min"], "m/s", title="least speed", place=14)\n_SMOOTHNESS = Column(',
-                ),
-            ],
-        },
-        COLUMN,
-    ),
 }
 """New files, lines changed in others, and a program that uses the new thing, by what is added."""
 
 
-@pytest.mark.parametrize(
-    "names",
-    [
-        ("policy", "scenario", "stage"),
-        *(pytest.param((name,), marks=pytest.mark.long) for name in ("robot model", "core score column")),
-    ],
-    ids=" and ".join,
-)
-def test_files_to_touch(names, tmp_path):
+def test_files_to_touch(tmp_path):
     # Oracle: two for what the kernels of the world are a part of, one for each of the others.
     for package in PACKAGES:
         # With the times of the files, so that what Python compiled of unchanged ones is good for the copy as well.
         shutil.copytree(ROOT / package, tmp_path / package)
-    for name in names:
+    for name in CASES:
         files, lines, _ = CASES[name]
         assert len(files) + len(lines) <= (2 if "world" in "".join([*files, *lines]) else 1)
         for path, text in files.items():
@@ -156,7 +89,7 @@ def test_files_to_touch(names, tmp_path):
                 text = text.replace(old, new)
             (tmp_path / path).write_text(text)
     program = f"import lissajous_env, baselines\nassert {str(tmp_path)!r} in baselines.__file__\n"
-    program += "".join(CASES[name][2] + "\n" for name in names)
+    program += "".join(CASES[name][2] + "\n" for name in CASES)
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
     command = [sys.executable, "-c", program]
     ended = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment)

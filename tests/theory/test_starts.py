@@ -85,9 +85,3 @@ def test_a_scenario_with_such_starts_warns_when_it_is_made(monkeypatch):
     assert "about 100% of the episodes, with 1 such pairs" in words
     apart = made("hall", **CROWDED | {"formation.start_headway": 0.8, "formation.start_noise": 0.3})
     assert not [words for words in violations(apart) if "start so close" in words]
-
-
-@pytest.mark.parametrize("length", [0.5, 4.0])
-def test_the_share_of_such_starts_has_no_unit(length):
-    scenario = made("hall", **RANDOM)
-    assert share_of(scenario.scaled(length, 2.0).resolve()) == pytest.approx(share_of(scenario), abs=1 / starts.STARTS)

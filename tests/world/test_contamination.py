@@ -68,7 +68,6 @@ def test_a_front_advances_at_the_rogues_speed_in_every_direction(speed):
     there = np.zeros_like(simulation.contamination.there.numpy())
     there[0, columns // 2 + 2, columns // 2 // 32 + 1] = 1 << columns // 2 % 32
     simulation.contamination.there.assign(there)
-    simulation.contamination.settled.zero_()
     time = 3.0 / speed
     go(simulation, round(time / 0.1))
     nodes = np.linspace(-5, 5, columns)

@@ -15,18 +15,30 @@ from lissajous_env.wording import shown
 RECENT = 256
 """Number of latest episodes whose scores are stored."""
 
-Stepped = tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]
-"""Rows, rewards, dones and infos."""
-
 
 class BatchVecEnv(VecEnv):
     """`VecEnv` of a batch of one side of a scenario: row k N + i is agent i of world k.
 
     Several rows share a world, and rows have no attributes or methods of their own. A world whose episode is over is
-    reset in the same step, which ends the episodes of all of its rows. The row of an
-    agent that ended earlier has ended then; it is constant, with reward 0 and actions without effect. Infos contain
-    `TimeLimit.truncated` and, where a row is done, `terminal_observation`; they report the episodes of agents as
-    `Monitor` does.
+    reset in the same step, which ends the episodes of all of its rows. The row of an agent that ended earlier has ended
+    then; it is constant, with reward 0 and actions without effect. Infos contain `TimeLimit.truncated` and, where a row
+    is done, `terminal_observation`; they report the episodes of agents as `Monitor` does.
+
+    Args:
+        scenario: Scenario, or its name.
+        num_worlds: W; there are W N rows.
+        roles: The side that learns, `robots` or `rogues`.
+        robots: Policy that drives the robots if rogues learn: a name, a policy for W worlds, or a function.
+        device: Warp device.
+        seed: Seed of world 0; world k has seed + k, and draws its next seeds from it. Without a seed here or by
+            `seed`, the first reset draws seeds from the operating system.
+        threads: CPU threads; all cores by default.
+        discrete_actions: True for actions that are rows of a table of `lissajous_env.envs.sides`, as for DQN.
+        render_mode: None, or `rgb_array` for pictures of the worlds, as for `VecVideoRecorder`.
+        **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
+
+    Raises:
+        ValueError: an invalid setting, or rogues that are no agents.
     """
 
     def __init__(
@@ -105,7 +117,7 @@ class BatchVecEnv(VecEnv):
         shape = (self.num_envs,) if self._table is not None else (self.num_envs, self._side.action_size)
         self._actions = self._side.read(actions, shape)
 
-    def step_wait(self) -> Stepped:
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Take the step with the stored actions; begin new episodes in the worlds whose episode is over."""
         self.batch.step({self._side.agent: self._actions})
         side, simulation = self._side, self.simulation
@@ -145,19 +157,10 @@ class BatchVecEnv(VecEnv):
 
 
 class RogueVecEnv(BatchVecEnv):
-    """Rogues against robots of any policy as a `VecEnv`: row k N + t is the rogue in target slot t of world k.
+    """Rogues against robots of any policy: row k N + t is the rogue in target slot t of world k; see `BatchVecEnv`.
 
     The episode of a row ends when its rogue is detected, or at the time limit. A row without a live rogue is zero. A
     world whose rogues are all detected, or whose time is over, is reset in the same step. Returns are in seconds.
-
-    Args:
-        scenario: Scenario, or its name; `rogues` is `agents`.
-        num_worlds: W; there are W N rows, for N target slots.
-        robots: Policy that drives the robots: a name, a policy for W worlds, or a function of the observation.
-        **settings: Further arguments of `RobotVecEnv`.
-
-    Raises:
-        ValueError: an invalid setting, or rogues that are no agents.
     """
 
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, robots: Any = "kuramoto-mpcc", **settings: Any):
@@ -165,20 +168,9 @@ class RogueVecEnv(BatchVecEnv):
 
 
 class RobotVecEnv(BatchVecEnv):
-    """Robots as a `VecEnv` with shared parameters: row k N + i is robot i of world k.
+    """Robots with shared parameters: row k N + i is robot i of world k; see `BatchVecEnv`.
 
     A removed robot terminates, and its row is constant until its world is reset.
-
-    Args:
-        scenario: Scenario, or its name.
-        num_worlds: W; there are W N rows.
-        device: Warp device.
-        seed: Seed of world 0; world k has seed + k, and draws its next seeds from it. Without a seed here or by
-            `seed`, the first reset draws seeds from the operating system.
-        threads: CPU threads; all cores by default.
-        discrete_actions: True for actions that are rows of a table of `lissajous_env.envs.sides`, as for DQN.
-        render_mode: None, or `rgb_array` for pictures of the worlds, as for `VecVideoRecorder`.
-        **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
     """
 
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, **settings: Any):

@@ -6,7 +6,7 @@ from functools import partial
 from baselines.planning.families.cars import lines, partitions, patrols
 from baselines.planning.families.included import best_known, defaults
 from baselines.planning.families.lissajous import formations
-from baselines.planning.family import Family
+from baselines.planning.plans import Family
 from lissajous_env.parameters.scenario import Scenario
 
 FAMILIES: tuple[Callable[[Scenario], Family], ...] = (defaults, best_known, partitions, lines, formations, patrols)

@@ -6,8 +6,7 @@ from types import MappingProxyType
 from typing import Any
 
 from baselines.planning.families.lissajous import on_ellipse
-from baselines.planning.family import FILTERS, Choices, Family, Settings
-from baselines.planning.plans import Plan, absolute, top_speed
+from baselines.planning.plans import FILTERS, Choices, Family, Plan, Settings, absolute, top_speed
 from baselines.policies.as_cars import like_cars
 from baselines.policies.settings import PolicySettings
 from lissajous_env.parameters.scenario import Scenario

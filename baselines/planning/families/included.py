@@ -6,8 +6,7 @@ They are played on the task as it is, so no plan is printed that is worse.
 from collections.abc import Sequence
 
 from baselines.benchmark.bounds import BEST_KNOWN, BestKnown, known_plans
-from baselines.planning.family import Family
-from baselines.planning.plans import Plan
+from baselines.planning.plans import Family, Plan
 from baselines.policies import registry
 from baselines.policies.settings import PolicySettings
 from lissajous_env.parameters.scenario import Scenario

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from baselines.planning.family import FILTERS, Family, Settings
-from baselines.planning.plans import Plan, top_speed
+from baselines.planning.plans import FILTERS, Family, Plan, Settings, top_speed
 from baselines.planning.request import paper_design, turning_radius_of
 from baselines.policies.as_cars import like_cars
 from baselines.policies.settings import PolicySettings

@@ -84,13 +84,13 @@ def clear_cells(w, lane, lanes, curve, target, hops: Hops, tick: int, clock, rob
 def reset_labels(w, row, target, hops: Hops, clock, contamination):
     """Contaminate the cells in which targets are introduced, where targets are present from the start."""
     if target.count > 0:
-        for word in range(contamination.settled.shape[2]):
+        for word in range(contamination.there.shape[2] - 2):
             for k in range(hops.history_length):
                 there = entries(target.entry, word, row, contamination.sensed.shape[2], hops.columns)
                 contamination.there[w, row + MARGIN, word + 1, k] = there
 
 
-@stage(FIELD_ROW, writes="contamination: labels, row_ages, row_oldest, settled, there", idle=True)
+@stage(FIELD_ROW, writes="contamination: labels, row_ages, row_oldest, there", idle=True)
 def spread(w, lane, lanes, target, hops: Hops, tick: int, clock, contamination):
     """Spread contamination: targets stay, hop and are introduced where no robot senses."""
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
@@ -100,25 +100,18 @@ def spread(w, lane, lanes, target, hops: Hops, tick: int, clock, contamination):
     for row in range(lane, rows, lanes):
         row_oldest = int(NEVER)
         ages = wp.int64(0)
-        for word in range(contamination.settled.shape[2]):
+        for word in range(contamination.there.shape[2] - 2):
             sensed = half_of(contamination.sensed[w, word / 2, row], word)
             seen = sensed | half_of(contamination.swept[w, word / 2, row], word)
-            settled = contamination.settled[w, row, word] & ~seen
-            todo = half_of(run_of_bits(word / 2, 0, hops.columns - 1), word) & ~sensed & ~settled
-            if settled != wp.uint32(0):
-                row_oldest = now.oldest
-                ages += wp.int64(int(wp.bit_count(settled)) * (now.step - now.oldest))
-            there = settled
+            todo = half_of(run_of_bits(word / 2, 0, hops.columns - 1), word) & ~sensed
+            there = wp.uint32(0)
             if todo != wp.uint32(0):
                 enter = entries(target.entry, word, row, rows, hops.columns)
                 found = label_cells(contamination.labels, contamination.there, w, row, word, todo, ~seen, enter, now)
                 row_oldest = wp.min(row_oldest, found[0])
                 ages += wp.int64(found[1])
-                there |= wp.uint32(found[2])
-                # A cell that is sensed now is cleared in the next tick only: its old labels are no reason to settle.
-                settled |= wp.uint32(found[3]) & ~seen
+                there = wp.uint32(found[2])
             contamination.there[w, row + MARGIN, word + 1, now.slot] = there
-            contamination.settled[w, row, word] = settled
         contamination.row_oldest[w, row] = row_oldest
         contamination.row_ages[w, row] = ages
 

@@ -172,7 +172,7 @@ _LABEL_CELLS = f"""
             }}
     todo &= can;
     int oldest = {int(NEVER)}, ages = 0;
-    unsigned int contaminated = 0, settles = 0;
+    unsigned int contaminated = 0;
     for (int first = 0; first < 32; first += lanes, here += lanes) {{
         const unsigned int all = (1u << lanes) - 1;
         if (!(todo >> first & all))
@@ -216,7 +216,6 @@ _LABEL_CELLS = f"""
                 }}
             }}
         }}
-        unsigned int same_bits = 0;
         for (int l = 0; l < lanes; ++l) {{
             const int entered = enter >> (first + l) & 1 ? now.entry : none;
             const int stayed = entered < label[l] ? entered : label[l];
@@ -227,20 +226,12 @@ _LABEL_CELLS = f"""
             oldest = known < oldest ? known : oldest;
             ages += counts ? now.step - since : 0;
             contaminated |= (unsigned int)counts << (first + l);
-            same_bits |= (unsigned int)(found == now.oldest * 256 ? counts : 0) << l;
             label[l] = found;
         }}
-        for (int tick = 0; tick < ring && same_bits; ++tick) {{
-            unsigned int same = 0;
-            for (int l = 0; l < lanes; ++l)
-                same |= (here[tick * plane + l] == label[l] ? 1u : 0u) << l;
-            same_bits &= tick == now.slot ? all : same & bits[tick] >> first;
-        }}
-        settles |= same_bits << first;
         for (int l = 0; l < lanes; ++l)
             here[now.slot * plane + l] = label[l];
     }}
-    return wp::vec_t<4, int>(oldest, ages, contaminated, settles);
+    return wp::vec_t<3, int>(oldest, ages, contaminated);
 """
 
 
@@ -255,11 +246,11 @@ def label_cells(
     unseen: wp.uint32,
     enter: wp.uint32,
     now: TickContext,
-) -> wp.vec4i:
+) -> wp.vec3i:
     """Label the cells `todo` of a word; `unseen` and `enter` are bits of where targets stay and are introduced.
 
-    Returns the earliest introduction of any target there, the time since then summed over the cells, the bits of the
-    cells that have a target, and of those that have the oldest of the world in every tick.
+    Returns the earliest introduction of any target there, the time since then summed over the cells, and the bits of
+    the cells that have a target.
     """
     ...
 

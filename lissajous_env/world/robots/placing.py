@@ -227,7 +227,7 @@ def turned_inside(place: wp.vec2, heading: float, speed: float, turning: float, 
 
 
 @stage(ROBOT, writes="robots: heading", module=_STARTS)
-def turn_inside(w, i, curve, robot, turning: float, clock, robots):
+def turn_inside(w, i, curve, robot, turning, clock, robots):
     """Turn the robots that begin without room to turn within the walls."""
     place = planar(robots.position[w, i])
     robots.heading[w, i] = turned_inside(place, robots.heading[w, i], robots.speed[w, i], turning, curve, robot)

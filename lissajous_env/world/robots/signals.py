@@ -165,19 +165,29 @@ def measure(block, curve, formation, noise, clock, robots):
     put_fours(block, measuring, cos_phase, sin_phase, cos_heading, sin_heading, robots.measured_turn)
 
 
-@stage(ROBOT, writes="links: sending, sent")
-def send(w, lane, lanes, clock, robots, links):
-    """Send measured phase and position to both neighbours; a removed robot sends nothing."""
+@stage(ROBOT, writes="links: sending, sent; messages: sending, sent")
+def send(w, i, taken, clock, robots, links, messages):
+    """Send measured phase and position, and the policy's message, to both neighbours; a removed robot sends nothing.
+
+    A policy's message is the last components of its action; a failed robot repeats its last one.
+    """
     slot = clock.step[w] % links.sent.shape[2]
-    for i in range(lane, robots.status.shape[1], lanes):
-        links.sending[w, i, slot] = wp.where(robots.status[w, i] == REMOVED, 0, 1)
-        pose = robots.measured[w, i]
-        turn = robots.measured_turn[w, i]
-        links.sent[w, i, slot] = wp.vec4(turn[0], turn[1], pose[0], pose[1])
+    status = robots.status[w, i]
+    links.sending[w, i, slot] = wp.where(status == REMOVED, 0, 1)
+    pose = robots.measured[w, i]
+    turn = robots.measured_turn[w, i]
+    links.sent[w, i, slot] = wp.vec4(turn[0], turn[1], pose[0], pose[1])
+    size = messages.sending.shape[2]
+    for m in range(size):
+        if status == REMOVED:
+            messages.sending[w, i, m] = 0.0
+        elif status == WORKING and clock.step[w] > 0:
+            messages.sending[w, i, m] = taken[w, i, taken.shape[2] - size + m]
+        messages.sent[w, i, slot, m] = messages.sending[w, i, m]
 
 
-@stage(ROBOT, writes="links: heard, heard_at")
-def hear(w, lane, lanes, noise, neighbours, clock, links):
+@stage(ROBOT, writes="links: heard, heard_at; messages: heard")
+def hear(w, lane, lanes, noise, neighbours, clock, links, messages):
     """Receive the neighbours' messages that arrive now, unless they are lost."""
     now = clock.step[w]
     slots = links.sent.shape[2]
@@ -197,33 +207,5 @@ def hear(w, lane, lanes, noise, neighbours, clock, links):
             if arrives:
                 links.heard[w, i, side] = links.sent[w, j, slot]
                 links.heard_at[w, i, side] = sent_at
-
-
-@stage(ROBOT, writes="messages: sending, sent")
-def send_policy_messages(w, i, taken, clock, robots, messages):
-    """Send the last components of each action; a failed robot repeats its last message, a removed one is silent."""
-    size = messages.sending.shape[2]
-    moving = taken.shape[2] - size
-    slot = clock.step[w] % messages.sent.shape[2]
-    status = robots.status[w, i]
-    for m in range(size):
-        if status == WORKING:
-            messages.sending[w, i, m] = taken[w, i, moving + m]
-        elif status == REMOVED:
-            messages.sending[w, i, m] = 0.0
-        messages.sent[w, i, slot, m] = messages.sending[w, i, m]
-
-
-@stage(ROBOT, writes="messages: heard; observation_out")
-def hear_policy_messages(w, i, start: int, neighbours, clock, robots, links, messages, observation_out):
-    """Receive a neighbour's message where its phase message arrives now, and observe the latest, from entry `start`."""
-    size = messages.heard.shape[3]
-    slots = messages.sent.shape[2]
-    sent_at = clock.step[w] - (slots - 1)
-    present = robots.status[w, i] != REMOVED
-    for side in range(2):
-        arrives = sent_at >= 0 and links.heard_at[w, i, side] == sent_at
-        for m in range(size):
-            if arrives:
-                messages.heard[w, i, side, m] = messages.sent[w, neighbours[i, side], sent_at % slots, m]
-            observation_out[w, i, start + side * size + m] = wp.where(present, messages.heard[w, i, side, m], 0.0)
+                for m in range(messages.heard.shape[3]):
+                    messages.heard[w, i, side, m] = messages.sent[w, j, slot, m]

@@ -20,6 +20,7 @@ from lissajous_env.world.state import (
     WORKING,
     planar,
 )
+from lissajous_env.world.targets.motion import inside
 
 wp.set_module_options(OPTIONS)
 
@@ -40,14 +41,6 @@ def commanded(x: float, y: float) -> wp.vec2:
     return action / wp.max(wp.length(action), 1.0)
 
 
-@part
-def held(place: wp.vec2, curve) -> wp.vec2:
-    """Return the nearest place within the walls [m]."""
-    x = wp.clamp(place[0], -curve.half_width, curve.half_width)
-    y = wp.clamp(place[1], -curve.half_height, curve.half_height)
-    return wp.vec2(x, y)
-
-
 @stage(TARGET, writes="clock: invalid, invalid_at; rogues: velocity; targets: heading, position")
 def move_rogues(w, t, curve, target, task, clock, targets, rogues):
     """Move each undetected rogue by its action; walls stop it, and an action that is not finite counts as zero."""
@@ -57,7 +50,7 @@ def move_rogues(w, t, curve, target, task, clock, targets, rogues):
         y = rogues.action[w, t, 1]
         place = targets.position[w, t]
         if is_command(x, y):
-            after = held(place + target.speed_limit * task.step * commanded(x, y), curve)
+            after = inside(place + target.speed_limit * task.step * commanded(x, y), curve)
             moved = after - place
             targets.position[w, t] = after
         else:
@@ -141,7 +134,7 @@ def observe_robot(w, t, i, start: int, away: wp.vec2, curve, radius: float, spee
 
 
 @stage(TARGET, writes="rogues: observation")
-def fill_rows(w, t, curve, sensing, target, speed_unit, bounds_per_step: float, clock, robots, targets, rogues):
+def fill_rows(w, t, curve, sensing, target, speed_unit, bounds_per_step, clock, robots, targets, rogues):
     """Fill the row of each rogue, in the step of its detection for the last time."""
     size = rogues.observation.shape[2]
     now = clock.step[w]

@@ -11,6 +11,7 @@ from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters.rogues import Rogue, register_rogue
 from lissajous_env.world.contamination.labels import MARGIN, NONE, Hops, slot_of
 from lissajous_env.world.rogues.rows import ROBOT, ROBOTS
+from lissajous_env.world.targets.motion import inside
 
 wp.set_module_options(OPTIONS)
 _HIDING = module_apart(f"{__name__}.hiding", OPTIONS)
@@ -23,41 +24,10 @@ _MOMENTS = wp.constant(4)
 """Directions among which `follow-gap` selects, and moments at which it looks ahead."""
 
 
-@wp.struct
-class Rules:
-    """Constants of the rules."""
-
-    half: wp.vec2
-    """half_width, half_height [m]."""
-    radius: float
-    """Sensing radius [m]."""
-    speed: float
-    """Speed limit of rogues [m/s]."""
-    speed_unit: float
-    """Unit of the robots' speeds [m/s]."""
-    turn_rate: float
-    """`targets.turn_rate` [rad/sqrt(s)]."""
-    step: float
-    """Control step [s]."""
-
-
 @part
-def rules_of(curve, sensing, target, task, speed_unit) -> Rules:
-    """Collect the constants of the rules."""
-    rules = Rules()
-    rules.half = wp.vec2(curve.half_width, curve.half_height)
-    rules.radius = sensing.radius
-    rules.speed = target.speed_limit
-    rules.speed_unit = speed_unit
-    rules.turn_rate = target.turn_rate
-    rules.step = task.step
-    return rules
-
-
-@part
-def own_place(w, t, rules: Rules, rogues) -> wp.vec2:
+def own_place(w, t, curve, rogues) -> wp.vec2:
     """Return where a rogue is, by its row [m]."""
-    return wp.vec2(rogues.observation[w, t, 1] * rules.half[0], rogues.observation[w, t, 2] * rules.half[1])
+    return wp.vec2(rogues.observation[w, t, 1] * curve.half_width, rogues.observation[w, t, 2] * curve.half_height)
 
 
 @part
@@ -67,16 +37,16 @@ def is_sensing(w, t, entry: int, rogues) -> bool:
 
 
 @part
-def robot_away(w, t, entry: int, rules: Rules, rogues) -> wp.vec2:
+def robot_away(w, t, entry: int, curve, rogues) -> wp.vec2:
     """Return where the robot at an entry of the row is, relative to the rogue [m]."""
-    x = 2.0 * rogues.observation[w, t, entry + 2] * rules.half[0]
-    return wp.vec2(x, 2.0 * rogues.observation[w, t, entry + 3] * rules.half[1])
+    x = 2.0 * rogues.observation[w, t, entry + 2] * curve.half_width
+    return wp.vec2(x, 2.0 * rogues.observation[w, t, entry + 3] * curve.half_height)
 
 
 @part
-def robot_velocity(w, t, entry: int, rules: Rules, rogues) -> wp.vec2:
+def robot_velocity(w, t, entry: int, speed_unit, rogues) -> wp.vec2:
     """Return the velocity of the robot at an entry of the row [m/s]."""
-    return rules.speed_unit * wp.vec2(rogues.observation[w, t, entry + 4], rogues.observation[w, t, entry + 5])
+    return speed_unit * wp.vec2(rogues.observation[w, t, entry + 4], rogues.observation[w, t, entry + 5])
 
 
 @part
@@ -91,73 +61,72 @@ def nearest_sensing(w, t, rogues) -> int:
 
 
 @part
-def wander(w, t, key, rules: Rules, rogues) -> wp.vec2:
+def wander(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> wp.vec2:
     """Return a direction that follows a random walk and bounces off the walls."""
     draw = randomness.uniform(key, t, randomness.ROGUE)
     before = wp.vec2(rogues.observation[w, t, 3], rogues.observation[w, t, 4])
     heading = TURN * draw
     if wp.length_sq(before) > 0.0:
-        heading = atan2(before[1], before[0]) + rules.turn_rate * wp.sqrt(3.0 * rules.step) * (2.0 * draw - 1.0)
+        heading = atan2(before[1], before[0]) + target.turn_rate * wp.sqrt(3.0 * task.step) * (2.0 * draw - 1.0)
     ahead = cos_sin(heading)
-    after = own_place(w, t, rules, rogues) + rules.speed * rules.step * ahead
-    x = wp.where(wp.abs(after[0]) > rules.half[0], -ahead[0], ahead[0])
-    return wp.vec2(x, wp.where(wp.abs(after[1]) > rules.half[1], -ahead[1], ahead[1]))
+    after = own_place(w, t, curve, rogues) + target.speed_limit * task.step * ahead
+    x = wp.where(wp.abs(after[0]) > curve.half_width, -ahead[0], ahead[0])
+    return wp.vec2(x, wp.where(wp.abs(after[1]) > curve.half_height, -ahead[1], ahead[1]))
 
 
 @part
-def flee(w, t, key, rules: Rules, rogues) -> wp.vec2:
+def flee(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> wp.vec2:
     """Return the direction away from the nearest working robot."""
     entry = nearest_sensing(w, t, rogues)
     if entry < 0:
         return wp.vec2(0.0, 0.0)
-    return -wp.normalize(robot_away(w, t, entry, rules, rogues))
+    return -wp.normalize(robot_away(w, t, entry, curve, rogues))
 
 
 @part
-def shadow(w, t, key, rules: Rules, rogues) -> wp.vec2:
+def shadow(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> wp.vec2:
     """Return the velocity to just outside the disc in which the nearest working robot will sense after this step."""
     entry = nearest_sensing(w, t, rogues)
     if entry < 0:
         return wp.vec2(0.0, 0.0)
-    robot = robot_away(w, t, entry, rules, rogues) + rules.step * robot_velocity(w, t, entry, rules, rogues)
-    beside = robot - (1.0 + _MARGIN) * rules.radius * wp.normalize(robot)
-    return beside / (rules.speed * rules.step)
+    robot = robot_away(w, t, entry, curve, rogues) + task.step * robot_velocity(w, t, entry, speed_unit, rogues)
+    beside = robot - (1.0 + _MARGIN) * sensing.radius * wp.normalize(robot)
+    return beside / (target.speed_limit * task.step)
 
 
 @part
-def gap_at(w, t, offset: wp.vec2, after: float, rules: Rules, rogues) -> float:
+def gap_at(w, t, offset: wp.vec2, after: float, curve, sensing, speed_unit, rogues) -> float:
     """Return the distance from all discs that a place will have after a time [s], if the robots go straight on [m]."""
     gap = float(1.0e30)
     entry = int(ROBOTS)
     while entry < rogues.observation.shape[2]:
         if is_sensing(w, t, entry, rogues):
-            robot = robot_away(w, t, entry, rules, rogues) + after * robot_velocity(w, t, entry, rules, rogues)
-            gap = wp.min(gap, wp.length(robot - offset) - rules.radius)
+            robot = robot_away(w, t, entry, curve, rogues) + after * robot_velocity(w, t, entry, speed_unit, rogues)
+            gap = wp.min(gap, wp.length(robot - offset) - sensing.radius)
         entry += ROBOT
     return gap
 
 
 @part
-def least_gap(w, t, ahead: wp.vec2, rules: Rules, rogues) -> float:
+def least_gap(w, t, ahead: wp.vec2, curve, sensing, target, speed_unit, rogues) -> float:
     """Return the smallest distance from all discs on a straight way over half a sensing radius, or in that time [m]."""
-    here = own_place(w, t, rules, rogues)
+    here = own_place(w, t, curve, rogues)
     gap = float(1.0e30)
     for k in range(1, _MOMENTS + 1):
-        way = 0.5 * rules.radius * float(k) / float(_MOMENTS)
-        x = wp.clamp(here[0] + way * ahead[0], -rules.half[0], rules.half[0])
-        y = wp.clamp(here[1] + way * ahead[1], -rules.half[1], rules.half[1])
-        gap = wp.min(gap, gap_at(w, t, wp.vec2(x, y) - here, way / rules.speed, rules, rogues))
+        way = 0.5 * sensing.radius * float(k) / float(_MOMENTS)
+        offset = inside(here + way * ahead, curve) - here
+        gap = wp.min(gap, gap_at(w, t, offset, way / target.speed_limit, curve, sensing, speed_unit, rogues))
     return gap
 
 
 @part
-def follow_gap(w, t, key, rules: Rules, rogues) -> wp.vec2:
+def follow_gap(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> wp.vec2:
     """Return the direction in which the smallest gap to all discs stays largest; none if that is where it is."""
     best = wp.vec2(0.0, 0.0)
-    widest = least_gap(w, t, best, rules, rogues)
+    widest = least_gap(w, t, best, curve, sensing, target, speed_unit, rogues)
     for k in range(DIRECTIONS):
         ahead = cos_sin(TURN * float(k) / float(DIRECTIONS))
-        gap = least_gap(w, t, ahead, rules, rogues)
+        gap = least_gap(w, t, ahead, curve, sensing, target, speed_unit, rogues)
         if gap > widest:
             widest = gap
             best = ahead
@@ -172,7 +141,7 @@ def _deciding(rule: Any) -> Any:
         """Decide for each rogue by its row."""
         if rogues.observation[w, t, 0] > 0.0:
             key = randomness.step_key(clock.seed[w], clock.step[w])
-            velocity = rule(w, t, key, rules_of(curve, sensing, target, task, speed_unit), rogues)
+            velocity = rule(w, t, key, curve, sensing, target, task, speed_unit, rogues)
             rogues.action[w, t, 0] = velocity[0]
             rogues.action[w, t, 1] = velocity[1]
 
@@ -219,12 +188,12 @@ def age_around(w, row, column, aside: int, up: int, columns: int, slot, now, con
 
 
 @part
-def is_clear(w, t, offset: wp.vec2, rules: Rules, rogues) -> bool:
+def is_clear(w, t, offset: wp.vec2, curve, sensing, rogues) -> bool:
     """Return whether a place relative to a rogue [m] is clear of all discs."""
-    least = (1.0 + _CLEARANCE) * rules.radius
+    least = (1.0 + _CLEARANCE) * sensing.radius
     entry = int(ROBOTS)
     while entry < rogues.observation.shape[2]:
-        away = robot_away(w, t, entry, rules, rogues) - offset
+        away = robot_away(w, t, entry, curve, rogues) - offset
         if is_sensing(w, t, entry, rogues) and wp.dot(away, away) < least * least:
             return False
         entry += ROBOT
@@ -232,9 +201,9 @@ def is_clear(w, t, offset: wp.vec2, rules: Rules, rogues) -> bool:
 
 
 @part
-def around(w, t, wanted: wp.vec2, rules: Rules, rogues) -> wp.vec2:
+def around(w, t, wanted: wp.vec2, curve, sensing, target, task, speed_unit, rogues) -> wp.vec2:
     """Return the direction nearest to a wanted one in which no disc comes close; without any, that of `follow_gap`."""
-    best = follow_gap(w, t, 0, rules, rogues)
+    best = follow_gap(w, t, 0, curve, sensing, target, task, speed_unit, rogues)
     nearest = float(-1.0e30)
     for k in range(-1, DIRECTIONS + 1):
         ahead = cos_sin(TURN * float(k) / float(DIRECTIONS))
@@ -244,7 +213,7 @@ def around(w, t, wanted: wp.vec2, rules: Rules, rogues) -> wp.vec2:
             ahead = wp.vec2(0.0, 0.0)
         if wp.dot(ahead, wanted) <= nearest:
             continue
-        if least_gap(w, t, ahead, rules, rogues) > _CLEARANCE * rules.radius:
+        if least_gap(w, t, ahead, curve, sensing, target, speed_unit, rogues) > _CLEARANCE * sensing.radius:
             nearest = wp.dot(ahead, wanted)
             best = ahead
     return best
@@ -253,7 +222,6 @@ def around(w, t, wanted: wp.vec2, rules: Rules, rogues) -> wp.vec2:
 @stage(TARGET, writes="rogues: action", module=_HIDING)
 def hide(w, t, curve, sensing, target, task, speed_unit, hops: Hops, clock, contamination, rogues):
     """Go to the cell clear of all discs in which a target can be undetected for longest when the rogue arrives."""
-    rules = rules_of(curve, sensing, target, task, speed_unit)
     rows = contamination.row_ages.shape[1]
     now = clock.step[w] - 1  # the labels and the rows are of the end of the step before
     slot = slot_of(now, hops.ticks - 1, hops)
@@ -261,24 +229,34 @@ def hide(w, t, curve, sensing, target, task, speed_unit, hops: Hops, clock, cont
     aside = int(_DEPTH * sensing.radius / cell[0])
     up = int(_DEPTH * sensing.radius / cell[1])
     if rogues.observation[w, t, 0] > 0.0:
-        here = own_place(w, t, rules, rogues)
+        here = own_place(w, t, curve, rogues)
         best = wp.vec2(0.0, 0.0)
         most = float(-1.0e30)
         for row in range(rows):
             for column in range(hops.columns):
                 x = (float(column) + 0.5) * cell[0] - curve.half_width - here[0]
                 offset = wp.vec2(x, (float(row) + 0.5) * cell[1] - curve.half_height - here[1])
-                takes = wp.length(offset) / rules.speed
+                takes = wp.length(offset) / target.speed_limit
                 age = age_of(w, row, column, slot, now, task.conservative, contamination)
                 if float(age) * task.step - takes > most:
                     age = age_around(
                         w, row, column, aside, up, hops.columns, slot, now, task.conservative, contamination
                     )
                     value = float(age) * task.step - takes
-                    if value > most and is_clear(w, t, offset, rules, rogues):
+                    if value > most and is_clear(w, t, offset, curve, sensing, rogues):
                         most = value
                         best = offset
-        ahead = around(w, t, best / wp.max(wp.length(best), rules.speed * rules.step), rules, rogues)
+        ahead = around(
+            w,
+            t,
+            best / wp.max(wp.length(best), target.speed_limit * task.step),
+            curve,
+            sensing,
+            target,
+            task,
+            speed_unit,
+            rogues,
+        )
         rogues.action[w, t, 0] = ahead[0]
         rogues.action[w, t, 1] = ahead[1]
 

@@ -31,6 +31,13 @@ _WALL = wp.constant(0.5)
 
 
 @part
+def inside(place: wp.vec2, curve) -> wp.vec2:
+    """Return the nearest place in the rectangle [m]."""
+    x = wp.clamp(place[0], -curve.half_width, curve.half_width)
+    return wp.vec2(x, wp.clamp(place[1], -curve.half_height, curve.half_height))
+
+
+@part
 def boundary_point(curve, share: float) -> wp.vec2:
     """Return the point at a share in [0, 1) of the boundary, counter-clockwise from the right bottom [m]."""
     width = curve.half_width
@@ -71,9 +78,7 @@ def near_hotspot(key, share: float, offset: wp.vec2, curve, target) -> wp.vec2:
             chosen = k
         left -= hotspot(key, k, curve)[2]
     place = hotspot(key, chosen, curve)
-    x = wp.clamp(place[0] + offset[0], -curve.half_width, curve.half_width)
-    y = wp.clamp(place[1] + offset[1], -curve.half_height, curve.half_height)
-    return wp.vec2(x, y)
+    return inside(wp.vec2(place[0], place[1]) + offset, curve)
 
 
 @part
@@ -208,7 +213,5 @@ def away_from_all(w, place: wp.vec2, curve, target, robots) -> wp.vec2:
 def flee(place: wp.vec2, away: wp.vec2, step: float, curve, target) -> wp.vec3:
     """Move one target over a step [s] in the direction `away`: returns x, y [m], heading [rad]."""
     # A wall turns the flight along itself; it does not send the target back to the robot.
-    fled = place + target.flee_speed * step * wp.normalize(away)
-    x = wp.clamp(fled[0], -curve.half_width, curve.half_width)
-    y = wp.clamp(fled[1], -curve.half_height, curve.half_height)
-    return wp.vec3(x, y, atan2(away[1], away[0]))
+    fled = inside(place + target.flee_speed * step * wp.normalize(away), curve)
+    return wp.vec3(fled[0], fled[1], atan2(away[1], away[0]))
