@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+import baselines
 import lissajous_env
 import training
 from training.learned import checkpoint
-from training.learned.perception import OWN, TOKEN, Perception
+from training.learned.perception import OWN, TOKEN, Perception, wish_of
 
 pytest.importorskip("torch")
 
@@ -214,3 +215,20 @@ def test_what_the_critic_reads_is_the_true_state(tmp_path):
 def test_bad_settings_are_refused_with_name_rule_and_value(tmp_path, changes, words):
     with pytest.raises(ValueError, match=words):
         small(tmp_path, **changes)
+
+
+def test_a_base_begins_anew_with_its_world(tmp_path):
+    # Oracle: a base that is made for the new episode, in the world that begins it; the other world goes on.
+    worlds = Worlds(small(tmp_path), 2, 0)
+    for _ in range(3):
+        worlds.step(np.zeros((worlds.count, 2)))
+        worlds.begin(np.zeros(2, bool))
+    before = worlds._bases[0].patrol._steps.tolist()
+    worlds.step(np.zeros((worlds.count, 2)))
+    worlds.begin(np.array([True, False]))
+    assert before == [4, 4]
+    assert worlds._bases[0].patrol._steps.tolist() == [1, 5]
+    simulation = worlds.batch.simulation
+    fresh = baselines.make("greedy-cover", simulation.scenario, 2)
+    wish = wish_of(fresh, simulation.observation.numpy())
+    assert (worlds.rows()[0][:5, -2:] == wish[0]).all()
