@@ -18,7 +18,7 @@ import torch
 
 from training.settings import TrainingSettings
 from training.trainer import Team, Training, train
-from training.validation import rank_of
+from training.validation import limit_of, rank_of
 from training.worlds import Rollout, Worlds, truth
 
 QUIET = Console(quiet=True)
@@ -130,6 +130,8 @@ def test_collisions_cost_more_where_there_are_too_many(tmp_path):
         state.update(state.collect())
         costs[limit] = state.numbers["penalty"]
     assert costs[1e5] < settings.penalty < costs[0.0]
+    assert limit_of(None, [{"score": 1.0, "collisions": 2.0, "worth": 1.0}]) == pytest.approx(1.6)
+    assert limit_of(0.5, [{"score": 1.0, "collisions": 2.0, "worth": 1.0}]) == 0.5
     careful, careless = ({"worth": 1.1, "collisions": hits} for hits in (0.5, 2.0))
     assert rank_of(careful, 0.5) == 1.1
     assert rank_of(careless, 0.5) < rank_of({"worth": 0.9, "collisions": 0.1}, 0.5)
@@ -182,6 +184,12 @@ def test_the_network_without_torch_is_that_of_the_training(tmp_path):
             )
         outputs, after = module.arrays()(seen, held)
         assert outputs.reshape(6, 2) == pytest.approx(wanted[0].numpy(), abs=1e-5)
+        module.corrects = True
+        with torch.no_grad(), torch.autocast("cpu", enabled=False):
+            added, _ = Team.forward.__wrapped__(
+                module, flat, torch.from_numpy(held.reshape(6, memory)), torch.zeros(1, 6)
+            )
+        assert (added - wanted)[0].numpy() == pytest.approx(seen.own.reshape(6, -1)[:, -2:], abs=1e-5)
         assert after.reshape(6, memory) == pytest.approx(kept.numpy(), abs=1e-5)
 
 
@@ -191,7 +199,7 @@ def test_what_the_critic_reads_is_the_true_state(tmp_path):
     for _ in range(3):
         worlds.step(np.full((worlds.count, 2), 0.5))
     simulation = worlds.batch.simulation
-    simulation.robots.position.assign(simulation.robots.position.numpy() * [0.02, 0.02, 1])
+    simulation.robots.position.assign(simulation.robots.position.numpy() * [0.05, 0.05, 1])
     tokens, present, own, near = truth(simulation)
     robots, targets = simulation.robots.position.numpy()[..., :2], simulation.targets.position.numpy()
     far = np.linalg.norm(targets[:, None] - robots[:, :, None], axis=-1) / 4.0
