@@ -89,15 +89,6 @@ def test_ratios_by_hand():
     assert np.isnan([a[2][1], b[2][1]]).all()
 
 
-def test_a_scenario_in_other_units_has_the_same_ratios():
-    # Law: ratios of times do not depend on the unit of time.
-    times = np.random.default_rng(0).uniform(1, 5, (2, 4))
-    plain_ones, slow = (
-        derived(*(rows(p, detection_time_mean=times[k] * unit) for k, p in enumerate("ab"))) for unit in (1, 60)
-    )
-    assert np.allclose(plain_ones, slow)
-
-
 def test_the_share_of_seeds_is_over_those_that_both_have():
     played = [*rows("a", detection_time_mean=[1.0, 5.0, 1.0]), *rows("b", first=1, detection_time_mean=[2.0, 2.0, 2.0])]
     table = Table.of(played, INTRUDERS)

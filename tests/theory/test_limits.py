@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from choices import playing_all
 
 import baselines
 import lissajous_env
@@ -168,9 +167,3 @@ def test_no_episode_beats_the_bound(name):
     kind = lissajous_env.scenario(name).robot.kind
     policies = ["kuramoto-mpcc", "sweep"] if kind == "car" else ["kuramoto", "random"]
     assert below_the_bound(name, policies, range(2), **{"task.duration": 15.0}) == {}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", FOLLOWED)
-def test_no_episode_of_any_policy_beats_the_bound(name):
-    assert below_the_bound(name, playing_all(baselines.names(lissajous_env.scenario(name))), range(4)) == {}

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+import baselines
 import lissajous_env
 import training
 from training.learned import checkpoint
-from training.learned.perception import OWN, TOKEN, Perception
+from training.learned.perception import OWN, TOKEN, Perception, wish_of
 
 pytest.importorskip("torch")
 
@@ -154,6 +155,8 @@ def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path, mo
     seen: list = []
     history = train(cut, QUIET, seen.append)
     assert (arrays_of(tmp_path / "cut") == arrays_of(tmp_path / "run")).all()
+    states = [checkpoint.read_state(of, checkpoint.read_text(of)) for of in (tmp_path / "cut", tmp_path / "run")]
+    assert all((array == states[1][name]).all() for name, array in states[0].items())
     assert [point["steps"] for point in seen] == [point["steps"] for point in history["curve"]][2:]
     # A finished training is left alone.
     assert train(cut, QUIET, seen.append) == history
@@ -188,6 +191,7 @@ def test_what_the_critic_reads_is_the_true_state(tmp_path):
     for _ in range(3):
         worlds.step(np.full((worlds.count, 2), 0.5))
     simulation = worlds.batch.simulation
+    simulation.robots.position.assign(simulation.robots.position.numpy() * [0.02, 0.02, 1])
     tokens, present, own, near = truth(simulation)
     robots, targets = simulation.robots.position.numpy()[..., :2], simulation.targets.position.numpy()
     far = np.linalg.norm(targets[:, None] - robots[:, :, None], axis=-1) / 4.0
@@ -196,7 +200,8 @@ def test_what_the_critic_reads_is_the_true_state(tmp_path):
     assert (own == (seen & (seen.sum(axis=1, keepdims=True) == 1)).sum(axis=2)).all()
     assert (present.sum(axis=-1) == 10 + 4).all()
     gap = np.linalg.norm(robots[:, None] - robots[:, :, None], axis=-1) / 0.8 - 1 + 9 * np.eye(5)
-    assert near == pytest.approx((1 - gap).clip(0, 1).sum(axis=-1), abs=1e-5)
+    assert near == pytest.approx((1 - gap).clip(0, 1).sum(axis=-1), abs=1e-3)
+    assert near.max() > 0
     assert tokens[..., :10, 6][seen].sum() == sum(min(n - 1, 2) * n for n in seen.sum(axis=1).ravel() if n)
 
 
@@ -214,3 +219,20 @@ def test_what_the_critic_reads_is_the_true_state(tmp_path):
 def test_bad_settings_are_refused_with_name_rule_and_value(tmp_path, changes, words):
     with pytest.raises(ValueError, match=words):
         small(tmp_path, **changes)
+
+
+def test_a_base_begins_anew_with_its_world(tmp_path):
+    # Oracle: a base that is made for the new episode, in the world that begins it; the other world goes on.
+    worlds = Worlds(small(tmp_path), 2, 0)
+    for _ in range(3):
+        worlds.step(np.zeros((worlds.count, 2)))
+        worlds.begin(np.zeros(2, bool))
+    before = worlds._bases[0].patrol._steps.tolist()
+    worlds.step(np.zeros((worlds.count, 2)))
+    worlds.begin(np.array([True, False]))
+    assert before == [4, 4]
+    assert worlds._bases[0].patrol._steps.tolist() == [1, 5]
+    simulation = worlds.batch.simulation
+    fresh = baselines.make("greedy-cover", simulation.scenario, 2)
+    wish = wish_of(fresh, simulation.observation.numpy())
+    assert (worlds.rows()[0][:5, -2:] == wish[0]).all()
