@@ -36,14 +36,19 @@ class RosProcess:
             raise KeyboardInterrupt
 
     def spin(self) -> None:
-        """Run the nodes in this thread until SIGTERM or Ctrl-C; each then publishes the command of rest."""
+        """Run the nodes in this thread until SIGTERM; each then publishes the command of rest.
+
+        Raises:
+            KeyboardInterrupt: after Ctrl-C.
+        """
         executor = ros.make_executor()
         for node in self.nodes:
             executor.add_node(node)
         try:
-            while True:
+            while signal.SIGTERM not in self.signals:
                 executor.spin_once(timeout_sec=0.1)
-                self.check()
+                if signal.SIGINT in self.signals:
+                    raise KeyboardInterrupt
         finally:
             for node in self.nodes:
                 node.rest()
