@@ -36,11 +36,7 @@ class RosProcess:
             raise KeyboardInterrupt
 
     def spin(self) -> None:
-        """Run the nodes in this thread until SIGTERM; each then publishes the command of rest.
-
-        Raises:
-            KeyboardInterrupt: after Ctrl-C.
-        """
+        """Run the nodes in this thread until SIGTERM or Ctrl-C; each then publishes the command of rest."""
         executor = ros.make_executor()
         for node in self.nodes:
             executor.add_node(node)
