@@ -9,7 +9,7 @@ LINES = 44_793
 """Lines of the packages."""
 MODULES = 296
 """Files of the packages."""
-TESTS = 26_058
+TESTS = 26_059
 """Lines of the tests."""
 
 
