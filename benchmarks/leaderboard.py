@@ -3,14 +3,15 @@
 An entry is a file docs/leaderboard/ENTRY.toml with the policies of each task, one for each training, and how they were
 made. Every policy plays four episodes of each of the first 32 scenarios of the split `test` of the task's space, which
 no training and no tuning may use. Without names, all entries are played. Episodes that were played are kept in the
-folder `--out`: the same command goes on after an interruption, and plays nothing twice.
+folder `--out`: the same command goes on after an interruption, and plays nothing twice. Modules of policies are
+searched in docs/leaderboard.
 
 The score of a task is 0 for the best patrol and 1 for the best tuned rule (`REFERENCES`); the score of an entry is the
 interquartile mean over its trainings and tasks, with a 95 % interval from 2,000 bootstrap resamples of the trainings
 and of the scenarios of each task (Agarwal et al., 2021). Collisions are the mean over all episodes.
 
-`--store` puts the table into docs/figures.json; `--check` plays entries again in an empty folder, and ends with status
-1 if a row differs from the stored one.
+`--store` puts the table into docs/figures.json; `--check` plays entries and references again in an empty folder, from
+the beginning, and ends with status 1 if a row differs from the stored one.
 """
 
 import sys
@@ -23,9 +24,12 @@ import figures
 import numpy as np
 from rich.console import Console
 
+import lissajous_env
 from baselines.benchmark.running import run
 from baselines.benchmark.statistics import RESAMPLES, interquartile_mean
 from baselines.benchmark.types import Benchmark
+from baselines.policies import factories
+from lissajous_env.wording import nearest
 
 TASKS = {"watch-v1": "observed_fraction", "intercept-v1": "detection_rate", "hotspots-v1": "detection_time_mean"}
 """Score column of each task."""
@@ -44,21 +48,40 @@ def read(path):
     """Return an entry.
 
     Raises:
-        ValueError: a key is missing or unknown, or the tasks are not those of the leaderboard.
+        ValueError: there is no such entry, a key is missing or unknown, the tasks are not those of the leaderboard, or
+            a policy cannot be loaded.
     """
+    if not path.exists():
+        names = sorted(other.stem for other in FOLDER.glob("*.toml"))
+        rule = f"must be a file docs/leaderboard/ENTRY.toml, such as {', '.join(names)}"
+        raise ValueError(f"entry {rule}, got {path.stem}{nearest(path.stem, names)}")
     entry = tomllib.loads(path.read_text(encoding="utf-8"))
-    wanted = {"name", "by", "command", "machine", "policies"}
-    if set(entry) != wanted:
-        raise ValueError(f"{path.name} must have the keys {', '.join(sorted(wanted))}, got {', '.join(sorted(entry))}")
-    if set(entry["policies"]) != set(TASKS):
-        raise ValueError(f"policies of {path.name} must have the tasks {', '.join(TASKS)}, got {entry['policies']}")
-    if len({len(policies) for policies in entry["policies"].values()}) != 1:
-        raise ValueError(f"policies of {path.name} must have as many trainings for each task, got {entry['policies']}")
+    _check_keys(f"{path.name}", entry, ("name", "by", "command", "machine", "policies"))
+    _check_keys(f"policies of {path.name}", entry["policies"], TASKS)
+    for task, policies in entry["policies"].items():
+        if not isinstance(policies, list) or not policies or not all(isinstance(name, str) for name in policies):
+            raise ValueError(f"{task} of {path.name} must be a list of policies, one for each training, got {policies}")
+        scenario = lissajous_env.scenario_space(task).sample(0)
+        for policy in policies:
+            factories.named(policy)(scenario, 1, "cpu")
+    counts = {task: len(policies) for task, policies in entry["policies"].items()}
+    if len(set(counts.values())) != 1:
+        raise ValueError(f"policies of {path.name} must have as many trainings for each task, got {counts}")
     return entry
+
+
+def _check_keys(what, table, keys):
+    for key in table:
+        if key not in keys:
+            raise ValueError(f"{what} must have the keys {', '.join(keys)}, got {key}{nearest(key, keys)}")
+    for key in keys:
+        if key not in table:
+            raise ValueError(f"{what} must have the keys {', '.join(keys)}, {key} is missing")
 
 
 def play(task, policy, out):
     """Return the scores and the collisions (scenarios,) of a policy on the split, each the mean of its episodes."""
+    print(f"{task}: {policy}", file=sys.stderr)
     settings = Benchmark(
         scenarios=(f"{task}:test:{SCENARIOS}",),
         policies=(policy,),
@@ -120,7 +143,11 @@ def main():
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     names = given.entries or sorted(path.stem for path in FOLDER.glob("*.toml"))
-    entries = [read(FOLDER / f"{name}.toml") for name in names]
+    sys.path.append(str(FOLDER))
+    try:
+        entries = [read(FOLDER / f"{name}.toml") for name in names]
+    except ValueError as error:
+        parser.error(str(error))
     stored = figures.load().get("leaderboard", {"rows": []})["rows"]
     with tempfile.TemporaryDirectory() as empty:
         rows = [scored(entry, Path(empty) if given.check else given.out) for entry in entries]

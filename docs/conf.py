@@ -37,6 +37,8 @@ nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_in_temp = True
 nb_execution_timeout = 120
+# This one requires torch, and ten minutes; a test runs it in short.
+nb_execution_excludepatterns = ["notebooks/learning.md"]
 nb_merge_streams = True
 nb_output_stderr = "remove"
 

@@ -96,7 +96,8 @@ def rounded(corners: np.ndarray, radius: float, points: int) -> np.ndarray:
     onward = np.roll(corners, -1, axis=0) - corners
     sides = np.linalg.norm(onward, axis=1, keepdims=True)
     onward = onward / sides
-    wide = np.minimum(radius, np.minimum(sides, np.roll(sides, 1, axis=0)) / 2)[:, None]
+    shorter = np.minimum(sides, np.roll(sides, 1, axis=0))
+    wide = np.where(shorter < 2 * radius * (1 - 1e-9), shorter / 2, radius)[:, None]
     t = np.linspace(0, math.pi / 2, points)[:, None]
     arcs = (1 - np.cos(t)) * onward[:, None] - (1 - np.sin(t)) * np.roll(onward, 1, axis=0)[:, None]
     return (corners[:, None] + wide * arcs).reshape(-1, 2)

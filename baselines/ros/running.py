@@ -41,9 +41,10 @@ class RosProcess:
         for node in self.nodes:
             executor.add_node(node)
         try:
-            while True:
+            while signal.SIGTERM not in self.signals:
                 executor.spin_once(timeout_sec=0.1)
-                self.check()
+                if signal.SIGINT in self.signals:
+                    raise KeyboardInterrupt
         finally:
             for node in self.nodes:
                 node.rest()

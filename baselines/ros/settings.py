@@ -12,7 +12,6 @@ from lissajous_env.settings.checks import Checked, choice, flag, number, rows, w
 
 COMMANDS = {"car": ("car", "dart"), "differential": ("twist", "twist_stamped")}
 """Kinds of commands by `robot.kind`."""
-POSES = ("odometry", "pose")
 _FOREVER = 1e6
 
 CommandKind = Literal["car", "twist", "twist_stamped", "dart"]
@@ -37,7 +36,7 @@ class RobotSettings(Limits):
     """Kind of commands, of cars `car`: sensor_msgs/JointState with steering angle [rad] and throttle on `command`, or
     `dart`: std_msgs/Float32 on `steering` (angle divided by the largest) and `throttle`; of differential drives
     `twist`: geometry_msgs/Twist on `cmd_vel`, or `twist_stamped`: TwistStamped on `cmd_vel`."""
-    pose: Literal["odometry", "pose"] = choice("odometry", *POSES)
+    pose: Literal["odometry", "pose"] = choice("odometry", "odometry", "pose")
     """Kind of poses: `odometry`: nav_msgs/Odometry on `odom`; `pose`: geometry_msgs/PoseStamped on `pose`, from which
     the speed is computed."""
     frame: str = word("map", "must be the name of a frame")

@@ -26,23 +26,34 @@ def test_references_have_the_scores_0_and_1_and_a_training_twice_counts_as_once(
     assert [row[6] for row in (best, patrol, both)] == ["1", "2", "2"]
 
 
+RULES = "[policies]\nwatch-v1 = ['lanes']\nintercept-v1 = {}\nhotspots-v1 = ['lanes']"
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ('name = "a"', "mine.toml must have the keys by, command, machine, name, policies, got name"),
-        ("[policies]\nwatch-v1 = ['lanes']", "must have the tasks watch-v1, intercept-v1, hotspots-v1, got"),
+        ("nam = 1", "must have the keys name, by, command, machine, policies, got nam; did you mean name"),
+        ("", "must have the keys name, by, command, machine, policies, policies is missing"),
+        ("[policies]\nwatch-v2 = ['lanes']", "tasks|watch-v1, intercept-v1, hotspots-v1, got watch-v2; did you mean"),
         (
-            "[policies]\nwatch-v1 = ['lanes']\nintercept-v1 = ['lanes', 'lanes']\nhotspots-v1 = ['lanes']",
-            "must have as many trainings for each task, got",
+            RULES.format("'lanes'"),
+            "intercept-v1 of mine.toml must be a list of policies, one for each training, got lanes",
         ),
+        (RULES.format("['lanes', 'lanes']"), "must have as many trainings for each task, got {'watch-v1': 1, 'int"),
+        (RULES.format("['laness']"), "policy must be .* got 'laness'; did you mean lanes"),
+        (RULES.format("['nowhere:rule']"), "policy must be module:factory that can be loaded, got 'nowhere:rule'"),
     ],
 )
 def test_an_entry_names_what_is_wrong(tmp_path, text, words):
     path = tmp_path / "mine.toml"
-    head = "".join(f'{key} = "x"\n' for key in ENTRY) if "policies" in text else ""
-    path.write_text(head + text)
+    path.write_text("".join(f'{key} = "x"\n' for key in ENTRY) + text)
     with pytest.raises(ValueError, match=words):
         leaderboard.read(path)
+
+
+def test_an_unknown_entry_is_refused_with_those_that_there_are():
+    with pytest.raises(ValueError, match=r"such as .*patrol, rules, got rule; did you mean rules\?"):
+        leaderboard.read(leaderboard.FOLDER / "rule.toml")
 
 
 def test_the_included_entries_can_be_read():

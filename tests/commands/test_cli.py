@@ -191,7 +191,7 @@ def test_policies_lists_what_drives_a_scenario_and_what_each_one_is(capsys):
     listed = {each["name"]: each for each in json.loads(out)}
     assert (code, tuple(listed)) == (0, baselines.names("failure"))
     everything = json.loads(called(capsys, "policies", "--json")[1])
-    assert {each["name"] for each in everything if each["learned"]} >= {"learned-watch"}
+    assert {each["name"] for each in everything if each["learned"]} >= {"learned-watch", "learned-intercept"}
     assert not listed["kuramoto"]["learned"]
     assert [each["name"] for each in everything] == list(baselines.names())
     assert all(each["description"] and each["kind"] in (None, *robot_kinds(), "velocity") for each in everything)

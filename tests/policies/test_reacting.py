@@ -14,7 +14,7 @@ from lissajous_env.world.observation import layout
 POLICIES = {
     "watch": ("lanes", "follow", "a-cmommt", "greedy-cover"),
     "intercept": ("pure-pursuit", "lead-pursuit", "voronoi-pursuit"),
-    "hotspots": ("index", "index-learned", "learned-watch"),
+    "hotspots": ("index", "index-learned", "learned-intercept", "learned-watch"),
 }
 
 

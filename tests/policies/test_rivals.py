@@ -67,11 +67,11 @@ def test_reset_forgets_one_world_alone(name, scenario):
 
 def test_the_curve_is_followed():
     """Oracle: the tracking error of `open-loop-mpcc`, times 1.5."""
-    other, _ = played("open-loop-mpcc", "experiment", 3, **NO_FAULTS)
+    other, _ = played("open-loop-mpcc", "experiment", 6, **NO_FAULTS)
     for name in ("tracked-reference-mpcc", "consensus-gvf"):
-        rows, _ = played(name, "experiment", 3, **NO_FAULTS)
+        rows, _ = played(name, "experiment", 6, **NO_FAULTS)
         assert mean(rows, "tracking_error_mean") < 1.5 * mean(other, "tracking_error_mean")
-        assert mean(rows, "phase_error") < 0.6 * mean(other, "phase_error")
+        assert mean(rows, "phase_error") < 0.5 * mean(other, "phase_error")
 
 
 # Yao et al. [16].

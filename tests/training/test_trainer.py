@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+import baselines
 import lissajous_env
 import training
 from training.learned import checkpoint
-from training.learned.perception import OWN, TOKEN, Perception
+from training.learned.perception import OWN, TOKEN, Perception, wish_of
 
 pytest.importorskip("torch")
 
@@ -17,7 +18,7 @@ import torch
 
 from training.settings import TrainingSettings
 from training.trainer import Team, Training, train
-from training.validation import rank_of
+from training.validation import limit_of, rank_of
 from training.worlds import Rollout, Worlds, truth
 
 QUIET = Console(quiet=True)
@@ -129,6 +130,8 @@ def test_collisions_cost_more_where_there_are_too_many(tmp_path):
         state.update(state.collect())
         costs[limit] = state.numbers["penalty"]
     assert costs[1e5] < settings.penalty < costs[0.0]
+    assert limit_of(None, [{"score": 1.0, "collisions": 2.0, "worth": 1.0}]) == pytest.approx(1.6)
+    assert limit_of(0.5, [{"score": 1.0, "collisions": 2.0, "worth": 1.0}]) == 0.5
     careful, careless = ({"worth": 1.1, "collisions": hits} for hits in (0.5, 2.0))
     assert rank_of(careful, 0.5) == 1.1
     assert rank_of(careless, 0.5) < rank_of({"worth": 0.9, "collisions": 0.1}, 0.5)
@@ -154,6 +157,8 @@ def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path, mo
     seen: list = []
     history = train(cut, QUIET, seen.append)
     assert (arrays_of(tmp_path / "cut") == arrays_of(tmp_path / "run")).all()
+    states = [checkpoint.read_state(of, checkpoint.read_text(of)) for of in (tmp_path / "cut", tmp_path / "run")]
+    assert all((array == states[1][name]).all() for name, array in states[0].items())
     assert [point["steps"] for point in seen] == [point["steps"] for point in history["curve"]][2:]
     # A finished training is left alone.
     assert train(cut, QUIET, seen.append) == history
@@ -179,6 +184,12 @@ def test_the_network_without_torch_is_that_of_the_training(tmp_path):
             )
         outputs, after = module.arrays()(seen, held)
         assert outputs.reshape(6, 2) == pytest.approx(wanted[0].numpy(), abs=1e-5)
+        module.corrects = True
+        with torch.no_grad(), torch.autocast("cpu", enabled=False):
+            added, _ = Team.forward.__wrapped__(
+                module, flat, torch.from_numpy(held.reshape(6, memory)), torch.zeros(1, 6)
+            )
+        assert (added - wanted)[0].numpy() == pytest.approx(seen.own.reshape(6, -1)[:, -2:], abs=1e-5)
         assert after.reshape(6, memory) == pytest.approx(kept.numpy(), abs=1e-5)
 
 
@@ -188,6 +199,7 @@ def test_what_the_critic_reads_is_the_true_state(tmp_path):
     for _ in range(3):
         worlds.step(np.full((worlds.count, 2), 0.5))
     simulation = worlds.batch.simulation
+    simulation.robots.position.assign(simulation.robots.position.numpy() * [0.05, 0.05, 1])
     tokens, present, own, near = truth(simulation)
     robots, targets = simulation.robots.position.numpy()[..., :2], simulation.targets.position.numpy()
     far = np.linalg.norm(targets[:, None] - robots[:, :, None], axis=-1) / 4.0
@@ -196,7 +208,8 @@ def test_what_the_critic_reads_is_the_true_state(tmp_path):
     assert (own == (seen & (seen.sum(axis=1, keepdims=True) == 1)).sum(axis=2)).all()
     assert (present.sum(axis=-1) == 10 + 4).all()
     gap = np.linalg.norm(robots[:, None] - robots[:, :, None], axis=-1) / 0.8 - 1 + 9 * np.eye(5)
-    assert near == pytest.approx((1 - gap).clip(0, 1).sum(axis=-1), abs=1e-5)
+    assert near == pytest.approx((1 - gap).clip(0, 1).sum(axis=-1), abs=1e-3)
+    assert near.max() > 0
     assert tokens[..., :10, 6][seen].sum() == sum(min(n - 1, 2) * n for n in seen.sum(axis=1).ravel() if n)
 
 
@@ -214,3 +227,20 @@ def test_what_the_critic_reads_is_the_true_state(tmp_path):
 def test_bad_settings_are_refused_with_name_rule_and_value(tmp_path, changes, words):
     with pytest.raises(ValueError, match=words):
         small(tmp_path, **changes)
+
+
+def test_a_base_begins_anew_with_its_world(tmp_path):
+    # Oracle: a base that is made for the new episode, in the world that begins it; the other world goes on.
+    worlds = Worlds(small(tmp_path), 2, 0)
+    for _ in range(3):
+        worlds.step(np.zeros((worlds.count, 2)))
+        worlds.begin(np.zeros(2, bool))
+    before = worlds._bases[0].patrol._steps.tolist()
+    worlds.step(np.zeros((worlds.count, 2)))
+    worlds.begin(np.array([True, False]))
+    assert before == [4, 4]
+    assert worlds._bases[0].patrol._steps.tolist() == [1, 5]
+    simulation = worlds.batch.simulation
+    fresh = baselines.make("greedy-cover", simulation.scenario, 2)
+    wish = wish_of(fresh, simulation.observation.numpy())
+    assert (worlds.rows()[0][:5, -2:] == wish[0]).all()
