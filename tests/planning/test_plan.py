@@ -16,7 +16,7 @@ import lissajous_env
 from baselines.planning import report
 from baselines.planning.families.included import default_policies, defaults
 from baselines.planning.planner import Outcome
-from baselines.planning.plans import Family, Figures, Plan, Planned, pareto_optimal
+from baselines.planning.plans import Family, Figures, Plan, Planned, best_of, pareto_optimal
 from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at
 from baselines.planning.request import Request
 from baselines.planning.search import AHEAD, Search
@@ -180,6 +180,7 @@ def test_fewer_robots_and_bodies_apart_come_first():
     assert len(pareto_optimal([planned(2.0, robots=6), few])) == 2
     close, clear, worse = planned(1.0, too_close=True), planned(2.0), planned(3.0, too_close=True)
     assert pareto_optimal([worse, close, clear]) == [clear, close]
+    assert best_of([planned(math.inf, detection=0.1), few]) == [few]  # without a bound
 
 
 def test_a_look_ends_early_and_compares_as_a_plan_does(small):
