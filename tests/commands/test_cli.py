@@ -40,7 +40,22 @@ def test_scenarios_lists_each_one(width, capsys, monkeypatch):
         bound = "-" if short else f"{scenario.detection_time_bound:.3g}"
         (line,) = re.findall(rf"^{name} +\d.*$", out, re.MULTILINE)
         assert {str(scenario.num_robots), scenario.robot.kind, bound} <= set(line.split())
-    assert all(len(line) <= width for line in out.splitlines())
+    assert all(len(line) <= width for line in out.splitlines() if not line.startswith("Columns that do not fit"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["plan", "evaders", "--robots", "8:3"], "robots must be a number or a range such as 3:8, from 2 to 64, got"),
+        (["train", "--steps", "0"], "training.steps must be a whole number from 1 to 1000000000000000, got 0"),
+    ],
+)
+def test_bad_options_of_a_search_and_of_a_training_are_refused_by_name(arguments, words, capsys):
+    if arguments[0] == "train":
+        pytest.importorskip("torch")
+    code, _, error = called(capsys, *arguments)
+    assert code == 2
+    assert words in " ".join(re.sub("[│╭╮╰╯─]", " ", error).split())
 
 
 @pytest.mark.parametrize(
@@ -73,7 +88,6 @@ def test_scenarios_lists_each_one(width, capsys, monkeypatch):
         (["evaluate", "failure", "os:sep"], "policy os:sep must be a policy or factory(scenario, num_worlds, device)"),
         (["evaluate", "failure", "x[/b]"], "got 'x[/b]'"),
         (["run", "failure", "kuramoto", "--device", "tpu"], "device must be one of"),
-        (["plan", "evaders", "--robots", "8:3"], "robots must be a number or a range such as 3:8, from 2 to 64, got"),
         (["replay", "nowhere.npz", "--out", "x.gif", "--speed", "1e-9"], "speed must be from 0.01 to 1000, got 1e-09"),
         (["replay", "nowhere.npz", "--out", "x.gif", "--fps", "nan"], "fps must be from 0.1 to 50, got nan"),
         (["run", "failure", "kuramoto", "--out", "film.mov"], "must end in .html or .mp4 or .gif"),

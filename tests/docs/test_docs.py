@@ -46,7 +46,7 @@ NEEDS = {
 SHORTER = {
     "benchmark": "--scenarios intruders --policies sweep laps --episodes 1",
     "evaluate": "--episodes 1",
-    "plan": "--plans 3",
+    "plan": "--plans 6",
     "guarantee": "--radii 2 --cells 16",
     "train": "--steps 64 --worlds 8 --groups 2 --episodes 1 --imitation 0 --rollout 4",
     "train --side": "--rogue-rounds 2 --episodes 1",

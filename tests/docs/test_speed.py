@@ -4,7 +4,7 @@ import figures
 import pytest
 import speed
 import speeds
-from speeds import Options, act, contamination, controller, step
+from speeds import Options, contamination, controller, step
 
 # What the pages show, whose marks name columns and rows.
 STORED = figures.load()
@@ -31,7 +31,7 @@ def test_steps_are_measured_and_stored_as_the_pages_show_them(tmp_path, monkeypa
         assert rival == ["", "", ""]
 
 
-@pytest.mark.parametrize("part", [contamination, controller, act], ids=lambda part: part.PART.name)
+@pytest.mark.parametrize("part", [contamination, controller], ids=lambda part: part.PART.name)
 def test_the_tables_of_a_part_are_those_of_the_pages(part):
     for name, table in part.tables(LIGHT).items():
         assert table["columns"] == STORED[name]["columns"]
