@@ -51,7 +51,7 @@ register("random", None, RandomWaypoint, about="Random waypoints; random phase r
 register("still", None, Still, about="No motion.")
 
 # A policy in a file of its own there registers itself.
-for _module in sorted(each.name for each in pkgutil.walk_packages(policies.__path__, f"{policies.__name__}.")):
+for _module in sorted(module.name for module in pkgutil.walk_packages(policies.__path__, f"{policies.__name__}.")):
     importlib.import_module(_module)
 
 # These import policies, and those above are to be the first in the registry.

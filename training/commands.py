@@ -65,5 +65,5 @@ def _train_rogues(settings: TrainingSettings, given: dict[str, Any], console: Co
     """Train rogues and return the history."""
     if "against" not in given:
         raise ValueError("against must be the policy from which the rogues learn to hide, got none")
-    made = RogueTraining.from_common(settings, **given)
-    return _import("training.rogue_trainer").train_rogues(made, console)
+    rogue_training = RogueTraining.from_common(settings, **given)
+    return _import("training.rogue_trainer").train_rogues(rogue_training, console)

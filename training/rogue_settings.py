@@ -79,12 +79,12 @@ class RogueTraining(Checked):
 
     def make_scenario(self, rogues: str = AGENTS) -> Scenario:
         """Return the scenario of the games, with `starts` rogues per episode, and only the grids that they need."""
-        made = make_scenario(self.scenario, **self.overrides)
-        needs_grid = rogues == "hide" or made.task.conservative
-        made = make_scenario(made, **{"task.grid": None} | ({} if needs_grid else {"task.contamination": None}))
+        scenario = make_scenario(self.scenario, **self.overrides)
+        needs_grid = rogues == "hide" or scenario.task.conservative
+        scenario = make_scenario(scenario, **{"task.grid": None} | ({} if needs_grid else {"task.contamination": None}))
         first = self.starts // 2
-        starts = {"targets.count": first, "targets.arrival_rate": (self.starts - first) / made.task.duration}
-        return make_scenario(made, rogues=rogues, **starts, **{"targets.speed_limit": made.rogue_speed})
+        starts = {"targets.count": first, "targets.arrival_rate": (self.starts - first) / scenario.task.duration}
+        return make_scenario(scenario, rogues=rogues, **starts, **{"targets.speed_limit": scenario.rogue_speed})
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint."""

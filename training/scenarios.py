@@ -46,29 +46,31 @@ def without_warnings(space: ScenarioSpace | None) -> Iterator[None]:
         yield
 
 
-def lean_fields(made: Scenario) -> dict[str, Any]:
+def lean_fields(scenario: Scenario) -> dict[str, Any]:
     """Return the fields that leave out what a training does not need.
 
     These are the grids that neither the reward nor the targets use and, where it counts how long targets are in sight,
     the rewards for their first detection, which are larger.
     """
     fields: dict[str, Any] = {}
-    if made.task.reward_observation > 0:
+    if scenario.task.reward_observation > 0:
         fields |= {"task.reward_detection": 0.0, "task.reward_waiting": 0.0}
-    if made.task.reward_idleness == 0:
+    if scenario.task.reward_idleness == 0:
         fields["task.grid"] = None
-    if made.task.reward_contamination == 0 and not made.task.conservative and made.targets.rogues is None:
+    if scenario.task.reward_contamination == 0 and not scenario.task.conservative and scenario.targets.rogues is None:
         fields["task.contamination"] = None
     return fields
 
 
-def score_of(made: Scenario) -> str:
+def score_of(scenario: Scenario) -> str:
     """Return the column by which policies of a scenario are compared."""
-    if made.task.reward_observation > 0:
+    if scenario.task.reward_observation > 0:
         return "observed_fraction"
-    return "detection_rate" if made.targets.respawn else "detection_time_mean"
+    return "detection_rate" if scenario.targets.respawn else "detection_time_mean"
 
 
-def rule_of(made: Scenario) -> str:
+def rule_of(scenario: Scenario) -> str:
     """Return the best rule for a scenario in which actions are velocities."""
-    return {"observed_fraction": "greedy-cover", "detection_rate": "lead-pursuit"}.get(score_of(made), "index-learned")
+    return {"observed_fraction": "greedy-cover", "detection_rate": "lead-pursuit"}.get(
+        score_of(scenario), "index-learned"
+    )

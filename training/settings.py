@@ -109,8 +109,8 @@ class TrainingSettings(Checked):
 
     def _check_together(self) -> None:
         as_device(self.device)
-        held = self.collisions
-        self._require(held is None or 0 <= held < 1e6, "collisions", "must be from 0 to 1e6 collisions")
+        collisions = self.collisions
+        self._require(collisions is None or 0 <= collisions < 1e6, "collisions", "must be from 0 to 1e6 collisions")
         if self.space is not None:
             self._require(self.worlds % self.groups == 0, "worlds", f"must be a multiple of groups ({self.groups})")
         if self.chosen_teacher is not None:
@@ -130,12 +130,14 @@ class TrainingSettings(Checked):
     @property
     def chosen_teacher(self) -> str | None:
         """Policy to imitate, and to compare with; None for robots of a kind without a default."""
-        made = self.make_scenario()
+        scenario = self.make_scenario()
         if self.teacher is not None:
             return self.teacher
-        if made.task.action == "velocity":
-            return scenarios.rule_of(made)
-        return {"car": "arc-gvf" if made.curve.harmonics else "arc-mpcc", "curve": "kuramoto"}.get(made.robot.kind)
+        if scenario.task.action == "velocity":
+            return scenarios.rule_of(scenario)
+        return {"car": "arc-gvf" if scenario.curve.harmonics else "arc-mpcc", "curve": "kuramoto"}.get(
+            scenario.robot.kind
+        )
 
     @property
     def base(self) -> str | None:

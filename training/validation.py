@@ -26,9 +26,9 @@ def validate(
         make: Function of a scenario and a number of worlds that makes the policy.
         rival: The same of a rival; the worth is the ratio of the scores, above 1 if the policy is better.
     """
-    made, results = settings.make_validation_scenarios(), []
-    count = max(settings.episodes // len(made), 1)
-    for k, scenario in enumerate(made):
+    scenarios, results = settings.make_validation_scenarios(), []
+    count = max(settings.episodes // len(scenarios), 1)
+    for k, scenario in enumerate(scenarios):
         seeds = range(VALIDATION_SEED, VALIDATION_SEED + count)
         rows = evaluate(make(scenario, count), scenario, seeds=seeds, device=settings.device)
         column = COLUMNS[score_of(scenario)]

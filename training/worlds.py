@@ -159,9 +159,9 @@ class Worlds:
         before: Sequence[Policy | None] = self._bases or [None] * len(simulations)
         self._bases = [
             base
-            if base and base.scenario == each.scenario
-            else baselines.make(self._base, each.scenario, each.num_worlds)
-            for base, each in zip(before, simulations, strict=True)
+            if base and base.scenario == simulation.scenario
+            else baselines.make(self._base, simulation.scenario, simulation.num_worlds)
+            for base, simulation in zip(before, simulations, strict=True)
         ]
         self._wishes = [wish_of(*of) for of in zip(self._bases, self._observations(), strict=True)]
 

@@ -107,8 +107,8 @@ def bounds_of(scenario: Scenario, simulates: bool = True) -> Bounds:
         with suppress(ValueError):  # targets that are too fast for its grid
             in_formation = guaranteed_time(scenario, speed=scenario.rogue_speed)
     known = known_plans(scenario)
-    best = min((each.worst_case for each in known), default=math.nan)
-    settled = min((each.settled for each in known), default=math.nan)
+    best = min((plan.worst_case for plan in known), default=math.nan)
+    settled = min((plan.settled for plan in known), default=math.nan)
     return Bounds(_beyond_a_step(mean_time_limit(scenario), scenario), worst_case, in_formation, best, settled)
 
 

@@ -138,7 +138,7 @@ def _play(packed: bytes, numbers: list[int], wanted: dict[str, str]) -> Rows | F
 
 def _sources(cell: Cell) -> dict[str, str]:
     """Return digests of what a node imports to play a cell: the policy's modules, and the scenario with extensions."""
-    modules = {name: each for name, each in parts(cell.factory).items() if name.startswith(MODULE)}
+    modules = {name: digest for name, digest in parts(cell.factory).items() if name.startswith(MODULE)}
     return modules | {f"scenario {cell.scenario.name}": cell.scenario.digest()}
 
 

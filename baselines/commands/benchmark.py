@@ -45,6 +45,6 @@ def benchmark(
         table = Table.of(outcome.rows, outcome.scenarios, settings.against)
         output.print_json({**written.summarized(outcome, table), "episodes": outcome.rows})
     if outcome.failures:
-        names = dict.fromkeys(f"{each.policy} on {each.scenario}" for each in outcome.failures)
+        names = dict.fromkeys(f"{failure.policy} on {failure.scenario}" for failure in outcome.failures)
         raise CommandError(f"{', '.join(names)} failed; {settings.out / 'summary.json'} has the tracebacks")
     return 0

@@ -62,13 +62,13 @@ def guarantee(
         if not least <= value <= most:
             raise ValueError(f"{name} must be from {least} to {most}, got {value}")
     changed = parse_overrides(overrides)
-    made = [named.scenario(name, **changed) for name in scenarios]
+    formations = [named.scenario(name, **changed) for name in scenarios]
     picture = f"critical_speed.{format}"
     with Folder(out, [picture]) as folder:
-        known = {each.name: reaches(each, radii, cells) for each in made}
-        for each in made:
-            _print(output.console(), each, known[each.name])
-        folder.write(picture, picture_of_speeds(made, known).content(format))
+        known = {scenario.name: reaches(scenario, radii, cells) for scenario in formations}
+        for scenario in formations:
+            _print(output.console(), scenario, known[scenario.name])
+        folder.write(picture, picture_of_speeds(formations, known).content(format))
     output.print(f"wrote {picture} in {out}")
     output.print_json({name: [row._asdict() for row in rows] for name, rows in known.items()})
 
@@ -90,14 +90,12 @@ def picture_of_speeds(scenarios: Sequence[Scenario], known: Mapping[str, Sequenc
         for place, (scenario, axes) in enumerate(zip(scenarios, _row(sheet, len(scenarios)), strict=True)):
             curve, rows = scenario.curve, known[scenario.name]
             top = fastest_rogue(scenario) * 1.02
-            radius = [each.radius for each in rows]
-            speed = [min(each.critical_speed, top) for each in rows]
+            radius = [row.radius for row in rows]
+            speed = [min(row.critical_speed, top) for row in rows]
             axes.fill_between(radius, speed, top, color=SERIES[1], alpha=0.16, lw=0)
             axes.fill_between(radius, 0, speed, color=SERIES[0], alpha=0.16, lw=0)
-            bounded = [each for each in rows if each.critical_speed < math.inf]
-            axes.plot(
-                [each.radius for each in bounded], [each.critical_speed for each in bounded], color=SERIES[0], lw=2
-            )
+            bounded = [row for row in rows if row.critical_speed < math.inf]
+            axes.plot([row.radius for row in bounded], [row.critical_speed for row in bounded], color=SERIES[0], lw=2)
             axes.axvline(scenario.detection_radius, color=DARK, lw=0.9, ls="--")
             axes.axhline(scenario.formation.phase_rate * largest_speed(curve), color=GREY, lw=0.9, ls=":")
             axes.set_title(f"{scenario.name}: N = {scenario.num_robots}, a = {curve.a}, b = {curve.b}")
@@ -138,12 +136,12 @@ def _print(console: Console, scenario: Scenario, rows: Sequence[Reach]) -> None:
     highest = fastest_rogue(scenario)
     shown = [
         [
-            f"{each.radius:.3g}",
-            f"{each.radius / scenario.detection_radius:.2f}",
-            f"{each.critical_speed:.3g}" if each.critical_speed < math.inf else f"> {highest:.3g}",
-            f"{each.guaranteed_time:.1f}" if each.guaranteed_time < math.inf else "for ever",
+            f"{row.radius:.3g}",
+            f"{row.radius / scenario.detection_radius:.2f}",
+            f"{row.critical_speed:.3g}" if row.critical_speed < math.inf else f"> {highest:.3g}",
+            f"{row.guaranteed_time:.1f}" if row.guaranteed_time < math.inf else "for ever",
         ]
-        for each in rows
+        for row in rows
     ]
     print_table(console, [Column(title) for title in columns], shown)
     console.print()

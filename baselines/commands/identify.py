@@ -53,24 +53,24 @@ def identify(
     from lissajous_env.storage.files import write_atomically
 
     check_file(out, ".toml")
-    found = read(logs, topics, commands)
-    given = named.scenario(scenario) if scenario is not None else own_scenario(found) or named.scenario("experiment")
+    log = read(logs, topics, commands)
+    given = named.scenario(scenario) if scenario is not None else own_scenario(log) or named.scenario("experiment")
     if given.robot.kind not in MODELS:
         raise ValueError(f"scenario must be of robots of kind {' or '.join(MODELS)}, got {given.robot.kind}")
     units = MODELS[given.robot.kind].constants
-    if not found.commands:
-        raise ValueError(f"log {found.name} must have commands on a topic {commands}, got none")
+    if not log.commands:
+        raise ValueError(f"log {log.name} must have commands on a topic {commands}, got none")
     cars = {}
-    for robot, series in found.commands.items():
+    for robot, series in log.commands.items():
         try:
-            cars[found.label(robot)] = fit(found.tracks[robot], series, given.robot, found.statuses.get(robot))
+            cars[log.label(robot)] = fit(log.tracks[robot], series, given.robot, log.statuses.get(robot))
         except ValueError as error:
-            raise ValueError(f"{found.called([robot])} of {found.name}: {error}") from error
+            raise ValueError(f"{log.called([robot])} of {log.name}: {error}") from error
     _print(output, cars, units)
-    for note in found.notes:
+    for note in log.notes:
         output.print(f"note: {note}", "yellow")
     if out is not None:
-        write_atomically(out, _as_toml(cars, given, found.name, units))
+        write_atomically(out, _as_toml(cars, given, log.name, units))
         output.print(f"wrote {out}")
     output.print_json({
         robot: {"values": car.values, "errors": car.errors, "residual": car.residual, "samples": car.samples}
@@ -128,5 +128,5 @@ def _as_toml(cars: "dict[str, Identified]", scenario: "Scenario", log: str, unit
     if robot.kind == "car":
         limits |= {"speed_max": None, "throttle_max": robot.full_throttle}
     mean = {name: value for name, value in mean.items() if hasattr(robot, name)}
-    made = replace(scenario, robot=replace(robot, **limits, **mean))
-    return "\n".join([*lines, as_toml(made)])
+    mean_scenario = replace(scenario, robot=replace(robot, **limits, **mean))
+    return "\n".join([*lines, as_toml(mean_scenario)])

@@ -84,7 +84,7 @@ def _search(outcome: Outcome, output: Any) -> None:
 
         def progress(share: float, outcome: Outcome) -> None:
             number, search = list(outcome.searches.items())[-1]
-            finals = sum(len(each.finals) for each in outcome.searches.values())
+            finals = sum(len(entry.finals) for entry in outcome.searches.values())
             name = f"planning {search.task.name}, N = {number}"
             shown_bar.update(task, completed=min(share, 1.0), description=name, looks=outcome.looks, finals=finals)
 

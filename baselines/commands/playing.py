@@ -92,8 +92,8 @@ def check_pace(speed: float, fps: float) -> None:
 def has_display() -> bool:
     """Return True if a window can be opened; without a display, SDL would open an invisible one."""
     driver = os.environ.get("SDL_VIDEODRIVER", "")
-    found = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
-    return driver not in ("dummy", "offscreen") if driver else found
+    display = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    return driver not in ("dummy", "offscreen") if driver else display
 
 
 def check_file(out: Path | None, *suffixes: str) -> None:

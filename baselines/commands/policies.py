@@ -31,7 +31,7 @@ def policies(scenario: _ScenarioOrNone = None, output: OutputOptions = DEFAULT_O
         Column("for", prose=True, rank=1),
         Column("description", prose=True),
     ]
-    rows = [_described(**each) for each in listed]
+    rows = [_described(**entry) for entry in listed]
     print_table(console, columns, rows)
     if here := [f"{name} ({module}.py)" for name, module in registry.registered_here()]:
         console.print(

@@ -91,7 +91,7 @@ def reproduce(
     if not 0 <= seed < 2**31 - 1000:
         raise ValueError(f"seed must be from 0 to {2**31 - 1001}, got {seed}")
     as_device(device)
-    player, found, pictures = Player(seed, device), [], []
+    player, results, pictures = Player(seed, device), [], []
     formatted = [] if format == "png" else ["--format", format]
     command = shlex.join(["lissajous", "reproduce", *figures, "--seed", str(seed), *formatted])
     console, notes = output.console(), make_console(stderr=True, quiet=output.quiet)
@@ -100,17 +100,17 @@ def reproduce(
             for part in _played(chosen, player, notes):
                 for picture in part.pictures:
                     folder.write(f"{picture.name}.{format}", picture.content(format))
-                found += part.claims
+                results += part.claims
                 pictures += part.pictures
         except KeyboardInterrupt:
-            folder.write(_PAGE, claims.as_page(found, pictures, format, command))
+            folder.write(_PAGE, claims.as_page(results, pictures, format, command))
             raise KeyboardInterrupt(f"what was finished is in {out}") from None
-        folder.write(_PAGE, claims.as_page(found, pictures, format, command))
-    claims.print_claims(console, found)
-    words = f"\n{claims.summary(found)}. {len(pictures)} pictures and README.md are in {out}"
+        folder.write(_PAGE, claims.as_page(results, pictures, format, command))
+    claims.print_claims(console, results)
+    words = f"\n{claims.summary(results)}. {len(pictures)} pictures and README.md are in {out}"
     output.print(words)
-    output.print_json([dataclasses.asdict(claim) for claim in found])
-    return found
+    output.print_json([dataclasses.asdict(claim) for claim in results])
+    return results
 
 
 def _chosen(figures: Sequence[str]) -> list[str]:
@@ -130,9 +130,9 @@ def _played(chosen: Sequence[str], player: Player, console: Console) -> Iterable
             about = (PARTS[name].__doc__ or "").partition("\n")[0].rstrip(".")
             progress.update(task, description=f"[bold cyan]{name}[/] [dim]{about}[/]")
             began = time.monotonic()
-            made = PARTS[name](player)
-            made.claims = [dataclasses.replace(claim, part=name) for claim in made.claims]
-            yield made
+            part = PARTS[name](player)
+            part.claims = [dataclasses.replace(claim, part=name) for claim in part.claims]
+            yield part
             progress.advance(task)
             if not console.is_interactive:
                 console.print(f"{name}: {time.monotonic() - began:.1f} s", highlight=False)

@@ -53,19 +53,19 @@ def launch(
     check_file(out, *FORMATS)
     WorldSettings(pace=pace)  # for its checks, before anything is started
     changes = parse_overrides(overrides) | ({} if duration is None else {"task.duration": duration})
-    made = named.scenario(scenario, **changes)
-    check_command(made, command)
-    Onboard(policy, made, 0)  # a wrong policy is reported once, and the kernels are compiled once
+    setup = named.scenario(scenario, **changes)
+    check_command(setup, command)
+    Onboard(policy, setup, 0)  # a wrong policy is reported once, and the kernels are compiled once
     with contextlib.ExitStack() as stack:
         given = scenario
         if changes:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="lissajous-"))
             file = Path(folder, "scenario.toml")
-            file.write_text(as_toml(made), encoding="utf-8")
+            file.write_text(as_toml(setup), encoding="utf-8")
             given = str(file)
         shared = ["--scenario", given, "--command", command]
         world = ["--seed", str(seed), "--pace", str(pace), *(["--out", str(out.resolve())] if out is not None else [])]
         world += [flag for flag, given in (("--json", output.json), ("--quiet", output.quiet)) if given]
-        robots = ["--policy", policy, "--message-loss", str(made.noise.message_loss), "--quiet"]
+        robots = ["--policy", policy, "--message-loss", str(setup.noise.message_loss), "--quiet"]
         robots += ["--ros-args", "-p", "use_sim_time:=true", *(["--log-level", "warn"] if output.quiet else [])]
-        run_team(made.num_robots, [*shared, *world], [*shared, *robots])
+        run_team(setup.num_robots, [*shared, *world], [*shared, *robots])

@@ -37,13 +37,13 @@ def world(
     from baselines.ros.world import WorldNode
 
     check_file(out, *FORMATS)
-    made = named.scenario(scenario, **parse_overrides(overrides))
+    setup = named.scenario(scenario, **parse_overrides(overrides))
     console = output.console()
     shown = bar(progress_console(output), bars.TextColumn("{task.description}"))
     with started() as process, shown as shown_bar:
-        node = WorldNode(made, settings)
+        node = WorldNode(setup, settings)
         process.nodes.append(node)
-        task = shown_bar.add_task(f"{made.name} over ROS 2", total=made.task.steps)
+        task = shown_bar.add_task(f"{setup.name} over ROS 2", total=setup.task.steps)
         recording = node.play(lambda: shown_bar.advance(task), process.check)
     recording = replace(recording, score=recording.score | {"policy": "ros"})
     tables.print_row(console, recording.score)

@@ -56,17 +56,17 @@ def score(
         raise ValueError(f"episodes must be at least 1, got {episodes}")
     for file in out:
         check_file(file, ".csv", *FORMATS)
-    found = read(logs, topics, origin=origin)
-    given = named.scenario(scenario) if scenario is not None else own_scenario(found)
+    log = read(logs, topics, origin=origin)
+    given = named.scenario(scenario) if scenario is not None else own_scenario(log)
     if given is not None and overrides:
         given = named.scenario(given, **parse_overrides(overrides))
-    first = seed if seed is not None else int((found.episode or {}).get("seed", 0))
+    first = seed if seed is not None else int((log.episode or {}).get("seed", 0))
     with bar(progress_console(output), bars.TextColumn("{task.description}")) as shown_bar:
-        task = shown_bar.add_task(f"scoring {found.name}", total=None)
-        scored = score_log(found, given, range(first, first + episodes), gap, lambda: shown_bar.advance(task))
+        task = shown_bar.add_task(f"scoring {log.name}", total=None)
+        scored = score_log(log, given, range(first, first + episodes), gap, lambda: shown_bar.advance(task))
     console, (name, *_) = output.console(), [row["policy"] for row in scored.rows]
     lasts = scored.scenario.task.duration
-    words = f"{found.name}: {len(found.tracks)} robots, {lasts:g} s from {scored.start:.3f} s on"
+    words = f"{log.name}: {len(log.tracks)} robots, {lasts:g} s from {scored.start:.3f} s on"
     output.print(words)
     if episodes == 1:
         tables.print_row(console, scored.rows[0])
@@ -82,4 +82,4 @@ def score(
             output.print(f"wrote {file}")
         else:
             show(scored.recording, file, output)
-    output.print_json({"log": found.name, "start": scored.start, "notes": scored.notes, "episodes": scored.rows})
+    output.print_json({"log": log.name, "start": scored.start, "notes": scored.notes, "episodes": scored.rows})

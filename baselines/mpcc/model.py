@@ -85,7 +85,7 @@ class MpccParameters(Checked):
         steering = tuned.steering_max / robot.steering_max
         throttle = tuned.full_throttle / robot.full_throttle
         step = max(min(cls.step * scale.time, 1 / robot.drag), scenario.task.step)
-        found = {
+        parameters = {
             "step": step,
             "shift": scenario.task.step / step,
             "weight_lateral": cls.weight_lateral * (rate / scale.length) ** 2,
@@ -96,7 +96,7 @@ class MpccParameters(Checked):
             "offset": robot.offset if robot.model_offset is None else robot.model_offset,
         }
         shared = ("wheelbase", "steering_max", "throttle_min", "drag", "drive")
-        return cls(**{**{name: getattr(robot, name) for name in shared}, **found, **overrides})
+        return cls(**{**{name: getattr(robot, name) for name in shared}, **parameters, **overrides})
 
 
 MpccStruct = struct_of(MpccParameters)

@@ -77,7 +77,7 @@ class Onboard:
         self.scenario = make_scenario(scenario).resolve()
         n = self.scenario.num_robots
         self.robot = whole_number("robot", robot, 0, n - 1)
-        self.neighbours = tuple(int(each) for each in self.scenario.neighbours[self.robot])
+        self.neighbours = tuple(int(neighbour) for neighbour in self.scenario.neighbours[self.robot])
         self.limits: Any = (limits or Limits()).of(self.scenario)
         self._policy = _made(policy, self.scenario, self.robot)
         self.listens = getattr(self._policy, "communicates", "nothing") != "nothing"
@@ -291,11 +291,11 @@ def _made(policy: Any, scenario: Scenario, robot: int) -> Any:
     """Return the policy for one world, restricted to a robot."""
     name = os.fspath(policy) if isinstance(policy, (str, os.PathLike)) else None
     factory = factories.named(name) if name is not None else factories.as_factory(policy, shown(policy))
-    made = factory(scenario, 1, "cpu")
-    if made.num_worlds != 1:
-        raise ValueError(f"policy must be for one world, got one for {made.num_worlds}")
-    if isinstance(made, Policy):
-        if made.kind not in (None, scenario.robot.kind):
-            raise ValueError(f"policy must drive robots of kind {scenario.robot.kind}, got kind {made.kind}")
-        made.restrict(robot)
-    return made
+    acting = factory(scenario, 1, "cpu")
+    if acting.num_worlds != 1:
+        raise ValueError(f"policy must be for one world, got one for {acting.num_worlds}")
+    if isinstance(acting, Policy):
+        if acting.kind not in (None, scenario.robot.kind):
+            raise ValueError(f"policy must drive robots of kind {scenario.robot.kind}, got kind {acting.kind}")
+        acting.restrict(robot)
+    return acting

@@ -154,11 +154,11 @@ class Teams:
         fails = task.faults.schedule or task.faults.removed or task.faults.rate or task.faults.lost
         steps = task.task.steps if fails else min(task.task.steps, arrived + _ROUNDS * self.period)
         simulation.reset(seeds=[seed] * simulation.num_worlds)
-        found = []
+        moments = []
         for _ in range(steps):
             simulation.step(policy.act(simulation.observation))
-            found.append(simulation.contamination.age.numpy().copy())
-        ages = np.array(found) * task.task.step
+            moments.append(simulation.contamination.age.numpy().copy())
+        ages = np.array(moments) * task.task.step
         if self.goal == SETTLED:
             ages = ages[steps // 2 :] if fails else ages[-_ROUNDS * self.period :]
         return Scores(ages.max(axis=0), ages.mean(axis=0), simulation.tally.collisions.numpy().astype(float))
@@ -204,11 +204,11 @@ def optimise(
         MissingExtraError: the library `cma` is not installed.
     """
     require_cma()
-    found: list[list[Plan]] = []
+    lists: list[list[Plan]] = []
     for goal, plans in starts.items():
         search = _Search(goal, budget / len(starts), on_progress, seed, clock)
-        found.append([team.plan for team in search.run(plans)[:_KEPT]])
-    return list(in_turn(found))
+        lists.append([team.plan for team in search.run(plans)[:_KEPT]])
+    return list(in_turn(lists))
 
 
 def loop_of(plan: Plan) -> np.ndarray | None:
@@ -279,11 +279,11 @@ class _Search:
         for k, (task, paths, period) in enumerate(begun):
             until = _FIRST * self.budget * (k + 1) / len(begun)
             first += self._moved(task, paths, period, until)
-        kept = sorted(first, key=lambda team: team.value)[:_KEPT]
+        best = sorted(first, key=lambda team: team.value)[:_KEPT]
         begin, second = self.spent(), []
-        for k, team in enumerate(kept):
-            second += self._bent(team, begin + (self.budget - begin) * (k + 1) / len(kept))
-        return sorted([*kept, *second], key=lambda team: team.value)
+        for k, team in enumerate(best):
+            second += self._bent(team, begin + (self.budget - begin) * (k + 1) / len(best))
+        return sorted([*best, *second], key=lambda team: team.value)
 
     def _moved(self, task: Scenario, paths: np.ndarray, period: int, until: float) -> list[_Team]:
         """Return the best team of paths that are moved, stretched and delayed, if there is one."""

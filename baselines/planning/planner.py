@@ -76,7 +76,9 @@ class Outcome:
     @property
     def fewest_robots(self) -> int | None:
         """Return the fewest robots of a plan that guarantees the requested time; None if there is no such plan."""
-        return min((each.plan.scenario.num_robots for each in self.plans if self.guarantees(each)), default=None)
+        return min(
+            (planned.plan.scenario.num_robots for planned in self.plans if self.guarantees(planned)), default=None
+        )
 
     def guarantees(self, planned: Planned) -> bool:
         """Return whether a plan guarantees the requested time, also with failures if these were requested."""

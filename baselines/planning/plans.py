@@ -227,7 +227,7 @@ def pareto_optimal(planned: Sequence[Planned]) -> list[Planned]:
         if plan.figures.collisions == 0:
             by_objectives.setdefault((*plan.figures.objectives, float(plan.plan.scenario.num_robots)), plan)
     best = [one for one in by_objectives if not any(dominates(other, one) for other in by_objectives)]
-    return [by_objectives[each] for each in sorted(best)]
+    return [by_objectives[objectives] for objectives in sorted(best)]
 
 
 def best_of(planned: Sequence[Planned]) -> list[Planned]:
@@ -240,7 +240,7 @@ def in_turn(lists: Sequence[Sequence[Any]]) -> Iterator[Any]:
     """Yield the first of each list, then the second of each."""
     nothing = object()
     for row in itertools.zip_longest(*lists, fillvalue=nothing):
-        yield from (each for each in row if each is not nothing)
+        yield from (item for item in row if item is not nothing)
 
 
 def _no_plan(settings: Mapping[str, Any]) -> Plan:
@@ -268,7 +268,7 @@ class Family:
     @property
     def alive(self) -> list[tuple[Settings, Planned]]:
         """Return the plans that were looked at and did not collide."""
-        return [each for each in self.looks if not each[1].figures.collisions]
+        return [look for look in self.looks if not look[1].figures.collisions]
 
     @property
     def best(self) -> float:
@@ -277,8 +277,8 @@ class Family:
 
     def elite(self) -> list[Settings]:
         """Return the settings of the best plans, alternately without and with failures."""
-        by_worst = sorted(self.alive, key=lambda each: each[1].figures.objectives)
-        by_failed = sorted(self.alive, key=lambda each: each[1].figures.by_failures)
+        by_worst = sorted(self.alive, key=lambda look: look[1].figures.objectives)
+        by_failed = sorted(self.alive, key=lambda look: look[1].figures.by_failures)
         return [settings for settings, _ in itertools.islice(in_turn([by_worst, by_failed]), 2 * _ELITE)]
 
     def changed(self, settings: Settings, random: np.random.Generator) -> dict[str, Any]:

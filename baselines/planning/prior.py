@@ -190,7 +190,7 @@ def _read(name: str) -> Prior:
     return Prior(
         about=text["about"],
         objective=text["objective"],
-        patrols=tuple(PolicySettings(**each) for each in text["patrols"]),
+        patrols=tuple(PolicySettings(**patrol) for patrol in text["patrols"]),
         limits=np.array(text["limits"]),
         seen=np.array(text["seen"]),
         errors=np.array(text["errors"]),

@@ -29,29 +29,29 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> Non
     is_open = any(task.task.boundary != "wall" for task in outcome.tasks.values())
     columns: list[tuple[bool, Column, Callable[[Planned], str]]] = [
         (True, Column("plan", left=True), _name),
-        (len(outcome.tasks) > 1, Column("N"), lambda each: str(each.plan.scenario.num_robots)),
-        (True, Column(f"worst case [s]\n{episodes}"), lambda each: worst_in_words(each.figures.worst_case, each.rows)),
+        (len(outcome.tasks) > 1, Column("N"), lambda plan: str(plan.plan.scenario.num_robots)),
+        (True, Column(f"worst case [s]\n{episodes}"), lambda plan: worst_in_words(plan.figures.worst_case, plan.rows)),
         (
             True,
             Column(f"second half [s]\n{episodes}"),
-            lambda each: worst_in_words(each.figures.settled, each.rows, SETTLED_TIME),
+            lambda plan: worst_in_words(plan.figures.settled, plan.rows, SETTLED_TIME),
         ),
         (failures > 0, Column(f"with {failures} lost [s]\n{_losses(outcome)} episodes"), _failed),
-        (True, Column("lower\nbound [s]", rank=1), lambda each: _number(each.limit)),
-        (True, Column("detected in\nmean [s]", rank=1), lambda each: _detection(each.figures)),
-        (True, Column("least gap\n[m]", rank=2), lambda each: _number(each.figures.clearance)),
-        (is_open, Column("outside\n[m]", rank=1), lambda each: _number(each.figures.outside)),
-        (True, Column("driven\n[m/min]", rank=2), lambda each: _number(each.figures.distance)),
-        (True, Column("messages", left=True, rank=3), lambda each: each.figures.messages),
-        (True, Column("details", prose=True, rank=4), lambda each: each.plan.about),
+        (True, Column("lower\nbound [s]", rank=1), lambda plan: _number(plan.limit)),
+        (True, Column("detected in\nmean [s]", rank=1), lambda plan: _detection(plan.figures)),
+        (True, Column("least gap\n[m]", rank=2), lambda plan: _number(plan.figures.clearance)),
+        (is_open, Column("outside\n[m]", rank=1), lambda plan: _number(plan.figures.outside)),
+        (True, Column("driven\n[m/min]", rank=2), lambda plan: _number(plan.figures.distance)),
+        (True, Column("messages", left=True, rank=3), lambda plan: plan.figures.messages),
+        (True, Column("details", prose=True, rank=4), lambda plan: plan.plan.about),
     ]
     shown = [(column, words) for is_shown, column, words in columns if is_shown]
-    rows = [[str(k), *(words(each) for _, words in shown)] for k, each in enumerate(plans, start=1)]
+    rows = [[str(k), *(words(plan) for _, words in shown)] for k, plan in enumerate(plans, start=1)]
     print_table(console, [Column("", name="number"), *(column for column, _ in shown)], rows)
 
 
-def _name(each: Planned) -> str:
-    return f"{each.plan.settings.policy} (close)" if each.figures.too_close else each.plan.settings.policy
+def _name(plan: Planned) -> str:
+    return f"{plan.plan.settings.policy} (close)" if plan.figures.too_close else plan.plan.settings.policy
 
 
 def untried_in_words(outcome: Outcome) -> str:
@@ -84,7 +84,7 @@ def sentences(outcome: Outcome) -> list[str]:
     words[0] += " A guarantee is the largest time of these episodes; the median is in brackets where it differs."
     if broken := [reason for search in outcome.searches.values() for reason in search.broken]:
         words.append(f"{len(broken)} plans failed when they were simulated to the end: {broken[0]}.")
-    if outcome.plans and all(math.isinf(each.figures.worst_case) for each in outcome.plans):
+    if outcome.plans and all(math.isinf(plan.figures.worst_case) for plan in outcome.plans):
         words.append("No plan has a bound on the time for which such a target can stay undetected.")
     elif outcome.plans and episodes.failures:
         words += _of_failures(outcome)
@@ -103,9 +103,9 @@ def sentences(outcome: Outcome) -> list[str]:
 
 def _of_failures(outcome: Outcome) -> list[str]:
     """Return the reasons why no plan has a bound with removed robots, and a remedy; nothing if one has."""
-    if any(each.figures.worst_case_failed < math.inf for each in outcome.plans):
+    if any(plan.figures.worst_case_failed < math.inf for plan in outcome.plans):
         return []
-    lost, collide = outcome.request.failures, sum(each.figures.collisions_failed > 0 for each in outcome.plans)
+    lost, collide = outcome.request.failures, sum(plan.figures.collisions_failed > 0 for plan in outcome.plans)
     open_ones = len(outcome.plans) - collide
     words = (
         f"No plan has a bound with {lost} removed: {open_ones} of {len(outcome.plans)} leave a gap where a target can"
@@ -140,11 +140,11 @@ def _losses(outcome: Outcome) -> str:
     return " to ".join(dict.fromkeys([counts[0], counts[-1]]))
 
 
-def _failed(each: Planned) -> str:
-    if each.figures.collisions_failed:
-        count = each.figures.collisions_failed
+def _failed(plan: Planned) -> str:
+    if plan.figures.collisions_failed:
+        count = plan.figures.collisions_failed
         return "1 collision" if count == 1 else f"{count} collisions"
-    return worst_in_words(each.figures.worst_case_failed, each.failed_rows)
+    return worst_in_words(plan.figures.worst_case_failed, plan.failed_rows)
 
 
 def worst_in_words(worst: float, rows: Sequence[dict[str, Any]], name: str = WORST_CASE.name) -> str:
@@ -192,11 +192,11 @@ def write(folder: Folder, plans: Sequence[Planned], episodes: Episodes) -> None:
     for name in folder.written:
         if "/" in name and not name.endswith("/"):
             folder.remove(name)
-    for k, each in enumerate(plans, start=1):
+    for k, plan in enumerate(plans, start=1):
         folder.make_folder(str(k))
-        made = each.plan.named(f"{each.plan.scenario.name[:80]}-{k}")
-        folder.write(f"{k}/{SCENARIO_FILE}", as_toml(made.scenario))
-        folder.write(f"{k}/{POLICY_FILE}", each.plan.settings.as_toml())
+        copy = plan.plan.named(f"{plan.plan.scenario.name[:80]}-{k}")
+        folder.write(f"{k}/{SCENARIO_FILE}", as_toml(copy.scenario))
+        folder.write(f"{k}/{POLICY_FILE}", plan.plan.settings.as_toml())
     folder.write(FIGURES, json.dumps(plain({"episodes": episodes, "plans": as_rows(plans)}), indent=2) + "\n")
 
 
@@ -204,16 +204,16 @@ def as_rows(plans: Sequence[Planned]) -> list[dict[str, Any]]:
     """Return plans with their figures and their score rows as plain values."""
     return [
         {
-            "family": each.plan.family,
-            "policy": each.plan.settings.policy,
-            "about": each.plan.about,
-            "robots": each.plan.scenario.num_robots,
-            "figures": dataclasses.asdict(each.figures),
-            "lower_bound": each.limit,
-            "parameters": dict(each.plan.settings.parameters),
-            "coordinator": dict(each.plan.settings.coordinator),
-            "rows": each.rows,
-            "failed_rows": each.failed_rows,
+            "family": plan.plan.family,
+            "policy": plan.plan.settings.policy,
+            "about": plan.plan.about,
+            "robots": plan.plan.scenario.num_robots,
+            "figures": dataclasses.asdict(plan.figures),
+            "lower_bound": plan.limit,
+            "parameters": dict(plan.plan.settings.parameters),
+            "coordinator": dict(plan.plan.settings.coordinator),
+            "rows": plan.rows,
+            "failed_rows": plan.failed_rows,
         }
-        for each in plans
+        for plan in plans
     ]

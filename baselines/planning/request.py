@@ -255,11 +255,11 @@ class Request:
             changed |= paper_design(*halves, robot, sensor, speed, num_robots, inset).overrides
             changed |= {f"faults.{name}": () for name in ("schedule", "removed")}
             changed |= {"robot.count": None, "sensing.radius": sensor, "task.contamination": None}
-        made = named.build(scenario, **changed)
-        more: dict[str, Any] = {"task.grid": cells(made, _GRID)} if is_resized else {}
-        if self.speed is not None and made.robot.kind == "curve":
-            more["robot.phase_rate_max"] = self.speed / (made.alpha * largest_speed(made.driven))
-        return named.build(made, **more)
+        task = named.build(scenario, **changed)
+        more: dict[str, Any] = {"task.grid": cells(task, _GRID)} if is_resized else {}
+        if self.speed is not None and task.robot.kind == "curve":
+            more["robot.phase_rate_max"] = self.speed / (task.alpha * largest_speed(task.driven))
+        return named.build(task, **more)
 
 
 def _robot(robot: Robot, request: Request) -> Robot:
@@ -300,14 +300,14 @@ def turning_radius_of(robot: Robot) -> float:
     return 0.0 if as_car is None else as_car.turning_radius(robot)
 
 
-def _times(made: Scenario) -> dict[str, Any]:
+def _times(scenario: Scenario) -> dict[str, Any]:
     """Return the control step, the duration and the grid of a scenario made of a rectangle, in scale with its motion.
 
     The step is that of the paper's experiment in the time scale of the robots' motion. An episode lasts as long as
     some sweeps of the rectangle by a team that never covers a place twice.
     """
-    width, height, robots = 2 * made.curve.half_width, 2 * made.curve.half_height, made.num_robots
-    radius, speed, like = made.sensing_radius, top_speed(made), like_cars(made) or made
+    width, height, robots = 2 * scenario.curve.half_width, 2 * scenario.curve.half_height, scenario.num_robots
+    radius, speed, like = scenario.sensing_radius, top_speed(scenario), like_cars(scenario) or scenario
     limits = [0.1 * motion_scale(like).time, _REACH_STEP * radius / speed]
     step = float(f"{min(limits + ([1 / like.robot.drag] if like.robot.kind == 'car' else [])):.3g}")
     sweep = (width * height / (2 * radius) + width + height) / (robots * speed)
@@ -316,6 +316,6 @@ def _times(made: Scenario) -> dict[str, Any]:
     return {
         "task.step": step,
         "task.duration": duration,
-        "task.grid": cells(made, _GRID),
+        "task.grid": cells(scenario, _GRID),
         "targets.arrival_rate": float(f"{_TARGETS / duration:.6g}"),
     }

@@ -87,12 +87,12 @@ class Search:
 
     def refusals(self) -> dict[str, str]:
         """Return for each family without a final plan the reason."""
-        finals = {each.plan.family for each in self.finals if each.figures.collisions == 0}
+        finals = {final.plan.family for final in self.finals if final.figures.collisions == 0}
         return {family.name: family.why() for family in self.families if family.name not in finals}
 
     def untried(self) -> list[str]:
         """Return the families of which no plan was tried, although they may have some."""
-        return [each.name for each in self.families if each.starts and not (each.looks or each.unmade)]
+        return [family.name for family in self.families if family.starts and not (family.looks or family.unmade)]
 
     def run(
         self,
@@ -168,7 +168,7 @@ class Search:
 
     def _plans(self) -> Iterator[tuple[Family, Settings, Plan]]:
         """Yield what to look at: the starts of all families in turn, then changed copies of the best."""
-        for family, settings in in_turn([[(family, each) for each in family.starts] for family in self.families]):
+        for family, settings in in_turn([[(family, start) for start in family.starts] for family in self.families]):
             yield from self._new(family, settings)
         fruitless = 0
         while fruitless < _FRUITLESS:
@@ -232,8 +232,8 @@ class Search:
             best = best_of(self.finals)
             counts = [max(count, self.episodes.count) for count in (BEST, *[CONFIRMED] * (len(best) - 1))]
             more = self._play(threads, [
-                (each.plan, dataclasses.replace(self.episodes, count=count))
-                for each, count in zip(best, counts, strict=False) if len(each.rows) < count
+                (plan.plan, dataclasses.replace(self.episodes, count=count))
+                for plan, count in zip(best, counts, strict=False) if len(plan.rows) < count
             ])  # fmt: skip
 
     def _play(self, threads: ThreadPoolExecutor, plans: Sequence[tuple[Plan, Episodes]]) -> bool:

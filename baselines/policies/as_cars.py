@@ -79,7 +79,7 @@ class AsCars(Policy):
         self.communicates = self.policy.communicates
         self._act = as_car_of(self.scenario).act
         self._size = self.scenario.action_size - self.scenario.messages.size
-        self._robot, self._car = (to_struct(RobotStruct, each.robot) for each in (self.scenario, cars))
+        self._robot, self._car = (to_struct(RobotStruct, team.robot) for team in (self.scenario, cars))
         self._top_speed, self._step = cars.robot.top_speed, self.scenario.task.step
         self._twist = [wp.zeros(self.shape, dtype=wp.float32, device=self.device) for _ in range(3)]
 
@@ -118,15 +118,15 @@ def scenario_of_cars(scenario: Scenario) -> Scenario:
         ValueError: a top speed, turning radius or acceleration that is not above 0, or the scenario does not fit cars.
     """
     robot, as_car, model = scenario.robot, as_car_of(scenario), model_of(scenario.robot.kind)
-    found = {
+    limits = {
         "speed_unit": model.speed_unit(scenario.driven, scenario.formation, robot),
         "as_car.turning_radius": as_car.turning_radius(robot),
         "as_car.acceleration": as_car.acceleration(robot),
     }
-    for name, value in found.items():
+    for name, value in limits.items():
         if not value > 0:
             raise ValueError(f"{name} of robot model {model.name} must be above 0, got {value}")
-    top, turning, acceleration = found.values()
+    top, turning, acceleration = limits.values()
     drag = min(acceleration / top, 1 / scenario.task.step)
     car = dataclasses.replace(
         robot,

@@ -27,9 +27,9 @@ _ARRAYS = ("numpy", "torch", "warp")
 
 def clear_worlds(memory: wp.array, mask: np.ndarray) -> None:
     """Zero the memory (W, ...) of the worlds in a mask (W,)."""
-    kept = memory.numpy().copy()
-    kept[mask] = 0
-    memory.assign(kept)
+    values = memory.numpy().copy()
+    values[mask] = 0
+    memory.assign(values)
 
 
 class UnsuitableScenarioError(ValueError):

@@ -20,13 +20,13 @@ def divisions(count: int, half: tuple[float, float]) -> list[np.ndarray]:
     Returns:
         Arrays (count, 6): x, y of the centre, half width, half height [m], number in the row, number of the row.
     """
-    found = []
+    arrays = []
     for rows in range(1, count + 1):
-        found.append(_rows(_shares(count, rows), half))
+        arrays.append(_rows(_shares(count, rows), half))
         turned = _rows(_shares(count, rows), (half[1], half[0]))
-        found.append(turned[:, [1, 0, 3, 2, 5, 4]])
+        arrays.append(turned[:, [1, 0, 3, 2, 5, 4]])
     # A grid is among the rows and among the columns.
-    distinct = {np.round(np.sort(cells[:, :4] / half[1], axis=0), 9).tobytes(): cells for cells in found}
+    distinct = {np.round(np.sort(cells[:, :4] / half[1], axis=0), 9).tobytes(): cells for cells in arrays}
     return list(distinct.values())
 
 

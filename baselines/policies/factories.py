@@ -62,10 +62,10 @@ def as_factory(policy: Any, name: str) -> Factory:
         return _of(policy, lambda scenario, num_worlds, device: FunctionPolicy(policy, num_worlds))
 
     def make(scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
-        made: Any = policy(scenario, num_worlds, device)
-        if not _acts(made) or isinstance(made, type):
-            raise ValueError(f"policy {name} must be made with reset, act and num_worlds, got {shown(made)}")
-        return made
+        acting: Any = policy(scenario, num_worlds, device)
+        if not _acts(acting) or isinstance(acting, type):
+            raise ValueError(f"policy {name} must be made with reset, act and num_worlds, got {shown(acting)}")
+        return acting
 
     return _of(policy, make)
 

@@ -30,12 +30,12 @@ class Index(Reacting):
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
         super().__init__(scenario, num_worlds, device, **settings)
-        made, radius = self.scenario, self.scenario.sensing_radius
-        if made.targets.arrival_rate == 0:
+        task, radius = self.scenario, self.scenario.sensing_radius
+        if task.targets.arrival_rate == 0:
             raise UnsuitableScenarioError("targets.arrival_rate must be above 0 for an index rule [1/s], got 0")
-        if made.sensing.shared != "team" or min(made.sensing.tracks_seen, made.sensing.teammates_seen) == 0:
+        if task.sensing.shared != "team" or min(task.sensing.tracks_seen, task.sensing.teammates_seen) == 0:
             rule = "must be team, with sensing.tracks_seen and sensing.teammates_seen above 0, for an index rule"
-            raise UnsuitableScenarioError(f"sensing.shared {rule}, got {made.sensing.shared}")
+            raise UnsuitableScenarioError(f"sensing.shared {rule}, got {task.sensing.shared}")
         self.radius = radius
         self.counts = np.ceil(2 * self.half / (1.7 * radius)).astype(int)
         axes = [(np.arange(n) + 0.5) * 2 * h / n - h for n, h in zip(self.counts, self.half, strict=True)]

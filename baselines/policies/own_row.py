@@ -302,8 +302,8 @@ class Rows:
         sensing = self.scenario.sensing
         counts = {"neighbour": 2, "robot": sensing.robots_seen, "target": sensing.targets_seen}
         count = (counts | {"track": sensing.tracks_seen, "teammate": sensing.teammates_seen})[kind]
-        each = [self.entry(f"{kind}_{k}_{name}") for k in range(count)]
-        return np.stack(each, axis=-1) if each else np.zeros((*self.values.shape[:-1], 0), self.values.dtype)
+        entries = [self.entry(f"{kind}_{k}_{name}") for k in range(count)]
+        return np.stack(entries, axis=-1) if entries else np.zeros((*self.values.shape[:-1], 0), self.values.dtype)
 
     def _pairs(self, kind: str, x: str = "x", y: str = "y") -> np.ndarray:
         return np.stack([self._of(kind, x), self._of(kind, y)], axis=-1)

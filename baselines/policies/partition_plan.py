@@ -156,17 +156,17 @@ def shapes_of(room: Room, parameters: PartitionParameters, half: tuple[float, fl
 
 def _loops_in_cells(room: Room, parameters: PartitionParameters, half: tuple[float, float], members: int):
     """Yield the shapes of loops on each of which so many cars follow one another at even distances."""
-    found = divisions(room.robots // members, half)
+    layouts = divisions(room.robots // members, half)
     if parameters.rows is not None:
-        found = [cells for cells in found if len(np.unique(np.round(cells[:, 1], 9))) == parameters.rows]
+        layouts = [cells for cells in layouts if len(np.unique(np.round(cells[:, 1], 9))) == parameters.rows]
     else:
-        stretch = [float(np.max(np.maximum(cells[:, 2] / cells[:, 3], cells[:, 3] / cells[:, 2]))) for cells in found]
-        found = [cells for cells, each in zip(found, stretch, strict=True) if each <= 2.5 * min(stretch)]
+        stretch = [float(np.max(np.maximum(cells[:, 2] / cells[:, 3], cells[:, 3] / cells[:, 2]))) for cells in layouts]
+        layouts = [cells for cells, ratio in zip(layouts, stretch, strict=True) if ratio <= 2.5 * min(stretch)]
     extents = (*_EXTENTS, 1.0) if room.inside else _EXTENTS  # sensors have to reach across the inset
     extents_x = extents if parameters.extent_x is None else (parameters.extent_x,)
     extents_y = extents if parameters.extent_y is None else (parameters.extent_y,)
     all_lanes = (2, 4, 6) if parameters.lanes is None else (parameters.lanes,)
-    for cells, along_x, along_y, lanes in itertools.product(found, extents_x, extents_y, all_lanes):
+    for cells, along_x, along_y, lanes in itertools.product(layouts, extents_x, extents_y, all_lanes):
         share = np.array([along_x, along_y])
         largest = np.minimum(cells[:, 2:4], room.driven)
         sizes = room.turning + share * np.maximum(largest - room.turning, 0)
@@ -326,5 +326,5 @@ def _thinned(placed: np.ndarray, room: Room) -> tuple[np.ndarray, float]:
     """
     count = placed.shape[1]
     every = max(min(count // _TIMES, math.floor(_REACH * room.sensing / room.speed)), 1)
-    kept = count // every
-    return placed[:, np.arange(kept) * count // kept], count / kept
+    times = count // every
+    return placed[:, np.arange(times) * count // times], count / times

@@ -63,7 +63,7 @@ def path_tables(scenario: Scenario, loop: np.ndarray, lead_in: np.ndarray | None
     if begin:
         onward = loop[:, :, np.arange(_REACH + 1) % loop.shape[2]]
         parts.insert(0, _sampled(np.concatenate([lead_in, onward], axis=2), 0, begin))
-    places, velocity = (np.concatenate(each, axis=2) for each in zip(*parts, strict=True))
+    places, velocity = (np.concatenate(arrays, axis=2) for arrays in zip(*parts, strict=True))
     return _tables(places, velocity / scenario.task.step, scenario.task.step, begin, end - begin)
 
 
@@ -98,7 +98,7 @@ def _tables(places: np.ndarray, velocity: np.ndarray, step: float, lead_in: int,
     turn = np.diff(heading[:, :, whole], axis=2)
     turn = (turn + np.pi) % (2 * np.pi) - np.pi
     way = 0.5 * (speed[:, :, whole[1:]] + speed[:, :, whole[:-1]]) * (step / FINE)
-    turn, way = (_over_a_step(each) for each in (turn, way))
+    turn, way = (_over_a_step(series) for series in (turn, way))
     curvature = np.divide(turn, way, out=np.zeros_like(turn), where=way > 0)
     acceleration = (speed[:, :, whole[FINE:]] - speed) / step
     return PathTables(

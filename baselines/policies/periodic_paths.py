@@ -49,8 +49,8 @@ def places_of(paths: np.ndarray, period: int) -> np.ndarray:
     count = (paths.shape[-1] - 2) // 4
     waves = paths[..., 2:].reshape(*paths.shape[:-1], count, 2, 2)  # harmonic, coordinate, cosine and sine
     turn = 2 * np.pi * np.arange(1, count + 1)[:, None] * np.arange(period) / period
-    found = np.einsum("...kc,kt->...tc", waves[..., 0], np.cos(turn))
-    return paths[..., None, :2] + found + np.einsum("...kc,kt->...tc", waves[..., 1], np.sin(turn))
+    cosines = np.einsum("...kc,kt->...tc", waves[..., 0], np.cos(turn))
+    return paths[..., None, :2] + cosines + np.einsum("...kc,kt->...tc", waves[..., 1], np.sin(turn))
 
 
 def derivative_of(paths: np.ndarray, duration: float) -> np.ndarray:

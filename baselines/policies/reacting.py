@@ -127,15 +127,15 @@ class Reacting(Policy):
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
         super().__init__(scenario, num_worlds, device)
-        made = self.scenario
-        if not made.task.action == "velocity":
-            raise UnsuitableScenarioError(f"task.action must be velocity, got {made.task.action}")
+        task = self.scenario
+        if not task.task.action == "velocity":
+            raise UnsuitableScenarioError(f"task.action must be velocity, got {task.task.action}")
         for name, value in settings.items():
             if not hasattr(type(self), name):
                 raise ValueError(f"setting of {self.name} must be an attribute of the class, got {name}")
             setattr(self, name, value)
-        self.half = np.array([made.curve.half_width, made.curve.half_height])
-        self.top, self.step, self.sight = made.robot.top_speed, made.task.step, made.sight
+        self.half = np.array([task.curve.half_width, task.curve.half_height])
+        self.top, self.step, self.sight = task.robot.top_speed, task.task.step, task.sight
 
     def wish(self, rows: Rows) -> np.ndarray:
         """Return the wished velocities (W, N, 2) in units of the top speed."""

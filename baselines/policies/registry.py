@@ -186,14 +186,14 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
     num_worlds = whole_number("num_worlds", num_worlds)
     if not isinstance(name, (str, os.PathLike)):
         raise ValueError(f"policy must be a name or a folder, got {shown(name)}")
-    made = build_scenario(scenario)
+    task = build_scenario(scenario)
     if is_folder(name):
         folder = unwrapped(name)[0]
-        return build(str(name), partial(_loader_of(folder).make, folder), made, num_worlds, device)
-    return build(name, check(name, made).factory, made, num_worlds, device)
+        return build(str(name), partial(_loader_of(folder).make, folder), task, num_worlds, device)
+    return build(name, check(name, task).factory, task, num_worlds, device)
 
 
-def check(name: str, made: Scenario) -> Entry:
+def check(name: str, scenario: Scenario) -> Entry:
     """Return the entry of a policy that drives the robots of a scenario.
 
     Raises:
@@ -207,11 +207,11 @@ def check(name: str, made: Scenario) -> Entry:
         hint = _player_of(name) or nearest(name, [*known, *here, *(policy for policy, _ in registered_here())])
         words = f"policy must be one of the {len(known)} that `lissajous policies` lists, got {shown(name)}{hint}"
         raise ValueError("; ".join([words, *_BROUGHT.broken]))
-    if not _drives(name, made.actuation):
-        rule = f"policy for {made.name} must drive robots of kind {made.actuation}"
+    if not _drives(name, scenario.actuation):
+        rule = f"policy for {scenario.name} must drive robots of kind {scenario.actuation}"
         if not _drives(name, None):
             rule = f"policy must drive robots of kind {_FILTERS[suffix].kind} to be wrapped by {suffix}"
-        raise ValueError(f"{rule}, got {name}, which drives kind {_kind_of(name)}{nearest(name, names(made))}")
+        raise ValueError(f"{rule}, got {name}, which drives kind {_kind_of(name)}{nearest(name, names(scenario))}")
     return entry
 
 
@@ -280,8 +280,8 @@ def made_for(name: str, scenario: str) -> bool:
 def ships(name: str) -> bool:
     """Return whether a policy is included, and not one that a user or another package registered."""
     entry = entry_of(name)
-    made = _origin(entry.factory)[0] if entry is not None else None
-    return getattr(made, "__module__", "").partition(".")[0] in OURS
+    origin = _origin(entry.factory)[0] if entry is not None else None
+    return getattr(origin, "__module__", "").partition(".")[0] in OURS
 
 
 def is_classical(name: str) -> bool:

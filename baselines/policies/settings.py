@@ -81,8 +81,8 @@ class PolicySettings:
             ValueError: the policy has no parameters, or no such one.
         """
         entry: Any = registry.entry_of(self.policy)
-        made = _made(self.policy, ARGUMENT, entry.factory, self.parameters).scaled(length, time)
-        return dataclasses.replace(self, parameters={name: getattr(made, name) for name in self.parameters})
+        parameters = _made(self.policy, ARGUMENT, entry.factory, self.parameters).scaled(length, time)
+        return dataclasses.replace(self, parameters={name: getattr(parameters, name) for name in self.parameters})
 
     @classmethod
     def read(cls, folder: str | os.PathLike[str]) -> "PolicySettings":
@@ -116,8 +116,8 @@ def _with_coordinator(settings: PolicySettings, factory: Any, scenario: Scenario
     if not (isinstance(factory, partial) and inspect.isclass(factory.func) and issubclass(factory.func, Coordinated)):
         raise ValueError(f"coordinator must be empty for {settings.policy}, which has none, got {settings.coordinator}")
     coordinator, *others = factory.args
-    made = _made(settings.policy, "coordinator", coordinator, settings.coordinator, scenario)
-    return partial(factory.func, partial(coordinator, **{ARGUMENT: made}), *others, **factory.keywords)
+    parameters = _made(settings.policy, "coordinator", coordinator, settings.coordinator, scenario)
+    return partial(factory.func, partial(coordinator, **{ARGUMENT: parameters}), *others, **factory.keywords)
 
 
 def _made(policy: str, table: str, factory: Any, given: Mapping[str, Any], scenario: Scenario | None = None) -> Checked:
@@ -143,9 +143,9 @@ def _made(policy: str, table: str, factory: Any, given: Mapping[str, Any], scena
 
 def parameters_class(factory: Any) -> type[Checked] | None:
     """Return the dataclass of a factory's argument `parameters`; None if it has no such argument."""
-    made = factory.func if isinstance(factory, partial) else factory
-    hint = typing.get_type_hints(made.__init__ if inspect.isclass(made) else made).get(ARGUMENT)
-    kinds = [each for each in (hint, *typing.get_args(hint)) if inspect.isclass(each) and issubclass(each, Checked)]
+    origin = factory.func if isinstance(factory, partial) else factory
+    hint = typing.get_type_hints(origin.__init__ if inspect.isclass(origin) else origin).get(ARGUMENT)
+    kinds = [kind for kind in (hint, *typing.get_args(hint)) if inspect.isclass(kind) and issubclass(kind, Checked)]
     return kinds[0] if kinds else None
 
 

@@ -46,20 +46,20 @@ class Part:
 
 
 def near(
-    claim: str, paper: float, ours: float, tolerance: float, unit: str = "", why: str = "", digits: str = ".4g"
+    claim: str, paper: float, result: float, tolerance: float, unit: str = "", why: str = "", digits: str = ".4g"
 ) -> Claim:
-    """Claim a number: `ours` may be off `paper` by the tolerance, in the same unit."""
-    agrees, numbers = bool(abs(ours - paper) <= tolerance), {"paper": float(paper), "ours": float(ours)}
+    """Claim a number: `result` may be off `paper` by the tolerance, in the same unit."""
+    agrees, numbers = bool(abs(result - paper) <= tolerance), {"paper": float(paper), "ours": float(result)}
     rule = f"\N{PLUS-MINUS SIGN} {tolerance:g}{_of(unit)}"
-    return Claim(claim, f"{paper:g}{_of(unit)}", f"{ours:{digits}}{_of(unit)}", rule, agrees, why, numbers)
+    return Claim(claim, f"{paper:g}{_of(unit)}", f"{result:{digits}}{_of(unit)}", rule, agrees, why, numbers)
 
 
 def within_range(
-    claim: str, paper: float, ours: np.ndarray, unit: str = "", why: str = "", digits: str = ".3f"
+    claim: str, paper: float, result: np.ndarray, unit: str = "", why: str = "", digits: str = ".3f"
 ) -> Claim:
     """Claim that the paper's number is in our range: it must be between our `low`est and our `high`est."""
-    low, high = float(ours.min()), float(ours.max())
-    words, rule = f"{low:{digits}} to {high:{digits}}{_of(unit)}", f"inside the range of {len(ours)} seeds"
+    low, high = float(result.min()), float(result.max())
+    words, rule = f"{low:{digits}} to {high:{digits}}{_of(unit)}", f"inside the range of {len(result)} seeds"
     numbers = {"paper": paper, "low": low, "high": high}
     return Claim(claim, f"{paper:g}{_of(unit)}", words, rule, low <= paper <= high, why, numbers)
 
@@ -74,16 +74,16 @@ def all_of(
 
 
 def at_most(
-    claim: str, paper: str, ours: float, bound: float, unit: str = "", why: str = "", digits: str = ".3g"
+    claim: str, paper: str, result: float, bound: float, unit: str = "", why: str = "", digits: str = ".3g"
 ) -> Claim:
-    """Claim that a number, `ours`, does not exceed a bound."""
-    rule, numbers = f"at most {bound:g}{_of(unit)}", {"ours": float(ours), "bound": bound}
-    return Claim(claim, paper, f"{ours:{digits}}{_of(unit)}", rule, bool(ours <= bound), why, numbers)
+    """Claim that a number, `result`, does not exceed a bound."""
+    rule, numbers = f"at most {bound:g}{_of(unit)}", {"ours": float(result), "bound": bound}
+    return Claim(claim, paper, f"{result:{digits}}{_of(unit)}", rule, bool(result <= bound), why, numbers)
 
 
-def reported(claim: str, paper: str, ours: str, why: str = "", numbers: Mapping[str, float] | None = None) -> Claim:
+def reported(claim: str, paper: str, result: str, why: str = "", numbers: Mapping[str, float] | None = None) -> Claim:
     """Report a quantity for which the paper states no number."""
-    return Claim(claim, paper, ours, "reported only", None, why, numbers or {})
+    return Claim(claim, paper, result, "reported only", None, why, numbers or {})
 
 
 def _of(unit: str) -> str:
@@ -108,30 +108,32 @@ def print_claims(console: Console, claims: Sequence[Claim]) -> None:
         Column("why, or what was chosen", prose=True, rank=3),
     ]
     rows: list[list[str | Text]] = []
-    for number, each in enumerate(claims):
-        first = number == 0 or claims[number - 1].part != each.part
-        agrees = Text(verdict(each), style=_STYLE[verdict(each)])
-        rows.append([each.part if first else "", each.claim, each.paper, each.ours, each.tolerance, agrees, each.why])
+    for number, claim in enumerate(claims):
+        first = number == 0 or claims[number - 1].part != claim.part
+        agrees = Text(verdict(claim), style=_STYLE[verdict(claim)])
+        rows.append(
+            [claim.part if first else "", claim.claim, claim.paper, claim.ours, claim.tolerance, agrees, claim.why]
+        )
     ends = [k for k in range(len(claims)) if k + 1 == len(claims) or claims[k + 1].part != claims[k].part]
     print_table(console, columns, rows, ends, "README.md has them")
 
 
 def summary(claims: Sequence[Claim]) -> str:
     """State how many of the claims agree, and which parts contain one that does not."""
-    judged = [each for each in claims if each.agrees is not None]
-    differ = [each for each in judged if not each.agrees]
+    judged = [claim for claim in claims if claim.agrees is not None]
+    differ = [claim for claim in judged if not claim.agrees]
     words = f"{len(judged) - len(differ)} of {len(judged)} claims agree"
     if differ:
-        words += f"; not: {', '.join(dict.fromkeys(each.part for each in differ))}"
+        words += f"; not: {', '.join(dict.fromkeys(claim.part for claim in differ))}"
     return words
 
 
 def as_page(claims: Sequence[Claim], pictures: Sequence[Picture], format: str, command: str) -> str:
     """Return a page in Markdown: the table, then every picture with its caption."""
     table = ["| | claim | paper | ours | tolerance | agrees | why, or what was chosen |", "|---" * 7 + "|"]
-    for each in claims:
-        agrees = verdict(each).replace("no", "**no**")
-        cells = (each.part, each.claim, each.paper, each.ours, each.tolerance, agrees, each.why)
+    for claim in claims:
+        agrees = verdict(claim).replace("no", "**no**")
+        cells = (claim.part, claim.claim, claim.paper, claim.ours, claim.tolerance, agrees, claim.why)
         table.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
     parts = [
         "# The paper, simulated again",

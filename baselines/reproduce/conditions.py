@@ -111,21 +111,21 @@ def rogues(player: Player) -> Part:
     """Compute the worst-case undetected time of the formation, with the sensing radius of (8) and with shorter ones."""
     claims = []
     for name in ("experiment", "ideal"):
-        made = scenario(name)
-        words = f"N = {made.num_robots}, a = {made.curve.a}, b = {made.curve.b}"
-        times = [guaranteed_time(made, made.detection_radius, speed) for speed in _SPEEDS]
+        formation = scenario(name)
+        words = f"N = {formation.num_robots}, a = {formation.curve.a}, b = {formation.curve.b}"
+        times = [guaranteed_time(formation, formation.detection_radius, speed) for speed in _SPEEDS]
         claims.append(
             at_most(
                 f"{words}, r_s of (8): longest time unseen, rogues of 0.2, 1 and 5 m/s",
-                f"T_max = {made.detection_time_bound:.3g} s",
+                f"T_max = {formation.detection_time_bound:.3g} s",
                 max(times),
-                made.detection_time_bound,
+                formation.detection_time_bound,
                 "s",
                 why="the paper shows random walkers; this is the worst of all motions, detection between steps with it",
             )
         )
-        fastest = fastest_rogue(made)
-        slowest = {share: critical_speed(made, share * made.detection_radius) for share in _SHARES}
+        fastest = fastest_rogue(formation)
+        slowest = {share: critical_speed(formation, share * formation.detection_radius) for share in _SHARES}
         shown = ", ".join(
             f"{speed:.2g} m/s at {share:g}" if speed < math.inf else f"above {fastest:.2g} m/s at {share:g}"
             for share, speed in slowest.items()

@@ -36,8 +36,8 @@ def fig2(player: Player) -> Part:
         "ideal", **BARE | {"formation.start": "equilibrium", "task.step": whole / 64, "task.duration": whole}
     )
     played = player.play("kuramoto", ideal)
-    made, curve = played.scenario, played.scenario.curve
-    gamma = made.alpha * played.phase[:, 0, 0]
+    ideal, curve = played.scenario, played.scenario.curve
+    gamma = ideal.alpha * played.phase[:, 0, 0]
     residual = closed_forms.ellipse_residual(curve, played.position[:, 0, :, :2], gamma[:, None])
 
     with Sheet("fig2", "Fig. 2   Formation on the Lissajous curve, and ellipse (5)", 7.2, 4.55) as sheet:
@@ -48,22 +48,22 @@ def fig2(player: Player) -> Part:
             draw_plane(axes, curve)
             position = played.position[8 * k, 0, :, :2]
             for x, y in position:
-                axes.add_patch(Circle((x, y), made.detection_radius, color=BLUE, alpha=0.07, lw=0))
+                axes.add_patch(Circle((x, y), ideal.detection_radius, color=BLUE, alpha=0.07, lw=0))
             x, y = np.meshgrid(curve.half_width * across, curve.half_height * across)
             off = closed_forms.ellipse_residual(curve, np.stack([x, y], axis=-1), gamma[8 * k])
             axes.contour(x, y, off, [0], colors=GREEN, linewidths=1.1, linestyles="dashed", zorder=3)
-            draw_ring(axes, position, made.neighbours, lw=1.3)
+            draw_ring(axes, position, ideal.neighbours, lw=1.3)
             axes.plot(*position.T, "o", color=BLUE, ms=3.6, zorder=4)
             axes.set_xlim(-1.3 * curve.half_width, 1.3 * curve.half_width)
             axes.set_ylim(-1.3 * curve.half_height, 1.3 * curve.half_height)
         picture = sheet.picture(
-            f"Robots blue, with their sensing discs of {made.detection_radius:.2f} m, the smallest by (8); edges of "
+            f"Robots blue, with their sensing discs of {ideal.detection_radius:.2f} m, the smallest by (8); edges of "
             "the ring "
             f"orange; ellipse (5) green, dashed. The ellipse passes over every point of the rectangle within T_max = "
-            f"{whole:.2f} s, of which eight instants are shown. {_CHOSEN}, and alpha = {made.alpha} (Lemma 2), which "
+            f"{whole:.2f} s, of which eight instants are shown. {_CHOSEN}, and alpha = {ideal.alpha} (Lemma 2), which "
             "makes ring neighbours neighbours on the ellipse."
         )
-    body = f"bodies of {made.robot.radius} m, (6) allows {made.robot_radius_bound:.4f} m"
+    body = f"bodies of {ideal.robot.radius} m, (6) allows {ideal.robot_radius_bound:.4f} m"
     claims = [
         at_most("robots stay on ellipse (5): residual", "0", float(np.abs(residual).max()), 1e-4, why=_CHOSEN),
         at_most("no collision, r_i < r_max of (6)", "0", played.score(COLLISIONS).max(), 0, why=body),
@@ -86,9 +86,9 @@ def fig3(player: Player) -> Part:
     turned = player.play(
         "kuramoto", scenario("ideal", **fine | {"formation.start": "rotated"}), worlds=_STARTS, only_ends=True
     )
-    made, waited = played.scenario, played.waited[0]
-    last, last_turned = float(waited.max()), np.array([each.max() for each in turned.waited])
-    bound = made.detection_time_bound
+    ideal, waited = played.scenario, played.waited[0]
+    last, last_turned = float(waited.max()), np.array([times.max() for times in turned.waited])
+    bound = ideal.detection_time_bound
 
     with Sheet("fig3", "Fig. 3   Detection of 10,000 moving targets", 7.2, 3.1) as sheet:
         left, right = sheet.figure.subplots(1, 2, sharex=True)
@@ -108,8 +108,8 @@ def fig3(player: Player) -> Part:
             color=DARK,
             arrowprops={"arrowstyle": "-", "color": GREY, "lw": 0.7},
         )
-        for times, found in zip(turned.waited, turned.found, strict=True):
-            _draw_share(right, times, found, color=GREY, lw=0.4, alpha=0.7)
+        for times, detections in zip(turned.waited, turned.found, strict=True):
+            _draw_share(right, times, detections, color=GREY, lw=0.4, alpha=0.7)
         _draw_share(right, waited, played.found[0], color=BLUE, lw=1.8)
         right.plot([], [], color=BLUE, lw=1.8, label="start at $\\theta_0 = 0$, as on the left")
         right.plot([], [], color=GREY, lw=0.8, label=f"{_STARTS} starts at a random $\\theta_0$")
@@ -123,12 +123,12 @@ def fig3(player: Player) -> Part:
             mark_time(axes, bound, "$T_{max}$", 0.97 if axes is left else 0.22, side="right")
         picture = sheet.picture(
             f"{_CHOSEN}; the paper does not state the targets' motion either: here they wander "
-            f"at {made.targets.speed} m/s, their "
-            f"heading changing by {made.targets.turn_rate:g} rad in one second. theta_0 = 0 is a slow start: two "
+            f"at {ideal.targets.speed} m/s, their "
+            f"heading changing by {ideal.targets.turn_rate:g} rad in one second. theta_0 = 0 is a slow start: two "
             "corners are covered only after T_max / 2, when the ellipse is a circle again and stretches towards them."
         )
     runs = zip([waited, *turned.waited], [played.found[0], *turned.found], strict=True)
-    in_time = np.array([found.all() and times.max() <= bound for times, found in runs])
+    in_time = np.array([detections.all() and times.max() <= bound for times, detections in runs])
     in_sight = 100 * float(np.mean(waited == 0))
     by = " and ".join(f"{x:.2f} s" for x in (last_turned.min(), last_turned.max()))
     claims = [
@@ -141,7 +141,7 @@ def fig3(player: Player) -> Part:
             0.3,
             "s",
             f"theta_0 = 0; between {by} for {_STARTS} random theta_0. Motion of the targets chosen: "
-            f"{made.targets.speed} m/s, wandering",
+            f"{ideal.targets.speed} m/s, wandering",
         ),
         reported(
             "share in sight at the start",
@@ -154,10 +154,10 @@ def fig3(player: Player) -> Part:
     return Part(claims, [picture])
 
 
-def _draw_share(axes: Axes, times: np.ndarray, found: np.ndarray, **line: Any) -> None:
+def _draw_share(axes: Axes, times: np.ndarray, detections: np.ndarray, **line: Any) -> None:
     """Draw the share of the targets detected over time, by Kaplan and Meier."""
     from scipy import stats  # its import takes longer than that of this project
 
-    curve = stats.ecdf(stats.CensoredData.right_censored(times, ~found)).cdf
+    curve = stats.ecdf(stats.CensoredData.right_censored(times, ~detections)).cdf
     at, share = curve.quantiles, curve.probabilities
     axes.step([0, *at[::20], at[-1], 9], [0, *share[::20], share[-1], share[-1]], where="post", **line)

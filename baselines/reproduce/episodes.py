@@ -127,24 +127,24 @@ class Player:
             only_ends: Keep the first and the last moment only.
             **parameters: Parameters of the policy.
         """
-        made = make_scenario(scenario).resolve()
-        key = (policy, made.digest(), worlds, only_ends, tuple(parameters.items()))
+        task = make_scenario(scenario).resolve()
+        key = (policy, task.digest(), worlds, only_ends, tuple(parameters.items()))
         if key in self._kept:
             return self._kept[key]
-        acting = PolicySettings(policy, parameters).make(made, worlds, self.device)
-        simulation = Simulation(made, worlds, self.device, self.seed)
-        robots, kept = simulation.robots, []
+        acting = PolicySettings(policy, parameters).make(task, worlds, self.device)
+        simulation = Simulation(task, worlds, self.device, self.seed)
+        robots, frames = simulation.robots, []
 
         def keep(taken: int) -> None:
-            if only_ends and 0 < taken < made.task.steps:
+            if only_ends and 0 < taken < task.task.steps:
                 return
             arrays = (robots.phase, robots.position, robots.heading, robots.status, simulation.tally.phase_error)
-            kept.append([np.array(array.numpy()) for array in arrays])
+            frames.append([np.array(array.numpy()) for array in arrays])
 
         EpisodeRunner(acting, simulation).play(on_moment=keep)
-        phase, position, heading, status, deviation = (np.stack(moments) for moments in zip(*kept, strict=True))
+        phase, position, heading, status, deviation = (np.stack(moments) for moments in zip(*frames, strict=True))
         scores = simulation.score()
-        waited, found = map(list, zip(*map(simulation.detection_times, range(worlds)), strict=True))
-        played = Played(made, scores, phase, position, heading, status == int(STUCK), deviation, waited, found)
+        waited, detections = map(list, zip(*map(simulation.detection_times, range(worlds)), strict=True))
+        played = Played(task, scores, phase, position, heading, status == int(STUCK), deviation, waited, detections)
         self._kept[key] = played
         return played

@@ -32,7 +32,7 @@ _STILLS = (0.0, 8.0, 16.0, 24.5, 34.4, 35.5, 37.5, 42.0)
 def fig7(player: Player) -> Part:
     """Reproduce Fig. 7: stills of the experiment."""
     played = player.play("kuramoto-mpcc", "experiment", worlds=SEEDS)
-    made, step = played.scenario, played.scenario.task.step
+    scenario, step = played.scenario, played.scenario.task.step
     with Sheet(
         "fig7", "Fig. 7   The experiment: five cars on curve (16), robots 1 and 5 fail at (d)", 9.0, 4.0
     ) as sheet:
@@ -40,9 +40,9 @@ def fig7(player: Player) -> Part:
             axes = sheet.figure.add_subplot(2, 4, k + 1)
             moment = round(time / step)
             panel_name(axes, f"({'abcdefgh'[k]})  t = {time:.1f} s")
-            draw_plane(axes, made.curve, lw=0.7, ls="--")
-            draw_ring(axes, played.position[moment, 0, :, :2], made.neighbours, alpha=0.75)
-            for robot in range(made.num_robots):
+            draw_plane(axes, scenario.curve, lw=0.7, ls="--")
+            draw_ring(axes, played.position[moment, 0, :, :2], scenario.neighbours, alpha=0.75)
+            for robot in range(scenario.num_robots):
                 _draw_car(axes, played, robot, moment)
             axes.set_xlim(-2.35, 2.35)
             axes.set_ylim(-1.5, 1.5)
@@ -51,7 +51,7 @@ def fig7(player: Player) -> Part:
             f"orange rim marks a robot that has failed; edges of the ring orange. {_chosen(played)}."
         )
     before, during, _ = _spans(played)
-    kept = played.deviation[before].max(axis=0)
+    deviation = played.deviation[before].max(axis=0)
     # Standing still: all phase rates of the last second before the resume.
     end = np.flatnonzero(during)[-1]
     drift = np.abs(np.angle(np.exp(1j * (played.phase[end] - played.phase[end - 10])))).max(axis=-1)
@@ -59,7 +59,7 @@ def fig7(player: Player) -> Part:
         at_most(
             f"(a)-(d) the formation is preserved: largest deviation of {SEEDS} seeds",
             "preserved",
-            kept.max(),
+            deviation.max(),
             0.2,
             "rad",
             "cars that cannot follow the tight turns always oscillate about it by this much",
@@ -122,12 +122,12 @@ def fig8(player: Player) -> Part:
 
 def _chosen(played: Played) -> str:
     """Return the choices where the paper states no value."""
-    made = played.scenario
-    first, last = made.faults.schedule[0][1:]
+    scenario = played.scenario
+    first, last = scenario.faults.schedule[0][1:]
     return (
         f"The paper does not print when the agents fail; {first:g} s to {last:g} s is chosen. K = "
-        f"{made.coupling:g}; all {made.num_robots} are cars here, which differ by {spread_of_cars(made)} in "
-        "wheelbase and drive"
+        f"{scenario.coupling:g}; all {scenario.num_robots} are cars here, which differ by {spread_of_cars(scenario)} "
+        "in wheelbase and drive"
     )
 
 

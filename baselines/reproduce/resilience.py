@@ -47,9 +47,9 @@ def _displaced(
 
 def fig4(player: Player) -> Part:
     """Reproduce Fig. 4: the admissible displacement of one robot of ten."""
-    made = scenario("perturbation").resolve()
-    curve, n = made.curve, made.num_robots
-    half = closed_forms.admissible_displacement(n, made.p)[1]
+    perturbation = scenario("perturbation").resolve()
+    curve, n = perturbation.curve, perturbation.num_robots
+    half = closed_forms.admissible_displacement(n, perturbation.p)[1]
     inside = np.random.default_rng(player.seed).uniform(-half, half, 20)
     back = [_displaced(player, "perturbation", angle, 60, only_ends=True).returned[0] for angle in inside]
     outside = np.arange(1.02 * half, np.pi, 0.04)
@@ -61,10 +61,10 @@ def fig4(player: Player) -> Part:
     with Sheet("fig4", "Fig. 4   Ten robots, and how far one of them may be displaced", 7.2, 4.0) as sheet:
         left, right = sheet.figure.subplots(1, 2, width_ratios=(1.25, 1))
         draw_plane(left, curve, color=RED, ls=":", lw=0.9)
-        gamma = made.alpha * made.equilibrium
+        gamma = perturbation.alpha * perturbation.equilibrium
         position = closed_forms.curve_point(curve, gamma)
-        draw_ring(left, position, made.neighbours)
-        around = made.alpha * np.linspace(-half, half, 200) + gamma[0]
+        draw_ring(left, position, perturbation.neighbours)
+        around = perturbation.alpha * np.linspace(-half, half, 200) + gamma[0]
         left.plot(*closed_forms.curve_point(curve, around).T, color=GREEN, lw=2.6, ls=(0, (2.2, 1)), zorder=3)
         left.plot(*position.T, "o", color=BLUE, ms=9, zorder=4)
         for robot, place in enumerate(position):
@@ -87,7 +87,7 @@ def fig4(player: Player) -> Part:
         right.set_ylabel("largest deviation from the equilibrium [rad]")
         right.legend(loc="center right", bbox_to_anchor=(1, 0.68), title="robot 1 displaced by", title_fontsize=8)
         picture = sheet.picture(
-            f"N = 10, a = 7, b = 3, A = B = 5 m as in the paper; p = {made.p} and the ring 1, 2 ... 10 are "
+            f"N = 10, a = 7, b = 3, A = B = 5 m as in the paper; p = {perturbation.p} and the ring 1, 2 ... 10 are "
             "chosen, with "
             f"which (9) is |displacement| < {half:.3f} rad. The condition is sufficient: simulated, the formation "
             "comes "
@@ -177,11 +177,11 @@ def fig6(player: Player) -> Part:
             "of Section VII and two ring neighbours, the harder case, are chosen. In (b) the generator of a stopped "
             "robot's reference stops with it."
         )
-    ours, rival = runs.values()
-    recovery = ours.score(RECOVERY)
+    kuramoto, rival = runs.values()
+    recovery = kuramoto.score(RECOVERY)
     finer = scenario(failure, **{"task.step": _FINE, "task.grid": None})
     fine = player.play("kuramoto", finer, worlds=SEEDS, only_ends=True).score(RECOVERY)
-    cosine, kept = ours.largest_cosine.max(), rival.deviation[-1]
+    cosine, offset = kuramoto.largest_cosine.max(), rival.deviation[-1]
     rule = f"deviation below {RECOVERED} rad and stays, by 30 s"
     claims = [
         Claim(
@@ -205,11 +205,11 @@ def fig6(player: Player) -> Part:
         Claim(
             "(b) tracked references [15] never recover",
             "does not recover",
-            f"{kept.min():.2f} rad off at 30 s",
+            f"{offset.min():.2f} rad off at 30 s",
             "no recovery time",
             bool(np.isnan(rival.score(RECOVERY)).all()),
             f"the offset stays as it was at t2; {rival.score(COLLISIONS).mean():.0f} collisions in 30 s, with (1) "
-            f"{ours.score(COLLISIONS).mean():.1f}",
+            f"{kuramoto.score(COLLISIONS).mean():.1f}",
         ),
     ]
     return Part(claims, [picture])

@@ -51,7 +51,7 @@ def fig5(player: Player) -> Part:
     for c in _SHOWN:
         curves = [dataclasses.replace(plane, half_depth=float(C), c=c) for C in depths]
         formation[c] = np.array([geometry.smallest_distance(curve, n) / 2 for curve in curves])
-        branches[c] = np.array([branch_radius(each) for each in curves])
+        branches[c] = np.array([branch_radius(curve) for curve in curves])
     flat, bound = geometry.smallest_distance(plane, n) / 2, closed_forms.robot_radius_bound(plane, n)
 
     with Sheet(

@@ -37,17 +37,19 @@ def undisturbed(**overrides: Any) -> Scenario:
 def fig9(player: Player) -> Part:
     """Reproduce Fig. 9: distances and tracking error of robot 3 without faults."""
     played = player.play("kuramoto-mpcc", undisturbed(), worlds=SEEDS)
-    made = played.scenario
+    experiment = played.scenario
     factor, closest = played.score(SPACING), played.score(SEPARATION)
     tracking, collisions = played.tracking_error(2).max(axis=0), played.score(COLLISIONS)
-    touching = int((closest < 2 * made.robot.radius).sum())
-    tight = geometry.tight_share(made.curve, geometry.turning_radius(made.robot.wheelbase, made.robot.steering_max))
-    why = f"one run of real cars against {SEEDS} seeds of cars that differ by {spread_of_cars(made)}"
+    touching = int((closest < 2 * experiment.robot.radius).sum())
+    tight = geometry.tight_share(
+        experiment.curve, geometry.turning_radius(experiment.robot.wheelbase, experiment.robot.steering_max)
+    )
+    why = f"one run of real cars against {SEEDS} seeds of cars that differ by {spread_of_cars(experiment)}"
     claims = [
         within_range("eta_1: largest distance of ring neighbours over 2 r_s of (8)", ETA, factor, "", why),
         within_range("smallest distance of two robots", CLOSEST, closest, "m", why),
         at_most(
-            f"collisions in {made.task.duration:g} s, the mean of {SEEDS} seeds (the paper: one, d35 at 20.8 s)",
+            f"collisions in {experiment.task.duration:g} s, the mean of {SEEDS} seeds (the paper: one, d35 at 20.8 s)",
             "1",
             collisions.mean(),
             2,
@@ -66,8 +68,8 @@ def fig9(player: Player) -> Part:
 
 def _picture_of_distances(played: Played, seed: int) -> Picture:
     """Draw Fig. 9: the distances of one run, and the rank of the paper's run among ours."""
-    made = played.scenario
-    spacing, body = made.neighbour_distance, 2 * made.robot.radius
+    experiment = played.scenario
+    spacing, body = experiment.neighbour_distance, 2 * experiment.robot.radius
     series = (
         ("$d_{34}$ to robot 4", played.distance(2, 3), BLUE),
         ("$d_{35}$ to robot 5", played.distance(2, 4), GREEN),
@@ -80,7 +82,7 @@ def _picture_of_distances(played: Played, seed: int) -> Picture:
             axes.plot(played.time, values[:, 0], color=colour, lw=1.1, label=name)
         axes.axhline(spacing, color=DARK, lw=1, ls="--", label=f"2 $r_s$ of (8), {spacing:.2f} m")
         axes.axhline(body, color=DARK, lw=1, ls=":", label=f"2 $r_i$, {body:.2f} m")
-        axes.set_xlim(0, made.task.duration)
+        axes.set_xlim(0, experiment.task.duration)
         axes.set_ylim(0, 3.6)
         axes.set_xlabel("time t [s]")
         axes.set_ylabel("distance [m]")
@@ -104,8 +106,8 @@ def _picture_of_distances(played: Played, seed: int) -> Picture:
             low, high = min(*values, paper, limit), max(*values, paper, limit)
             side.set_xlim(low - 0.1 * (high - low), high + 0.3 * (high - low))
         return sheet.picture(
-            f"Left: seed {seed}, {made.task.duration:g} s; right: {SEEDS} seeds beside the one run of the paper. "
-            f"K = {made.coupling:g}; {made.num_robots} cars that differ by {spread_of_cars(made)} in "
+            f"Left: seed {seed}, {experiment.task.duration:g} s; right: {SEEDS} seeds beside the one run of the paper. "
+            f"K = {experiment.coupling:g}; {experiment.num_robots} cars that differ by {spread_of_cars(experiment)} in "
             "wheelbase and drive, no other disturbance; at 2 r_i bodies collide. The paper's three cars and two points "
             "in a laboratory can only be met in range, not in every digit."
         )
@@ -114,22 +116,22 @@ def _picture_of_distances(played: Played, seed: int) -> Picture:
 def experiment1(player: Player) -> Part:
     """Simulate the first experiment: without feedback the formation is lost."""
     lost = player.play("open-loop-mpcc", undisturbed(**{"task.duration": _LONG}), worlds=SEEDS)
-    kept = player.play("kuramoto-mpcc", undisturbed(**{"task.duration": _LONG}), worlds=SEEDS)
+    feedback = player.play("kuramoto-mpcc", undisturbed(**{"task.duration": _LONG}), worlds=SEEDS)
     alike = player.play("open-loop-mpcc", undisturbed(**_ALIKE | {"task.duration": _LONG}), worlds=SEEDS)
     body = 2 * lost.scenario.robot.radius
     touched = lost.time[np.argmax(lost.smallest_distance() < body, axis=0)]
-    leaves = _time_above(lost, 2 * _moving_mean(kept, kept.deviation).max())
-    free, held, same = (_at_the_end(played) for played in (lost, kept, alike))
+    leaves = _time_above(lost, 2 * _moving_mean(feedback, feedback.deviation).max())
+    free, closed, same = (_at_the_end(played) for played in (lost, feedback, alike))
     claims = [
         Claim(
             "without feedback the system leaves the equilibrium",
             "diverges",
-            f"{free.min():.2f} to {free.max():.2f} rad off after {_LONG:g} s, with feedback at most {held.max():.2f}",
+            f"{free.min():.2f} to {free.max():.2f} rad off after {_LONG:g} s, with feedback at most {closed.max():.2f}",
             "mean above 3 times that with feedback",
-            bool(free.mean() > 3 * held.mean()),
+            bool(free.mean() > 3 * closed.mean()),
             f"it drifts at the rate at which cars differ, {spread_of_cars(lost.scenario)} here; the paper's differ by "
             "an unknown amount",
-            {"low": free.min(), "high": free.max(), "with feedback": held.max()},
+            {"low": free.min(), "high": free.max(), "with feedback": closed.max()},
         ),
         Claim(
             "it does so after few seconds",
@@ -148,7 +150,7 @@ def experiment1(player: Player) -> Part:
             "in every seed",
             bool((lost.score(SEPARATION) < body).all()),
             f"bodies of {body / 2} m collide {_each_minute(lost).mean():.0f} times a minute, with feedback "
-            f"{_each_minute(kept).mean():.1f} times",
+            f"{_each_minute(feedback).mean():.1f} times",
             {"low": touched.min(), "high": touched.max()},
         ),
         reported(
@@ -184,7 +186,7 @@ def _each_minute(played: Played) -> np.ndarray:
 
 def printed(player: Player) -> Part:
     """Simulate Section VII as printed: beta = 0.94, and the order of q1 and q2."""
-    ours = player.play("kuramoto-mpcc", undisturbed(), worlds=SEEDS)
+    baseline = player.play("kuramoto-mpcc", undisturbed(), worlds=SEEDS)
     beta = player.play("kuramoto-mpcc", scenario("experiment-printed", **{"faults.schedule": ()}), worlds=4)
     weights = MpccParameters()
     order = player.play(
@@ -195,9 +197,9 @@ def printed(player: Player) -> Part:
         weight_lag=weights.weight_lateral,
     )
     outside, allowed = _outside(beta), 0.2
-    made, model = beta.scenario, beta.scenario.robot
+    experiment, model = beta.scenario, beta.scenario.robot
     slowest = (model.drive * model.throttle_min - model.offset) / model.drag
-    fastest = geometry.top_speed(made.curve, made.formation.phase_rate)
+    fastest = geometry.top_speed(experiment.curve, experiment.formation.phase_rate)
     closest = order.score(SEPARATION)
     claims = [
         Claim(
@@ -215,18 +217,18 @@ def printed(player: Player) -> Part:
             "distance",
             f"{CLOSEST:g} m",
             _range(closest) + " m",
-            f"the range with q1, q2 exchanged: {_range(ours.score(SEPARATION))} m",
+            f"the range with q1, q2 exchanged: {_range(baseline.score(SEPARATION))} m",
             bool(closest.min() <= CLOSEST <= closest.max()),
             f"{order.score(COLLISIONS).mean():.0f} collisions in {order.scenario.task.duration:g} s instead of "
-            f"{ours.score(COLLISIONS).mean():.1f}: we take q1 as the weight of the lateral error",
+            f"{baseline.score(COLLISIONS).mean():.1f}: we take q1 as the weight of the lateral error",
             {"paper": CLOSEST, "low": closest.min(), "high": closest.max()},
         ),
-        _step(player, ours),
+        _step(player, baseline),
     ]
     return Part(claims)
 
 
-def _step(player: Player, ours: Played) -> Claim:
+def _step(player: Player, baseline: Played) -> Claim:
     """Report the effect of the one constant of the controller that the paper does not print."""
     touches = []
     for step in (0.05, 0.15):
@@ -235,7 +237,7 @@ def _step(player: Player, ours: Played) -> Claim:
     return reported(
         "step of the controller's M = 15 stages: collisions in 60 s",
         SILENT,
-        f"{ours.score(COLLISIONS).mean():.1f} with {MpccParameters().step:g} s; {'; '.join(touches)}",
+        f"{baseline.score(COLLISIONS).mean():.1f} with {MpccParameters().step:g} s; {'; '.join(touches)}",
         "the paper prints M alone; 0.1 s is the rate of the control, and the one of these that works",
     )
 

@@ -107,9 +107,9 @@ def cloud_rows(message: Any, width: int) -> np.ndarray:
     Raises:
         ValueError: the cloud has no x and y as 32-bit floats, or its data is shorter than its points.
     """
-    offsets = {each.name: each.offset for each in message.fields if each.datatype == ros.PointField.FLOAT32}
+    offsets = {field.name: field.offset for field in message.fields if field.datatype == ros.PointField.FLOAT32}
     if not {"x", "y"} <= offsets.keys():
-        raise ValueError(f"a point cloud must have x and y as FLOAT32, got {[each.name for each in message.fields]}")
+        raise ValueError(f"a point cloud must have x and y as FLOAT32, got {[field.name for field in message.fields]}")
     count, order = message.width * message.height, ">f4" if message.is_bigendian else "<f4"
     data, names = bytes(message.data), [name for name in ("x", "y", "vx", "vy")[:width] if name in offsets]
     # A point needs room for its fields, so the length of the data limits the number of points that are allocated.

@@ -187,7 +187,9 @@ class WorldNode(ros.Node):
         """Call a service of every robot that has not been removed."""
         clients = {k: robot[name] for k, robot in enumerate(self._robots) if self._status[k] != int(REMOVED)}
         ready = self._spin_until(lambda: all(client.service_is_ready() for client in clients.values()), limit)
-        answers = {k: each.call_async(ros.Trigger.Request()) for k, each in clients.items() if each.service_is_ready()}
+        answers = {
+            k: client.call_async(ros.Trigger.Request()) for k, client in clients.items() if client.service_is_ready()
+        }
         ready = ready and self._spin_until(lambda: all(answer.done() for answer in answers.values()), limit)
         if not ready and name == "start":
             silent = ", ".join(f"robot_{k}" for k in clients if k not in answers or not answers[k].done())

@@ -74,11 +74,11 @@ def save(
         notes: Further entries of `checkpoint.json`: scores, counters.
         place: `BEST` for the checkpoint of the best policy, inside the folder.
     """
-    with contextlib.nullcontext(folder) if isinstance(folder, Folder) else hold(folder) as held:
+    with contextlib.nullcontext(folder) if isinstance(folder, Folder) else hold(folder) as directory:
         if place:
-            held.make_folder(place.rstrip("/"))
+            directory.make_folder(place.rstrip("/"))
         arrays = {"weights": network.to_arrays()} | ({} if state is None else {"state": state})
-        files = {stem: _write(held, place, stem, to_bytes(named)) for stem, named in arrays.items()}
+        files = {stem: _write(directory, place, stem, to_bytes(named)) for stem, named in arrays.items()}
         text = {
             "format": FORMAT,
             "policy": card.to_dict() | {"activation": ACTIVATION},
@@ -88,11 +88,11 @@ def save(
             "files": files,
             **(notes or {}),
         }
-        held.write(place + FILE, json.dumps(text, indent=1, allow_nan=False) + "\n")
+        directory.write(place + FILE, json.dumps(text, indent=1, allow_nan=False) + "\n")
         current = {place + entry["name"] for entry in files.values()}
-        for name in held.written:
+        for name in directory.written:
             if re.fullmatch(rf"{place}(weights|state){_NAME}", name) and name not in current:
-                held.remove(name)
+                directory.remove(name)
 
 
 def read(folder: str | Path) -> tuple[Network | TeamNetwork, Card, dict[str, Any]]:
@@ -267,10 +267,10 @@ def _read_file(folder: Path, entry: Mapping[str, str]) -> bytes:
 
 
 def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
+    versions = {"python": platform.python_version()}
     for name in _PACKAGES:
         try:
-            found[name] = version(name)
+            versions[name] = version(name)
         except PackageNotFoundError:
             continue
-    return found
+    return versions

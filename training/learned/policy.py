@@ -24,8 +24,8 @@ def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: i
     network, card, _ = checkpoint.read(find(name))
     if not isinstance(network, TeamNetwork):
         raise ValueError(f"policy must drive robots, got {name}, which drives rogues")
-    made = checkpoint.home_scenario(card) if scenario is None else scenario
-    policy = LearnedTeam(network, card, made, num_worlds, device)
+    task = checkpoint.home_scenario(card) if scenario is None else scenario
+    policy = LearnedTeam(network, card, task, num_worlds, device)
     policy.name = str(name)
     return policy
 

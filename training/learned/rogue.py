@@ -64,10 +64,10 @@ def fit_network(network: Network, card: Card, scenario: Scenario) -> tuple[Netwo
         ValueError: the scenario lacks another entry that the network reads.
     """
     names = rogue_layout(scenario).names
-    lacking = [each for each in card.inputs if each not in names and not each.startswith("robot_")]
+    lacking = [entry for entry in card.inputs if entry not in names and not entry.startswith("robot_")]
     if lacking:
         raise ValueError(f"rows of rogues on {scenario.name} must contain {', '.join(lacking[:4])}, which they lack")
-    there = [k for k, each in enumerate(card.inputs) if each in names]
+    there = [k for k, entry in enumerate(card.inputs) if entry in names]
     first, *others = network.weights
     fitted = dataclasses.replace(network, weights=(first[:, there], *others))
     return fitted, np.array([names.index(card.inputs[k]) for k in there])

@@ -92,10 +92,10 @@ def _plan(task: Scenario, name: str, settings: Settings) -> Plan:
     """Return the policy with the parameters, on the task with another start if one is given."""
     shares = {key: value for key, value in settings.items() if key not in ("policy", "start")}
     start = settings.get("start", 0.0) * top_speed(task)
-    made = absolute(PolicySettings(settings["policy"], shares), task, digits=4)
-    about = ", ".join(f"{key.replace('_', ' ')} {_short(value)}" for key, value in made.parameters.items())
+    policy = absolute(PolicySettings(settings["policy"], shares), task, digits=4)
+    about = ", ".join(f"{key.replace('_', ' ')} {_short(value)}" for key, value in policy.parameters.items())
     about += f", start on an ellipse at {start:.3g} m/s" if start else ""
-    return Plan(name, on_ellipse(task, start) if start else task, made, about)
+    return Plan(name, on_ellipse(task, start) if start else task, policy, about)
 
 
 def _short(value: Any) -> str:

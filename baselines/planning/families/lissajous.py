@@ -45,7 +45,7 @@ def formations(task: Scenario) -> Family:
         return Family(NAME, refusal=_violation(task))
     # Every curve with the paper's method, then the best ones with other coordinators.
     starts = [{"curve": k, "policy": paper, "rate": 1.0} for k in range(len(curves))]
-    starts += [{"curve": k, "policy": each, "rate": 1.0} for k in range(len(curves))[:2] for each in others]
+    starts += [{"curve": k, "policy": policy, "rate": 1.0} for k in range(len(curves))[:2] for policy in others]
     space = {
         "curve": list(range(len(curves))),
         "policy": policies,
@@ -85,10 +85,14 @@ def _plan(task: Scenario, settings: Settings) -> Plan:
 def _policies(task: Scenario) -> list[str]:
     """Return the policies, the paper's method first if the robots have a stable formation."""
     has_stable = closed_forms.has_unclustered_equilibrium(task.num_robots)
-    fitting = [each for each in _COORDINATORS if has_stable or each not in _KURAMOTO]
+    fitting = [coordinator for coordinator in _COORDINATORS if has_stable or coordinator not in _KURAMOTO]
     if task.robot.kind == "curve":
         return fitting
-    return [f"{each}-mpcc{suffix}" for suffix in FILTERS for each in fitting] if like_cars(task) is not None else []
+    return (
+        [f"{coordinator}-mpcc{suffix}" for suffix in FILTERS for coordinator in fitting]
+        if like_cars(task) is not None
+        else []
+    )
 
 
 @lru_cache(maxsize=64)
@@ -138,7 +142,11 @@ def formation_overrides(task: Scenario, curve: Curve, rate: float, ring: int = 0
     p, alpha = best_formation(curve, n)
     if closed_forms.cluster_size(n, p, alpha) > 1:
         p, alpha = 1, 1  # equally spaced, though no stable equilibrium of (1)
-    others = [each for each in closed_forms.stable_equilibria(n) if math.gcd(each, n) == 1 and each != p]
+    others = [
+        equilibrium
+        for equilibrium in closed_forms.stable_equilibria(n)
+        if math.gcd(equilibrium, n) == 1 and equilibrium != p
+    ]
     if 0 < ring <= len(others):
         p = others[ring - 1]
         alpha = closed_forms.default_alpha(curve, n, p)
