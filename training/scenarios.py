@@ -69,8 +69,6 @@ def score_of(scenario: Scenario) -> str:
     return "detection_rate" if scenario.targets.respawn else "detection_time_mean"
 
 
-def rule_of(scenario: Scenario) -> str:
+def rule_of(task: Scenario) -> str:
     """Return the best rule for a scenario in which actions are velocities."""
-    return {"observed_fraction": "greedy-cover", "detection_rate": "lead-pursuit"}.get(
-        score_of(scenario), "index-learned"
-    )
+    return {"observed_fraction": "greedy-cover", "detection_rate": "lead-pursuit"}.get(score_of(task), "index-learned")

@@ -130,14 +130,12 @@ class TrainingSettings(Checked):
     @property
     def chosen_teacher(self) -> str | None:
         """Policy to imitate, and to compare with; None for robots of a kind without a default."""
-        scenario = self.make_scenario()
+        task = self.make_scenario()
         if self.teacher is not None:
             return self.teacher
-        if scenario.task.action == "velocity":
-            return scenarios.rule_of(scenario)
-        return {"car": "arc-gvf" if scenario.curve.harmonics else "arc-mpcc", "curve": "kuramoto"}.get(
-            scenario.robot.kind
-        )
+        if task.task.action == "velocity":
+            return scenarios.rule_of(task)
+        return {"car": "arc-gvf" if task.curve.harmonics else "arc-mpcc", "curve": "kuramoto"}.get(task.robot.kind)
 
     @property
     def base(self) -> str | None:

@@ -76,9 +76,7 @@ class Outcome:
     @property
     def fewest_robots(self) -> int | None:
         """Return the fewest robots of a plan that guarantees the requested time; None if there is no such plan."""
-        return min(
-            (planned.plan.scenario.num_robots for planned in self.plans if self.guarantees(planned)), default=None
-        )
+        return min((entry.plan.scenario.num_robots for entry in self.plans if self.guarantees(entry)), default=None)
 
     def guarantees(self, planned: Planned) -> bool:
         """Return whether a plan guarantees the requested time, also with failures if these were requested."""

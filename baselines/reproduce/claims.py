@@ -108,12 +108,10 @@ def print_claims(console: Console, claims: Sequence[Claim]) -> None:
         Column("why, or what was chosen", prose=True, rank=3),
     ]
     rows: list[list[str | Text]] = []
-    for number, claim in enumerate(claims):
-        first = number == 0 or claims[number - 1].part != claim.part
-        agrees = Text(verdict(claim), style=_STYLE[verdict(claim)])
-        rows.append(
-            [claim.part if first else "", claim.claim, claim.paper, claim.ours, claim.tolerance, agrees, claim.why]
-        )
+    for number, row in enumerate(claims):
+        first = number == 0 or claims[number - 1].part != row.part
+        agrees = Text(verdict(row), style=_STYLE[verdict(row)])
+        rows.append([row.part if first else "", row.claim, row.paper, row.ours, row.tolerance, agrees, row.why])
     ends = [k for k in range(len(claims)) if k + 1 == len(claims) or claims[k + 1].part != claims[k].part]
     print_table(console, columns, rows, ends, "README.md has them")
 

@@ -37,19 +37,17 @@ def undisturbed(**overrides: Any) -> Scenario:
 def fig9(player: Player) -> Part:
     """Reproduce Fig. 9: distances and tracking error of robot 3 without faults."""
     played = player.play("kuramoto-mpcc", undisturbed(), worlds=SEEDS)
-    experiment = played.scenario
+    task = played.scenario
     factor, closest = played.score(SPACING), played.score(SEPARATION)
     tracking, collisions = played.tracking_error(2).max(axis=0), played.score(COLLISIONS)
-    touching = int((closest < 2 * experiment.robot.radius).sum())
-    tight = geometry.tight_share(
-        experiment.curve, geometry.turning_radius(experiment.robot.wheelbase, experiment.robot.steering_max)
-    )
-    why = f"one run of real cars against {SEEDS} seeds of cars that differ by {spread_of_cars(experiment)}"
+    touching = int((closest < 2 * task.robot.radius).sum())
+    tight = geometry.tight_share(task.curve, geometry.turning_radius(task.robot.wheelbase, task.robot.steering_max))
+    why = f"one run of real cars against {SEEDS} seeds of cars that differ by {spread_of_cars(task)}"
     claims = [
         within_range("eta_1: largest distance of ring neighbours over 2 r_s of (8)", ETA, factor, "", why),
         within_range("smallest distance of two robots", CLOSEST, closest, "m", why),
         at_most(
-            f"collisions in {experiment.task.duration:g} s, the mean of {SEEDS} seeds (the paper: one, d35 at 20.8 s)",
+            f"collisions in {task.task.duration:g} s, the mean of {SEEDS} seeds (the paper: one, d35 at 20.8 s)",
             "1",
             collisions.mean(),
             2,
@@ -68,8 +66,8 @@ def fig9(player: Player) -> Part:
 
 def _picture_of_distances(played: Played, seed: int) -> Picture:
     """Draw Fig. 9: the distances of one run, and the rank of the paper's run among ours."""
-    experiment = played.scenario
-    spacing, body = experiment.neighbour_distance, 2 * experiment.robot.radius
+    task = played.scenario
+    spacing, body = task.neighbour_distance, 2 * task.robot.radius
     series = (
         ("$d_{34}$ to robot 4", played.distance(2, 3), BLUE),
         ("$d_{35}$ to robot 5", played.distance(2, 4), GREEN),
@@ -82,7 +80,7 @@ def _picture_of_distances(played: Played, seed: int) -> Picture:
             axes.plot(played.time, values[:, 0], color=colour, lw=1.1, label=name)
         axes.axhline(spacing, color=DARK, lw=1, ls="--", label=f"2 $r_s$ of (8), {spacing:.2f} m")
         axes.axhline(body, color=DARK, lw=1, ls=":", label=f"2 $r_i$, {body:.2f} m")
-        axes.set_xlim(0, experiment.task.duration)
+        axes.set_xlim(0, task.task.duration)
         axes.set_ylim(0, 3.6)
         axes.set_xlabel("time t [s]")
         axes.set_ylabel("distance [m]")
@@ -106,8 +104,8 @@ def _picture_of_distances(played: Played, seed: int) -> Picture:
             low, high = min(*values, paper, limit), max(*values, paper, limit)
             side.set_xlim(low - 0.1 * (high - low), high + 0.3 * (high - low))
         return sheet.picture(
-            f"Left: seed {seed}, {experiment.task.duration:g} s; right: {SEEDS} seeds beside the one run of the paper. "
-            f"K = {experiment.coupling:g}; {experiment.num_robots} cars that differ by {spread_of_cars(experiment)} in "
+            f"Left: seed {seed}, {task.task.duration:g} s; right: {SEEDS} seeds beside the one run of the paper. "
+            f"K = {task.coupling:g}; {task.num_robots} cars that differ by {spread_of_cars(task)} in "
             "wheelbase and drive, no other disturbance; at 2 r_i bodies collide. The paper's three cars and two points "
             "in a laboratory can only be met in range, not in every digit."
         )
@@ -197,9 +195,9 @@ def printed(player: Player) -> Part:
         weight_lag=weights.weight_lateral,
     )
     outside, allowed = _outside(beta), 0.2
-    experiment, model = beta.scenario, beta.scenario.robot
+    task, model = beta.scenario, beta.scenario.robot
     slowest = (model.drive * model.throttle_min - model.offset) / model.drag
-    fastest = geometry.top_speed(experiment.curve, experiment.formation.phase_rate)
+    fastest = geometry.top_speed(task.curve, task.formation.phase_rate)
     closest = order.score(SEPARATION)
     claims = [
         Claim(

@@ -102,10 +102,8 @@ class RobotNode(ros.Node):
         self._send_phase = self.create_publisher(ros.Float64, "phase", ros.reliable(), **changes).publish
         self._send_diagnostics = self.create_publisher(ros.DiagnosticArray, "/diagnostics", ros.reliable()).publish
         topics = messages.COMMAND_TOPICS[settings.command].items()
-        publishers = [
-            self.create_publisher(getattr(ros, cls), name, ros.reliable(1), **changes) for name, cls in topics
-        ]
-        self._command_publishers = publishers
+        senders = [self.create_publisher(getattr(ros, cls), name, ros.reliable(1), **changes) for name, cls in topics]
+        self._command_publishers = senders
         measurements: dict[str, tuple[Any, Callable[[Any], None]]] = {
             "robots": (ros.PointCloud2, partial(self._see, "robots", 4)),
             "targets": (ros.PointCloud2, partial(self._see, "targets", 2)),

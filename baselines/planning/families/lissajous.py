@@ -85,14 +85,10 @@ def _plan(task: Scenario, settings: Settings) -> Plan:
 def _policies(task: Scenario) -> list[str]:
     """Return the policies, the paper's method first if the robots have a stable formation."""
     has_stable = closed_forms.has_unclustered_equilibrium(task.num_robots)
-    fitting = [coordinator for coordinator in _COORDINATORS if has_stable or coordinator not in _KURAMOTO]
+    fitting = [name for name in _COORDINATORS if has_stable or name not in _KURAMOTO]
     if task.robot.kind == "curve":
         return fitting
-    return (
-        [f"{coordinator}-mpcc{suffix}" for suffix in FILTERS for coordinator in fitting]
-        if like_cars(task) is not None
-        else []
-    )
+    return [f"{name}-mpcc{suffix}" for suffix in FILTERS for name in fitting] if like_cars(task) is not None else []
 
 
 @lru_cache(maxsize=64)
@@ -142,11 +138,7 @@ def formation_overrides(task: Scenario, curve: Curve, rate: float, ring: int = 0
     p, alpha = best_formation(curve, n)
     if closed_forms.cluster_size(n, p, alpha) > 1:
         p, alpha = 1, 1  # equally spaced, though no stable equilibrium of (1)
-    others = [
-        equilibrium
-        for equilibrium in closed_forms.stable_equilibria(n)
-        if math.gcd(equilibrium, n) == 1 and equilibrium != p
-    ]
+    others = [other for other in closed_forms.stable_equilibria(n) if math.gcd(other, n) == 1 and other != p]
     if 0 < ring <= len(others):
         p = others[ring - 1]
         alpha = closed_forms.default_alpha(curve, n, p)
