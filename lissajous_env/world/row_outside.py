@@ -134,7 +134,12 @@ class RowOutside:
     """
 
     def __init__(self, scenario: Scenario):
-        brought = [name for each in scenario.extensions if isinstance(each, ObservationEntry) for name in each.entries]
+        brought = [
+            name
+            for extension in scenario.extensions
+            if isinstance(extension, ObservationEntry)
+            for name in extension.entries
+        ]
         if brought:
             rule = "must have no observation entries of extensions, which require a simulation"
             raise ValueError(f"scenario of a robot outside the simulation {rule}, got {', '.join(brought)}")
