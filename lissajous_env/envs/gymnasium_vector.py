@@ -193,14 +193,11 @@ class LissajousVectorEnv(Timed, VectorEnv):
 
     def _infos(self, robot_reward: np.ndarray, newly: np.ndarray) -> dict[str, Any]:
         """Return the infos for rewards (W, N), with the scores of the worlds that have just ended."""
-        sim, rows_each, every = self.simulation, self._rows_each, np.ones(self.num_envs, dtype=bool)
-        infos = {"invalid": np.repeat(sim.invalid.numpy() != 0, rows_each), "_invalid": every}
+        sim, rows, every = self.simulation, self._rows_each, np.ones(self.num_envs, dtype=bool)
+        infos = {"invalid": np.repeat(sim.invalid.numpy() != 0, rows), "_invalid": every}
         if not self._agents_as_rows:
             infos |= {"robot_reward": robot_reward, "_robot_reward": every.copy()}
-        return infos | {
-            "score": np.repeat(sim.score_numbers(newly), rows_each, axis=0),
-            "_score": np.repeat(newly, rows_each),
-        }
+        return infos | {"score": np.repeat(sim.score_numbers(newly), rows, axis=0), "_score": np.repeat(newly, rows)}
 
     def _begin_again(self, newly: np.ndarray, done: np.ndarray, infos: dict[str, Any]) -> None:
         """Reset the worlds that have just ended, and store the final observations and infos of the done rows."""

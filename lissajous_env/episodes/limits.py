@@ -48,15 +48,11 @@ def robot_speed_limit(scenario: str | Scenario) -> float:
     For a car or differential drive it is that with the largest drive that `robot.drive_factors` and
     `noise.drive_spread` allow; for a point it is alpha `phase_rate_max` max ||r'||.
     """
-    resolved_scenario = named.build(scenario).resolve()
-    if resolved_scenario.robot.kind in ("car", "differential"):
-        return resolved_scenario.top_speed_bound
-    if resolved_scenario.robot.kind == "curve":
-        return (
-            resolved_scenario.alpha
-            * float(resolved_scenario.robot.phase_rate_max or 0.0)
-            * largest_speed(resolved_scenario.driven)
-        )
+    scenario = named.build(scenario).resolve()
+    if scenario.robot.kind in ("car", "differential"):
+        return scenario.top_speed_bound
+    if scenario.robot.kind == "curve":
+        return scenario.alpha * float(scenario.robot.phase_rate_max or 0.0) * largest_speed(scenario.driven)
     return math.nan
 
 

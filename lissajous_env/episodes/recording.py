@@ -111,16 +111,14 @@ class Recording:
     def snapshot(self, moment: int) -> Snapshot:
         """Return the state after a number of steps."""
         changing = ("position", "heading", "status", "target_position", "sensed_at")
-        arrays = {name: getattr(self, name)[moment] for name in changing} | {
-            name: getattr(self, name) for name in _FIXED
-        }
+        rest = {name: getattr(self, name)[moment] for name in changing} | {name: getattr(self, name) for name in _FIXED}
         return Snapshot(
             step=moment,
             world=0,
             seed=int(self.score["seed"]),
             contact=self.contact[self.contact[:, 0] == moment, 1:],
             collisions=int(self.collisions[moment]),
-            **arrays,
+            **rest,
         )
 
     def save(self, path: str | Path) -> None:

@@ -109,13 +109,9 @@ def _of_start(scenario: Scenario) -> Iterator[str]:
     """Yield a sentence if cars start too close and too fast for any policy to avoid a collision."""
     if scenario.robot.kind != "car" or scenario.num_robots == 1:
         return
-    resolved_scenario, phases = scenario.resolve(), tuple(scenario.equilibrium.tolist())
+    resolved, phases = scenario.resolve(), tuple(scenario.equilibrium.tolist())
     share, pairs = starts.unavoidable(
-        resolved_scenario.driven,
-        resolved_scenario.formation,
-        resolved_scenario.robot,
-        phases,
-        tuple(scenario.top_speeds.tolist()),
+        resolved.driven, resolved.formation, resolved.robot, phases, tuple(scenario.top_speeds.tolist())
     )
     if share:
         words = f"in about {share:.0%} of the episodes, with {pairs:.2g} such pairs of cars per episode"

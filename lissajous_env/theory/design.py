@@ -39,18 +39,14 @@ class Design:
 
     def violations(self, robot_radius: float, sensor_radius: float) -> list[str]:
         """Return the conditions that robots of these radii [m] violate on the curve, each with its numbers."""
-        conditions = []
+        rules = []
         if robot_radius >= self.robot_radius_bound:
-            conditions.append(f"bodies of {robot_radius:.4g} m must be below {self.robot_radius_bound:.4g} m by (6)")
+            rules.append(f"bodies of {robot_radius:.4g} m must be below {self.robot_radius_bound:.4g} m by (6)")
         if sensor_radius < self.sensor_radius_bound:
-            conditions.append(
-                f"sensors of {sensor_radius:.4g} m must reach {self.sensor_radius_bound:.4g} m by (7) and (8)"
-            )
+            rules.append(f"sensors of {sensor_radius:.4g} m must reach {self.sensor_radius_bound:.4g} m by (7) and (8)")
         if self.tight_share > MOST_TIGHT:
-            conditions.append(
-                f"{self.tight_share:.1%} of the arc is tighter than the cars turn, {MOST_TIGHT:.0%} may be"
-            )
-        return conditions
+            rules.append(f"{self.tight_share:.1%} of the arc is tighter than the cars turn, {MOST_TIGHT:.0%} may be")
+        return rules
 
     @property
     def overrides(self) -> dict[str, Any]:

@@ -50,9 +50,7 @@ def top_speed(curve: Curve, phase_rate: float) -> float:
 def curvature_radius(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
     """Return the radius of curvature ||r'||^3 / |x' y'' - y' x''| [m] at gamma [rad]; infinite where straight."""
     gamma = np.asarray(curve_phase, dtype=float)
-    (dx, dy), (ddx, ddy) = (
-        np.moveaxis(derivative, -1, 0) for derivative in closed_forms.curve_derivatives(curve, gamma)
-    )
+    (dx, dy), (ddx, ddy) = (np.moveaxis(array, -1, 0) for array in closed_forms.curve_derivatives(curve, gamma))
     with np.errstate(divide="ignore"):
         return np.hypot(dx, dy) ** 3 / np.abs(dx * ddy - dy * ddx)
 

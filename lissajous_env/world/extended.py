@@ -251,11 +251,7 @@ class ExtensionStages:
 
     def columns(self, steps: np.ndarray) -> dict[str, np.ndarray]:
         """Return the values (W,) of the score columns after so many steps (W,) of the episodes."""
-        reduced = {
-            extension.name: extension.reduce
-            for extension in self.scenario.extensions
-            if isinstance(extension, ScoreColumn)
-        }
+        reduced = {column.name: column.reduce for column in self.scenario.extensions if isinstance(column, ScoreColumn)}
         return {name: _reduced(self.kept[name].numpy(), how, steps) for name, how in reduced.items()}
 
     def _room(self, shape: tuple[int, ...], dtype: Any = wp.float32) -> wp.array:
