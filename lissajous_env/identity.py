@@ -32,7 +32,7 @@ def parts_of(value: Any) -> dict[str, str]:
     """
     if isinstance(value, functools.partial):
         arguments = {f"argument {k}": argument for k, argument in enumerate(value.args)} | value.keywords
-        plain = {name: repr(each) for name, each in arguments.items() if isinstance(each, (str, int, float))}
+        plain = {name: repr(entry) for name, entry in arguments.items() if isinstance(entry, (str, int, float))}
         return parts_of(value.func) | {name: digest_of(text.encode()) for name, text in plain.items()}
     if isinstance(value, types.MethodType):
         return parts_of(value.__self__)

@@ -201,7 +201,7 @@ def replaces(new: Any, old: Any) -> bool:
 
     A cell that is run again defines its functions and classes anew.
     """
-    names = [(getattr(each, "__module__", None), getattr(each, "__qualname__", None)) for each in (new, old)]
+    names = [(getattr(version, "__module__", None), getattr(version, "__qualname__", None)) for version in (new, old)]
     return names[0] == names[1] and names[0][0] in PROMPT and names[0][1] is not None
 
 

@@ -37,10 +37,10 @@ def nearest(word: Any, words: Iterable[str]) -> str:
     Names that begin with the word and a dot, such as `hall.toml` for `hall`, come first.
     """
     given, known = str(word), dict.fromkeys(words)
-    begun = [each for each in known if given and each.startswith(f"{given}.")]
-    alike = difflib.get_close_matches(given, [each for each in known if each not in begun], n=3, cutoff=_ALIKE)
-    likeness = [difflib.SequenceMatcher(None, each, given).ratio() for each in alike]
-    alike = [each for each, like in zip(alike, likeness, strict=True) if like > likeness[0] - _AS_GOOD]
+    begun = [name for name in known if given and name.startswith(f"{given}.")]
+    alike = difflib.get_close_matches(given, [name for name in known if name not in begun], n=3, cutoff=_ALIKE)
+    likeness = [difflib.SequenceMatcher(None, name, given).ratio() for name in alike]
+    alike = [name for name, like in zip(alike, likeness, strict=True) if like > likeness[0] - _AS_GOOD]
     return f"; did you mean {' or '.join([*begun, *alike][:3])}?" if begun or alike else ""
 
 

@@ -28,42 +28,42 @@ def scenarios(names: ScenarioNames = (), output: OutputOptions = DEFAULT_OUTPUT)
 
     console = output.console()
     given = [named.build(name) for name in names or named.scenarios()]
-    made = [each.resolve() for each in given]
-    _print_designs(console, made)
+    resolved_scenarios = [scenario.resolve() for scenario in given]
+    _print_designs(console, resolved_scenarios)
     if names:
-        for each in given:
-            _print_settings(console, each)
-            _print_violations(console, violations(each))
+        for scenario in given:
+            _print_settings(console, scenario)
+            _print_violations(console, violations(scenario))
     derived = ("num_robots", "detection_time_bound", "detection_time_is_bounded")
     output.print_json([
-        each.to_dict()
-        | {name: getattr(each, name) for name in derived}
-        | {"value_of_feedback": value_of_feedback(each), "violations": violations(each)}
-        for each in made
+        scenario.to_dict()
+        | {name: getattr(scenario, name) for name in derived}
+        | {"value_of_feedback": value_of_feedback(scenario), "violations": violations(scenario)}
+        for scenario in resolved_scenarios
     ])  # fmt: skip
 
 
-def _print_designs(console: "Console", made: "list[Scenario]") -> None:
+def _print_designs(console: "Console", resolved_scenarios: "list[Scenario]") -> None:
     from lissajous_env.parameters.feedback import value_of_feedback
 
     titles = "rectangle\n[m]", "curve\na:b", "r_s\n[m]", "T_max\n[s]", "feed-\nback"
     columns = [Column("name", left=True, style="bold cyan"), Column("N"), Column("robots", left=True)]
     columns += [*map(Column, titles), Column("description", prose=True, rank=1)]
     rows = []
-    for each in made:
-        curve = each.curve
+    for scenario in resolved_scenarios:
+        curve = scenario.curve
         name = f"{curve.a}:{curve.b}" + (f":{curve.c}" if curve.half_depth > 0 else "")
         sides = [2 * curve.half_width, 2 * curve.half_height, 2 * curve.half_depth]
         rows.append([
-            each.name,
-            str(each.num_robots),
-            each.robot.kind,
+            scenario.name,
+            str(scenario.num_robots),
+            scenario.robot.kind,
             " x ".join(f"{side:g}" for side in sides if side > 0),
             "series" if curve.harmonics else name,
-            f"{each.sensing.radius:.3g}",
-            f"{each.detection_time_bound:.3g}" if each.detection_time_is_bounded else "-",
-            "-" if (value := value_of_feedback(each)) is None else f"{value:.3g}",
-            each.description,
+            f"{scenario.sensing.radius:.3g}",
+            f"{scenario.detection_time_bound:.3g}" if scenario.detection_time_is_bounded else "-",
+            "-" if (value := value_of_feedback(scenario)) is None else f"{value:.3g}",
+            scenario.description,
         ])  # fmt: skip
     print_table(console, columns, rows)
     words = (
@@ -82,9 +82,9 @@ def _print_settings(console: "Console", given: "Scenario") -> None:
         for part, changed in changed_fields(given).items()
         for name, value in changed.items()
     ]
-    for each in given.extensions:
-        settings = ", ".join(f"{name} = {value}" for name, value in each.settings.items())
-        rows.append(["extensions", f"{each.kind} {each.place}{settings and f' ({settings})'}", ""])
+    for extension in given.extensions:
+        settings = ", ".join(f"{name} = {value}" for name, value in extension.settings.items())
+        rows.append(["extensions", f"{extension.kind} {extension.place}{settings and f' ({settings})'}", ""])
     columns = [Column("field", left=True), Column(given.name, prose=True), Column("default", left=True, rank=1)]
     console.print()
     print_table(console, columns, rows)

@@ -179,21 +179,21 @@ def print_table(
     whole = [max(cell_len(line) for cell in of for line in cell.split("\n")) for of in cells]
     words = [max((cell_len(word) for cell in of for word in cell.split()), default=0) for of in cells]
     least = [max(words[k], min(_NARROWEST, whole[k])) if c.prose else whole[k] for k, c in enumerate(columns)]
-    kept = list(range(len(columns)))
-    while len(kept) > 2 and _width(least, kept) > console.width:
-        kept.remove(max(kept[1:], key=lambda k: (columns[k].rank, k)))
+    indices = list(range(len(columns)))
+    while len(indices) > 2 and _width(least, indices) > console.width:
+        indices.remove(max(indices[1:], key=lambda k: (columns[k].rank, k)))
     table = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
-    table.width = max(_width(least, kept), min(_width(whole, kept), console.width))
-    for k in kept:
+    table.width = max(_width(least, indices), min(_width(whole, indices), console.width))
+    for k in indices:
         column = columns[k]
         justify = "left" if column.left or column.prose else "right"
         width = None if column.prose else least[k]
         table.add_column(Text(column.title), justify=justify, style=column.style, width=width, min_width=least[k])
     for number, row in enumerate(rows):
         shown = [Text(cell) if isinstance(cell, str) else cell for cell in row]
-        table.add_row(*(shown[k] for k in kept), end_section=number in sections)
+        table.add_row(*(shown[k] for k in indices), end_section=number in sections)
     console.print(table, crop=False)
-    names = [column.name or column.title.replace("\n", " ") for k, column in enumerate(columns) if k not in kept]
+    names = [column.name or column.title.replace("\n", " ") for k, column in enumerate(columns) if k not in indices]
     if names:
         words = f"Columns that do not fit the terminal: {', '.join(names)}. {where}, and a wider terminal shows them."
         print_line(console, words, "yellow")
@@ -232,5 +232,5 @@ def _shortened(line: str) -> str:
     return visible if len(visible) <= 1500 else f"{visible[:750]} ... {visible[-750:]}"
 
 
-def _width(widths: Any, kept: Sequence[int]) -> int:
-    return sum(widths[k] for k in kept) + _GAP * (len(kept) - 1)
+def _width(widths: Any, indices: Sequence[int]) -> int:
+    return sum(widths[k] for k in indices) + _GAP * (len(indices) - 1)

@@ -103,10 +103,10 @@ _LOAD = """
 """
 
 
-def _load(type: str, each: str = "1", offset: str = "0") -> str:
-    """Return C++ that loads one of `each` numbers per robot, at an offset from those of the block's first robot."""
-    offset = f"{each} * (long long)block.start + {offset}"
-    return _LOAD.format(type=f"wp::{type}", length=_LENGTH, each=each, offset=offset)
+def _load(type: str, stride: str = "1", offset: str = "0") -> str:
+    """Return C++ that loads one of `stride` numbers per robot, at an offset from those of the block's first robot."""
+    offset = f"{stride} * (long long)block.start + {offset}"
+    return _LOAD.format(type=f"wp::{type}", length=_LENGTH, each=stride, offset=offset)
 
 
 @wp.func_native(_load("float32"))
@@ -174,10 +174,10 @@ _STORE = """
 """
 
 
-def _store(type: str, parts: tuple[str, ...], each: str, offset: str = "0") -> str:
-    """Return C++ that stores parts of `each` numbers per robot, at an offset from those of the block's first robot."""
-    store = " ".join(f"to[{each} * k + {place}] = {part};" for place, part in enumerate(parts))
-    offset = f"{each} * (long long)block.start + {offset}"
+def _store(type: str, parts: tuple[str, ...], stride: str, offset: str = "0") -> str:
+    """Return C++ that stores parts of `stride` numbers per robot, at an offset from those of the first robot."""
+    store = " ".join(f"to[{stride} * k + {place}] = {part};" for place, part in enumerate(parts))
+    offset = f"{stride} * (long long)block.start + {offset}"
     return _STORE.format(type=f"wp::{type}", length=_LENGTH, full=(1 << _LENGTH) - 1, store=store, offset=offset)
 
 

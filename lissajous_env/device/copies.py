@@ -29,12 +29,12 @@ class Copyable:
 
     def __new__(cls, *args: Any, **more: Any) -> Any:
         """Keep the arguments, with which a copy is made again."""
-        made = super().__new__(cls)
+        instance = super().__new__(cls)
         # A device is not picklable, its name is.
-        named = [[str(each) if isinstance(each, wp.Device) else each for each in values]
+        named = [[str(value) if isinstance(value, wp.Device) else value for value in values]
                  for values in (args, more.values())]  # fmt: skip
-        made.__dict__[_MADE_WITH] = tuple(named[0]), dict(zip(more, named[1], strict=True))
-        return made
+        instance.__dict__[_MADE_WITH] = tuple(named[0]), dict(zip(more, named[1], strict=True))
+        return instance
 
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy every array of the object to the host, by name."""
@@ -93,8 +93,8 @@ def _arrays(owner: Any, prefix: str = "", within: tuple[int, ...] = ()) -> Itera
 def _entries(owner: Any) -> list[tuple[Any, Any]]:
     if isinstance(owner, (list, tuple)):
         return list(enumerate(owner))
-    held = owner if isinstance(owner, dict) else getattr(owner, "__dict__", {})
-    return [] if _stays(owner) else [(key, value) for key, value in held.items() if key != _MADE_WITH]
+    entries = owner if isinstance(owner, dict) else getattr(owner, "__dict__", {})
+    return [] if _stays(owner) else [(key, value) for key, value in entries.items() if key != _MADE_WITH]
 
 
 def _is_value(value: Any) -> bool:
@@ -113,7 +113,7 @@ def _needs_making(value: Any, within: tuple[int, ...] = ()) -> bool:
     copies_itself = type(value).__reduce__ is not object.__reduce__
     if copies_itself and not isinstance(value, (Copyable, list, tuple, dict)):
         return False
-    return any(_needs_making(each, (*within, id(value))) for _, each in _entries(value))
+    return any(_needs_making(entry, (*within, id(value))) for _, entry in _entries(value))
 
 
 def _stays(value: Any) -> bool:

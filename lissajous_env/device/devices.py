@@ -22,7 +22,7 @@ def as_device(device: Any) -> Any:
         ValueError: there is no such device.
     """
     _start()
-    there = ", ".join(str(each) for each in wp.get_devices())
+    there = ", ".join(map(str, wp.get_devices()))
     rule = f"device must be one of those present ({there}), got {shown(device)}"
     # For None, Warp would select a device itself, and print errors of its own if there is no driver.
     if device is None or (str(device).startswith("cuda") and not wp.is_cuda_available()):
@@ -61,11 +61,11 @@ def check_room(sizes: Sequence[int], num_worlds: int, device: Any) -> None:
         ValueError: the arrays of `num_worlds` worlds do not fit on the device, or one world not into an array.
     """
     room = memory() if device.is_cpu else device.total_memory
-    each = f"{sum(sizes) / 2**20:.3g} MiB a world"
+    need = f"{sum(sizes) / 2**20:.3g} MiB a world"
     if max(sizes) >= 2**31:  # Warp counts the bytes of a world in an array by 32 bits
-        raise ValueError(f"scenario must need less than 2048 MiB in an array of a world (grid, robots), got {each}")
+        raise ValueError(f"scenario must need less than 2048 MiB in an array of a world (grid, robots), got {need}")
     if sum(sizes) * num_worlds > room:
-        rule = f"must fit into the memory of {device}, {room / 2**20:.0f} MiB, at {each}"
+        rule = f"must fit into the memory of {device}, {room / 2**20:.0f} MiB, at {need}"
         raise ValueError(f"num_worlds {rule}, got {num_worlds}")
 
 
@@ -142,7 +142,7 @@ def _started() -> None:
 def silent_stderr() -> Iterator[None]:
     """Silence standard error of native code: Warp warns there on every machine without a CUDA driver."""
     try:
-        kept = os.dup(2)
+        descriptor = os.dup(2)
     except OSError:  # standard error is closed: nothing to keep silent
         yield
         return
@@ -151,5 +151,5 @@ def silent_stderr() -> Iterator[None]:
             os.dup2(nowhere.fileno(), 2)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(descriptor, 2)
+        os.close(descriptor)

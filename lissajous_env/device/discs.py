@@ -103,10 +103,10 @@ def columns_of(run: wp.vec2, half_width: float, scale: float, inset: float, colu
     return wp.vec2i(first, int(wp.clamp(high, -1.0, float(columns - 1))))
 
 
-def _over_runs(met: str, each: str) -> str:
-    """Return C++ that computes the runs of columns of a disc, in eight rows of a lane at once, then runs `each`.
+def _over_runs(met: str, body: str) -> str:
+    """Return C++ that computes the runs of columns of a disc, in eight rows of a lane at once, then runs `body`.
 
-    `each` knows `at`, where the bits of a row in a word that the disc can meet stand in `mark` and `met`, and `run`,
+    `body` knows `at`, where the bits of a row in a word that the disc can meet stand in `mark` and `met`, and `run`,
     the bits of its columns in that word; none where the disc does not meet them.
     """
     return f"""
@@ -153,7 +153,7 @@ def _over_runs(met: str, each: str) -> str:
                     const int stop = to[k] < 64 * word + 63 ? to[k] - 64 * word : 63;
                     const Word run = start <= stop ? (~(Word)0 >> (63 - (stop - start))) << start : 0;
                     const size_t at = here + k * lanes;
-                    {each}
+                    {body}
                 }}
             }}
         }}
@@ -169,7 +169,7 @@ def _over_runs(met: str, each: str) -> str:
 """
 
 
-@wp.func_native(_over_runs(met="0", each="mark[at] |= run;"))
+@wp.func_native(_over_runs(met="0", body="mark[at] |= run;"))
 def mark_disc(
     w: int,
     place: wp.vec2,

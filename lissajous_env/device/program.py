@@ -186,7 +186,7 @@ def launcher(device: Any) -> Callable[..., None]:
 
     def launch(kernel: Any, dim: Any, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:
         arguments = (*inputs, *outputs)
-        key = kernel, dim, *[each if isinstance(each, (int, float)) else id(each) for each in arguments]
+        key = kernel, dim, *[argument if isinstance(argument, (int, float)) else id(argument) for argument in arguments]
         known = ready.get(key)
         if known is None or any(content_of(struct) != content for struct, content in known[2]):
             if len(ready) >= _MOST_LAUNCHES:
@@ -194,7 +194,7 @@ def launcher(device: Any) -> Callable[..., None]:
             with compile_quietly():
                 recorded = wp.launch(kernel, dim, inputs, outputs=outputs, device=device, record_cmd=True)
             call = Call(recorded) if device.is_cpu else cast(Any, recorded).launch
-            structs = [(each, content_of(each)) for each in arguments if is_struct(each)]
+            structs = [(argument, content_of(argument)) for argument in arguments if is_struct(argument)]
             # The arguments are stored, so that no other object can have their ids.
             known = ready[key] = call, arguments, structs
         known[0]()

@@ -124,10 +124,10 @@ def _arrange(tree: ast.FunctionDef, over: str, idle: bool) -> None:
         places, given, before = "first: int, lanes: int", 3, _LANE
     elif over != WORLD:
         places, given, before = "first: int, lanes: int, entities: int", 2, _LANE
-        each = ast.parse(f"for {names[1]} in range(lane, entities, lanes):\n    pass").body[0]
-        assert isinstance(each, ast.For)
-        each.body = body[1:]
-        body[1:] = [each]
+        loop = ast.parse(f"for {names[1]} in range(lane, entities, lanes):\n    pass").body[0]
+        assert isinstance(loop, ast.For)
+        loop.body = body[1:]
+        body[1:] = [loop]
     else:
         places, given, before = "first: int", 1, _WORLD
     tree.args.args = [*_parameters(places), *arguments[given:]]
@@ -148,7 +148,7 @@ def _compiled(tree: ast.FunctionDef, function: Any) -> Any:
     linecache.cache[file] = len(source), None, source.splitlines(keepends=True), file
     names = {"block_of": block_of, "wp": wp} | function.__globals__ | inspect.getclosurevars(function).nonlocals
     exec(compile(source, file, "exec"), names)
-    made = names[function.__name__]
-    made.__module__, made.__qualname__ = function.__module__, function.__qualname__
-    made.__annotations__ = _types_of(made)
-    return made
+    kernel = names[function.__name__]
+    kernel.__module__, kernel.__qualname__ = function.__module__, function.__qualname__
+    kernel.__annotations__ = _types_of(kernel)
+    return kernel

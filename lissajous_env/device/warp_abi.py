@@ -78,5 +78,5 @@ class Call:
 @functools.lru_cache(maxsize=1024)
 def _arguments_of(types: tuple[type, ...]) -> type[ctypes.Structure]:
     """Return the structure of arguments of these types: creating one takes longer than the rest of a `Call`."""
-    fields = [(f"argument_{k}", each) for k, each in enumerate(types)]
+    fields = [(f"argument_{k}", c_type) for k, c_type in enumerate(types)]
     return type("Arguments", (ctypes.Structure,), {"_fields_": fields})

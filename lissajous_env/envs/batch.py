@@ -144,11 +144,11 @@ class Batch:
             self._most_targets = first.target_capacity
         else:
             self.space, self.split = space[0].overridden(overrides), space[1]
-            seen = [self._changed(made) for made in itertools.islice(self.space.scenarios(self.split), LOOKED_AT)]
-            first, largest = seen[0], max(seen, key=lambda made: made.num_robots)
-            self._first, self._most_targets = first, max(made.target_capacity for made in seen)
-            for made in seen:
-                self._check(made)
+            seen = [self._changed(sample) for sample in itertools.islice(self.space.scenarios(self.split), LOOKED_AT)]
+            first, largest = seen[0], max(seen, key=lambda sample: sample.num_robots)
+            self._first, self._most_targets = first, max(sample.target_capacity for sample in seen)
+            for sample in seen:
+                self._check(sample)
         self._most_robots = largest.num_robots
         self.sides = sides_of(first, largest.num_robots, discrete_actions, roles)
         # Of a space, the first scenario of the split is shown until the first reset.
@@ -227,9 +227,9 @@ class Batch:
         for group, simulation in enumerate(self.simulations):
             of_group = chosen[self.worlds_of(group)]
             if of_group.all():
-                made, seed = self._draws.next(group)
-                self._check(made)
-                self.simulations[group], self._views = self._simulation(made, seed), Views()
+                scenario, seed = self._draws.next(group)
+                self._check(scenario)
+                self.simulations[group], self._views = self._simulation(scenario, seed), Views()
             elif of_group.any():
                 simulation.reset(of_group)
 
@@ -328,25 +328,25 @@ class Batch:
         """S."""
         return state_size(self._most_robots, self._most_targets, self.scenario.messages.size)
 
-    def _simulation(self, made: Scenario, seed: int = 0) -> Simulation:
-        return Simulation(made, self.group_size, device=self._device, seed=seed, threads=self._threads)
+    def _simulation(self, scenario: Scenario, seed: int = 0) -> Simulation:
+        return Simulation(scenario, self.group_size, device=self._device, seed=seed, threads=self._threads)
 
-    def _changed(self, made: Scenario) -> Scenario:
+    def _changed(self, scenario: Scenario) -> Scenario:
         """Return a scenario with the number of steps of an episode, and every derived field."""
-        return named.with_cycles(made, self._max_cycles).resolve()
+        return named.with_cycles(scenario, self._max_cycles).resolve()
 
-    def _fits(self, made: Scenario) -> bool:
-        return made.num_robots <= self._most_robots and made.target_capacity <= self._most_targets
+    def _fits(self, scenario: Scenario) -> bool:
+        return scenario.num_robots <= self._most_robots and scenario.target_capacity <= self._most_targets
 
-    def _check(self, made: Scenario) -> None:
+    def _check(self, scenario: Scenario) -> None:
         """Raise ValueError for a scenario of a space whose rows or actions differ in size from those of the others."""
-        if made.targets.rogues == AGENTS:
+        if scenario.targets.rogues == AGENTS:
             rule = "must be None or a scripted rogue in an environment of a space"
-            raise ValueError(f"targets.rogues {rule}, got {AGENTS} in {made.name}")
-        sizes = [(layout(other).names, other.action_names) for other in (self._first, made)]
+            raise ValueError(f"targets.rogues {rule}, got {AGENTS} in {scenario.name}")
+        sizes = [(layout(other).names, other.action_names) for other in (self._first, scenario)]
         if sizes[0] != sizes[1]:
             rule = "must have rows and actions of one size"
-            raise ValueError(f"scenarios of a space {rule}, got others in {self._first.name} and {made.name}")
+            raise ValueError(f"scenarios of a space {rule}, got others in {self._first.name} and {scenario.name}")
 
 
 def driver_of(robots: Any, scenario: Scenario, num_worlds: int, device: Any = "cpu") -> ActingPolicy:

@@ -73,12 +73,12 @@ class LissajousVectorEnv(Timed, VectorEnv):
         if not isinstance(name, str) or name not in modes:
             raise ValueError(f"autoreset_mode must be one of {', '.join(modes)}, got {shown(autoreset_mode)}")
         self.autoreset_mode = modes[name]
-        made = named.with_cycles(named.scenario(scenario, **overrides), max_cycles)
-        if max_episode_steps is not None and whole_number("max_episode_steps", max_episode_steps) < made.task.steps:
-            made = named.with_cycles(made, max_episode_steps)
-        self._steps = made.task.steps
+        variant = named.with_cycles(named.scenario(scenario, **overrides), max_cycles)
+        if max_episode_steps is not None and whole_number("max_episode_steps", max_episode_steps) < variant.task.steps:
+            variant = named.with_cycles(variant, max_episode_steps)
+        self._steps = variant.task.steps
         settings: dict[str, Any] = {"discrete_actions": discrete_actions, "device": device, "threads": threads}
-        self.batch = Batch(made, num_envs, roles="robots", **settings)
+        self.batch = Batch(variant, num_envs, roles="robots", **settings)
         (self._side,) = self.batch.sides
         self.simulation, self.scenario = self.batch.simulation, self.batch.scenario
         rows_each = self._side.places if agents_as_rows else 1
@@ -193,11 +193,11 @@ class LissajousVectorEnv(Timed, VectorEnv):
 
     def _infos(self, robot_reward: np.ndarray, newly: np.ndarray) -> dict[str, Any]:
         """Return the infos for rewards (W, N), with the scores of the worlds that have just ended."""
-        sim, each, every = self.simulation, self._rows_each, np.ones(self.num_envs, dtype=bool)
-        infos = {"invalid": np.repeat(sim.invalid.numpy() != 0, each), "_invalid": every}
+        sim, rows, every = self.simulation, self._rows_each, np.ones(self.num_envs, dtype=bool)
+        infos = {"invalid": np.repeat(sim.invalid.numpy() != 0, rows), "_invalid": every}
         if not self._agents_as_rows:
             infos |= {"robot_reward": robot_reward, "_robot_reward": every.copy()}
-        return infos | {"score": np.repeat(sim.score_numbers(newly), each, axis=0), "_score": np.repeat(newly, each)}
+        return infos | {"score": np.repeat(sim.score_numbers(newly), rows, axis=0), "_score": np.repeat(newly, rows)}
 
     def _begin_again(self, newly: np.ndarray, done: np.ndarray, infos: dict[str, Any]) -> None:
         """Reset the worlds that have just ended, and store the final observations and infos of the done rows."""

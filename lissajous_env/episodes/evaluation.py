@@ -115,7 +115,7 @@ class EpisodeRunner:
         seen = self.simulation.invalid.numpy() if self._seen is None else self._seen
         if seen.any():
             at = self.simulation.invalid_at.numpy()
-            world = min(np.flatnonzero(seen), key=lambda each: at[each])
+            world = min(np.flatnonzero(seen), key=lambda index: at[index])
             seed = self.simulation.clock.seed.numpy()[world]
             where = f"step {at[world]} of {self.simulation.scenario.name} in world {world} (seed {seed})"
             raise InvalidActionError(f"policy {self.name} must return finite actions, got NaN or infinity in {where}")
@@ -162,13 +162,13 @@ def evaluate(
         InvalidActionError: the policy returned actions that have a wrong shape or are not finite (a ValueError).
         ValueError: an invalid policy, scenario or seed.
     """
-    seeds, made = list(seeds), named.build(scenario, **overrides)
+    seeds, variant = list(seeds), named.build(scenario, **overrides)
     if isinstance(policy, type) or not (callable(policy) or hasattr(policy, "act")):
         raise ValueError(f"policy must have reset, act and num_worlds, or be a function, got {shown(policy)}")
     acting: Any = policy
     if not hasattr(policy, "act"):
         acting = FunctionPolicy(acting, max(min(len(seeds), _TOGETHER), 1))
-    return [row for rows in episodes(acting, made, seeds, device) for row in rows]
+    return [row for rows in episodes(acting, variant, seeds, device) for row in rows]
 
 
 def episodes(

@@ -48,11 +48,11 @@ def robot_speed_limit(scenario: str | Scenario) -> float:
     For a car or differential drive it is that with the largest drive that `robot.drive_factors` and
     `noise.drive_spread` allow; for a point it is alpha `phase_rate_max` max ||r'||.
     """
-    made = named.build(scenario).resolve()
-    if made.robot.kind in ("car", "differential"):
-        return made.top_speed_bound
-    if made.robot.kind == "curve":
-        return made.alpha * float(made.robot.phase_rate_max or 0.0) * largest_speed(made.driven)
+    scenario = named.build(scenario).resolve()
+    if scenario.robot.kind in ("car", "differential"):
+        return scenario.top_speed_bound
+    if scenario.robot.kind == "curve":
+        return scenario.alpha * float(scenario.robot.phase_rate_max or 0.0) * largest_speed(scenario.driven)
     return math.nan
 
 

@@ -111,14 +111,14 @@ class Recording:
     def snapshot(self, moment: int) -> Snapshot:
         """Return the state after a number of steps."""
         changing = ("position", "heading", "status", "target_position", "sensed_at")
-        kept = {name: getattr(self, name)[moment] for name in changing} | {name: getattr(self, name) for name in _FIXED}
+        rest = {name: getattr(self, name)[moment] for name in changing} | {name: getattr(self, name) for name in _FIXED}
         return Snapshot(
             step=moment,
             world=0,
             seed=int(self.score["seed"]),
             contact=self.contact[self.contact[:, 0] == moment, 1:],
             collisions=int(self.collisions[moment]),
-            **kept,
+            **rest,
         )
 
     def save(self, path: str | Path) -> None:
@@ -177,14 +177,14 @@ class Recorder:
         if now.step != due:
             raise ValueError(f"a recording must contain every step once: expected step {due}, got {now.step}")
         others = self._others()
-        for name, kept in self._moments.items():
-            kept.append(np.array(others[name] if name in others else getattr(now, name)))
+        for name, history in self._moments.items():
+            history.append(np.array(others[name] if name in others else getattr(now, name)))
         moments = np.full((len(now.contact), 1), now.step)
         self._contact.append(np.concatenate([moments, now.contact], axis=1, dtype=np.int32))
         if self.simulation.scenario.targets.respawn:
-            for name, kept in self._slots.items():
-                kept.append(getattr(now, name))
-        self._bytes += sum(kept[-1].nbytes for kept in (*self._moments.values(), self._contact))
+            for name, history in self._slots.items():
+                history.append(getattr(now, name))
+        self._bytes += sum(history[-1].nbytes for history in (*self._moments.values(), self._contact))
         _check_size(self._bytes)
         self._last = now
 
@@ -206,10 +206,10 @@ class Recorder:
         """Return the recording so far, with the current score and the name of the policy."""
         if self._last is None:
             raise ValueError("a recording must contain at least one moment, got none")
-        arrays: dict[str, Any] = {name: np.stack(kept) for name, kept in self._moments.items()}
+        arrays: dict[str, Any] = {name: np.stack(history) for name, history in self._moments.items()}
         arrays |= {name: getattr(self._last, name) for name in _FIXED}
         if self.simulation.scenario.targets.respawn:
-            slots = {name: np.stack(kept) for name, kept in self._slots.items()}
+            slots = {name: np.stack(history) for name, history in self._slots.items()}
             arrays |= _split_lives(arrays["target_position"], slots)
         arrays["contact"] = np.concatenate(self._contact)
         arrays = {name: arrays[name].astype(dtype, copy=False) for name, dtype in ARRAYS.items()}
@@ -234,7 +234,7 @@ def _split_lives(places: np.ndarray, slots: dict[str, np.ndarray]) -> dict[str, 
             columns.append(places[np.clip(moments, begin, end - 1), t])
             for name in _FIXED:
                 fixed[name].append(slots[name][end - 1, t])
-    arrays = {name: np.array(kept, dtype=slots[name].dtype) for name, kept in fixed.items()}
+    arrays = {name: np.array(values, dtype=slots[name].dtype) for name, values in fixed.items()}
     return arrays | {"target_position": np.stack(columns, axis=1) if columns else places}
 
 

@@ -61,9 +61,9 @@ class Snapshot:
             slice(None) if most_cells is None else _every(length, most_cells[axis])
             for axis, length in enumerate(cells.sensed_at.shape[1:])
         )
-        kept = np.arange(cells.sensed_at.shape[2])[columns]
+        indices = np.arange(cells.sensed_at.shape[2])[columns]
         sensed_at = of_world(cells.sensed_at, world, (rows, columns))
-        sensed_at = last_sensed(sensed_at, of_world(cells.in_discs, world, (slice(None), rows)), step, kept)
+        sensed_at = last_sensed(sensed_at, of_world(cells.in_discs, world, (slice(None), rows)), step, indices)
         status = of_world(robots.status, world)
         # The contact of a pair with a removed robot is never reset, but it has ended.
         there = status != int(REMOVED)

@@ -27,12 +27,12 @@ def violations(scenario: Scenario) -> tuple[str, ...]:
     return (*_of_formation(scenario), *_of_robots(scenario), *_of_start(scenario))
 
 
-def warn_of_violations(made: Scenario, allowed: Iterable[str] = ()) -> None:
+def warn_of_violations(scenario: Scenario, allowed: Iterable[str] = ()) -> None:
     """Warn about violated assumptions that are new in this process, not allowed, and in no included scenario."""
     known = {*_reported, *allowed, *_violated_on_purpose()}
-    if new := [words for words in violations(made) if words not in known]:
+    if new := [words for words in violations(scenario) if words not in known]:
         _reported.update(new)
-        warnings.warn(f"scenario {made.name}: {'; '.join(new)}", AssumptionWarning, stacklevel=3)
+        warnings.warn(f"scenario {scenario.name}: {'; '.join(new)}", AssumptionWarning, stacklevel=3)
 
 
 @cache
@@ -109,9 +109,9 @@ def _of_start(scenario: Scenario) -> Iterator[str]:
     """Yield a sentence if cars start too close and too fast for any policy to avoid a collision."""
     if scenario.robot.kind != "car" or scenario.num_robots == 1:
         return
-    made, phases = scenario.resolve(), tuple(scenario.equilibrium.tolist())
+    resolved, phases = scenario.resolve(), tuple(scenario.equilibrium.tolist())
     share, pairs = starts.unavoidable(
-        made.driven, made.formation, made.robot, phases, tuple(scenario.top_speeds.tolist())
+        resolved.driven, resolved.formation, resolved.robot, phases, tuple(scenario.top_speeds.tolist())
     )
     if share:
         words = f"in about {share:.0%} of the episodes, with {pairs:.2g} such pairs of cars per episode"

@@ -190,15 +190,15 @@ def load_extension(place: str, settings: Mapping[str, Any] | None = None) -> Ext
     Raises:
         ValueError: the object cannot be imported or is no extension, or a setting is unknown or invalid.
     """
-    found = import_attribute(place, "extension must be module:name")
-    if not isinstance(found, Extension):
-        raise ValueError(f"extension {place} must be made by reward_term, score_column, ..., got {shown(found)}")
+    extension = import_attribute(place, "extension must be module:name")
+    if not isinstance(extension, Extension):
+        raise ValueError(f"extension {place} must be made by reward_term, score_column, ..., got {shown(extension)}")
     given = dict(settings or {})
     for name in given:
-        if name not in found.settings:
-            rule = f"settings of {place} must be of {', '.join(found.settings) or 'none, for it has none'}"
-            raise ValueError(f"{rule}, got {shown(name)}{nearest(name, found.settings)}")
-    return dataclasses.replace(found, place=place, **given)
+        if name not in extension.settings:
+            rule = f"settings of {place} must be of {', '.join(extension.settings) or 'none, for it has none'}"
+            raise ValueError(f"{rule}, got {shown(name)}{nearest(name, extension.settings)}")
+    return dataclasses.replace(extension, place=place, **given)
 
 
 def as_extensions(given: Any) -> tuple[Extension, ...]:
@@ -210,23 +210,23 @@ def as_extensions(given: Any) -> tuple[Extension, ...]:
         ValueError: an entry is no extension, or two have the same name.
     """
     one_alone = isinstance(given, (Extension, Mapping))
-    each = given.split(",") if isinstance(given, str) else (given,) if one_alone else given
-    if not isinstance(each, Iterable):
+    sequence = given.split(",") if isinstance(given, str) else (given,) if one_alone else given
+    if not isinstance(sequence, Iterable):
         raise ValueError(f"extensions must be objects or module:name, got {shown(given)}")
-    made = tuple(_loaded(one) for one in each)
-    for one in made:
+    extensions = tuple(_loaded(one) for one in sequence)
+    for one in extensions:
         if not isinstance(one, Extension):
             raise ValueError(f"extensions must be objects or module:name, got {shown(one)}")
-    names = [one.name for one in made]
+    names = [one.name for one in extensions]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise ValueError(f"extensions must have different names, got {few_of(twice)} twice")
-    entries = [entry for one in made if isinstance(one, ObservationEntry) for entry in one.entries]
+    entries = [entry for one in extensions if isinstance(one, ObservationEntry) for entry in one.entries]
     if twice := sorted({entry for entry in entries if entries.count(entry) > 1}):
         raise ValueError(f"entries of the observation must have different names, got {few_of(twice)} twice")
     for kind, words in ((TargetMotion, "motion"), (TargetEntry, "law of entry")):
-        if sum(isinstance(one, kind) for one in made) > 1:
+        if sum(isinstance(one, kind) for one in extensions) > 1:
             raise ValueError(f"extensions must contain at most one {words} of targets, got {few_of(names)}")
-    return made
+    return extensions
 
 
 def _loaded(one: Any) -> Any:

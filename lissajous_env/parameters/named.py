@@ -110,8 +110,8 @@ def register_ids(name: str, is_space: bool = False) -> None:
     identifier, settings, module = f"lissajous/{name}-v0", {"scenario": name}, "lissajous_env.envs"
     vector = None if is_space else f"{module}.gymnasium_vector:LissajousVectorEnv"
     if identifier not in gymnasium.registry:
-        made = f"{module}.gymnasium_env:LissajousEnv"
-        gymnasium.register(identifier, made, kwargs=settings, vector_entry_point=vector)
+        entry_point = f"{module}.gymnasium_env:LissajousEnv"
+        gymnasium.register(identifier, entry_point, kwargs=settings, vector_entry_point=vector)
         pettingzoo.register("parallel", identifier, f"{module}.pettingzoo_env:LissajousParallelEnv", kwargs=settings)
         pettingzoo.register("aec", identifier, f"{module}.pettingzoo_env:env", kwargs=settings)
 
@@ -135,30 +135,30 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
             each violation is reported once per process. `lissajous_env.parameters.assumptions.violations` lists all.
             The scenario in the folder of a policy is not reported: the policy may not use its formation.
     """
-    made = build(name, **overrides)
+    variant = build(name, **overrides)
     if is_file(name) and os.path.isfile(os.path.join(os.path.dirname(name), _POLICY)):  # type: ignore[arg-type]
-        _unused.update(violations(made))
+        _unused.update(violations(variant))
     elif overrides or name not in _INCLUDED:
-        warn_of_violations(made, _unused)
-    return made
+        warn_of_violations(variant, _unused)
+    return variant
 
 
 def build(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenario:
     """Make a scenario like `scenario`, without warnings, for callers that report violated assumptions themselves."""
-    made = name if isinstance(name, Scenario) else _loaded(os.fspath(name) if isinstance(name, os.PathLike) else name)
-    return overridden(made, overrides) if overrides else made
+    base = name if isinstance(name, Scenario) else _loaded(os.fspath(name) if isinstance(name, os.PathLike) else name)
+    return overridden(base, overrides) if overrides else base
 
 
-def with_cycles(made: Scenario, max_cycles: int | None) -> Scenario:
+def with_cycles(base: Scenario, max_cycles: int | None) -> Scenario:
     """Return a scenario whose episodes last `max_cycles` steps instead of `task.duration`; None changes nothing.
 
     Raises:
         ValueError: not a whole number from 1 to 2^20.
     """
     if max_cycles is None:
-        return made
+        return base
     steps = whole_number("max_cycles", max_cycles, 1, MOST_STEPS)
-    return build(made, **{"task.duration": steps * made.task.step})
+    return build(base, **{"task.duration": steps * base.task.step})
 
 
 def unknown_scenario(name: Any, others: Iterable[str] = ()) -> ValueError:
@@ -190,7 +190,7 @@ def bring_scenario(name: str) -> None:
 def meant_here(name: Any) -> list[str]:
     """Return candidates for a mistyped scenario: files beside it, and scenarios that modules here register."""
     registered = plugins.registered_here("register_scenario")
-    return [*plugins.beside(name, SUFFIX), *(each for each, _ in registered)]
+    return [*plugins.beside(name, SUFFIX), *(candidate for candidate, _ in registered)]
 
 
 def denotes_scenario(name: str) -> bool:
@@ -261,7 +261,7 @@ def expanded(names: Iterable[str]) -> tuple[str, ...]:
 def _split(name: Any) -> tuple[ScenarioSpace | None, str]:
     """Return the space with which a name begins and the part that follows; no space for the name of anything else."""
     text = os.fspath(name) if isinstance(name, (str, os.PathLike)) else ""
-    path, part = found.groups() if (found := _OF_FILE.fullmatch(text)) else (text, "")
+    path, part = match.groups() if (match := _OF_FILE.fullmatch(text)) else (text, "")
     if is_file(path):
         return _space_in(path), part
     known = [space for space in scenario_spaces() if re.match(rf"{re.escape(space)}([-:]|$)", text)]
@@ -297,34 +297,34 @@ def _known(name: Any) -> Scenario | None:
         return None
     if ":" not in name and name not in _INCLUDED and name not in SCENARIOS:
         _BROUGHT.load()  # scenarios of other packages, at last
-    made = _INCLUDED.get(name) or SCENARIOS.get(name)
-    space, part = (None, "") if made else _split(name)
+    entry = _INCLUDED.get(name) or SCENARIOS.get(name)
+    space, part = (None, "") if entry else _split(name)
     seed = _SEED.fullmatch(part)
     if space is None or seed is None or (seed[1] and seed[1] not in space.shifts):
-        return made
+        return entry
     return (space.shifted(seed[1]) if seed[1] else space).sample(int(seed[2]))
 
 
 def _registered(name: str) -> Scenario:
     """Return the scenario of a registered name, such as the base in a file, which causes no import and no reading."""
-    if ":" in name or (made := _known(name)) is None:
+    if ":" in name or (entry := _known(name)) is None:
         raise _unregistered(name)
-    return made
+    return entry
 
 
 def _loaded(name: Any) -> Scenario:
     if is_file(name):
         return _of_file(name)
-    if (made := _known(name)) is not None:
-        return made
+    if (entry := _known(name)) is not None:
+        return entry
     if not isinstance(name, str) or space_and_split(name) is not None:
         raise unknown_scenario(name)
     if ":" in name:
         return _imported(name)
     bring_scenario(name)
-    if (made := _known(name)) is None:
+    if (entry := _known(name)) is None:
         raise unknown_scenario(name, meant_here(name))
-    return made
+    return entry
 
 
 def _of_file(path: str) -> Scenario:
@@ -339,16 +339,16 @@ def _of_file(path: str) -> Scenario:
 
 
 def _imported(reference: str) -> Scenario:
-    made = plugins.import_attribute(reference, "scenario must be module:attribute")
+    attribute = plugins.import_attribute(reference, "scenario must be module:attribute")
     rule = f"scenario {reference} must be a Scenario, or a function without arguments that returns one"
-    if callable(made):
+    if callable(attribute):
         try:
-            made = made()
+            attribute = attribute()
         except (Exception, SystemExit) as error:
             raise ValueError(f"{rule}, got {where_raised(error)}") from error
-    if not isinstance(made, Scenario):
-        raise ValueError(f"{rule}, got {shown(made)}")
-    return made
+    if not isinstance(attribute, Scenario):
+        raise ValueError(f"{rule}, got {shown(attribute)}")
+    return attribute
 
 
 def _register_brought(brought: Any) -> None:

@@ -106,7 +106,7 @@ def register_robot_model(model: RobotModel) -> RobotModel:
             raise ValueError(f"{what}robot model {model.name} must {rule}, got {shown(got)}")
 
     size, as_car = model.action_size, model.as_car
-    are_words = all(isinstance(each, str) and each.strip() == each != "" for each in model.actions)
+    are_words = all(isinstance(action, str) and action.strip() == action != "" for action in model.actions)
     is_named = model.actions and are_words and len(set(model.actions)) == size
     require(is_named, "", "have an action of at least one component, with different names", model.actions)
     require(isinstance(model.move, wp.Kernel), "", "move by a Warp kernel", model.move)

@@ -100,18 +100,18 @@ class BringsRogues:
     def __getstate__(self) -> dict[str, Any]:
         name = self.targets.rogues
         members = () if name is None or name == AGENTS else members_of(name)
-        known = (_ROGUES[each] for each in dict.fromkeys(members) if each in _ROGUES)
-        brought = [each for each in known if not isinstance(each.decide, wp.Kernel) and not _is_ours(each)]
+        known = (_ROGUES[member] for member in dict.fromkeys(members) if member in _ROGUES)
+        brought = [rogue for rogue in known if not isinstance(rogue.decide, wp.Kernel) and not _is_ours(rogue)]
         return {"rogues": brought} | self.__dict__
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        for each in state.pop("rogues", ()):
-            _ROGUES.setdefault(each.name, each)
+        for rogue in state.pop("rogues", ()):
+            _ROGUES.setdefault(rogue.name, rogue)
         self.__dict__.update(state)
 
 
-def _is_ours(made: Rogue) -> bool:
-    return getattr(made.decide, "__module__", "").partition(".")[0] in OURS
+def _is_ours(rogue: Rogue) -> bool:
+    return getattr(rogue.decide, "__module__", "").partition(".")[0] in OURS
 
 
 def rogues() -> tuple[str, ...]:
@@ -135,10 +135,10 @@ def rogue_of(name: str) -> Rogue | None:
     members = members_of(name)
     if len(members) == 1:
         return _single(name)
-    made = {each: _single(each) for each in dict.fromkeys(members)}
-    shares = ", ".join(f"{members.count(each)} of {len(members)} {each}" for each in made)
-    needs = any(each.needs_contamination for each in made.values())
-    every = tuple(made[each] for each in members)
+    rogues_by_name = {member: _single(member) for member in dict.fromkeys(members)}
+    shares = ", ".join(f"{members.count(member)} of {len(members)} {member}" for member in rogues_by_name)
+    needs = any(rogue.needs_contamination for rogue in rogues_by_name.values())
+    every = tuple(rogues_by_name[member] for member in members)
     return Rogue(name, None, f"a mixture: {shares}", needs_contamination=needs, members=every)
 
 

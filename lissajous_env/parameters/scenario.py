@@ -342,9 +342,9 @@ class Scenario(BringsRogues):
 
     def to_dict(self) -> dict:
         """Return nested plain values, as written beside results."""
-        plain = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
+        plain = {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)}
         plain |= {name: dataclasses.asdict(plain[name]) for name in PARTS}
-        return plain | {"extensions": [each.to_dict() for each in self.extensions]}
+        return plain | {"extensions": [extension.to_dict() for extension in self.extensions]}
 
     def digest(self) -> str:
         """Return a hash of the scenario without its name and description."""

@@ -179,8 +179,8 @@ def scenario_from(table: Mapping[str, Any], name: str, base_of: Callable[[str], 
     """
     check_keys(table, _OF_SCENARIO)
     base = base_of(table["base"]) if "base" in table else Scenario()
-    made = overridden(base, {key: value for key, value in table.items() if key not in _TEXTS})
-    return dataclasses.replace(made, name=table.get("name", name), description=table.get("description", ""))
+    scenario = overridden(base, {key: value for key, value in table.items() if key not in _TEXTS})
+    return dataclasses.replace(scenario, name=table.get("name", name), description=table.get("description", ""))
 
 
 @cache
@@ -206,8 +206,8 @@ def scenario_of(plain: Mapping[str, Any], extensions: Iterable[Extension] = ()) 
         raise ValueError(f"scenario must be a table of its parts, got {type(plain).__name__}")
     words = {key: plain[key] for key in ("name", "description") if key in plain}
     parts = {key: value for key, value in plain.items() if key not in (*words, "extensions")}
-    made = overridden(Scenario(), _with_infinity(parts))
-    return dataclasses.replace(made, **words, extensions=tuple(extensions))
+    scenario = overridden(Scenario(), _with_infinity(parts))
+    return dataclasses.replace(scenario, **words, extensions=tuple(extensions))
 
 
 def _with_infinity(value: Any) -> Any:

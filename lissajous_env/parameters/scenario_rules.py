@@ -103,7 +103,7 @@ def _check_targets(scenario: Any) -> None:
         rule = "must be above 0 if targets appear anew and task.contamination is set [1/s]"
         _require(targets.arrival_rate > 0 or not targets.respawn, scenario, "targets.arrival_rate", rule)
     _ = scenario.spreading  # which checks the grid
-    laws = [each.name for each in scenario.extensions if isinstance(each, TargetEntry)]
+    laws = [extension.name for extension in scenario.extensions if isinstance(extension, TargetEntry)]
     rule = f"must be custom with the law of entry {laws[0]}" if laws else "must not be custom without a target_entry"
     _require((targets.entry == "custom") == bool(laws), scenario, "targets.entry", rule)
     if name is not None:
@@ -113,8 +113,8 @@ def _check_targets(scenario: Any) -> None:
             raise ValueError(f"targets.speed_limit {rule}, got {scenario.rogue_speed}")
         is_followed = rogue is None or not rogue.needs_contamination or scenario.task.contamination is not None
         _require(is_followed, scenario, "task.contamination", f"must be given for the rogue {name}")
-        for each in scenario.extensions:
-            is_free = not isinstance(each, TargetMotion)
-            _require(is_free, scenario, "targets.rogues", f"must be None with the target motion {each.name}")
+        for extension in scenario.extensions:
+            is_free = not isinstance(extension, TargetMotion)
+            _require(is_free, scenario, "targets.rogues", f"must be None with the target motion {extension.name}")
     rule = f"must bring at most {MOST_TARGETS} targets per episode, with those of the start and six deviations [1/s]"
     _require(scenario.target_capacity <= MOST_TARGETS, scenario, "targets.arrival_rate", rule)

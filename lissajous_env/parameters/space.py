@@ -93,10 +93,10 @@ class ScenarioSpace:
         seed = whole_number("seed", seed, 0, LAST_SEED)
         violated: list[str] = []
         for attempt in range(_MOST_TRIES):
-            made = self._drawn(seed, attempt)
-            broken = next((rule.text for rule in self._rules if not rule(functools.partial(_property, made))), None)
+            scenario = self._drawn(seed, attempt)
+            broken = next((rule.text for rule in self._rules if not rule(functools.partial(_property, scenario))), None)
             if broken is None:
-                return made
+                return scenario
             violated.append(broken)
         most = max(set(violated), key=violated.count)
         rule = f"must be met by one of {_MOST_TRIES} draws"
@@ -164,7 +164,7 @@ class ScenarioSpace:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields alone: what is compiled from them cannot be pickled."""
-        return {each.name: getattr(self, each.name) for each in fields(self)}
+        return {entry.name: getattr(self, entry.name) for entry in fields(self)}
 
     @functools.cached_property
     def _rules(self) -> tuple[Formula, ...]:
@@ -217,14 +217,14 @@ class ScenarioSpace:
             part, _, what = name.partition(".")
             if part in PARTS:
                 together = value_of(name) if what == "choices" else {what: value_of(name)}
-                changed |= {f"{part}.{each}": value for each, value in together.items()}
+                changed |= {f"{part}.{key}": value for key, value in together.items()}
         changed.update(self.given)
         scale = {name: value_of(f"scale.{name}") for name in _SCALE if f"scale.{name}" in self._draws}
         try:
-            made = overridden(self.base, changed).scaled(**scale)
+            scenario = overridden(self.base, changed).scaled(**scale)
         except ValueError as error:
             raise type(error)(f"seed {seed} of {self.name}: {error}") from error
-        return replace(made, name=f"{self.name}-{seed}", description=f"Scenario {seed} of {self.name}.")
+        return replace(scenario, name=f"{self.name}-{seed}", description=f"Scenario {seed} of {self.name}.")
 
     def _uniform(self, what: str, seed: int) -> float:
         """Return a number in [0, 1) that depends on the space's name, the seed and the purpose alone."""
@@ -236,11 +236,11 @@ def _hashed(text: str) -> int:
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8])
 
 
-def _property(made: Scenario, dotted: str) -> Any:
+def _property(scenario: Scenario, dotted: str) -> Any:
     """Return a number of a scenario by its dotted name, such as `robot.radius` or `num_robots`."""
     names = dotted.split(".")
     try:
-        value = None if any(name.startswith("_") for name in names) else functools.reduce(getattr, names, made)
+        value = None if any(name.startswith("_") for name in names) else functools.reduce(getattr, names, scenario)
     except AttributeError:
         value = None
     if not isinstance(value, (int, float)):
@@ -305,6 +305,6 @@ class Draws:
             seed = _hashed(f"{start}/scenario/{group}/{draw}") % LAST_SEED
             if self.split is not None and self.space.split_of(seed) != self.split:
                 continue
-            if self._fits(made := self._change(self.space.sample(seed))):
-                return made, _hashed(f"{start}/episodes/{group}/{draw}") % LAST_SEED // 2
+            if self._fits(scenario := self._change(self.space.sample(seed))):
+                return scenario, _hashed(f"{start}/episodes/{group}/{draw}") % LAST_SEED // 2
         raise ValueError(f"space {self.space.name} must contain more scenarios of the largest size, got none")

@@ -34,14 +34,14 @@ class Targets:
     def draw(self, surface: pygame.Surface, snapshot: Snapshot) -> None:
         """Draw the undetected and the just detected targets."""
         places = self.view.fine(snapshot.target_position)
-        found = snapshot.found
+        detected = snapshot.found
         if not self.scenario.targets.leave:
-            stamp(surface, places[found], FINE * self.radius, palette.FOUND)
+            stamp(surface, places[detected], FINE * self.radius, palette.FOUND)
         age = (snapshot.step - snapshot.found_at) / self._flash
-        recent = np.flatnonzero(found & (age < 1))
+        recent = np.flatnonzero(detected & (age < 1))
         shade = np.floor(SHADES * age[recent] + 1e-6) / SHADES
-        for each in np.unique(shade):
-            draw_flash(surface, places[recent[shade == each]], FINE * self.radius, float(each))
+        for level in np.unique(shade):
+            draw_flash(surface, places[recent[shade == level]], FINE * self.radius, float(level))
         present, flees = snapshot.present, snapshot.motion == int(FLEEING)
         draw_dots(surface, places[present & ~flees], FINE * self.radius, flees=False)
         draw_dots(surface, places[present & flees], FINE * self.radius, flees=True)

@@ -82,8 +82,8 @@ def as_json(data: Any) -> str:
 @functools.cache
 def text_of(name: str) -> str:
     """Return the text of a template, a style sheet or a module."""
-    found = (folder.joinpath(*name.split("/")) for folder in _FOLDERS)
-    return next(file for file in found if file.is_file()).read_text(encoding="utf-8")
+    paths = (folder.joinpath(*name.split("/")) for folder in _FOLDERS)
+    return next(file for file in paths if file.is_file()).read_text(encoding="utf-8")
 
 
 @functools.cache

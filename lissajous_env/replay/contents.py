@@ -50,7 +50,7 @@ _MOST_CONTACTS = 2_000
 def contents(recording: Recording, detail: Detail = WHOLE, missed: MissedRogue | None = None) -> dict[str, Any]:
     """Convert a recording, and a rogue that its policy misses, to JSON values."""
     scenario, every = recording.scenario, max(math.ceil(len(recording) / detail.moments), 1)
-    kept = slice(None, None, every)
+    moments = slice(None, None, every)
     return {
         "scenario": _about(recording),
         "policy": str(recording.score.get("policy", "")),
@@ -58,13 +58,13 @@ def contents(recording: Recording, detail: Detail = WHOLE, missed: MissedRogue |
         "score": {str(name): _plain(value) for name, value in recording.score.items()},
         "step": scenario.task.step,
         "every": every,
-        "moments": len(recording.position[kept]),
+        "moments": len(recording.position[moments]),
         "curve": quantised(_curve(recording)),
-        "robots": _robots(recording, kept, detail.observed),
-        "targets": _targets(recording, kept),
+        "robots": _robots(recording, moments, detail.observed),
+        "targets": _targets(recording, moments),
         "ground": _ground(recording, every, detail),
         "contacts": _contacts(recording.contact, every),
-        "collisions": counts(recording.collisions[kept], int(recording.collisions.max())),
+        "collisions": counts(recording.collisions[moments], int(recording.collisions.max())),
         "reward": {
             "names": list(recording.reward_names),
             "terms": quantised_each(_since_kept(recording.reward_terms.mean(axis=1), every)),
@@ -115,39 +115,39 @@ def _curve(recording: Recording) -> np.ndarray:
     return closed_forms.curve_point_3d(curve, lap)
 
 
-def _robots(recording: Recording, kept: slice, most: int) -> dict[str, Any]:
-    observed = recording.observation[kept]
+def _robots(recording: Recording, moments: slice, most: int) -> dict[str, Any]:
+    observed = recording.observation[moments]
     f, n, d = observed.shape
     watched = min(n, most // max(f * d, 1))
     # An observation is followed by the action of the next step.
-    answers = np.concatenate([recording.action[1:], recording.action[-1:]])[kept]
+    answers = np.concatenate([recording.action[1:], recording.action[-1:]])[moments]
     now = np.arange(len(recording))[:, None, None]
     return {
         "count": n,
-        "x": quantised(recording.position[kept, :, 0]),
-        "y": quantised(recording.position[kept, :, 1]),
-        "z": quantised(recording.position[kept, :, 2]),
-        "heading": angles(recording.heading[kept]),
-        "speed": quantised(recording.speed[kept]),
-        "phase": angles(recording.phase[kept]),
-        "status": counts(recording.status[kept], 2),
-        "silent": counts(np.where(recording.heard_at < 0, -1, now - recording.heard_at)[kept], 253),
+        "x": quantised(recording.position[moments, :, 0]),
+        "y": quantised(recording.position[moments, :, 1]),
+        "z": quantised(recording.position[moments, :, 2]),
+        "heading": angles(recording.heading[moments]),
+        "speed": quantised(recording.speed[moments]),
+        "phase": angles(recording.phase[moments]),
+        "status": counts(recording.status[moments], 2),
+        "silent": counts(np.where(recording.heard_at < 0, -1, now - recording.heard_at)[moments], 253),
         "watched": watched,
         "names": list(recording.observation_names),
         "observation": quantised_each(observed[:, :watched]),
         "action": quantised_each(answers[:, :watched]),
-        "reward": quantised(recording.reward_terms.sum(axis=-1)[kept]),
+        "reward": quantised(recording.reward_terms.sum(axis=-1)[moments]),
     }
 
 
-def _targets(recording: Recording, kept: slice) -> dict[str, Any]:
-    places = recording.target_position[kept]
+def _targets(recording: Recording, moments: slice) -> dict[str, Any]:
+    places = recording.target_position[moments]
     total = places.shape[1]
     # A slot in which nothing appeared until the end is no target.
     came = np.flatnonzero(recording.appears_at < len(recording))
     most = max(_MOST_PLACES // max(2 * len(places), 1), 1)
     came = came[:: max(math.ceil(len(came) / most), 1)]
-    found = recording.found_at[came]
+    found_at = recording.found_at[came]
     return {
         "count": len(came),
         "total": int(np.count_nonzero(recording.appears_at < len(recording))) if total else 0,
@@ -155,17 +155,17 @@ def _targets(recording: Recording, kept: slice) -> dict[str, Any]:
         "y": quantised(places[:, came, 1]),
         "motion": recording.motion[came].tolist(),
         "appears": recording.appears_at[came].tolist(),
-        "found": np.where(found < len(recording), found - recording.found_early[came], -1.0).round(4).tolist(),
+        "found": np.where(found_at < len(recording), found_at - recording.found_early[came], -1.0).round(4).tolist(),
     }
 
 
 def _rogue(missed: MissedRogue) -> dict[str, Any]:
     """Return the steps at whose ends a rogue is somewhere, and its places then [m]."""
     path, step = missed.path, missed.played.scenario.task.step
-    kept = slice(None, None, max(math.ceil(len(path.places) / WHOLE.moments), 1))
+    moments = slice(None, None, max(math.ceil(len(path.places) / WHOLE.moments), 1))
     return {
-        "steps": list(range(path.appears_at, path.appears_at + path.steps + 1))[kept],
-        "places": np.round(path.places, 3)[kept].tolist(),
+        "steps": list(range(path.appears_at, path.appears_at + path.steps + 1))[moments],
+        "places": np.round(path.places, 3)[moments].tolist(),
         "until": round(path.appears_at + missed.undetected / step, 3),
         "detected": missed.replayed.detected,
     }
@@ -173,17 +173,17 @@ def _rogue(missed: MissedRogue) -> dict[str, Any]:
 
 def _ground(recording: Recording, every: int, detail: Detail) -> dict[str, Any]:
     """Return when cells were last sensed, and since when a target can be undetected in them."""
-    task, found = recording.scenario.task, {}
+    task, ground = recording.scenario.task, {}
     stride = every * max(round(detail.ground_every / every), 1)
     if task.grid is not None:
-        cells = np.stack([thinned(each, detail.cells) for each in recording.sensed_at[::stride]])
-        found["sensed"] = _pictures(cells, stride, len(recording))
-        found["idle"] = _worst_and_mean(recording.sensed_at, every, task.step)
+        cells = np.stack([thinned(grid, detail.cells) for grid in recording.sensed_at[::stride]])
+        ground["sensed"] = _pictures(cells, stride, len(recording))
+        ground["idle"] = _worst_and_mean(recording.sensed_at, every, task.step)
     if task.contamination is not None:
-        cells = np.stack([_oldest(each, detail.cells) for each in recording.introduced_at[::stride]])
-        found["unseen"] = _pictures(cells, stride, len(recording))
-        found["age"] = _worst_and_mean(recording.introduced_at, every, task.step)
-    return found
+        cells = np.stack([_oldest(grid, detail.cells) for grid in recording.introduced_at[::stride]])
+        ground["unseen"] = _pictures(cells, stride, len(recording))
+        ground["age"] = _worst_and_mean(recording.introduced_at, every, task.step)
+    return ground
 
 
 def _pictures(cells: np.ndarray, stride: int, moments: int) -> dict[str, Any]:
@@ -194,7 +194,7 @@ def _pictures(cells: np.ndarray, stride: int, moments: int) -> dict[str, Any]:
 def _worst_and_mean(since: np.ndarray, every: int, step: float) -> list[dict[str, Any]]:
     """Return the largest and the mean age over all cells in the stored moments [s]."""
     ages = [np.where(cells >= int(NEVER), 0, now - cells) for now, cells in list(enumerate(since))[::every]]
-    worst, mean = (np.array([each.max() for each in ages]), np.array([each.mean() for each in ages]))
+    worst, mean = (np.array([age.max() for age in ages]), np.array([age.mean() for age in ages]))
     return [quantised(step * worst), quantised(step * mean)]
 
 

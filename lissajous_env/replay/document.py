@@ -25,7 +25,7 @@ def page(recording: Recording, against: Recording | None = None, missed: MissedR
         HTML that needs no other file and no network.
     """
     episodes = [recording] if against is None else [recording, against]
-    policies = " against ".join(str(each.score.get("policy", "")) or "an episode" for each in episodes)
+    policies = " against ".join(str(episode.score.get("policy", "")) or "an episode" for episode in episodes)
     return bundled(
         "page.html",
         "main.js",

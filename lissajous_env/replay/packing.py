@@ -37,7 +37,7 @@ def counts(values: np.ndarray, most: int) -> dict[str, Any]:
     """Encode whole numbers (F, ...); numbers below 0 or above `most` become `most` + 1."""
     values = np.asarray(values, dtype=np.int64)
     values = np.where((values < 0) | (values > most), most + 1, values)
-    dtype = next(each for each in (np.uint8, np.uint16, np.uint32) if most + 1 <= np.iinfo(each).max)
+    dtype = next(candidate for candidate in (np.uint8, np.uint16, np.uint32) if most + 1 <= np.iinfo(candidate).max)
     return _packed(values.astype(dtype), 0.0, 1.0) | {"none": most + 1}
 
 

@@ -217,9 +217,9 @@ def _product(units: str, length: float, time: float) -> float:
     scales = {"m": length, "s": time, "rad": 1.0, "1": 1.0}
     if root := re.fullmatch(r"sqrt\((\w+)\)", units):
         return math.sqrt(scales[root[1]])
-    found = re.fullmatch(r"\(?([\w ]*)\)?(?:\^(\d))?", units)
-    assert found, units
-    return math.prod(scales[name] for name in found[1].split()) ** int(found[2] or 1)
+    match = re.fullmatch(r"\(?([\w ]*)\)?(?:\^(\d))?", units)
+    assert match, units
+    return math.prod(scales[name] for name in match[1].split()) ** int(match[2] or 1)
 
 
 def _text(value: float) -> str:

@@ -102,9 +102,9 @@ class Curve(Checked):
         if off > 1e-3 * np.abs(places).max():
             rule = f"must be smooth and around the middle of the rectangle, for {harmonics} harmonics"
             raise ValueError(f"position {rule}, got a curve that these miss by {off:.3g} m")
-        told = np.abs(table) > 1e-9 * np.abs(table).max()
-        table = table[: np.flatnonzero(told.any(axis=1))[-1] + 1]
-        return cls(harmonics=tuple(map(tuple, np.where(told[: len(table)], table, 0.0).tolist())), **fields)
+        significant = np.abs(table) > 1e-9 * np.abs(table).max()
+        table = table[: np.flatnonzero(significant.any(axis=1))[-1] + 1]
+        return cls(harmonics=tuple(map(tuple, np.where(significant[: len(table)], table, 0.0).tolist())), **fields)
 
     @property
     def driven(self) -> "Curve":

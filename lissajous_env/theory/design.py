@@ -39,14 +39,14 @@ class Design:
 
     def violations(self, robot_radius: float, sensor_radius: float) -> list[str]:
         """Return the conditions that robots of these radii [m] violate on the curve, each with its numbers."""
-        found = []
+        rules = []
         if robot_radius >= self.robot_radius_bound:
-            found.append(f"bodies of {robot_radius:.4g} m must be below {self.robot_radius_bound:.4g} m by (6)")
+            rules.append(f"bodies of {robot_radius:.4g} m must be below {self.robot_radius_bound:.4g} m by (6)")
         if sensor_radius < self.sensor_radius_bound:
-            found.append(f"sensors of {sensor_radius:.4g} m must reach {self.sensor_radius_bound:.4g} m by (7) and (8)")
+            rules.append(f"sensors of {sensor_radius:.4g} m must reach {self.sensor_radius_bound:.4g} m by (7) and (8)")
         if self.tight_share > MOST_TIGHT:
-            found.append(f"{self.tight_share:.1%} of the arc is tighter than the cars turn, {MOST_TIGHT:.0%} may be")
-        return found
+            rules.append(f"{self.tight_share:.1%} of the arc is tighter than the cars turn, {MOST_TIGHT:.0%} may be")
+        return rules
 
     @property
     def overrides(self) -> dict[str, Any]:
@@ -79,9 +79,9 @@ def best_formation(curve: Curve, num_robots: int) -> tuple[int, int]:
         if math.gcd(alpha * curve.a, num_robots) > 1:
             continue
         p = pow(alpha * curve.a, -1, num_robots)
-        found = -math.cos(2 * math.pi * p / num_robots) / alpha
-        if found > rate and num_robots < 4 * p < 3 * num_robots:
-            best, rate = (p, alpha), found
+        candidate = -math.cos(2 * math.pi * p / num_robots) / alpha
+        if candidate > rate and num_robots < 4 * p < 3 * num_robots:
+            best, rate = (p, alpha), candidate
     if best is None:
         p = closed_forms.default_p(num_robots)
         return p, closed_forms.default_alpha(curve, num_robots, p)

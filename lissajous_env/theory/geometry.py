@@ -50,7 +50,7 @@ def top_speed(curve: Curve, phase_rate: float) -> float:
 def curvature_radius(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
     """Return the radius of curvature ||r'||^3 / |x' y'' - y' x''| [m] at gamma [rad]; infinite where straight."""
     gamma = np.asarray(curve_phase, dtype=float)
-    (dx, dy), (ddx, ddy) = (np.moveaxis(each, -1, 0) for each in closed_forms.curve_derivatives(curve, gamma))
+    (dx, dy), (ddx, ddy) = (np.moveaxis(array, -1, 0) for array in closed_forms.curve_derivatives(curve, gamma))
     with np.errstate(divide="ignore"):
         return np.hypot(dx, dy) ** 3 / np.abs(dx * ddy - dy * ddx)
 
@@ -138,15 +138,15 @@ def measured_coverage_radius(curve: Curve, precision: float = 1e-4) -> float:
     cells = np.ceil(half_extent / half_extent.min()).astype(int)  # roughly square, so that the division ends
     half_cell = half_extent / cells
     columns, rows = np.indices(cells).reshape(2, -1)
-    centres, found = half_cell * (2 * np.stack([columns, rows], axis=-1) + 1) - half_extent, 0.0
+    centres, radius = half_cell * (2 * np.stack([columns, rows], axis=-1) + 1) - half_extent, 0.0
     quarters = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
     while len(centres):
         distances = tree.query(centres)[0]
-        found = max(found, float(distances.max()))
-        undecided = distances + math.hypot(*half_cell) > found + tolerance
+        radius = max(radius, float(distances.max()))
+        undecided = distances + math.hypot(*half_cell) > radius + tolerance
         half_cell = half_cell / 2
         centres = (centres[undecided, None, :] + quarters * half_cell).reshape(-1, 2)
-    return found
+    return radius
 
 
 def lap_phases(curve: Curve, density: int = 16) -> np.ndarray:

@@ -90,7 +90,7 @@ def initial_of(structs: Mapping[str, Any], device: Any) -> Initial:
     filled: Any = Initial()
     filled.address = wp.array([array.ptr for array in arrays.values()], dtype=wp.uint64, device=device)
     filled.size = wp.array([array.strides[0] for array in arrays.values()], dtype=wp.int64, device=device)
-    filled.value = wp.array([int(each.view(np.uint32)) for each in bits], dtype=wp.uint32, device=device)
+    filled.value = wp.array([int(number.view(np.uint32)) for number in bits], dtype=wp.uint32, device=device)
     return filled
 
 

@@ -297,7 +297,7 @@ RETURN = Column(
 )
 # fmt: on
 
-COLUMNS = {each.name: each for each in tuple(vars().values()) if isinstance(each, Column)}
+COLUMNS = {column.name: column for column in tuple(vars().values()) if isinstance(column, Column)}
 """The columns of every score row, by name and in their order."""
 IDENTITY = {
     "scenario": "name of the scenario",
@@ -308,24 +308,24 @@ IDENTITY = {
 """Entries that identify the episode of a score row, with their meanings; they stand before the columns."""
 NAMES = (*IDENTITY, *COLUMNS)
 """All entries of a score row."""
-MEANINGS = IDENTITY | {name: each.described for name, each in COLUMNS.items()}
+MEANINGS = IDENTITY | {name: column.described for name, column in COLUMNS.items()}
 """The meaning of each of them, with its unit in brackets."""
 
 
 def brought_columns(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of the columns that a scenario's extensions add; they stand after `NAMES`."""
-    return tuple(each.name for each in scenario.extensions if isinstance(each, ScoreColumn))
+    return tuple(extension.name for extension in scenario.extensions if isinstance(extension, ScoreColumn))
 
 
 def number_names(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of the numbers of a scenario's score rows, in their order: `seed`, then the columns."""
-    return ("seed", *(each.name for each in COLUMNS.values() if each.value), *brought_columns(scenario))
+    return ("seed", *(column.name for column in COLUMNS.values() if column.value), *brought_columns(scenario))
 
 
 def score_of(episode: Episode) -> dict[str, Any]:
     """Return the score row of an episode up to now, without `policy` and `episode`; NaN is a time never reached."""
     row: dict[str, Any] = {"scenario": episode.scenario.name, "seed": episode.seed}
-    return row | {each.name: plain(each.value(episode)) for each in COLUMNS.values() if each.value}
+    return row | {column.name: plain(column.value(episode)) for column in COLUMNS.values() if column.value}
 
 
 def plain(value: Any) -> int | float:

@@ -115,28 +115,28 @@ def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, dev
     known = t if scenario.sensing.has_tracks else 0
     large.append(n * known * (32 + 4 * (delay + 1)))
     check_room([*large, n * (delay + 1) * (16 + 4 * k), 2 * n * row_size * 4], w, device)
-    each, robot = (w,), (w, n)
+    world, robot = (w,), (w, n)
     field_row = w, hops.rows
     there = w, hops.rows + 2 * int(MARGIN), (hops.columns + 31) // 32 + 2, hops.history_length
     mates = w, n, n if scenario.sensing.has_tracks else 0
     discs, swept = (w, words, rows), (w, (hops.columns + 63) // 64, hops.rows)
     of_robots = {name: robot for name, array in variables_of(EpisodeTotals).items() if array.type.ndim == 2}
     shapes: dict[str, tuple[Any, tuple[int, ...], dict[str, tuple[int, ...]]]] = {
-        "clock": (Clock, each, {}),
+        "clock": (Clock, world, {}),
         "robots": (Robots, robot, {"track": (w, n, s + 1)}),
         "links": (Links, (w, n, delay + 1), {"heard": (w, n, 2), "heard_at": (w, n, 2)}),
-        "messages": (Messages, each, {"sending": (w, n, k), "sent": (w, n, delay + 1, k), "heard": (w, n, 2, k)}),
+        "messages": (Messages, world, {"sending": (w, n, k), "sent": (w, n, delay + 1, k), "heard": (w, n, 2, k)}),
         "targets": (Targets, (w, t), {}),
         "tracks": (Tracks, (w, n, known), {"sighted": (w, n, delay + 1, known), "target_at": (w, delay + 1, known),
                                            "mate_at": mates, "heard_at": mates}),
         "cells": (Cells, (w, rows), {"sensed_at": (w, rows, columns), "sensed_by": (w, n, words, rows),
                                      "sensed": discs, "in_discs": discs, "coming": discs}),
-        "contamination": (Contamination, each, {"labels": (w, *labels), "sensed": swept,
-                                                "swept": swept, "there": there, "row_oldest": field_row,
-                                                "row_ages": field_row}),
-        "latest": (StepEvents, robot, {"in_sight": each, "waiting": each, "idle_ended": each,
+        "contamination": (Contamination, world, {"labels": (w, *labels), "sensed": swept,
+                                                 "swept": swept, "there": there, "row_oldest": field_row,
+                                                 "row_ages": field_row}),
+        "latest": (StepEvents, robot, {"in_sight": world, "waiting": world, "idle_ended": world,
                                        "terms": (w, n, terms)}),
-        "tally": (EpisodeTotals, each, {"contact": (w, n, n), **of_robots}),
+        "tally": (EpisodeTotals, world, {"contact": (w, n, n), **of_robots}),
     }  # fmt: skip
     if scenario.targets.rogues is not None:
         size = rogue_layout(scenario).size

@@ -211,34 +211,34 @@ class ExtensionStages:
             robots = structs["robots"]
             self._after["motion"] = [Stage("motion checked", lambda: _check_motion(model, robots))]
         shape, term, entry = observation.shape, len(TERMS), observation.shape[2]
-        entry -= sum(each.size for each in scenario.extensions if isinstance(each, ObservationEntry))
-        for each in scenario.extensions:
+        entry -= sum(extension.size for extension in scenario.extensions if isinstance(extension, ObservationEntry))
+        for extension in scenario.extensions:
             own: dict[str, Any] = {}
-            if isinstance(each, RewardTerm):
+            if isinstance(extension, RewardTerm):
                 place, over, takes, value = "end", ROBOT, take_term, self._room(shape[:2])
-                own, term = {"term": term, "weight": each.weight}, term + 1
-            elif isinstance(each, ObservationEntry):
-                place, over, takes, value = "observation", ROBOT, take_entries, self._room((*shape[:2], each.size))
-                own, entry = {"start": entry, "low": each.low, "high": each.high}, entry + each.size
-            elif isinstance(each, ScoreColumn):
+                own, term = {"term": term, "weight": extension.weight}, term + 1
+            elif isinstance(extension, ObservationEntry):
+                place, over, takes, value = "observation", ROBOT, take_entries, self._room((*shape[:2], extension.size))
+                own, entry = {"start": entry, "low": extension.low, "high": extension.high}, entry + extension.size
+            elif isinstance(extension, ScoreColumn):
                 place, over, takes, value = "reward", WORLD, keep_column, self._room(shape[:1], wp.float64)
-                self.kept[each.name] = own["kept_out"] = self._room((shape[0], 4), wp.float64)
-            elif isinstance(each, (TargetMotion, TargetEntry)):
-                moves = isinstance(each, TargetMotion)
+                self.kept[extension.name] = own["kept_out"] = self._room((shape[0], 4), wp.float64)
+            elif isinstance(extension, (TargetMotion, TargetEntry)):
+                moves = isinstance(extension, TargetMotion)
                 place, over, takes = ("collisions", TARGET, take_places) if moves else ("respawn", TARGET, take_entry)
                 value = self._room((shape[0], scenario.target_capacity), wp.vec2)
             else:
                 continue
-            state = self._remembered(each, shape[0])
+            state = self._remembered(extension, shape[0])
             run, take = (
-                self._run(each, over, value, state),
-                Stage(f"{each.name} taken", takes, own=own | {"value": value}),
+                self._run(extension, over, value, state),
+                Stage(f"{extension.name} taken", takes, own=own | {"value": value}),
             )
-            moves = isinstance(each, TargetMotion) and run[0].is_kernel  # the kernel writes the places itself
+            moves = isinstance(extension, TargetMotion) and run[0].is_kernel  # the kernel writes the places itself
             self._after.setdefault(place, []).extend(run if moves else [*run, take])
-            if isinstance(each, (ObservationEntry, TargetEntry)):
+            if isinstance(extension, (ObservationEntry, TargetEntry)):
                 self._after_reset.setdefault(place, []).extend([*run, take])
-            elif isinstance(each, ScoreColumn):
+            elif isinstance(extension, ScoreColumn):
                 self._after_reset.setdefault("score", []).append(take)
 
     def step_stages(self, stages: Sequence[Stage]) -> list[Stage]:
@@ -251,83 +251,83 @@ class ExtensionStages:
 
     def columns(self, steps: np.ndarray) -> dict[str, np.ndarray]:
         """Return the values (W,) of the score columns after so many steps (W,) of the episodes."""
-        reduced = {each.name: each.reduce for each in self.scenario.extensions if isinstance(each, ScoreColumn)}
+        reduced = {column.name: column.reduce for column in self.scenario.extensions if isinstance(column, ScoreColumn)}
         return {name: _reduced(self.kept[name].numpy(), how, steps) for name, how in reduced.items()}
 
     def _room(self, shape: tuple[int, ...], dtype: Any = wp.float32) -> wp.array:
         return wp.zeros(shape, dtype=dtype, device=self.device)
 
-    def _remembered(self, each: Extension, worlds: int) -> dict[str, wp.array]:
+    def _remembered(self, extension: Extension, worlds: int) -> dict[str, wp.array]:
         """Return the arrays of an extension's state, which a reset fills anew; those of a function are on the CPU."""
-        device = self.device if isinstance(each.run, wp.Kernel) else "cpu"
-        shapes = {name: (worlds, *shape) for name, shape in each.state.items()}
+        device = self.device if isinstance(extension.run, wp.Kernel) else "cpu"
+        shapes = {name: (worlds, *shape) for name, shape in extension.state.items()}
         state = {name: wp.zeros(shape, dtype=wp.float32, device=device) for name, shape in shapes.items()}
-        self.kept |= {f"{each.name}.{name}": array for name, array in state.items()}
+        self.kept |= {f"{extension.name}.{name}": array for name, array in state.items()}
         fresh = self._world[0]["clock"].fresh
 
         def begin() -> None:
             begins = fresh.numpy() == 1
             filled = {name: np.zeros_like(array.numpy()) for name, array in state.items()}
-            if each.reset is not None:
-                each.reset(WorldView(self.scenario, *self._world, f"{each.name} reset", filled))
+            if extension.reset is not None:
+                extension.reset(WorldView(self.scenario, *self._world, f"{extension.name} reset", filled))
             for name, array in state.items():
                 array.assign(np.where(begins.reshape(-1, *[1] * (array.ndim - 1)), filled[name], array.numpy()))
 
         if state:
-            self._after_reset.setdefault("arrays", []).append(Stage(f"{each.name} begins", begin))
+            self._after_reset.setdefault("arrays", []).append(Stage(f"{extension.name} begins", begin))
         return state
 
-    def _run(self, each: Extension, over: str, value: wp.array, state: dict[str, wp.array]) -> list[Stage]:
+    def _run(self, extension: Extension, over: str, value: wp.array, state: dict[str, wp.array]) -> list[Stage]:
         """Return the stages of an extension's own kernel or function, which writes into `value`."""
-        if isinstance(each.run, wp.Kernel):
-            runs = [Stage(each.name, each.run, over, own=state | {"value_out": value})]
+        if isinstance(extension.run, wp.Kernel):
+            runs = [Stage(extension.name, extension.run, over, own=state | {"value_out": value})]
             # A motion writes places itself; a GPU would have to be waited for.
-            if self.device.is_cpu and not isinstance(each, TargetMotion):
-                runs.append(Stage(f"{each.name} checked", lambda: _check_numbers(each, value.numpy())))
+            if self.device.is_cpu and not isinstance(extension, TargetMotion):
+                runs.append(Stage(f"{extension.name} checked", lambda: _check_numbers(extension, value.numpy())))
             return runs
         shape = tuple(value.numpy().shape)
-        short = shape[:-1] if isinstance(each, ObservationEntry) and each.size == 1 else shape
+        short = shape[:-1] if isinstance(extension, ObservationEntry) and extension.size == 1 else shape
         memory = {name: array.numpy() for name, array in state.items()}  # of the same memory
-        view, fresh = WorldView(self.scenario, *self._world, each.name, memory), self._world[0]["clock"].fresh
+        view, fresh = WorldView(self.scenario, *self._world, extension.name, memory), self._world[0]["clock"].fresh
 
         def call() -> None:
             resets = bool(memory) and fresh.numpy().any()
             before = {name: array.copy() for name, array in memory.items()} if resets else {}
             try:
-                result = np.asarray(each.run(view.again()))
+                result = np.asarray(extension.run(view.again()))
             except SystemExit as error:  # which would end the process without a word
                 where = where_raised(error)
-                raise RuntimeError(f"{each.kind} {each.name} must return numbers, got {where}") from error
+                raise RuntimeError(f"{extension.kind} {extension.name} must return numbers, got {where}") from error
             except ValueError as error:
                 if "read-only" not in str(error):
                     raise
                 rule = "must not write to the world, whose arrays are read-only; copy an array to change it"
-                raise ValueError(f"{each.kind} {each.name} {rule}, got: {error}") from error
+                raise ValueError(f"{extension.kind} {extension.name} {rule}, got: {error}") from error
             if result.dtype.kind not in "fiub" or result.shape not in (shape, short):
                 got = f"{result.dtype} of shape {result.shape}" if result.ndim else shown(result)
-                raise ValueError(f"{each.kind} {each.name} must return numbers of shape {short}, got {got}")
+                raise ValueError(f"{extension.kind} {extension.name} must return numbers of shape {short}, got {got}")
             with np.errstate(over="ignore"):  # what is beyond 32 bits is refused as infinite
                 taken = result.reshape(shape).astype(value.numpy().dtype)
-            _check_numbers(each, taken)
+            _check_numbers(extension, taken)
             value.assign(taken)
             for name, array in memory.items() if resets else ():  # a reset of some worlds changes nothing in the others
                 array[fresh.numpy() == 0] = before[name][fresh.numpy() == 0]
 
-        call.__doc__ = each.about
-        return [Stage(each.name, call)]
+        call.__doc__ = extension.about
+        return [Stage(extension.name, call)]
 
 
-def _check_numbers(each: Extension, numbers: np.ndarray) -> None:
+def _check_numbers(extension: Extension, numbers: np.ndarray) -> None:
     """Refuse numbers of an extension that are not finite, or so large that sums of them are not."""
-    weight = abs(each.weight) if isinstance(each, RewardTerm) else 1.0
+    weight = abs(extension.weight) if isinstance(extension, RewardTerm) else 1.0
     if numbers.size == 0 or max(float(numbers.max()), -float(numbers.min())) * weight <= _LARGEST:
         return  # a NaN is the largest and compares as False
     place = np.argwhere(~(np.abs(numbers).astype(float) * weight <= _LARGEST))[0]
-    thing = "target" if isinstance(each, (TargetMotion, TargetEntry)) else "robot"
+    thing = "target" if isinstance(extension, (TargetMotion, TargetEntry)) else "robot"
     where = f"{thing}_{place[1]} in world {place[0]}" if len(place) > 1 else f"world {place[0]}"
-    largest = f"of at most {LARGEST:g}{', weight included' if isinstance(each, RewardTerm) else ''}"
+    largest = f"of at most {LARGEST:g}{', weight included' if isinstance(extension, RewardTerm) else ''}"
     rule = f"must return finite numbers {largest}"
-    raise ValueError(f"{each.kind} {each.name} {rule}, got {numbers[tuple(place)]:.7g} for {where}")
+    raise ValueError(f"{extension.kind} {extension.name} {rule}, got {numbers[tuple(place)]:.7g} for {where}")
 
 
 def _check_motion(model: RobotModel, robots: Any) -> None:
@@ -342,21 +342,21 @@ def _check_motion(model: RobotModel, robots: Any) -> None:
 
 def _check_names(scenario: Scenario) -> None:
     """Refuse a name that the package uses."""
-    others = tuple(each for each in scenario.extensions if not isinstance(each, ObservationEntry))
+    others = tuple(extension for extension in scenario.extensions if not isinstance(extension, ObservationEntry))
     entries = layout(replace(scenario, extensions=others)).names
     taken = {RewardTerm: TERMS, ScoreColumn: NAMES, ObservationEntry: entries}
-    for each in scenario.extensions:
-        names = each.entries if isinstance(each, ObservationEntry) else (each.name,)
-        if ours := [name for name in names if name in taken.get(type(each), ())]:
-            raise ValueError(f"name of an extension must be new, got {ours[0]}")
+    for extension in scenario.extensions:
+        names = extension.entries if isinstance(extension, ObservationEntry) else (extension.name,)
+        if clashes := [name for name in names if name in taken.get(type(extension), ())]:
+            raise ValueError(f"name of an extension must be new, got {clashes[0]}")
 
 
 def _among(stages: Sequence[Stage], after: Mapping[str, Sequence[Stage]]) -> list[Stage]:
-    return [each for stage in stages for each in (stage, *after.get(stage.name, ()))]
+    return [entry for stage in stages for entry in (stage, *after.get(stage.name, ()))]
 
 
-def _reduced(kept: np.ndarray, how: str, steps: np.ndarray) -> np.ndarray:
+def _reduced(statistics: np.ndarray, how: str, steps: np.ndarray) -> np.ndarray:
     """Sum, largest, least and last (W, 4) of a column as one number of each world; NaN before the first step."""
     if how == "mean":
-        return np.where(steps > 0, kept[:, 0] / np.maximum(steps, 1), np.nan)
-    return np.where(steps > 0, kept[:, ("sum", "max", "min", "last").index(how)], np.nan)
+        return np.where(steps > 0, statistics[:, 0] / np.maximum(steps, 1), np.nan)
+    return np.where(steps > 0, statistics[:, ("sum", "max", "min", "last").index(how)], np.nan)

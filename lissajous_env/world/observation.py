@@ -124,9 +124,9 @@ def layout(scenario: str | Scenario) -> Layout:
     entries: list[tuple[str, float, float, str]] = [
         (prefix + name, low, high, meaning) for prefix, part in parts for name, low, high, meaning in part
     ]
-    for each in scenario.extensions:
-        if isinstance(each, ObservationEntry):
-            entries += [(name, each.low, each.high, each.about) for name in each.entries]
+    for extension in scenario.extensions:
+        if isinstance(extension, ObservationEntry):
+            entries += [(name, extension.low, extension.high, extension.about) for name in extension.entries]
     return layout_of(entries)
 
 

@@ -134,10 +134,10 @@ class RowOutside:
     """
 
     def __init__(self, scenario: Scenario):
-        brought = [name for each in scenario.extensions if isinstance(each, ObservationEntry) for name in each.entries]
-        if brought:
+        names = [name for entry in scenario.extensions if isinstance(entry, ObservationEntry) for name in entry.entries]
+        if names:
             rule = "must have no observation entries of extensions, which require a simulation"
-            raise ValueError(f"scenario of a robot outside the simulation {rule}, got {', '.join(brought)}")
+            raise ValueError(f"scenario of a robot outside the simulation {rule}, got {', '.join(names)}")
         if scenario.sensing.has_tracks:
             rule = "must be 0 for a robot outside the simulation"
             raise ValueError(f"sensing.tracks_seen and sensing.teammates_seen {rule}, got a scenario with tracks")

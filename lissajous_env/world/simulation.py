@@ -100,7 +100,7 @@ class Simulation:
         self.threads = threads or cores()
         self.turn = Turn("the simulation")
         self.layout: Layout = layout(self.scenario)
-        brought = [each.name for each in self.scenario.extensions if isinstance(each, RewardTerm)]
+        brought = [extension.name for extension in self.scenario.extensions if isinstance(extension, RewardTerm)]
         self.reward_term_names = (*TERMS, *brought)
         self.score_names = number_names(self.scenario)
         self._allocate()
@@ -204,9 +204,9 @@ class Simulation:
     def detection_times(self, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Return the time until each target (K,) that appeared was detected, or until now [s], and whether it was."""
         targets, now = self.targets, int(self.clock.step.numpy()[world])
-        kept = (each.numpy()[world] for each in (targets.appears_at, targets.found_at, targets.found_early))
-        times, found = detection_times(*kept, now=now)
-        return times * self.scenario.task.step, found
+        arrays = (array.numpy()[world] for array in (targets.appears_at, targets.found_at, targets.found_early))
+        times, detected = detection_times(*arrays, now=now)
+        return times * self.scenario.task.step, detected
 
     @property
     def over(self) -> np.ndarray:
@@ -342,7 +342,7 @@ class Together:
 
     def advance(self, simulations: Sequence[Simulation]) -> None:
         """Advance all simulations by one control step, with the actions that were stored by `take`."""
-        works = [each.stages.work for each in simulations]
+        works = [simulation.stages.work for simulation in simulations]
         if works != self._works:
             self._works, known = works, [work for work in works if work is not None]
             joined = self.threads == 1 and len(known) == len(works)
@@ -351,5 +351,5 @@ class Together:
         if self._joined is not None:
             self._joined()
         else:
-            for each in simulations:
-                each.advance()
+            for simulation in simulations:
+                simulation.advance()

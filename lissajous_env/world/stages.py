@@ -166,8 +166,8 @@ def _rogue_motion(scenario: Scenario, rogues: Any) -> list[Stage]:
 def _mixed_decisions(members: Sequence[Rogue], scenario: Scenario, rogues: Any) -> list[Stage]:
     """Return the stages of a mixture: each member decides for all rogues, and the action of one of them is chosen."""
     stages, before = [], 0
-    for name in dict.fromkeys(each.name for each in members):
-        same = [each for each in members if each.name == name]
+    for name in dict.fromkeys(member.name for member in members):
+        same = [member for member in members if member.name == name]
         after = before + len(same)
         apart = Rogues()
         for field, array in fields_of(rogues).items():

@@ -127,7 +127,7 @@ def replay(pairs: Sequence[tuple[Played, Path]], device: Any = "cpu") -> list[Re
         RuntimeError: the robots do not move as they did.
     """
     episodes, paths = zip(*pairs, strict=True)
-    steps = max(each.steps for each in episodes)
+    steps = max(episode.steps for episode in episodes)
     table = np.stack([_places(path, steps) for path in paths])
 
     def follow(world: Any) -> np.ndarray:
@@ -138,10 +138,10 @@ def replay(pairs: Sequence[tuple[Played, Path]], device: Any = "cpu") -> list[Re
 
     scenario = _with_rogue(episodes[0].scenario, target_motion(follow))
     simulation = Simulation(scenario, len(episodes), device=device)
-    simulation.reset(seeds=[each.seed for each in episodes])
+    simulation.reset(seeds=[episode.seed for episode in episodes])
     _introduce(simulation, paths)
     for now in range(1, steps + 1):
-        simulation.step(np.stack([each.action[min(now, each.steps)] for each in episodes]))
+        simulation.step(np.stack([episode.action[min(now, episode.steps)] for episode in episodes]))
         _check_same_track(simulation, episodes, now)
     rows = simulation.score()
     replays = []
@@ -158,9 +158,9 @@ def _check_same_track(simulation: Simulation, episodes: Sequence[Played], now: i
     """
     if now % _TESTED:
         return
-    recorded = np.stack([each.track[min(now, each.steps)] for each in episodes])
+    recorded = np.stack([episode.track[min(now, episode.steps)] for episode in episodes])
     same = (simulation.robots.track.numpy()[..., :2] == recorded).all(axis=(1, 2, 3))
-    same |= np.array([now > each.steps for each in episodes])
+    same |= np.array([now > episode.steps for episode in episodes])
     if not same.all():
         seed = episodes[int(np.argmin(same))].seed
         raise RuntimeError(f"robots must move as in the first run, but do not in step {now} of seed {seed}")

@@ -62,8 +62,8 @@ def as_reach(reaches: Reaches, device: Any) -> Reach:
     reach.period, reach.moved = reaches.period, reaches.moved
     reach.lags = wp.array(reaches.lags, dtype=wp.int32, device=device)
     widths = np.full((len(reaches.lags), max(map(len, reaches.widths), default=0)), -1, dtype=np.int32)
-    for row, each in zip(widths, reaches.widths, strict=True):
-        row[: len(each)] = each
+    for row, values in zip(widths, reaches.widths, strict=True):
+        row[: len(values)] = values
     reach.widths = wp.array(widths, dtype=wp.int32, device=device, ndim=2)
     return reach
 

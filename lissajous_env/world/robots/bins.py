@@ -211,8 +211,8 @@ def bins_of(scenario: Scenario, speed: float, num_worlds: int, device: Any) -> B
     filled.reach, filled.widened, filled.size, filled.columns, filled.rows = _squares(scenario)
     filled.half_width, filled.half_height = curve.half_width, curve.half_height
     across = 2 * filled.widened / filled.size + 2
-    each = min(math.ceil(across * (across + speed * scenario.task.step / filled.size)), _MOST_ENTRIES)
-    filled.room, bins = n * each, filled.columns * filled.rows
+    entries_each = min(math.ceil(across * (across + speed * scenario.task.step / filled.size)), _MOST_ENTRIES)
+    filled.room, bins = n * entries_each, filled.columns * filled.rows
 
     def array(*shape: int, dtype: Any = wp.int32) -> Any:
         return wp.zeros((num_worlds, *shape), dtype=dtype, device=device)
