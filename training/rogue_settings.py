@@ -14,7 +14,7 @@ from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.settings.checks import Checked, is_whole, rows, whole
 from training.settings import TrainingSettings, differences
 
-CHANGES_NOTHING = ("out", "threads", "episodes")
+MAY_CHANGE = ("out", "threads", "episodes")
 """Settings that may change when a training is resumed."""
 SHARED = ("seed", "out", "episodes", "device", "threads")
 """Options of `lissajous train` that trainings of robots and of rogues have in common, with the same defaults."""
@@ -94,4 +94,4 @@ class RogueTraining(Checked):
 
     def differences(self, stored: Mapping[str, Any]) -> list[str]:
         """Return the settings that prevent a training from resuming what is stored, each in words."""
-        return differences(self.to_dict(), stored, CHANGES_NOTHING)
+        return differences(self.to_dict(), stored, MAY_CHANGE)

@@ -16,13 +16,13 @@ from lissajous_env.device.devices import as_device
 from lissajous_env.settings.checks import Checked, number, whole
 from training import scenarios
 
-CHANGES_NOTHING = ("steps", "out", "threads", "episodes", "evaluate_every")
-"""Settings that may change when a training is resumed."""
+MAY_CHANGE = ("steps", "out", "threads", "episodes", "evaluate_every")
+"""Settings that may change when a training is resumed; `steps` also stretches the schedules of noise and rates."""
 
 
 @dataclass(frozen=True)
 class TrainingSettings(Checked):
-    """Settings of a training. With the defaults it takes about ten minutes on one core."""
+    """Settings of a training of one policy, which all robots share."""
 
     scenario: str = "watch"
     """Scenario to train on, or a space of scenarios: training draws from its split train, and validations play the
@@ -170,7 +170,7 @@ class TrainingSettings(Checked):
 
     def differences(self, stored: Mapping[str, Any]) -> list[str]:
         """Return the settings that prevent a training from resuming what is stored, each in words."""
-        return differences(self.to_dict(), stored, CHANGES_NOTHING)
+        return differences(self.to_dict(), stored, MAY_CHANGE)
 
 
 def differences(here: Mapping[str, Any], stored: Mapping[str, Any], may_change: Collection[str]) -> list[str]:

@@ -48,7 +48,7 @@ _WARM_UP = 8
 _NEAR = 0.25
 """Cost of a step in which robots almost touch, as a share of that of a collision: collisions alone are too rare."""
 _BOUND = 0.01
-"""Weight of the squares by which means leave [-1, 1]."""
+"""Weight of the squared excess of the action means over [-1, 1]."""
 
 
 class Team(nn.Module):
@@ -186,8 +186,8 @@ class Training:
             "collided": 0.0,
             "taken": 0.0,
         }
-        """Robot steps and rollouts so far; factor of the costs of collisions; variance of the returns; collisions of a
-        team in an episode, as a running mean; and the number of steps that the two are means of."""
+        """Robot steps and rollouts so far; factor of the costs of collisions; running variance of the returns; running
+        mean of a team's collisions in an episode, over about 200 steps; steps in the variance (at most 300 count)."""
         self.limit = settings.collisions or 0.0
         self._returns = np.zeros(self.worlds.count)
         self._memory = torch.zeros(self.worlds.count, settings.memory)

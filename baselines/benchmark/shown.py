@@ -219,7 +219,7 @@ def in_words(of: Estimate) -> tuple[str, str]:
     value = ("> " if of.at_least else "") + number(of.value) if math.isfinite(of.value) else "no bound"
     median = f"median {number(of.median)}" if math.isfinite(of.median) else ""
     counted = f"{of.open} of {of.known} open"
-    return value, ", ".join(filter(None, (median, counted))) if of.open else f"{median} of {of.known}"
+    return value, ", ".join(filter(None, (median, counted))) if of.open else f"{median}, {of.known} episodes"
 
 
 def between(low: float, high: float, times: float = 1.0) -> str:

@@ -42,8 +42,8 @@ and that of the plan from which the search begins are tried too."""
 _MEAN = 0.5
 """Weight of the mean over time of the undetected time, against its largest value."""
 _PENALTY, _COLLISION, _MOST_COLLISIONS = 20.0, 0.1, 20
-"""Weight of the relative violation of a limit, in the time in which a car at top speed crosses its sensing disc; weight
-of a collision, over that; and most collisions that count."""
+"""Weight of the relative violation of a limit, in the time in which a car at top speed drives its sensing radius;
+weight of a collision, over that; and most collisions that count."""
 _MOVES, _SIGMA = 0.05, 0.02
 """Standard deviations of the first changes: of moves, stretches and delays, and of coefficients in the smaller half
 side of the rectangle."""

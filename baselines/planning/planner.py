@@ -50,7 +50,7 @@ class Outcome:
 
     @property
     def plans(self) -> list[Planned]:
-        """Return the Pareto-optimal plans, the shortest worst case first; those with a bound alone if there is one."""
+        """Return the Pareto-optimal plans, the shortest worst case first; only those with a bound, if any."""
         return best_of(self.finals)
 
     @property
@@ -89,7 +89,8 @@ class Outcome:
     def search(self, on_progress: OnProgress | None = None) -> None:
         """Search for plans on the task of each number of robots, and add them.
 
-        With a guarantee, the search begins with the fewest robots and ends with those of whom a plan meets it.
+        With a guarantee, the search begins with the fewest robots, and ends at the first number for which a plan meets
+        it.
 
         Args:
             on_progress: Called with the share that is done and the outcome so far.

@@ -95,7 +95,7 @@ class Figures:
 
     @property
     def objectives(self) -> tuple[float, ...]:
-        """Return the numbers that a better plan has less of, the most important one first."""
+        """Return the numbers to minimise, the most important one first."""
         failed = 0.0 if math.isnan(self.worst_case_failed) else self.worst_case_failed
         rank = MESSAGES.index(self.messages) if self.messages in MESSAGES else len(MESSAGES)
         detection = math.inf if math.isnan(self.detection_time) else self.detection_time
@@ -110,7 +110,7 @@ class Figures:
 
 @dataclass(frozen=True)
 class Planned:
-    """A plan that was played to the end, and its figures."""
+    """A plan with the figures of the episodes in which it was played: short ones for a look, whole ones for a final."""
 
     plan: Plan
     figures: Figures
@@ -231,7 +231,7 @@ def pareto_optimal(planned: Sequence[Planned]) -> list[Planned]:
 
 
 def best_of(planned: Sequence[Planned]) -> list[Planned]:
-    """Return the Pareto-optimal plans, the shortest worst case first; those with a bound alone if there is one."""
+    """Return the Pareto-optimal plans, the shortest worst case first; only those with a bound, if any."""
     bounded = [plan for plan in planned if plan.figures.worst_case < math.inf]
     return pareto_optimal(bounded) or pareto_optimal(planned)
 

@@ -26,9 +26,14 @@ from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, OPEN, WORST_
 from lissajous_env.world.robots.faults import removal_steps
 from lissajous_env.world.simulation import Simulation
 
-EPISODES, CONFIRMED, BEST, MOST_LOSSES = 4, 16, 64, 64
-"""Final episodes of a plan without failures, those of the best plans and of the first of these, and most episodes with
-failures."""
+EPISODES = 4
+"""Episodes of a plan that is played to the end."""
+CONFIRMED = 16
+"""The same of the plans that no other dominates."""
+BEST = 64
+"""The same of the first of these."""
+MOST_LOSSES = 64
+"""Most episodes with failures."""
 _SCREENED, _SCREENED_LOSSES = 2, 8
 """Episodes of a first look without failures, and most of these with failures."""
 _LOST_AT = 0.25
@@ -152,7 +157,8 @@ class _Run:
 def look_at(plan: Plan, episodes: Episodes, cutoff: float) -> Planned:
     """Play half of some episodes of a plan on a coarse grid; they end at the first collision, or beyond a cutoff [s].
 
-    A plan beyond the cutoff has no bound in the result, and a plan without a bound none with failures.
+    If the worst case exceeds the cutoff, the result has no bound. A plan without a bound is not played with failures:
+    its worst case with failures is infinite, too.
     """
     scenario, until = on_coarse_grid(plan.scenario), max(round(_SHARE * plan.scenario.task.steps), 1)
     run = _Run(plan, scenario, episodes.seed, [()] * _SCREENED)

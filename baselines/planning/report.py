@@ -38,7 +38,7 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> Non
         ),
         (failures > 0, Column(f"with {failures} lost [s]\n{_losses(outcome)} episodes"), _failed),
         (True, Column("lower\nbound [s]", rank=1), lambda plan: _number(plan.limit)),
-        (True, Column("detected in\nmean [s]", rank=1), lambda plan: _detection(plan.figures)),
+        (True, Column("mean detection\ntime [s]", rank=1), lambda plan: _detection(plan.figures)),
         (True, Column("least gap\n[m]", rank=2), lambda plan: _number(plan.figures.clearance)),
         (is_open, Column("outside\n[m]", rank=1), lambda plan: _number(plan.figures.outside)),
         (True, Column("driven\n[m/min]", rank=2), lambda plan: _number(plan.figures.distance)),
@@ -91,7 +91,7 @@ def sentences(outcome: Outcome) -> list[str]:
     if any(plan.figures.too_close for plan in outcome.plans):
         least = outcome.request.least_gap
         words.append(f"Close: two bodies come closer than {least:.3g} m (--clearance); such plans come last.")
-    words.append("Detected in mean: mean detection time, with its 95 % bootstrap interval over the episodes.")
+    words.append("Mean detection time: with its 95 % bootstrap interval over the episodes.")
     if outcome.request.guarantee is not None:
         words += _of_guarantee(outcome)
     for number, refusals in outcome.refusals.items():

@@ -37,7 +37,7 @@ _TIMED = DEFAULTS, KNOWN, "partition", "lines"
 _CUTOFF = 3.0
 """Looks end where the worst case is beyond that of the best plan by this factor, and worse defaults are not played."""
 _FRUITLESS = 200
-"""Changed plans in a row that are none, or known, after which no family has more."""
+"""Changed plans in a row that cannot be made or are known already, after which the search stops."""
 
 
 class Search:
@@ -50,7 +50,7 @@ class Search:
         episodes: The episodes of every plan.
         families: Functions that return the families of plans for a task.
         seed: Seed of the random changes.
-        fixed_start: True for plans alone whose robots begin where the task places them.
+        fixed_start: True to accept only plans whose robots begin where the task places them.
         clock: Returns the time [s].
     """
 
@@ -280,7 +280,7 @@ class Search:
                 future.cancel()
 
     def ranked(self) -> list[Planned]:
-        """Return the plans that are worth to be played to the end, the most important ones first.
+        """Return the plans that are worth playing to the end, the most important ones first.
 
         These are the best without and with failures, the best of each family and of each policy, then all by their
         worst-case undetected time.

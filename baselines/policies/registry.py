@@ -86,8 +86,8 @@ def register(
         factory: Function or class, called as `factory(scenario, num_worlds, device)`, that returns the policy.
         made_for: Names of the scenarios on which a benchmark plays the policy by default; all if empty.
         about: Description in one line; by default the first line of the factory's docstring.
-        learned: True for a learned policy, which cannot be a base of others.
-        on_request: True if a benchmark plays the policy only if it is named.
+        learned: True for a policy that cannot be a base of others: a learned one, or one that chooses among others.
+        on_request: True if a benchmark plays the policy only where it is named, by the user or in its defaults.
 
     Returns:
         The factory.

@@ -1,6 +1,6 @@
 """The clock of each world: its seed, its steps, and the beginning and end of its episodes.
 
-At a reset every array of a world is zero, but those that INITIAL names.
+At a reset every array of a world is set to zero, or to its value in INITIAL.
 """
 
 from collections.abc import Mapping

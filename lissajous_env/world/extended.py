@@ -50,8 +50,9 @@ class WorldView(_Fixed):
 
     Attributes:
         scenario: The scenario, with every field filled in.
-        clock, robots, links, messages, targets, cells, latest, tally: The arrays of `lissajous_env.world.state`, by
-            their names: `world.robots.position` is (W, N, 3). So is `rogues` where `targets.rogues` is set.
+        clock, robots, links, messages, targets, tracks, cells, contamination, latest, tally: The arrays of
+            `lissajous_env.world.state`, by their names: `world.robots.position` is (W, N, 3). So is `rogues` where
+            `targets.rogues` is set.
         observation: (W, N, D).
         state: The extension's own arrays (W, ...), by the names that it declared; only these can be written.
 
@@ -180,8 +181,8 @@ def take_entry(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
         targets.before[w, t] = place
 
 
-_LARGEST = LARGEST * (1 + 1e-6)
-"""The same of numbers that were rounded to 32 bits."""
+_LARGEST_ROUNDED = LARGEST * (1 + 1e-6)
+"""Largest magnitude that the host accepts of numbers that were rounded to 32 bits."""
 
 
 class ExtensionStages:
@@ -320,9 +321,9 @@ class ExtensionStages:
 def _check_numbers(extension: Extension, numbers: np.ndarray) -> None:
     """Refuse numbers of an extension that are not finite, or so large that sums of them are not."""
     weight = abs(extension.weight) if isinstance(extension, RewardTerm) else 1.0
-    if numbers.size == 0 or max(float(numbers.max()), -float(numbers.min())) * weight <= _LARGEST:
+    if numbers.size == 0 or max(float(numbers.max()), -float(numbers.min())) * weight <= _LARGEST_ROUNDED:
         return  # a NaN is the largest and compares as False
-    place = np.argwhere(~(np.abs(numbers).astype(float) * weight <= _LARGEST))[0]
+    place = np.argwhere(~(np.abs(numbers).astype(float) * weight <= _LARGEST_ROUNDED))[0]
     thing = "target" if isinstance(extension, (TargetMotion, TargetEntry)) else "robot"
     where = f"{thing}_{place[1]} in world {place[0]}" if len(place) > 1 else f"world {place[0]}"
     largest = f"of at most {LARGEST:g}{', weight included' if isinstance(extension, RewardTerm) else ''}"

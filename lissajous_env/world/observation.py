@@ -33,7 +33,7 @@ OWN_ENTRIES = (
     ("y", -4, 4, "measured y [half_height]"),
     ("cos_heading", -1, 1, "cosine of the measured heading"),
     ("sin_heading", -1, 1, "sine of the measured heading"),
-    ("speed", -4, 4, "measured speed [top speed of a car; of a point in the equilibrium]"),
+    ("speed", -4, 4, "measured speed [top speed; for points, the speed in the equilibrium]"),
     ("cos_phase", -1, 1, "cosine of the measured phase theta"),
     ("sin_phase", -1, 1, "sine of the measured phase theta"),
     ("works", 0, 1, "1 working, 0 failed or removed"),
@@ -47,19 +47,19 @@ NEIGHBOUR_ENTRIES = (
     ("y", -4, 4, "relative y [2 half_height]"),
 )
 ROBOT_ENTRIES = (
-    ("present", 0, 1, "1 if so many robots are in sight, else 0; the nearest is the first"),
+    ("present", 0, 1, "1 if the slot has one of the robots in sight, else 0; the nearest comes first"),
     ("x", -1, 1, "relative x [sight]"),
     ("y", -1, 1, "relative y [sight]"),
     ("x_velocity", -1, 1, "relative velocity along x [2 top speeds]"),
     ("y_velocity", -1, 1, "relative velocity along y [2 top speeds]"),
 )
 TARGET_ENTRIES = (
-    ("present", 0, 1, "1 if so many targets are in sight, else 0; the nearest is the first"),
+    ("present", 0, 1, "1 if the slot has one of the targets in sight, else 0; the nearest comes first"),
     ("x", -1, 1, "relative x [sight]"),
     ("y", -1, 1, "relative y [sight]"),
 )
 TRACK_ENTRIES = (
-    ("present", 0, 1, "1 if the robot has so many tracks, else 0; the nearest is the first"),
+    ("present", 0, 1, "1 if the slot has a track, else 0; the nearest comes first"),
     ("x", -4, 4, "relative x when it was last in sight [2 half_width]"),
     ("y", -4, 4, "relative y when it was last in sight [2 half_height]"),
     ("age", 0, 1, "time since it was last in sight [memory]"),
@@ -70,7 +70,7 @@ TRACK_ENTRIES = (
     ("leaves", 0, 1, "1 if it was detected then and leaves; the next row does not contain it"),
 )
 TEAMMATE_ENTRIES = (
-    ("present", 0, 1, "1 if the robot knows the places of so many teammates, else 0; the nearest is the first"),
+    ("present", 0, 1, "1 if the slot has a teammate whose place is known, else 0; the nearest comes first"),
     ("x", -4, 4, "relative x when its last message was sent [2 half_width]"),
     ("y", -4, 4, "relative y when its last message was sent [2 half_height]"),
     ("age", 0, 1, "time since its last message was sent [memory]"),

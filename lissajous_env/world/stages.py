@@ -2,7 +2,8 @@
 
 A stage is a kernel that goes over the worlds of a batch, or the robots, targets or rows of the grid of each world. Its
 arguments are matched by the names of its parameters, among the state (`lissajous_env.world.state`) and the constants
-(`lissajous_env.world.constants`). It skips worlds in which `clock.active` is 0.
+(`lissajous_env.world.constants`). It skips worlds in which `clock.active` is 0, unless it is made with
+`idle=True`.
 """
 
 import dataclasses
@@ -126,7 +127,7 @@ def _bin_stages(scenario: Scenario) -> list[Stage]:
 
 
 def _target_stages(scenario: Scenario, name: str) -> list[Stage]:
-    """Return the stages in which targets appear, then, in that of this name, move and are detected."""
+    """Return the stages in which targets appear, and the stage of this name, in which they move and are detected."""
     unseen = scenario.targets.entry == "unseen"
     return [
         Stage("respawn", respawn, when=scenario.targets.respawn),

@@ -1,6 +1,7 @@
 """The state of a batch of worlds: flat device arrays, world first, grouped by what they describe.
 
-W worlds, N robots, T target slots, S sub-steps, R rows and C columns of the grid, B 32-bit words for a row's bits.
+W worlds, N robots, T target slots, S sub-steps, R rows and C columns of a grid; the bits of
+a row are in B words, whose size each struct states.
 """
 
 from collections.abc import Mapping

@@ -64,7 +64,7 @@ def test_wins_by_hand_and_the_share_of_seeds():
 def test_largest_values_in_words():
     # Oracle: by hand; an infinite value, or an open episode, shows no bound.
     assert in_words(summarize_largest([3.0, 2.0, math.inf])) == ("> 3", "median 3, 1 of 3 open")
-    assert in_words(summarize_largest([3.0, 2.0, 2.0])) == ("3", "median 2 of 3")
+    assert in_words(summarize_largest([3.0, 2.0, 2.0])) == ("3", "median 2, 3 episodes")
     assert in_words(summarize_largest([math.inf, math.inf])) == ("no bound", "2 of 2 open")
     assert in_words(summarize_largest([math.nan])) == ("\N{EM DASH}", "")
     times, is_open = [4.0] * 15 + [59.9], [False] * 15 + [True]

@@ -129,7 +129,7 @@ def test_over_scenarios_each_counts_once_and_those_without_episodes_do_not():
     assert (of.kind, of.scenarios, list(of.policies)) == ("car", ("evaders", "team"), ["a"])
     assert of.policies["a"]["collisions"].value == 1.0
     assert (of.policies["a"]["collisions"].n, of.policies["a"]["detection_over_best"].value) == (2, 1.0)
-    assert in_words(of.policies["a"]["worst_case_over_best"]) == ("1", "median 1 of 2")
+    assert in_words(of.policies["a"]["worst_case_over_best"]) == ("1", "median 1, 2 episodes")
     often = Table.of([*played, *played], SCENARIOS).overall[0]  # more episodes of the same scenarios narrow nothing
     assert often.policies["a"]["collisions"] == of.policies["a"]["collisions"]
     assert Table.of(played[:3], SCENARIOS).overall == []
@@ -183,7 +183,9 @@ def test_every_view_shows_the_largest_and_the_number_of_episodes(episodes):
     for name, words in views.items():
         assert largest in words, name
         assert (f"median {number(middle)}" in words) == math.isfinite(middle), name
-        assert (f"{sum(is_open)} of {len(episodes)} open" if any(is_open) else f" of {len(episodes)}") in words, name
+        assert (
+            f"{sum(is_open)} of {len(episodes)} open" if any(is_open) else f", {len(episodes)} episodes"
+        ) in words, name
         assert ("open" in words) == any(is_open), name
         assert ("> " in words or "$>$ " in words) == any(is_open), name
 

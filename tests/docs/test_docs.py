@@ -58,6 +58,7 @@ LASTING = ("benchmark", "evaluate", "exploit", "guarantee", "replay", "run", "tr
 IMAGES = {
     "intruders.gif": "lissajous run intruders kuramoto-mpcc --seed 1 --set task.duration=14",
     "critical_speed.png": "lissajous guarantee`",
+    "learning_curve.png": "lissajous train --scenario watch`",
     "growth.png": "python benchmarks/speed.py --parts growth --against",
     "fig3.png": "lissajous reproduce fig3 fig6 fig9",
     "fig6.png": "lissajous reproduce fig3 fig6 fig9",
@@ -210,7 +211,7 @@ def test_a_call_of_the_table_works(call):
 
 def test_every_picture_is_drawn_by_the_code_or_by_a_command_that_its_page_names():
     used = {}
-    for path in figures.PAGES:
+    for path in (*figures.PAGES, *(ROOT / "docs" / "notebooks").glob("*.md")):
         text = path.read_text(encoding="utf-8")
         for name in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", text):
             used.setdefault(Path(name).name, []).append(" ".join(text.split()))

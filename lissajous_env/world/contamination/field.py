@@ -51,7 +51,7 @@ def clear_cells(w, lane, lanes, curve, target, hops: Hops, tick: int, clock, rob
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
     slot = slot_of(clock.step[w], tick, hops)
-    # Under the labels of the tick before, in the ring that the first tick of an episode does not have yet.
+    # The slot of the labels of the tick before; in a step that begins no tick, it is this one.
     latest = (slot - 1 + hops.history_length) % hops.history_length
     if hops.period > 1 and clock.step[w] % hops.period != 0:
         latest = slot

@@ -41,7 +41,7 @@ class Bins:
     """Side of a bin [m]."""
     columns: wp.int32
     rows: wp.int32
-    """The bins in row k begin with bin k columns; the outermost ones are unbounded."""
+    """A bin is row * columns + column; the outermost ones are unbounded."""
     reach: wp.float32
     """Distance up to which lists are complete [m]."""
     widened: wp.float32

@@ -29,12 +29,12 @@ WALL_ENTRIES = (
     ("top", 0, 4, "distance to the top wall, at most 4 [sensing radius]"),
 )
 ROBOT_ENTRIES = (
-    ("present", 0, 1, "1 if so many robots are in sight, else 0; the nearest is the first"),
+    ("present", 0, 1, "1 if the slot has one of the robots in sight, else 0; the nearest comes first"),
     ("works", 0, 1, "1 working, 0 failed: a failed robot senses nothing"),
     ("x", -4, 4, "relative x [2 half_width]"),
     ("y", -4, 4, "relative y [2 half_height]"),
-    ("x_velocity", -4, 4, "velocity along x [top speed of a car; of a point in the equilibrium]"),
-    ("y_velocity", -4, 4, "velocity along y [top speed of a car; of a point in the equilibrium]"),
+    ("x_velocity", -4, 4, "velocity along x [top speed; for points, the speed in the equilibrium]"),
+    ("y_velocity", -4, 4, "velocity along y [top speed; for points, the speed in the equilibrium]"),
     ("gap", -1, 4, "distance from the edge of its sensing disc, at most 4 [sensing radius]"),
 )
 """Name, range and meaning, with its unit in brackets, of the entries of each part of a row."""
