@@ -58,7 +58,9 @@ def test_all_processes_end_with_one(ends, how, words, started, monkeypatch):
 
 @pytest.mark.usefixtures("ctrl_c")
 def test_all_processes_end_at_ctrl_c(started, monkeypatch):
-    monkeypatch.setattr(launching, "PROGRAM", ["sh", "-c", SCRIPT.format(ends="world", how="kill -INT $PPID")])
+    monkeypatch.setattr(
+        launching, "PROGRAM", ["sh", "-c", SCRIPT.format(ends="world", how="{ sleep 0.5; kill -INT $PPID; }")]
+    )
     with pytest.raises(KeyboardInterrupt):
         launching.run_team(2, [], [])
     assert [process.returncode for process in started] == [-signal.SIGTERM] * 3
