@@ -9,6 +9,7 @@ values between the throttles of the log.
 import math
 from dataclasses import dataclass
 from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -226,7 +227,7 @@ class _Fit:
         solution = least_squares(
             lambda x: self._residuals(*(values[None] for values in parts(x)))[0].ravel(),
             begin,
-            lambda x: self._slopes(*parts(x), unit),
+            lambda x: self._slopes(*parts(x), unit),  # type: ignore[arg-type]
             (low, np.inf),
             tr_solver="lsmr",
             max_nfev=evaluations,
@@ -234,10 +235,10 @@ class _Fit:
         fitted, self._starts = parts(solution.x)
         return fitted, float(solution.cost)
 
-    def _slopes(self, constants: np.ndarray, starts: np.ndarray, unit: np.ndarray) -> sparse.csr_matrix:
+    def _slopes(self, constants: np.ndarray, starts: np.ndarray, unit: np.ndarray) -> Any:
         """Return the slopes (4 K, C + E S) of the residuals along C smooth constants and E entries of each of S starts.
 
-        A start changes the residuals of its own segment alone, so that all segments are changed at once.
+        They are sparse: a start changes the residuals of its own segment only, so all segments are changed at once.
         """
         count, free = len(self._smooth), self._model.free
         changes = np.zeros((count, len(constants)))

@@ -92,7 +92,9 @@ class LissajousTorchEnv(EnvBase):
         device, world, batch = self.device, self.batch_size, self.batch
 
         def numbers(shape: torch.Size, names: Any) -> Composite:
-            return Composite({name: Unbounded((*shape, 1), device) for name in names}, shape=shape, device=device)
+            return Composite(
+                {name: Unbounded(torch.Size((*shape, 1)), device) for name in names}, shape=shape, device=device
+            )
 
         def flags(shape: torch.Size) -> dict[str, Any]:
             names = ("done", "terminated", "truncated")
