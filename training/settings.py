@@ -43,8 +43,8 @@ class TrainingSettings(Checked):
     lead-pursuit or index-learned where actions are velocities; for cars that steer, arc-mpcc or arc-gvf; for points,
     kuramoto."""
     corrects: bool = True
-    """Where actions are velocities, let the network read the velocity that the teacher wishes, and add its output to
-    that; otherwise it imitates the teacher first."""
+    """Let the network read the velocity that the teacher wishes, and add its output to that, where actions are
+    velocities; otherwise it imitates the teacher first."""
     imitation: int = whole(3, 0, 1000)
     """Rounds of imitation before PPO; 0 for none."""
     imitation_epochs: int = whole(10, 1, 10_000)

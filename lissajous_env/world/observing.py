@@ -119,10 +119,10 @@ def comes_before(one: wp.vec2, other: wp.vec2) -> bool:
 
 
 @wp.func
-def keep_nearest(w: int, i: int, kept: int, room: int, offset: wp.vec2, index: int, bins: Bins) -> int:
+def keep_nearest(w: int, i: int, filled: int, room: int, offset: wp.vec2, index: int, bins: Bins) -> int:
     """Insert an object at `offset` into the sorted list of a robot's nearest ones; return the length of the list."""
     new = wp.vec2(wp.dot(offset, offset), float(index))
-    place = int(kept)
+    place = int(filled)
     while place > 0:
         if not comes_before(new, bins.nearest[w, i, place - 1]):
             break
@@ -131,42 +131,42 @@ def keep_nearest(w: int, i: int, kept: int, room: int, offset: wp.vec2, index: i
     if place > 0:
         is_known = bins.nearest[w, i, place - 1] == new
     if place == room or is_known:
-        return kept
-    for k in range(wp.min(kept, room - 1), place, -1):
+        return filled
+    for k in range(wp.min(filled, room - 1), place, -1):
         bins.nearest[w, i, k] = bins.nearest[w, i, k - 1]
     bins.nearest[w, i, place] = new
-    return wp.min(kept + 1, room)
+    return wp.min(filled + 1, room)
 
 
 @part
-def keep_robot(w, i, j, kept: int, room: int, radius: float, robots, bins: Bins) -> int:
+def keep_robot(w, i, j, filled: int, room: int, radius: float, robots, bins: Bins) -> int:
     """Enter robot j as `keep_nearest` does, if it is in the disc."""
     away = planar(robots.position[w, j]) - planar(robots.position[w, i])
     if wp.dot(away, away) < radius * radius and j != i and robots.status[w, j] != REMOVED:
-        return keep_nearest(w, i, kept, room, away / radius, j, bins)
-    return kept
+        return keep_nearest(w, i, filled, room, away / radius, j, bins)
+    return filled
 
 
 @part
 def nearest_robots(w, i, room: int, radius: float, robots, bins: Bins) -> int:
     """Find the nearest robots in the disc; returns how many, at most `room`."""
-    kept = int(0)
+    filled = int(0)
     if bins.columns > 0:
         entry = bins.entry[w, bins.first[w, bin_of(planar(robots.position[w, i]), bins)]]
         while entry[0] >= 0:
-            kept = keep_robot(w, i, entry[0], kept, room, radius, robots, bins)
+            filled = keep_robot(w, i, entry[0], filled, room, radius, robots, bins)
             entry = bins.entry[w, entry[1]]
     else:
         for j in range(robots.status.shape[1]):
-            kept = keep_robot(w, i, j, kept, room, radius, robots, bins)
-    return kept
+            filled = keep_robot(w, i, j, filled, room, radius, robots, bins)
+    return filled
 
 
 @part
 def nearest_targets(w, i, room: int, radius: float, robots, targets, bins: Bins) -> int:
     """Find the nearest targets in the disc; returns how many, at most `room`."""
     here = robots.sensor[w, i]
-    kept = int(0)
+    filled = int(0)
     if bins.columns > 0:
         left = column_of(here[0] - bins.widened, bins)
         right = column_of(here[0] + bins.widened, bins)
@@ -177,38 +177,38 @@ def nearest_targets(w, i, room: int, radius: float, robots, targets, bins: Bins)
                     seen = bins.seen[w, place]
                     away = wp.vec2(seen[0], seen[1]) - here
                     if wp.dot(away, away) < radius * radius:
-                        kept = keep_nearest(w, i, kept, room, away / radius, int(seen[2]), bins)
+                        filled = keep_nearest(w, i, filled, room, away / radius, int(seen[2]), bins)
                     place = int(seen[3])
     else:
         for t in range(targets.in_sight.shape[1]):
             away = targets.position[w, t] - here
             if targets.in_sight[w, t] == 1 and wp.dot(away, away) < radius * radius:
-                kept = keep_nearest(w, i, kept, room, away / radius, t, bins)
-    return kept
+                filled = keep_nearest(w, i, filled, room, away / radius, t, bins)
+    return filled
 
 
 @part
-def observe_robots(w, i, kept: int, sensing, speed_unit, robots, bins: Bins, observation_out):
+def observe_robots(w, i, filled: int, sensing, speed_unit, robots, bins: Bins, observation_out):
     """List the nearest robots in the disc."""
     entry = OWN + 2 * LINK
-    for k in range(kept):
+    for k in range(filled):
         j = int(bins.nearest[w, i, k][1])
         offset = (planar(robots.position[w, j]) - planar(robots.position[w, i])) / sensing.sight
         relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * speed_unit)
         put_robot(w, i, entry, offset, relative, observation_out)
         entry += PER_ROBOT
-    empty(w, i, entry, PER_ROBOT, sensing.robots_seen - kept, observation_out)
+    empty(w, i, entry, PER_ROBOT, sensing.robots_seen - filled, observation_out)
 
 
 @part
-def observe_targets(w, i, kept: int, sensing, robots, targets, bins: Bins, observation_out):
+def observe_targets(w, i, filled: int, sensing, robots, targets, bins: Bins, observation_out):
     """List the nearest targets in the disc."""
     entry = OWN + 2 * LINK + PER_ROBOT * sensing.robots_seen
-    for k in range(kept):
+    for k in range(filled):
         offset = (targets.position[w, int(bins.nearest[w, i, k][1])] - robots.sensor[w, i]) / sensing.sight
         put_target(w, i, entry, offset, observation_out)
         entry += PER_TARGET
-    empty(w, i, entry, PER_TARGET, sensing.targets_seen - kept, observation_out)
+    empty(w, i, entry, PER_TARGET, sensing.targets_seen - filled, observation_out)
 
 
 @stage(ROBOT, writes="bins: nearest; observation_out")
@@ -232,14 +232,14 @@ def observe(
     """Fill the row of each robot."""
     observe_self(w, i, curve, speed_unit, robots, observation_out)
     observe_ring(w, i, clock.step[w], curve, age_per_step, message_start, robots, links, messages, observation_out)
-    kept = int(0)
+    filled = int(0)
     if sensing.robots_seen > 0 and robots.status[w, i] == WORKING:
-        kept = nearest_robots(w, i, sensing.robots_seen, sensing.sight, robots, bins)
-    observe_robots(w, i, kept, sensing, speed_unit, robots, bins, observation_out)
-    kept = 0
+        filled = nearest_robots(w, i, sensing.robots_seen, sensing.sight, robots, bins)
+    observe_robots(w, i, filled, sensing, speed_unit, robots, bins, observation_out)
+    filled = 0
     if sensing.targets_seen > 0 and latest.in_sight[w] > 0 and robots.sensor[w, i][0] < NOWHERE:
-        kept = nearest_targets(w, i, sensing.targets_seen, sensing.sight, robots, targets, bins)
-    observe_targets(w, i, kept, sensing, robots, targets, bins, observation_out)
+        filled = nearest_targets(w, i, sensing.targets_seen, sensing.sight, robots, targets, bins)
+    observe_targets(w, i, filled, sensing, robots, targets, bins, observation_out)
 
 
 @stage(ROBOT, writes="final_observation_out")

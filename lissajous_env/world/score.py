@@ -28,7 +28,7 @@ class Episode:
 
     scenario: Scenario
     state: Mapping[str, np.ndarray]
-    """What `_READ` names of this world, as `clock.step`."""
+    """The values of this world that `_READ` names, such as `clock.step`."""
     totals: Mapping[str, Any]
     """`EpisodeTotals` of this world, by name."""
     contamination: Mapping[str, Any]
