@@ -47,7 +47,7 @@ def launch(
         out: file to write, as in `lissajous ros world`.
     """
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    import baselines.ros.library  # noqa: F401 - the extra is named before anything is started
+    from baselines.ros import library  # noqa: F401 - the extra is named before anything is started
     from baselines.ros.launching import run_team
 
     check_file(out, *FORMATS)
