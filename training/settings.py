@@ -65,9 +65,9 @@ class TrainingSettings(Checked):
     """Steps of each world between updates."""
     minibatch: int = whole(2048, 2, 10**9)
     """Rows per minibatch."""
-    epochs: int = whole(2, 1, 10_000)
+    epochs: int = whole(3, 1, 10_000)
     """Passes over each rollout."""
-    learning_rate: float = number(1e-3, 1e-12, 1)
+    learning_rate: float = number(7e-4, 1e-12, 1)
     """Initial learning rate; it decreases linearly to a twentieth."""
     clip: float = number(0.2, 1e-6, 10)
     """Clipping of the ratio of the likelihoods of an action."""
@@ -79,7 +79,7 @@ class TrainingSettings(Checked):
     """Lambda of generalized advantage estimation."""
     noise: float = number(0.25, 1e-6, 10)
     """Standard deviation of the actions at the beginning."""
-    noise_end: float = number(0.1, 1e-6, 10)
+    noise_end: float = number(0.08, 1e-6, 10)
     """Standard deviation of the actions at the end."""
     correlation: float = number(0.8, 0, 0.999)
     """Correlation of the noise of successive actions of a robot."""

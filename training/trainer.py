@@ -15,7 +15,7 @@ correlated, so that it moves a robot farther (J. Hollenstein, G. Martius, J. Pia
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -31,10 +31,10 @@ from lissajous_env.storage.folder import Folder
 from training import scenarios
 from training.learned import checkpoint
 from training.learned.card import Card
-from training.learned.perception import OWN, TOKEN
-from training.learned.team_network import TeamNetwork
+from training.learned.perception import TOKEN
 from training.learned.team_policy import LearnedTeam
 from training.settings import TrainingSettings
+from training.team import Team
 from training.torch_state import load_state, save_state
 from training.validation import limit_of, mean_of, rank_of, validate, words_of
 from training.worlds import TRUTH, Rollout, Step, Worlds
@@ -43,74 +43,14 @@ FIRST_SEED = 1_000_000
 """Seed of the first world of a training."""
 _DEMONSTRATED = 100_000
 """Rows, at most about, of a round of imitation."""
-_WARM_UP = 8
+_WARM_UP = 25
 """Rollouts in which only the critic learns."""
 _NEAR = 0.25
 """Cost of a step in which robots almost touch, as a share of that of a collision: collisions alone are too rare."""
 _BOUND = 0.01
 """Weight of the squared excess of the action means over [-1, 1]."""
-
-
-class Team(nn.Module):
-    """`TeamNetwork` in PyTorch: the mean of a robot's action, or a critic's value.
-
-    Args:
-        settings: Sizes of the layers.
-        token: Numbers of a token.
-        outputs: Numbers of the output.
-        heads: Heads of attention; 0 for the mean of the tokens' features.
-        memory: Numbers that a robot remembers.
-        corrects: Add the wish of the base to the outputs, which are zeros at first.
-    """
-
-    def __init__(self, settings: TrainingSettings, token: int, outputs: int, heads=0, memory=0, corrects=False):
-        super().__init__()
-        self.corrects = corrects
-        features, hidden = settings.features, settings.hidden
-        self.own, self.token = nn.Linear(len(OWN), 64), nn.Linear(token, features)
-        self.query = nn.Linear(64, heads * features) if heads else None
-        self.trunk = nn.Linear(64 + max(heads, 1) * features, hidden)
-        self.memory = nn.GRUCell(hidden, memory) if memory else None
-        self.last, self.action = nn.Linear(hidden + memory, hidden), nn.Linear(hidden, outputs)
-        nn.init.orthogonal_(self.action.weight, 0.0 if corrects else 0.01)
-        nn.init.zeros_(self.action.bias)
-
-    @torch.autocast("cpu", torch.bfloat16)
-    def forward(self, rows: Sequence[Tensor], memory: Tensor, begins: Tensor) -> tuple[Tensor, Tensor]:
-        """Return outputs (T, B, outputs) of T steps of B robots, and their memory (B, memory) after these.
-
-        Args:
-            rows: Own numbers (T, B, A), tokens (T, B, K, F), and 1 where there is a token (T, B, K).
-            memory: (B, memory) before the first step.
-            begins: (T, B) 1 in the first step of an episode.
-        """
-        own, tokens, present = (rows_of.flatten(0, 1) for rows_of in rows)
-        own, features = torch.relu(self.own(own)), torch.relu(self.token(tokens))
-        if self.query is None:
-            pooled = (features * present[..., None]).mean(1)
-        else:
-            query = self.query(own).view(len(own), -1, features.shape[-1])
-            score = query @ features.transpose(1, 2) + (present[:, None] - 1) * 1e4
-            weight = (torch.softmax(score, -1) * present[:, None]).to(features.dtype)
-            pooled = (weight @ features).flatten(1)
-        hidden = torch.relu(self.trunk(torch.cat([own, pooled], -1))).view(*begins.shape, -1)
-        if self.memory is not None:
-            states = []
-            for step, begin in zip(hidden, begins, strict=True):
-                memory = self.memory(step, memory * (1 - begin)[:, None])
-                states.append(memory)
-            hidden = torch.cat([hidden, torch.stack(states)], -1)
-        outputs = self.action(torch.relu(self.last(hidden))).float()
-        if self.corrects:
-            outputs = outputs + nn.functional.pad(rows[0][..., -2:], (0, outputs.shape[-1] - 2))
-        return outputs, memory.float()
-
-    def arrays(self) -> TeamNetwork:
-        """Copy the weights into a network that is played without PyTorch."""
-        named = {name: tensor.detach().numpy().copy() for name, tensor in self.state_dict().items()}
-        names = {"memory.weight_ih": "memory.input.weight", "memory.weight_hh": "memory.hidden.weight"}
-        names |= {"memory.bias_ih": "memory.input.bias", "memory.bias_hh": "memory.hidden.bias"}
-        return TeamNetwork.from_arrays({f"team.{names.get(name, name)}": array for name, array in named.items()})
+_RESTRAINT = 0.2
+"""Weight of the squared correction of a base: advantages are noisy, and without it corrections grow by chance."""
 
 
 def imitate(settings: TrainingSettings, actor: Team, say: Callable[[str], None]) -> None:
@@ -154,15 +94,17 @@ def _fit(settings: TrainingSettings, actor: Team, optimizer: Any, *round_of: Ten
         begins = torch.zeros(rows[3].shape[:2])
         mean, _ = actor(rows[:3], torch.zeros(begins.shape[1], settings.memory), begins)
         loss = ((mean - rows[3]).square().mean(-1) * rows[4]).mean()
-        _descend(optimizer, actor.parameters(), loss)
+        _descend(optimizer, [actor], loss)
         errors.append(loss.item())
     return float(np.mean(errors))
 
 
-def _descend(optimizer: torch.optim.Optimizer, parameters: Any, loss: Tensor) -> None:
+def _descend(optimizer: torch.optim.Optimizer, networks: Iterable[nn.Module], loss: Tensor) -> None:
+    """Take a step; a network on which the loss does not depend stays as it is, in spite of its momentum."""
     optimizer.zero_grad()
     loss.backward()
-    nn.utils.clip_grad_norm_(parameters, 0.5)
+    for network in networks:
+        nn.utils.clip_grad_norm_(network.parameters(), 0.5)
     optimizer.step()
 
 
@@ -286,12 +228,16 @@ class Training:
                 advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
                 clipped = ratio.clamp(1 - settings.clip, 1 + settings.clip)
                 gain = torch.min(ratio * advantage, clipped * advantage)
-                outside = (mean.abs() - 1).clamp(min=0).square().sum(-1)
+                cost = _BOUND * (mean.abs() - 1).clamp(min=0).square().sum(-1)
+                if self.actor.corrects:
+                    cost = cost + _RESTRAINT * (mean[..., :2] - rows[0][..., -2:]).square().sum(-1)
                 none = torch.zeros(len(chosen), 0)
                 value = self.critic([rows[0], *truth], none, torch.zeros_like(acted))[0][..., 0]
                 error = (value - of.returns[:, chosen]).square()
-                loss = ((follows * (_BOUND * outside - gain) + 0.5 * error) * acted).mean()
-                _descend(self.optimizer, self.networks.parameters(), loss)
+                loss = (0.5 * error * acted).mean()
+                if follows:
+                    loss = loss + ((cost - gain) * acted).mean()
+                _descend(self.optimizer, self.networks, loss)
         numbers["rollouts"] += 1
         excess = np.clip(numbers["collided"] / max(self.limit, 0.05) - 1, -1, 1)
         numbers["penalty"] = float(np.clip(numbers["penalty"] * np.exp(0.02 * excess), 0.01, 100))

@@ -12,13 +12,11 @@ from torch import Tensor
 
 import baselines
 from baselines.policies.base import Policy
-from baselines.policies.own_row import Rows
-from baselines.policies.reacting import kept_apart
 from lissajous_env.envs.batch import Batch, padded
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import GONE, HIDDEN, WORKING
 from training.learned.checkpoint import prefixed, within
-from training.learned.perception import perceive, wish_of
+from training.learned.perception import perceive, told_to_drive, wish_of
 from training.settings import TrainingSettings
 
 TRUTH = ("target", "robot", "x", "y", "distance", "near", "observers", "other_distance")
@@ -131,7 +129,7 @@ class Worlds:
         for group, simulation in enumerate(batch.simulations):
             if simulation.scenario.task.action == "velocity":
                 part = actions[batch.worlds_of(group), : simulation.num_robots]
-                part[..., :2] = kept_apart(part[..., :2], Rows(simulation.observation.numpy(), simulation.scenario))
+                part[..., :2] = told_to_drive(part[..., :2], simulation.observation.numpy(), simulation.scenario)
         before = batch.rows(side)
         acted = (before.mask.astype(bool) & ~before.terminated.astype(bool)).reshape(-1).astype(np.float32)
         batch.step({"robot": actions})

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.policies.base import Policy
-from baselines.policies.reacting import Reacting
+from baselines.policies.own_row import Rows
+from baselines.policies.reacting import Reacting, kept_apart
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.observation import (
@@ -43,6 +44,8 @@ and flags; and of a track the distance d of the teammate nearest to it as d / (1
 it than the robot [4], the tracks within sight of it [4], and their mean place relative to it [sight]."""
 _FAR = np.float32(1e4)
 """Distance of a teammate that is not there [sight]."""
+_REST = np.float32(0.25)
+"""Speed below which a car rests [top speed]."""
 _MEMORY = 1.875
 """Time for which a target is assumed to keep its velocity, in units of sight over top speed."""
 
@@ -64,6 +67,16 @@ def wish_of(base: Policy, observation: np.ndarray) -> np.ndarray:
         return base.act(observation)
     wish = base.wish(base.rows(observation))
     return (wish / np.maximum(np.linalg.norm(wish, axis=-1, keepdims=True), 1.0)).astype(np.float32)
+
+
+def told_to_drive(velocity: np.ndarray, observation: np.ndarray, scenario: Scenario) -> np.ndarray:
+    """Return the velocities (W, N, 2) [top speed] that cars are to have for those that a network wishes.
+
+    They also lead away from robots that are near, as those of the classical policies do. Slow ones are zeros: a car
+    turns only while it drives, so that one which is to stay would leave its place on a circle.
+    """
+    fast = velocity * (_length(velocity) >= _REST)[..., None]
+    return kept_apart(fast, Rows(observation, scenario)).astype(np.float32)
 
 
 def perceive(observation: np.ndarray, scenario: Scenario, wish: np.ndarray | None = None) -> Perception:
