@@ -10,14 +10,15 @@ import baselines
 import lissajous_env
 import training
 from training.learned import checkpoint
-from training.learned.perception import OWN, TOKEN, Perception, wish_of
+from training.learned.perception import OWN, TOKEN, Perception, told_to_drive, wish_of
 
 pytest.importorskip("torch")
 
 import torch
 
 from training.settings import TrainingSettings
-from training.trainer import Team, Training, train
+from training.team import Team
+from training.trainer import Training, train
 from training.validation import limit_of, rank_of
 from training.worlds import Rollout, Worlds, truth
 
@@ -117,8 +118,18 @@ def test_the_actor_stops_where_it_has_moved_too_far(tmp_path):
         moved[divergence] = max(
             (a - b).abs().max().item() for a, b in zip(before, state.actor.parameters(), strict=True)
         )
-    # Momentum moves it on after the only update.
-    assert 0 < moved[1e-6] < moved[1e6]
+    # The first step of Adam is the learning rate at most, and the only one.
+    assert 0 < moved[1e-6] < 1.001 * settings.learning_rate < moved[1e6]
+
+
+def test_corrections_without_an_advantage_become_smaller(tmp_path):
+    state = Training(small(tmp_path))
+    state.numbers["rollouts"] = 100.0
+    with torch.no_grad():
+        state.actor.action.bias.fill_(0.3)
+    rollout = state.collect()
+    state.update(rollout._replace(advantages=torch.zeros_like(rollout.advantages)))
+    assert (state.actor.action.bias < 0.3).all()
 
 
 def test_collisions_cost_more_where_there_are_too_many(tmp_path):
@@ -227,6 +238,15 @@ def test_what_the_critic_reads_is_the_true_state(tmp_path):
 def test_bad_settings_are_refused_with_name_rule_and_value(tmp_path, changes, words):
     with pytest.raises(ValueError, match=words):
         small(tmp_path, **changes)
+
+
+def test_cars_rest_where_a_network_wishes_a_slow_velocity(tmp_path):
+    worlds = Worlds(small(tmp_path), 1, 0)
+    simulation = worlds.batch.simulation
+    observation = np.zeros_like(simulation.observation.numpy())
+    wish = np.array([[[0.2, 0.0], [0.0, -0.24], [0.26, 0.0], [0.6, -0.8], [0.0, 0.0]]], np.float32)
+    told = told_to_drive(wish, observation, simulation.scenario)
+    assert told == pytest.approx(wish * np.array([0, 0, 1, 1, 1])[:, None])
 
 
 def test_a_base_begins_anew_with_its_world(tmp_path):
