@@ -5,7 +5,7 @@ does not run. After each change, the tests of the room run until the first failu
 of the last commit. A mutant *dies* if a test fails. Some of those that survive are equivalent: their change has no
 effect, as that of a limit that nothing reaches.
 
-`benchmarks/mutants.jsonl` contains all mutants that were tried; the table counts all of them, and each call adds others.
+`benchmarks/mutants.jsonl` contains all mutants that were tried, which the table counts; each call adds others.
 It requires `pip install cosmic-ray`, which makes the mutants.
 """
 
