@@ -8,13 +8,12 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import as_device, compile_quietly
-from lissajous_env.device.part_structs import NoiseStruct
 from lissajous_env.device.program import Program, Stage
 from lissajous_env.device.stage import ROBOT as ROBOTS
 from lissajous_env.device.stage import part, stage
+from lissajous_env.device.structs import NoiseStruct, allocate
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.constants import constants_of
 from lissajous_env.world.observation import LINK, OWN, ROBOT, TARGET, layout
 from lissajous_env.world.observing import (
     clear,
@@ -28,7 +27,8 @@ from lissajous_env.world.observing import (
 from lissajous_env.world.robots.bins import Bins
 from lissajous_env.world.robots.placing import follow_curve
 from lissajous_env.world.robots.signals import measure
-from lissajous_env.world.state import STUCK, WORKING, Clock, Robots, allocate
+from lissajous_env.world.state import STUCK, WORKING, Clock, Robots
+from lissajous_env.world.values import constants_of
 
 wp.set_module_options(OPTIONS)
 
@@ -66,7 +66,7 @@ def list_seen(
     sensing,
     speed_unit,
     robots,
-    bins: Bins,
+    bins,
     outside: Outside,
     observation_out,
 ):
@@ -99,7 +99,7 @@ def fill_row(
     message_start,
     clock,
     robots,
-    bins: Bins,
+    bins,
     outside: Outside,
     observation_out,
 ):
