@@ -63,36 +63,6 @@ def observe_self(w, i, curve, speed_unit, robots, observation_out):
 
 
 @part
-def put_message(w, i, start: int, age: float, message: wp.vec4, own: wp.vec4, turn: wp.vec4, curve, observation_out):
-    """Fill the entries of a ring neighbour's message, of `Links.heard`; `own` and `turn` are those of `Robots`.
-
-    The age is in the unit of its entry.
-    """
-    observation_out[w, i, start] = 1.0
-    observation_out[w, i, start + 1] = wp.min(age, 1.0)
-    observation_out[w, i, start + 2] = wp.clamp(message[0] * turn[0] + message[1] * turn[1], -1.0, 1.0)
-    observation_out[w, i, start + 3] = wp.clamp(message[1] * turn[0] - message[0] * turn[1], -1.0, 1.0)
-    observation_out[w, i, start + 4] = far(0.5 * (message[2] - own[0]) / curve.half_width)
-    observation_out[w, i, start + 5] = far(0.5 * (message[3] - own[1]) / curve.half_height)
-
-
-@part
-def put_target(w, i, entry: int, offset: wp.vec2, observation_out):
-    """Fill the entries of a target in the disc, of its scaled place."""
-    observation_out[w, i, entry] = 1.0
-    observation_out[w, i, entry + 1] = offset[0]
-    observation_out[w, i, entry + 2] = offset[1]
-
-
-@part
-def put_robot(w, i, entry: int, offset: wp.vec2, relative: wp.vec2, observation_out):
-    """Fill the entries of a robot in the disc, of its scaled place and velocity."""
-    put_target(w, i, entry, offset, observation_out)
-    observation_out[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
-    observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
-
-
-@part
 def observe_ring(w, i, now, curve, age_per_step, message_start, robots, links, messages, observation_out):
     """Fill entries 8 to 19, and those of the policies' messages."""
     own = robots.measured[w, i]
@@ -105,8 +75,13 @@ def observe_ring(w, i, now, curve, age_per_step, message_start, robots, links, m
         if heard_at < 0 or removed:
             clear(w, i, start, start + LINK, observation_out)
         else:
-            age = float(now - heard_at) * age_per_step
-            put_message(w, i, start, age, links.heard[w, i, side], own, turn, curve, observation_out)
+            message = links.heard[w, i, side]
+            observation_out[w, i, start] = 1.0
+            observation_out[w, i, start + 1] = wp.min(float(now - heard_at) * age_per_step, 1.0)
+            observation_out[w, i, start + 2] = wp.clamp(message[0] * turn[0] + message[1] * turn[1], -1.0, 1.0)
+            observation_out[w, i, start + 3] = wp.clamp(message[1] * turn[0] - message[0] * turn[1], -1.0, 1.0)
+            observation_out[w, i, start + 4] = far(0.5 * (message[2] - own[0]) / curve.half_width)
+            observation_out[w, i, start + 5] = far(0.5 * (message[3] - own[1]) / curve.half_height)
         for m in range(size):
             entry = message_start + side * size + m
             observation_out[w, i, entry] = wp.where(removed, 0.0, messages.heard[w, i, side, m])
@@ -228,7 +203,11 @@ def observe_robots(w, i, filled: int, sensing, speed_unit, robots, bins, observa
         j = int(bins.nearest[w, i, k][1])
         offset = (planar(robots.position[w, j]) - planar(robots.position[w, i])) / sensing.sight
         relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * speed_unit)
-        put_robot(w, i, entry, offset, relative, observation_out)
+        observation_out[w, i, entry] = 1.0
+        observation_out[w, i, entry + 1] = offset[0]
+        observation_out[w, i, entry + 2] = offset[1]
+        observation_out[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
+        observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
         entry += PER_ROBOT
     empty(w, i, entry, PER_ROBOT, sensing.robots_seen - filled, observation_out)
 
@@ -239,7 +218,9 @@ def observe_targets(w, i, filled: int, sensing, robots, targets, bins, observati
     entry = OWN + 2 * LINK + PER_ROBOT * sensing.robots_seen
     for k in range(filled):
         offset = (targets.position[w, int(bins.nearest[w, i, k][1])] - robots.sensor[w, i]) / sensing.sight
-        put_target(w, i, entry, offset, observation_out)
+        observation_out[w, i, entry] = 1.0
+        observation_out[w, i, entry + 1] = offset[0]
+        observation_out[w, i, entry + 2] = offset[1]
         entry += PER_TARGET
     empty(w, i, entry, PER_TARGET, sensing.targets_seen - filled, observation_out)
 
