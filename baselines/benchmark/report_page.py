@@ -167,7 +167,7 @@ class Report:
         of, on = (f"{count} {one if count == 1 else many}" for count, one, many in counts)
         words = {"title": "Benchmark", "counted": f"{len(ranked):,} episodes of {of} on {on}"}
         contents = {name: played.contents for name, (_, played) in replayed.items()}
-        return report("report.html", "report.js", data, words, contents)
+        return report(data, words, contents)
 
     def _scenario(self, name: str, number_of: Mapping[str, int], rows: Mapping[str, Rows]) -> dict[str, Any]:
         scenario, cells, bounds = self.table.scenarios[name], self.table.estimates[name], self.table.bounds[name]
