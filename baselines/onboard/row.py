@@ -9,20 +9,20 @@ import warp as wp
 
 from baselines.onboard.inputs import Message, Odometry
 from lissajous_env.device.devices import as_device, compile_quietly
-from lissajous_env.device.part_structs import NoiseStruct
 from lissajous_env.device.program import Program, Stage
 from lissajous_env.device.stage import ROBOT
+from lissajous_env.device.structs import NoiseStruct, allocate
 from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import locate
-from lissajous_env.world.constants import constants_of, state_of
 from lissajous_env.world.observation import layout
 from lissajous_env.world.observing import observe
 from lissajous_env.world.robots.bins import Bins
 from lissajous_env.world.robots.placing import follow_curve
 from lissajous_env.world.robots.signals import measure
-from lissajous_env.world.state import NOWHERE, REMOVED, STUCK, WORKING, Robots, Targets, allocate
+from lissajous_env.world.state import NOWHERE, REMOVED, STUCK, WORKING, Robots, Targets
+from lissajous_env.world.values import constants_of, state_of
 
 _TICKS = 1024
 """Ticks in a control step, by which the ages of messages are measured."""

@@ -114,7 +114,7 @@ def keep_nearest(w: int, i: int, filled: int, room: int, offset: wp.vec2, index:
 
 
 @part
-def keep_robot(w, i, j, filled: int, room: int, radius: float, robots, bins: Bins) -> int:
+def keep_robot(w, i, j, filled: int, room: int, radius: float, robots, bins) -> int:
     """Enter robot j as `keep_nearest` does, if it is in the disc."""
     away = planar(robots.position[w, j]) - planar(robots.position[w, i])
     if wp.dot(away, away) < radius * radius and j != i and robots.status[w, j] != REMOVED:
@@ -123,7 +123,7 @@ def keep_robot(w, i, j, filled: int, room: int, radius: float, robots, bins: Bin
 
 
 @part
-def nearest_robots(w, i, room: int, radius: float, robots, bins: Bins) -> int:
+def nearest_robots(w, i, room: int, radius: float, robots, bins) -> int:
     """Find the nearest robots in the disc; returns how many, at most `room`."""
     filled = int(0)
     if bins.columns > 0:
@@ -137,8 +137,41 @@ def nearest_robots(w, i, room: int, radius: float, robots, bins: Bins) -> int:
     return filled
 
 
+_NEXT_IN_DISC = """
+    const int count = in_sight.shape[1], together = 32;
+    for (int start = first; start < count; start += together) {
+        const wp::vec2* positions = &wp::index(position, w, start);
+        const int* seen = &wp::index(in_sight, w, start);
+        unsigned int near = 0;
+        for (int k = 0; k < (count - start < together ? count - start : together); ++k) {
+            const float x = positions[k][0] - place[0], y = positions[k][1] - place[1];
+            near |= (unsigned int)(seen[k] == 1 & x * x + y * y < radius * radius) << k;
+        }
+        if (near != 0)
+            return start + wp::bit_count(~near & (near - 1));
+    }
+    return count;
+"""
+
+
+@wp.func_native(_NEXT_IN_DISC)
+def next_in_disc(
+    w: int,
+    first: int,
+    place: wp.vec2,
+    radius: float,
+    position: wp.array2d(dtype=wp.vec2),
+    in_sight: wp.array2d(dtype=int),
+) -> int:
+    """Return the next target, from the first on, that is in sight and in the disc at a place [m]; T for none.
+
+    The compiler turns its loop over targets into SIMD, in half of the time of the stage.
+    """
+    ...
+
+
 @part
-def nearest_targets(w, i, room: int, radius: float, robots, targets, bins: Bins) -> int:
+def nearest_targets(w, i, room: int, radius: float, robots, targets, bins) -> int:
     """Find the nearest targets in the disc; returns how many, at most `room`."""
     here = robots.sensor[w, i]
     filled = int(0)
@@ -155,15 +188,15 @@ def nearest_targets(w, i, room: int, radius: float, robots, targets, bins: Bins)
                         filled = keep_nearest(w, i, filled, room, away / radius, int(seen[2]), bins)
                     place = int(seen[3])
     else:
-        for t in range(targets.in_sight.shape[1]):
-            away = targets.position[w, t] - here
-            if targets.in_sight[w, t] == 1 and wp.dot(away, away) < radius * radius:
-                filled = keep_nearest(w, i, filled, room, away / radius, t, bins)
+        t = next_in_disc(w, 0, here, radius, targets.position, targets.in_sight)
+        while t < targets.in_sight.shape[1]:
+            filled = keep_nearest(w, i, filled, room, (targets.position[w, t] - here) / radius, t, bins)
+            t = next_in_disc(w, t + 1, here, radius, targets.position, targets.in_sight)
     return filled
 
 
 @part
-def observe_robots(w, i, filled: int, sensing, speed_unit, robots, bins: Bins, observation_out):
+def observe_robots(w, i, filled: int, sensing, speed_unit, robots, bins, observation_out):
     """List the nearest robots in the disc."""
     entry = OWN + 2 * LINK
     for k in range(filled):
@@ -180,7 +213,7 @@ def observe_robots(w, i, filled: int, sensing, speed_unit, robots, bins: Bins, o
 
 
 @part
-def observe_targets(w, i, filled: int, sensing, robots, targets, bins: Bins, observation_out):
+def observe_targets(w, i, filled: int, sensing, robots, targets, bins, observation_out):
     """List the nearest targets in the disc."""
     entry = OWN + 2 * LINK + PER_ROBOT * sensing.robots_seen
     for k in range(filled):
@@ -206,7 +239,7 @@ def observe(
     links,
     messages,
     targets,
-    bins: Bins,
+    bins,
     latest,
     observation_out,
 ):
