@@ -11,11 +11,7 @@ from baselines.policies.inside import Walls
 from baselines.policies.safety.tails import Tail, arc_end
 from lissajous_env.device.car_input import steering_angle, throttle
 from lissajous_env.device.compilation import OPTIONS
-<<<<<<< HEAD
-from lissajous_env.device.part_structs import NoiseStruct, RobotStruct
-=======
-from lissajous_env.device.structs import RobotStruct
->>>>>>> main
+from lissajous_env.device.structs import NoiseStruct, RobotStruct
 from lissajous_env.device.trig import cos_sin
 
 wp.set_module_options(OPTIONS)

@@ -26,12 +26,7 @@ from baselines.policies.safety.own_motion import Bounds
 from baselines.policies.safety.tails import POINTS
 from baselines.similarity import motion_scale
 from lissajous_env.device.curve import curve_struct
-<<<<<<< HEAD
-from lissajous_env.device.part_structs import NoiseStruct, RobotStruct
-from lissajous_env.device.structs import to_struct
-=======
-from lissajous_env.device.structs import RobotStruct, allocate, to_struct
->>>>>>> main
+from lissajous_env.device.structs import NoiseStruct, RobotStruct, allocate, to_struct
 from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
