@@ -1,12 +1,11 @@
 """`lissajous train`: begin from a rule, then collect, update, validate and save.
 
-All robots share one network, which plays teams of any size. Where actions are velocities, it reads the velocity that
-a rule wishes and adds to it (residual learning: T. Johannink et al., ICRA 2019); elsewhere, it imitates a classical
-policy in the states that it reaches itself (DAgger: S. Ross, G. J. Gordon, J. A. Bagnell, AISTATS 2011). It goes on by
-PPO (J. Schulman et al., arXiv:1707.06347) with a central critic (C. Yu et al., "The Surprising Effectiveness of PPO in
-Cooperative Multi-Agent Games", NeurIPS 2022), which reads the true places of all robots and targets. Collisions and
-near collisions cost more while there are more of them than a stated number. The best policy is chosen by validation, in
-worlds that no update uses.
+All robots share one network, which plays teams of any size. It reads the action that a rule wishes and adds to it
+(residual learning: T. Johannink et al., ICRA 2019). It learns by PPO (J. Schulman et al., arXiv:1707.06347) with a
+central critic (C. Yu et al., "The Surprising Effectiveness of PPO in Cooperative Multi-Agent Games", NeurIPS 2022),
+which reads the true places of all robots and targets. Collisions and near collisions cost more while there are more of
+them than a stated number. The best policy is chosen by validation, in worlds that no update uses; the rule alone is the
+first candidate.
 
 Differs from these papers: a time limit is not a terminal state, so the value before it stands for the one after it; the
 reward for targets in sight is mostly that of the robot itself, for those that no other robot has in sight; no minibatch
@@ -31,18 +30,16 @@ from lissajous_env.storage.folder import Folder
 from training import scenarios
 from training.learned import checkpoint
 from training.learned.card import Card
-from training.learned.perception import TOKEN
+from training.learned.perception import OWN, TOKEN
+from training.learned.team_network import TeamNetwork
 from training.learned.team_policy import LearnedTeam
 from training.settings import TrainingSettings
-from training.team import Team
 from training.torch_state import load_state, save_state
 from training.validation import limit_of, mean_of, rank_of, validate, words_of
 from training.worlds import TRUTH, Rollout, Step, Worlds
 
 FIRST_SEED = 1_000_000
 """Seed of the first world of a training."""
-_DEMONSTRATED = 100_000
-"""Rows, at most about, of a round of imitation."""
 _WARM_UP = 25
 """Rollouts in which only the critic learns."""
 _NEAR = 0.25
@@ -53,50 +50,66 @@ _RESTRAINT = 0.2
 """Weight of the squared correction of a base: advantages are noisy, and without it corrections grow by chance."""
 
 
-def imitate(settings: TrainingSettings, actor: Team, say: Callable[[str], None]) -> None:
-    """Fit the actor to the actions of the teacher by least squares: in the teacher's states, then in its own."""
-    optimizer = torch.optim.Adam(actor.parameters(), settings.imitation_rate)
-    shown: list[list[Tensor]] = []
-    for k in range(settings.imitation):
-        seed = FIRST_SEED * (1 + settings.seed) + 500_000 + 1000 * k
-        worlds = Worlds(settings, max(64 // settings.num_groups, 1) * settings.num_groups, seed)
-        worlds.whole_episodes()
-        sims, random = worlds.batch.simulations, np.random.default_rng(seed)
-        teachers = [baselines.make(str(settings.chosen_teacher), sim.scenario, sim.num_worlds) for sim in sims]
-        memory, visited = torch.zeros(worlds.count, settings.memory), []
-        begins = torch.ones(1, worlds.count)
-        for _ in range(worlds.steps):
-            rows, label = worlds.rows(), worlds.labels(teachers)
-            with torch.no_grad():
-                mean, memory = actor([torch.from_numpy(part)[None] for part in rows], memory, begins)
-            begins = torch.zeros(1, worlds.count)
-            acted = label if k == 0 else mean[0].numpy()
-            step = worlds.step(acted + settings.imitation_noise * random.standard_normal(acted.shape))
-            visited.append([*rows, label, step.acted])
-        stride = 1 if settings.memory else -(-worlds.steps * worlds.count // _DEMONSTRATED)
-        parts = zip(*visited[::stride], strict=True)
-        shown.append([torch.from_numpy(np.stack(part)) for part in parts])
-        errors = []
-        for epoch in range(settings.imitation_epochs):
-            last = k == settings.imitation - 1
-            optimizer.param_groups[0]["lr"] = settings.imitation_rate * (1 - last * epoch / settings.imitation_epochs)
-            errors = [_fit(settings, actor, optimizer, *of) for of in shown]
-        say(f"round {k + 1} of imitation of {settings.chosen_teacher}: mean squared error {np.mean(errors):.3f}")
+class Team(nn.Module):
+    """`TeamNetwork` in PyTorch: the mean of a robot's action, or a critic's value.
 
+    Args:
+        settings: Sizes of the layers.
+        token: Numbers of a token.
+        outputs: Numbers of the output.
+        heads: Heads of attention; 0 for the mean of the tokens' features.
+        memory: Numbers that a robot remembers.
+        corrects: Add the wish of the base, the last two own numbers, to the outputs, which are zeros at first.
+    """
 
-def _fit(settings: TrainingSettings, actor: Team, optimizer: Any, *round_of: Tensor) -> float:
-    """Pass once over a round of imitation, in minibatches of robots with a memory, otherwise of steps."""
-    own, tokens, present, label, acted = round_of
-    axis, errors = (1 if settings.memory else 0), []
-    size = max(settings.minibatch // 2 // label.shape[1 - axis], 1)
-    for chosen in torch.randperm(label.shape[axis]).split(size):
-        rows = [part.index_select(axis, chosen) for part in (own, tokens, present, label, acted)]
-        begins = torch.zeros(rows[3].shape[:2])
-        mean, _ = actor(rows[:3], torch.zeros(begins.shape[1], settings.memory), begins)
-        loss = ((mean - rows[3]).square().mean(-1) * rows[4]).mean()
-        _descend(optimizer, [actor], loss)
-        errors.append(loss.item())
-    return float(np.mean(errors))
+    def __init__(self, settings: TrainingSettings, token: int, outputs: int, heads=0, memory=0, corrects=False):
+        super().__init__()
+        self.corrects = corrects
+        features, hidden = settings.features, settings.hidden
+        self.own, self.token = nn.Linear(len(OWN), 64), nn.Linear(token, features)
+        self.query = nn.Linear(64, heads * features) if heads else None
+        self.trunk = nn.Linear(64 + max(heads, 1) * features, hidden)
+        self.memory = nn.GRUCell(hidden, memory) if memory else None
+        self.last, self.action = nn.Linear(hidden + memory, hidden), nn.Linear(hidden, outputs)
+        nn.init.orthogonal_(self.action.weight, 0.0 if corrects else 0.01)
+        nn.init.zeros_(self.action.bias)
+
+    @torch.autocast("cpu", torch.bfloat16)
+    def forward(self, rows: Sequence[Tensor], memory: Tensor, begins: Tensor) -> tuple[Tensor, Tensor]:
+        """Return outputs (T, B, outputs) of T steps of B robots, and their memory (B, memory) after these.
+
+        Args:
+            rows: Own numbers (T, B, A), tokens (T, B, K, F), and 1 where there is a token (T, B, K).
+            memory: (B, memory) before the first step.
+            begins: (T, B) 1 in the first step of an episode.
+        """
+        own, tokens, present = (rows_of.flatten(0, 1) for rows_of in rows)
+        own, features = torch.relu(self.own(own)), torch.relu(self.token(tokens))
+        if self.query is None:
+            pooled = (features * present[..., None]).mean(1)
+        else:
+            query = self.query(own).view(len(own), -1, features.shape[-1])
+            score = query @ features.transpose(1, 2) + (present[:, None] - 1) * 1e4
+            weight = (torch.softmax(score, -1) * present[:, None]).to(features.dtype)
+            pooled = (weight @ features).flatten(1)
+        hidden = torch.relu(self.trunk(torch.cat([own, pooled], -1))).view(*begins.shape, -1)
+        if self.memory is not None:
+            states = []
+            for step, begin in zip(hidden, begins, strict=True):
+                memory = self.memory(step, memory * (1 - begin)[:, None])
+                states.append(memory)
+            hidden = torch.cat([hidden, torch.stack(states)], -1)
+        outputs = self.action(torch.relu(self.last(hidden))).float()
+        if self.corrects:
+            outputs = outputs + nn.functional.pad(rows[0][..., -2:], (0, outputs.shape[-1] - 2))
+        return outputs, memory.float()
+
+    def arrays(self) -> TeamNetwork:
+        """Copy the weights into a network that is played without PyTorch."""
+        named = {name: tensor.detach().numpy().copy() for name, tensor in self.state_dict().items()}
+        names = {"memory.weight_ih": "memory.input.weight", "memory.weight_hh": "memory.hidden.weight"}
+        names |= {"memory.bias_ih": "memory.input.bias", "memory.bias_hh": "memory.hidden.bias"}
+        return TeamNetwork.from_arrays({f"team.{names.get(name, name)}": array for name, array in named.items()})
 
 
 def _descend(optimizer: torch.optim.Optimizer, networks: Iterable[nn.Module], loss: Tensor) -> None:
@@ -116,7 +129,7 @@ class Training:
         self.settings = settings
         self.worlds = Worlds(settings, settings.worlds, FIRST_SEED * (1 + settings.seed))
         size = self.worlds.batch.scenario.action_size
-        self.actor = Team(settings, len(TOKEN), size, settings.heads, settings.memory, settings.base is not None)
+        self.actor = Team(settings, len(TOKEN), size, settings.heads, settings.memory, settings.chosen_base is not None)
         self.critic = Team(settings, len(TRUTH), 1)
         self.networks = nn.ModuleList([self.actor, self.critic])
         self.optimizer = torch.optim.Adam(self.networks.parameters(), settings.learning_rate, eps=1e-5)
@@ -230,7 +243,8 @@ class Training:
                 gain = torch.min(ratio * advantage, clipped * advantage)
                 cost = _BOUND * (mean.abs() - 1).clamp(min=0).square().sum(-1)
                 if self.actor.corrects:
-                    cost = cost + _RESTRAINT * (mean[..., :2] - rows[0][..., -2:]).square().sum(-1)
+                    wish = rows[0][..., -2:][..., : mean.shape[-1]]
+                    cost = cost + _RESTRAINT * (mean[..., :2] - wish).square().sum(-1)
                 none = torch.zeros(len(chosen), 0)
                 value = self.critic([rows[0], *truth], none, torch.zeros_like(acted))[0][..., 0]
                 error = (value - of.returns[:, chosen]).square()
@@ -299,7 +313,7 @@ def _train(
 ) -> dict[str, Any]:
     """Train in a locked folder."""
     state, began, diagnostics = Training(settings), time.monotonic(), {}
-    card = Card.of(settings.make_home(), settings=settings.to_dict(), base=settings.base)
+    card = Card.of(settings.make_home(), settings=settings.to_dict(), base=settings.chosen_base)
     history = _begin(settings, state, say)
     curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
     began -= curve[-1]["seconds"] if curve else 0.0
@@ -324,7 +338,7 @@ def _train(
 
 
 def _begin(settings: TrainingSettings, state: Training, say: Callable[[str], None]) -> dict[str, Any]:
-    """Resume a training, or validate the rival and imitate it; return the history."""
+    """Resume a training, or validate the base; return the history."""
     if (settings.out / checkpoint.FILE).exists():
         _, stored, text = checkpoint.read(settings.out)
         differences = settings.differences(stored.settings)
@@ -337,10 +351,8 @@ def _begin(settings: TrainingSettings, state: Training, say: Callable[[str], Non
             state.load_state(checkpoint.read_state(settings.out, text))
             say(f"{settings.out} has {state.numbers['steps']:,.0f} of {settings.steps:,} steps")
             return text["training"]
-    history: dict[str, Any] = {"rival": settings.chosen_teacher, "rivals": [], "curve": [], "best": None}
-    if settings.chosen_teacher is not None:
-        history["rivals"] = validate(settings, partial(baselines.make, settings.chosen_teacher), None)
-        say(f"{settings.chosen_teacher}: {words_of(mean_of(history['rivals']))}")
-        if settings.base is None:
-            imitate(settings, state.actor, say)
+    history: dict[str, Any] = {"rival": settings.chosen_base, "rivals": [], "curve": [], "best": None}
+    if settings.chosen_base is not None:
+        history["rivals"] = validate(settings, partial(baselines.make, settings.chosen_base), None)
+        say(f"{settings.chosen_base}: {words_of(mean_of(history['rivals']))}")
     return history

@@ -29,11 +29,11 @@ OWN = (
     *("cos_heading", "sin_heading", "speed", "works", "cos_phase", "sin_phase"),
     *("right", "upper", "left", "lower", "width", "height", "team", "pace"),
     *(f"neighbour_{k}_{name}" for k in (0, 1) for name, *_ in NEIGHBOUR_ENTRIES),
-    *("x_base", "y_base"),
+    *("first_base", "second_base"),
 )
 """Numbers of the robot: its entries of the observation; distances to the walls [4 sights]; half of the width and of the
 height [8 sights], robots [8], and the way that it drives in a step at top speed [sight]; its ring neighbours; and the
-velocity that the base wishes [top speed], zeros without a base.
+first two components of the action that the base wishes, such as a velocity, zeros without a base.
 Phases and neighbours are 0 where actions are velocities, for which the paper's curve has no meaning."""
 TOKEN = (
     *("track", "teammate", "target", "robot", "x", "y", "distance", "near", "x_velocity", "y_velocity"),
@@ -85,7 +85,7 @@ def perceive(observation: np.ndarray, scenario: Scenario, wish: np.ndarray | Non
     Args:
         observation: (W, N, D) rows.
         scenario: The scenario, resolved.
-        wish: (W, N, 2) velocities that a base wishes [top speed], if there is one.
+        wish: (W, N, A) actions that a base wishes, if there is one.
     """
     sensing, sight, top = scenario.sensing, scenario.sight, speed_unit(scenario)
     half = np.array([scenario.curve.half_width, scenario.curve.half_height], np.float32) / np.float32(sight)
@@ -129,7 +129,7 @@ def perceive(observation: np.ndarray, scenario: Scenario, wish: np.ndarray | Non
         own[..., 4:6] = observation[..., 5:7]
         own[..., 14:-2] = observation[..., len(OWN_ENTRIES) : len(OWN_ENTRIES) + len(OWN) - 16]
     if wish is not None:
-        own[..., -2:] = wish[..., :2]
+        own[..., len(OWN) - 2 : len(OWN) - 2 + wish.shape[-1]] = wish[..., :2]
     return Perception(own, tokens, tokens[..., :4].sum(axis=-1))
 
 
