@@ -261,7 +261,7 @@ class Batch:
         view, parts = self._views, []
         for simulation in self.simulations:
             observation, reward, terminated, truncated = (view(array, library) for array in side.arrays(simulation))
-            mask = library.ones_like(terminated) if side.is_robots else view(simulation.rogue_present, library)
+            mask = library.ones_like(terminated) if side.is_robots else view(simulation.rogues.present, library)
             missing = side.places - observation.shape[1]
             if missing:
                 observation, mask, reward, terminated, truncated = (
@@ -284,7 +284,7 @@ class Batch:
         parts = [stage != int(RUNNING) for stage in self._stages()]
         over = parts[0] if len(parts) == 1 else np.concatenate(parts)
         if self.driver is not None:
-            over = over | self.simulation.rogue_terminated.numpy().astype(bool).all(axis=1)
+            over = over | self.simulation.rogues.terminated.numpy().astype(bool).all(axis=1)
         return over
 
     @property

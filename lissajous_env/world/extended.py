@@ -216,23 +216,23 @@ class ExtensionStages:
         for extension in scenario.extensions:
             own: dict[str, Any] = {}
             if isinstance(extension, RewardTerm):
-                place, over, takes, value = "end", ROBOT, take_term, self._room(shape[:2])
+                place, takes, value = "end", take_term, self._room(shape[:2])
                 own, term = {"term": term, "weight": extension.weight}, term + 1
             elif isinstance(extension, ObservationEntry):
-                place, over, takes, value = "observation", ROBOT, take_entries, self._room((*shape[:2], extension.size))
+                place, takes, value = "observation", take_entries, self._room((*shape[:2], extension.size))
                 own, entry = {"start": entry, "low": extension.low, "high": extension.high}, entry + extension.size
             elif isinstance(extension, ScoreColumn):
-                place, over, takes, value = "reward", WORLD, keep_column, self._room(shape[:1], wp.float64)
+                place, takes, value = "reward", keep_column, self._room(shape[:1], wp.float64)
                 self.kept[extension.name] = own["kept_out"] = self._room((shape[0], 4), wp.float64)
             elif isinstance(extension, (TargetMotion, TargetEntry)):
                 moves = isinstance(extension, TargetMotion)
-                place, over, takes = ("collisions", TARGET, take_places) if moves else ("respawn", TARGET, take_entry)
+                place, takes = ("collisions", take_places) if moves else ("respawn", take_entry)
                 value = self._room((shape[0], scenario.target_capacity), wp.vec2)
             else:
                 continue
             state = self._remembered(extension, shape[0])
             run, take = (
-                self._run(extension, over, value, state),
+                self._run(extension, value, state),
                 Stage(f"{extension.name} taken", takes, own=own | {"value": value}),
             )
             moves = isinstance(extension, TargetMotion) and run[0].is_kernel  # the kernel writes the places itself
@@ -278,10 +278,10 @@ class ExtensionStages:
             self._after_reset.setdefault("arrays", []).append(Stage(f"{extension.name} begins", begin))
         return state
 
-    def _run(self, extension: Extension, over: str, value: wp.array, state: dict[str, wp.array]) -> list[Stage]:
+    def _run(self, extension: Extension, value: wp.array, state: dict[str, wp.array]) -> list[Stage]:
         """Return the stages of an extension's own kernel or function, which writes into `value`."""
         if isinstance(extension.run, wp.Kernel):
-            runs = [Stage(extension.name, extension.run, over, own=state | {"value_out": value})]
+            runs = [Stage(extension.name, extension.run, own=state | {"value_out": value})]
             # A motion writes places itself; a GPU would have to be waited for.
             if self.device.is_cpu and not isinstance(extension, TargetMotion):
                 runs.append(Stage(f"{extension.name} checked", lambda: _check_numbers(extension, value.numpy())))

@@ -46,13 +46,8 @@ class Simulation(Copyable):
         truncated: (W, N) bool, True when the time is over.
         invalid: (W,) int32, 1 where an action of the episode was not finite and was replaced by zero.
         invalid_at: (W,) int32, the step in which that happened first, counted from 1; 0 for none.
-        rogues: `lissajous_env.world.state.Rogues` of the next six arrays, all None without `targets.rogues`; T slots.
-        rogue_action: (W, T, 2) float32, velocities [speed limit], which a script or `step` writes.
-        rogue_observation: (W, T, D) float32; `lissajous_env.world.rogues.rows` documents the entries.
-        rogue_reward: (W, T) float32, the time of the step for which the rogue was undetected [s].
-        rogue_present: (W, T) bool, True for rogues that act in the next step.
-        rogue_terminated: (W, T) bool, True from a rogue's detection on.
-        rogue_truncated: (W, T) bool, True for rogues that were undetected when the episode ended.
+        rogues: `lissajous_env.world.state.Rogues` (W, T slots), None without `targets.rogues`; `step` or a script writes
+            their `action`.
 
     World k depends on its own seed and actions alone: it is the same, bit for bit, in any batch, on any number of
     threads. A world whose episode has ended does not move, with reward 0, until it is reset.
@@ -179,7 +174,7 @@ class Simulation(Copyable):
     def advance(self) -> None:
         """Advance by one control step with the actions that the caller has written into `action`.
 
-        Those of rogues that are agents are in `rogue_action`.
+        Those of rogues that are agents are in `rogues.action`.
         """
         self._step()
 
@@ -218,12 +213,6 @@ class Simulation(Copyable):
         self._structs = state_of(self.scenario, w, self.layout.size, len(self.reward_term_names), self.device)
         self.__dict__.update(self._structs)
         self.rogues: Any = self._structs.get("rogues")
-        self.rogue_action: Any = getattr(self.rogues, "action", None)
-        self.rogue_observation: Any = getattr(self.rogues, "observation", None)
-        self.rogue_reward: Any = getattr(self.rogues, "reward", None)
-        self.rogue_present: Any = getattr(self.rogues, "present", None)
-        self.rogue_terminated: Any = getattr(self.rogues, "terminated", None)
-        self.rogue_truncated: Any = getattr(self.rogues, "truncated", None)
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
         self.command = wp.zeros((w, n, self.action_shape[2] - k), dtype=wp.float32, device=self.device)
         self._taken = wp.zeros_like(self.action)
@@ -265,7 +254,7 @@ class Simulation(Copyable):
             rule = f"must be given if, and only if, targets.rogues is {AGENTS}"
             raise ValueError(f"rogue_action {rule}, got {shown(rogue_action)}")
         if rogue_action is not None:
-            copy_in("rogue_action", rogue_action, self.rogue_action)
+            copy_in("rogue_action", rogue_action, self.rogues.action)
         if type(action) is np.ndarray and action.dtype == np.float32 and action.shape == self._action_host.shape:
             self._action_host[:] = action
         else:

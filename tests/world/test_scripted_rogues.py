@@ -22,7 +22,7 @@ def played(rogues, steps, policy="sweep", **settings):
     simulation, rows = Simulation(scenario, 2), []
     driver = baselines.make(policy, scenario, 2)
     for _ in range(steps):
-        rows.append(simulation.rogue_observation.numpy().copy())
+        rows.append(simulation.rogues.observation.numpy().copy())
         simulation.step(driver.act(simulation.observation))
     return simulation, np.array(rows)
 
@@ -105,7 +105,7 @@ def test_no_rogue_outlasts_the_proved_bound(name, policy):
     driver = baselines.make(policy, scenario, 4)
     weights = np.random.default_rng(2).normal(size=(4, rogue_layout(scenario).size, 2))
     for _ in range(scenario.task.steps):
-        action = np.einsum("wtd,wda->wta", simulation.rogue_observation.numpy(), weights)
+        action = np.einsum("wtd,wda->wta", simulation.rogues.observation.numpy(), weights)
         given = (np.clip(action, -1, 1),) if name == "agents" else ()
         simulation.step(driver.act(simulation.observation), *given)
     rows = simulation.score()
