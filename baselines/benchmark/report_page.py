@@ -167,7 +167,7 @@ class Report:
         of, on = (f"{count} {one if count == 1 else many}" for count, one, many in counts)
         words = {"title": "Benchmark", "counted": f"{len(ranked):,} episodes of {of} on {on}"}
         contents = {name: played.contents for name, (_, played) in replayed.items()}
-        return report("report.html", "report.js", data, words, contents)
+        return report(data, words, contents)
 
     def _columns(self) -> list[dict[str, Any]]:
         """Return the columns by which episodes can be sorted, the most important first."""
