@@ -23,7 +23,7 @@ from lissajous_env.parameters.extensions import (
 )
 from lissajous_env.parameters.robot_models import RobotModel, is_shipped, model_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.wording import shown, where_raised
+from lissajous_env.wording import shown
 from lissajous_env.world.columns import NAMES
 from lissajous_env.world.observation import layout
 from lissajous_env.world.reward import TERMS
@@ -294,16 +294,7 @@ class ExtensionStages:
         def call() -> None:
             resets = bool(memory) and fresh.numpy().any()
             before = {name: array.copy() for name, array in memory.items()} if resets else {}
-            try:
-                result = np.asarray(extension.run(view.again()))
-            except SystemExit as error:  # which would end the process without a word
-                where = where_raised(error)
-                raise RuntimeError(f"{extension.kind} {extension.name} must return numbers, got {where}") from error
-            except ValueError as error:
-                if "read-only" not in str(error):
-                    raise
-                rule = "must not write to the world, whose arrays are read-only; copy an array to change it"
-                raise ValueError(f"{extension.kind} {extension.name} {rule}, got: {error}") from error
+            result = np.asarray(extension.run(view.again()))
             if result.dtype.kind not in "fiub" or result.shape not in (shape, short):
                 got = f"{result.dtype} of shape {result.shape}" if result.ndim else shown(result)
                 raise ValueError(f"{extension.kind} {extension.name} must return numbers of shape {short}, got {got}")

@@ -68,7 +68,7 @@ def test_no_extension_writes_to_the_world(kind, write):
         return world.targets.position if shape is None else np.zeros(shape)
 
     overrides = MOVED if shape is None else {}
-    with pytest.raises(ValueError, match=f"{kind} meddles must not write to the world, whose arrays are read-only"):
+    with pytest.raises(ValueError, match="read-only"):
         stepped(decorate(meddles), **overrides)
 
 

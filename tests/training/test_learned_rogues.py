@@ -203,4 +203,4 @@ def test_bad_input_is_refused_by_name(trained, capsys, tmp_path):
     with pytest.raises(ValueError, match="rounds must be a whole number from 1 to 10000, got 0"):
         RogueTraining(rounds=0)
     with pytest.raises(ValueError, match=r"targets.rogues must be omitted if rogues are trained"):
-        RogueTraining(overrides={"rogues": "hide"})
+        RogueTraining(overrides={"rogues": "flee"})

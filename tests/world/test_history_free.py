@@ -27,7 +27,7 @@ CASES = {
     "removed by the edge": ("intruders", {**SHORT, "task.boundary": "remove"}),
     "in space": ("knot", SHORT),
     "tracks": ("intruders", {**SHORT, "sensing.tracks_seen": 4, "sensing.teammates_seen": 2, "sensing.shared": "team"}),
-    "scripted rogues": ("evaders", {**SHORT, "rogues": "hide"}),
+    "scripted rogues": ("evaders", {**SHORT, "rogues": "follow-gap"}),
     "rogues as agents": ("evaders", {**SHORT, "rogues": "agents"}),
     "a bound": ("evaders", {**SHORT, "rogues": "follow-gap", "task.conservative": True}),
     "bins": ("swarm", CROWD),

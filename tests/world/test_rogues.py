@@ -163,7 +163,6 @@ def test_settings_without_sense_are_refused():
     wrong = {
         "targets.rogues must be one of agents, wander, .* got 'wonder'; did you mean wander": {"rogues": "wonder"},
         "targets.speed_limit must be above 0 if rogues move": {"rogues": "flee", "targets.wandering": 0.0},
-        "task.contamination must be given for the rogue hide, got None": {"rogues": "hide"},
         r"targets.sight must be from 1e-06 to 100000 \[m\], got 0": {"targets.sight": 0},
     }
     for words, overrides in wrong.items():
