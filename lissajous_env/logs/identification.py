@@ -18,8 +18,7 @@ from scipy.optimize import least_squares
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import compile_quietly
-from lissajous_env.device.part_structs import RobotStruct
-from lissajous_env.device.structs import to_struct
+from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.logs.inputs import INPUTS, LARGEST_STEERING
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import local_deviations, motion_of

@@ -14,6 +14,7 @@ from lissajous_env.logs.log import Log
 from lissajous_env.logs.motion import Motion, motion_of
 from lissajous_env.logs.prescribed import PrescribedSimulation
 from lissajous_env.parameters import named
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.theory.geometry import locate
@@ -242,8 +243,13 @@ def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.nd
 
 
 def _phases(log: Log, scenario: Scenario, robot: int, times: np.ndarray, pose: np.ndarray, hidden: np.ndarray) -> Any:
-    """Return the phases (M,) of a robot with poses (M, 3); NaN where they follow from its path, as between gaps."""
+    """Return the phases (M,) of a robot with poses (M, 3); NaN where they follow from its path, as between gaps.
+
+    The phase of a point is its place, so that all of its logged phases count.
+    """
     phase, logged = np.full(len(times), np.nan), log.phases.get(robot)
+    if logged is not None and model_of(scenario.robot.kind).keeps_to_curve:
+        return logged.before(times, _LATE_STATUS * scenario.task.step)
     for k in np.flatnonzero(np.append(True, hidden[:-1] & ~hidden[1:])):
         if logged is None:
             x, y, heading = pose[k].tolist()
