@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 44_345
+LINES = 44_255
 """Lines of the packages."""
 MODULES = 294
 """Files of the packages."""
-TESTS = 26_019
+TESTS = 25_991
 """Lines of the tests."""
 
 
