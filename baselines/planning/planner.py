@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from baselines.planning import free_paths
 from baselines.planning.families import families_apart
 from baselines.planning.plans import Planned, best_of
 from baselines.planning.rehearse import quietly
@@ -94,13 +93,8 @@ class Outcome:
 
         Args:
             on_progress: Called with the share that is done and the outcome so far.
-
-        Raises:
-            MissingExtraError: free-form paths are requested, and the library for them is not installed.
         """
         request, begin = self.request, time.monotonic()
-        if request.optimise:
-            free_paths.require_cma()
         # A team whose lower bound is above the requested time cannot meet it.
         guarantee = request.guarantee
         open_ones = [number for number, limit in self.limits.items() if not (guarantee and limit > guarantee)]
@@ -116,7 +110,7 @@ class Outcome:
                     on_progress((before + min(share, 1.0)) / len(open_ones), self)
 
             with quietly():
-                search.run(request.plans or PLANS, part, progress, request.optimise)
+                search.run(request.plans or PLANS, part, progress)
             self.finals += search.finals
             if search.interrupted or self.fewest_robots is not None:
                 break

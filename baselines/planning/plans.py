@@ -21,8 +21,6 @@ from lissajous_env.episodes.limits import robot_speed_limit
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, OPEN, SEPARATION, WORST_CASE, Column
 
-WHOLE, SETTLED = "whole", "settled"
-"""Goals: the worst case of whole episodes, and of their second halves, when all robots have reached their places."""
 LOST, SETTLED_TIME, GROWN, BEYOND = "lost", "settled_time", "still_growing", "beyond_edge"
 """Entries of a score row of planning: the robots that are removed, the worst-case undetected time of the second half of
 the episode [s], whether the worst case is that of the last moment and longer than any before it, and the largest

@@ -110,8 +110,6 @@ class Request:
     then simulated to the end. The result does not depend on the speed of the machine."""
     seconds: float | None = None
     """Duration of the search [s], in place of a number of plans."""
-    optimise: bool = False
-    """Also improve paths of any form by CMA-ES, from the best plans; requires the extra `plan` and a longer search."""
     fixed_start: bool = False
     """Include only plans whose robots begin where the scenario places them."""
     seed: int = 0

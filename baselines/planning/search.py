@@ -13,11 +13,9 @@ import numpy as np
 from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
 from baselines.planning.families import FAMILIES
 from baselines.planning.families.included import DEFAULTS
-from baselines.planning.free_paths import optimise
-from baselines.planning.plans import SETTLED, WHOLE, Family, Plan, Planned, Settings, best_of, in_turn
+from baselines.planning.plans import Family, Plan, Planned, Settings, best_of, in_turn
 from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at, play
 from baselines.planning.request import PLANS
-from baselines.policies.settings import PolicySettings
 from lissajous_env.device.devices import cores
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import where_raised
@@ -30,10 +28,6 @@ _FINALS, _FEWEST_FINALS = 5, 3
 """Plans that are tried for one that is played to the end, and plans that are played to the end at least."""
 _LOOKING = 0.7
 """Share of the time after which no plan is looked at."""
-_LOOKING_LESS, _OPTIMISING = 0.25, 0.9
-"""The same if free-form paths are optimised, and the share after which these end."""
-_TIMED = DEFAULTS, KNOWN, "partition", "lines"
-"""Families that may have plans of timed paths."""
 _CUTOFF = 3.0
 """Looks end where the worst case is beyond that of the best plan by this factor, and worse defaults are not played."""
 _FRUITLESS = 200
@@ -73,7 +67,6 @@ class Search:
         self._random = np.random.default_rng(seed)
         self._known: set[tuple] = set()
         """Plans of which the looks were begun."""
-        self._optimised: list[Plan] = []
 
     @property
     def looks(self) -> list[Planned]:
@@ -99,7 +92,6 @@ class Search:
         plans: int = PLANS,
         seconds: float | None = None,
         on_progress: Callable[[float], None] = lambda _: None,
-        free_paths: bool = False,
     ) -> None:
         """Search until a number of plans, or in its place a duration, is spent.
 
@@ -109,17 +101,15 @@ class Search:
             plans: Plans that are tried; a fifth as many of the best ones are then played to the end.
             seconds: Duration [s]; None for a search that ends with its number of plans.
             on_progress: Called with the share of the search that is done.
-            free_paths: True to improve free-form paths too.
         """
         self._plans_max, self._seconds, self._on_progress = plans, seconds, on_progress
         self._finals_max = max(_FEWEST_FINALS, plans // _FINALS)
         begin = self._time()
         self._clock = lambda: self._time() - begin
         self._ahead = AHEAD if seconds is None else cores()
-        self._optimises = free_paths and self.task.robot.kind == "car"
         self.families = [family_of(self.task) for family_of in self._make_families]
         with ThreadPoolExecutor(min(cores(), AHEAD)) as threads:
-            for stage in (self._look, self._optimise, self._finish, self._confirm):
+            for stage in (self._look, self._finish, self._confirm):
                 if self.interrupted and stage != self._finish:
                     continue
                 try:
@@ -145,8 +135,7 @@ class Search:
             if self._seconds is None:
                 return len(self._known) >= self._plans_max
             # Without a plan that may be played to the end there is nothing to print.
-            share = _LOOKING_LESS if self._optimises else _LOOKING
-            return bool(self.looks) and self._is_late(share if self._alive() else 1.0)
+            return bool(self.looks) and self._is_late(_LOOKING if self._alive() else 1.0)
 
         calls = (
             ((family, settings), partial(look_at, plan, self.episodes, self._cutoff()))
@@ -198,27 +187,11 @@ class Search:
             self._known.add(plan.key)
             yield family, settings, plan
 
-    def _optimise(self, threads: ThreadPoolExecutor) -> None:
-        """Improve free-form paths, from the best plan of timed paths and the default, which has a reserve of speed."""
-        seconds = self._seconds
-        left = self._plans_max if seconds is None else _OPTIMISING * seconds - self._clock()
-        if not self._optimises or left <= 0:
-            return
-        timed = [look for look in self._alive() if look.plan.family in _TIMED]
-        orders = {
-            WHOLE: lambda look: look.figures.objectives,
-            SETTLED: lambda look: (look.figures.settled, *look.figures.objectives),
-        }
-        default, starts = Plan(DEFAULTS, self.task, PolicySettings("partition")), {}
-        for goal, order in orders.items():
-            starts[goal] = [default, *(look.plan for look in sorted(timed, key=order)[:1])]
-        self._optimised = optimise(starts, left, self._report, self._seed, None if seconds is None else self._time)
-
     def _finish(self, threads: ThreadPoolExecutor) -> None:
         """Play the best plans to the end, and all defaults that may be among them: no printed plan is worse."""
         looks, cutoff = self.ranked(), self._cutoff()
         defaults = [look.plan for look in looks if look.plan.family == DEFAULTS and look.figures.worst_case <= cutoff]
-        plans = [*self._optimised, *(look.plan for look in looks)]
+        plans = [look.plan for look in looks]
         if self.interrupted:
             plans, defaults = plans[:_FEWEST_FINALS], []
         elif self._seconds is None:

@@ -53,25 +53,6 @@ def places_of(paths: np.ndarray, period: int) -> np.ndarray:
     return paths[..., None, :2] + cosines + np.einsum("...kc,kt->...tc", waves[..., 1], np.sin(turn))
 
 
-def derivative_of(paths: np.ndarray, duration: float) -> np.ndarray:
-    """Return the coefficients of the derivative of paths (..., 2 + 4 K) by time, for a period of a duration [s]."""
-    count = (paths.shape[-1] - 2) // 4
-    waves = paths[..., 2:].reshape(*paths.shape[:-1], count, 2, 2)
-    rate = 2 * np.pi / duration * np.arange(1, count + 1)[:, None]
-    turned = np.stack([rate * waves[..., 1], -rate * waves[..., 0]], axis=-1)
-    return np.concatenate([0 * paths[..., :2], turned.reshape(*paths.shape[:-1], 4 * count)], axis=-1)
-
-
-def coefficients_of(loop: np.ndarray, count: int) -> np.ndarray:
-    """Return the Fourier coefficients (..., 2 + 4 count) of loops (..., K, 2) of K control steps, up to a harmonic."""
-    steps = loop.shape[-2]
-    waves = np.fft.rfft(loop, axis=-2) * (2 / steps)
-    if waves.shape[-2] <= count:
-        waves = np.concatenate([waves, np.zeros((*waves.shape[:-2], count + 1 - waves.shape[-2], 2))], axis=-2)
-    pairs = np.stack([waves.real, -waves.imag], axis=-1)[..., 1 : count + 1, :, :]
-    return np.concatenate([loop.mean(axis=-2), pairs.reshape(*pairs.shape[:-3], 4 * count)], axis=-1)
-
-
 @lru_cache(maxsize=64)
 def timed_loops(scenario: Scenario, parameters: PathParameters) -> tuple[PathTables, float]:
     """Return the timed paths of the robots, and how long the collision filter is needed [control step].
