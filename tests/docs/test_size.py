@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 44_387
+LINES = 44_253
 """Lines of the packages."""
 MODULES = 295
 """Files of the packages."""
-TESTS = 26_049
+TESTS = 25_977
 """Lines of the tests."""
 
 

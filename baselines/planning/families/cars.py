@@ -8,6 +8,7 @@ from typing import Any
 from baselines.planning.families.lissajous import on_ellipse
 from baselines.planning.plans import FILTERS, Choices, Family, Plan, Settings, absolute, top_speed
 from baselines.policies.as_cars import like_cars
+from baselines.policies.line_path import why_inside
 from baselines.policies.settings import PolicySettings
 from lissajous_env.parameters.scenario import Scenario
 
@@ -39,6 +40,8 @@ def partitions(task: Scenario, clearance: float | None = None) -> Family:
 
 def lines(task: Scenario) -> Family:
     """Return lines of cars side by side, by the speed, the number of lines and their turns."""
+    if reason := why_inside(task.resolve()):
+        return Family("lines", refusal=reason)
     first = ({"lines": 1}, {"lines": 2}, {"speed": 0.6}, {"lines": 3}, {"speed": 0.8})
     return timed(task, "lines", ("line-abreast",), first, {
         "speed": (0.3, 0.98),
