@@ -24,8 +24,7 @@ from baselines.benchmark import bounds
 from baselines.benchmark.bounds import GRIDS, as_played, bounds_of
 from baselines.benchmark.shown import number
 from baselines.planning import portfolio
-from baselines.planning.families.cars import lines, partitions, timed
-from baselines.planning.families.included import as_family, defaults
+from baselines.planning.families import as_family, defaults, lines, partitions, timed
 from baselines.planning.plans import Family, Figures, Plan, Planned, Settings
 from baselines.planning.rehearse import Episodes, play, quietly
 from baselines.planning.search import Search
@@ -178,9 +177,10 @@ def main() -> None:
     for name in options.scenarios:
         if options.again:
             measure_again(name)
-        task, families = as_played(name, {}), [alike, partitions, lines, portfolios]
+        task = as_played(name, {})
+        families = [of(task) for of in (alike, partitions, lines, portfolios)]
         if options.filtered:
-            families += [lambda task, of=of: filtered(of(task), task) for of in (partitions, lines)]
+            families += [filtered(of(task), task) for of in (partitions, lines)]
         search = Search(task, Episodes(), families, options.seed, fixed_start=True, clock=time.process_time)
         with quietly():
             search.run(seconds=options.seconds)

@@ -42,11 +42,11 @@ from baselines.policies import registry
 from baselines.policies.base import Filtered, Policy, UnsuitableScenarioError
 from baselines.policies.coordinators import ArcParameters, ground_speed
 from baselines.policies.line_abreast import LineAbreast
-from baselines.policies.line_path import LineParameters, what_fails
+from baselines.policies.line_path import LineParameters, plans_of
+from baselines.policies.loops import SweepParameters, cruising_speed
 from baselines.policies.partition import Partition, PartitionRepair, RepairParameters
 from baselines.policies.partition_plan import PartitionParameters
 from baselines.policies.patrol import Laps, Sweep
-from baselines.policies.patrol_path import SweepParameters, cruising_speed
 from baselines.policies.safety.filter import Safe, SafetyParameters
 from baselines.policies.trackers import FieldParameters, WithVectorField
 from lissajous_env.parameters.scenario import Scenario
@@ -133,7 +133,7 @@ def space(name: str, scenario: Scenario) -> dict[str, tuple[float, float] | list
         return found
     if name == "line-abreast":
         resolved = scenario.resolve()
-        lines = [count for count in range(1, resolved.num_robots + 1) if not what_fails(resolved, count)]
+        lines = [count for count in range(1, resolved.num_robots + 1) if plans_of(resolved, LineParameters(), count)[0]]
         return {"line.speed": (0.3 * top, top), "line.lines": lines, "line.grip": (0.3, 1.0),
                 "line.settle": (0.02, 1.0)}  # fmt: skip
     if name.startswith("arc"):

@@ -10,9 +10,9 @@ from typing import Any
 
 from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
 from baselines.benchmark.shown import between
-from baselines.planning.planner import Outcome
 from baselines.planning.plans import SETTLED_TIME, Figures, Planned, bounds_of
 from baselines.planning.rehearse import Episodes
+from baselines.planning.search import Outcome
 from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE
 from lissajous_env.console.terminal import Column, plain, print_table
 from lissajous_env.parameters.scenario_file import as_toml
@@ -26,10 +26,10 @@ FIGURES = "plans.json"
 def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> None:
     """Print a table of plans."""
     failures, episodes = outcome.request.failures, f"{_played(plans)} episodes"
-    is_open = any(task.task.boundary != "wall" for task in outcome.tasks.values())
+    is_open = any(scenario.task.boundary != "wall" for scenario in outcome.scenarios.values())
     columns: list[tuple[bool, Column, Callable[[Planned], str]]] = [
         (True, Column("plan", left=True), _name),
-        (len(outcome.tasks) > 1, Column("N"), lambda plan: str(plan.plan.scenario.num_robots)),
+        (len(outcome.scenarios) > 1, Column("N"), lambda plan: str(plan.plan.scenario.num_robots)),
         (True, Column(f"worst case [s]\n{episodes}"), lambda plan: worst_in_words(plan.figures.worst_case, plan.rows)),
         (
             True,
@@ -37,7 +37,7 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> Non
             lambda plan: worst_in_words(plan.figures.settled, plan.rows, SETTLED_TIME),
         ),
         (failures > 0, Column(f"with {failures} lost [s]\n{_losses(outcome)} episodes"), _failed),
-        (True, Column("lower\nbound [s]", rank=1), lambda plan: _number(plan.limit)),
+        (True, Column("lower\nbound [s]", rank=1), lambda plan: _number(_limit(outcome, plan))),
         (True, Column("mean detection\ntime [s]", rank=1), lambda plan: _detection(plan.figures)),
         (True, Column("least gap\n[m]", rank=2), lambda plan: _number(plan.figures.clearance)),
         (is_open, Column("outside\n[m]", rank=1), lambda plan: _number(plan.figures.outside)),
@@ -48,6 +48,10 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> Non
     shown = [(column, words) for is_shown, column, words in columns if is_shown]
     rows = [[str(k), *(words(plan) for _, words in shown)] for k, plan in enumerate(plans, start=1)]
     print_table(console, [Column("", name="number"), *(column for column, _ in shown)], rows)
+
+
+def _limit(outcome: Outcome, plan: Planned) -> float:
+    return outcome.limits.get(plan.plan.scenario.num_robots, math.nan)
 
 
 def _name(plan: Planned) -> str:
@@ -95,7 +99,7 @@ def sentences(outcome: Outcome) -> list[str]:
     if outcome.request.guarantee is not None:
         words += _of_guarantee(outcome)
     for number, refusals in outcome.refusals.items():
-        at = f" ({number} robots)" if len(outcome.tasks) > 1 else ""
+        at = f" ({number} robots)" if len(outcome.scenarios) > 1 else ""
         refusals = {family: reason.removesuffix(".") for family, reason in refusals.items() if family != KNOWN}
         words += [f"No plan of {family}{at}: {reason}." for family, reason in refusals.items()]
     return words
@@ -134,8 +138,9 @@ def _played(plans: Sequence[Planned]) -> str:
 def _losses(outcome: Outcome) -> str:
     """Return the number of episodes with failures, and the number of all combinations where these are a sample."""
     counts = []
-    for task in outcome.tasks.values():
-        played, all_of_them = len(outcome.request.episodes.losses(task)), outcome.request.episodes.combinations(task)
+    for scenario in outcome.scenarios.values():
+        episodes = outcome.request.episodes
+        played, all_of_them = len(episodes.losses(scenario)), episodes.combinations(scenario)
         counts.append(str(played) if played == all_of_them else f"{played} of {all_of_them}")
     return " to ".join(dict.fromkeys([counts[0], counts[-1]]))
 
@@ -209,7 +214,6 @@ def as_rows(plans: Sequence[Planned]) -> list[dict[str, Any]]:
             "about": plan.plan.about,
             "robots": plan.plan.scenario.num_robots,
             "figures": dataclasses.asdict(plan.figures),
-            "lower_bound": plan.limit,
             "parameters": dict(plan.plan.settings.parameters),
             "coordinator": dict(plan.plan.settings.coordinator),
             "rows": plan.rows,

@@ -23,6 +23,7 @@ def worst_undetected_time(
     speed: float,
     step: float,
     limit: float = math.inf,
+    lead_in: np.ndarray | None = None,
 ) -> float:
     """Return the longest time for which a target can stay undetected while robots go around their loops [s].
 
@@ -33,19 +34,24 @@ def worst_undetected_time(
         speed: Largest speed of a target [m/s].
         step: Control step [s].
         limit: Time from which on the result does not matter [s].
+        lead_in: (N, L, 2) places before the loops, which count too [m].
 
     Returns:
         Infinity if the time exceeds `limit`, or if a target of the start is still undetected after four periods.
     """
     field = _Field(half, radius, speed * step)
     seen = [field.sensed(loop[:, k]) for k in range(loop.shape[1])]
-    for k in range(1, _ROUNDS * len(seen) + 1):  # the place at the start is not sensed
+    before = [] if lead_in is None else [field.sensed(place) for place in lead_in.swapaxes(0, 1)]
+    for now in before:
+        field.advance(now)
+    first = 1 if lead_in is None else 0  # the place at the start is not sensed
+    for k in range(first, _ROUNDS * len(seen) + 1):
         field.advance(seen[k % len(seen)])
         if field.longest * step > limit:
             return math.inf
         # Once all targets of the start are detected, the motion must continue for the longest time for which others can
         # hide.
-        if field.cleared_at > 0 and field.now >= field.cleared_at + 2 * len(seen):
+        if field.cleared_at > 0 and field.now >= max(field.cleared_at, len(before)) + 2 * len(seen):
             return field.longest * step
     return math.inf
 

@@ -8,7 +8,7 @@ import warp as wp
 
 from baselines.policies.driving import slowest_top_speed
 from baselines.policies.line_path import LineParameters, LinePlan, best_plan, loops_of
-from baselines.policies.line_transit import Effort, Pace, angle_steps, transit_from_any_angle
+from baselines.policies.line_transit import Effort, Pace, angle_steps, transit_from_any_angle, transit_inside
 from baselines.policies.own_row import own_phase
 from baselines.policies.partition import plain_of
 from baselines.policies.path_tables import PathTables, path_tables
@@ -51,10 +51,10 @@ def choose_ways(
 def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[LinePlan, PathTables, Effort]:
     """Return the lines of a scenario, the paths of its robots, and the angles.
 
-    The tables have one plan for each angle of the formation (`Effort.angles`).
+    The tables have one plan for each angle of the formation (`Effort.angles`), or one plan alone within an inset.
 
     Raises:
-        UnsuitableScenarioError: the lines cannot turn outside of the rectangle, or none span it.
+        UnsuitableScenarioError: no lines span the rectangle, or there are no ways into them without collisions inside.
     """
     plan = best_plan(scenario, parameters)
     slots = np.argsort(scenario.ring)  # neighbours on the ring are neighbours in a line
@@ -62,9 +62,12 @@ def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[LinePla
     effort = Effort.of(scenario.num_robots, 3 * plan.period // 2)
     if scenario.curve.half_height > scenario.curve.half_width:
         loops = np.stack([-loops[..., 1], loops[..., 0], loops[..., 2] + np.pi / 2], axis=-1)
+    if scenario.inset:
+        ways = transit_inside(scenario, loops[..., :2], plan.speed, slots)
+        return plan, path_tables(scenario, ways.loop, ways.lead_in), effort
     fastest = min(_FULL * slowest_top_speed(scenario), _HASTE * plan.speed)
     pace = Pace(scenario.robot.drag, max(fastest, 1.001 * plan.speed), plan.speed)
-    radius = plan.speed * plan.step * plan.turn.short / plan.turn.angle
+    radius = plan.aside or plan.speed * plan.step * plan.turn.short / plan.turn.angle
     loop = loops[slots, :, :2]
     places = transit_from_any_angle(scenario, effort, loops[slots, 0], radius, pace)
     return plan, path_tables(scenario, np.broadcast_to(loop, (len(places), *loop.shape)), places), effort
@@ -76,14 +79,16 @@ class LineAbreast(TimedPaths):
 
     The cars of a line are so close that no rogue passes between two sensing discs (`line_path.speed_limit` has the
     spacing law), the outermost ones reach the walls, and all copy one path: to the end of the rectangle, a turn, and
-    back. The turn is outside of the rectangle, of three arcs back into the own lanes, so scenarios with walls or an
-    inset are refused. Several lines, where there are cars for them, are interleaved and spread over the period; their
-    number is the one with the shortest worst-case undetected time of the ideal motion. `line_transit` computes the ways
-    from the formation into the lines, chosen so that no two cars meet.
+    back. In the open the turn is outside of the rectangle, of three arcs back into the own lanes; within walls or an
+    inset it is a half circle inside, and the way back is beside the lane. Several lines, where there are cars for them,
+    are interleaved and spread over the period; their number is the one with the shortest worst-case undetected time of
+    the ideal motion. `line_transit` computes the ways from the formation into the
+    lines, chosen so that no two cars meet.
 
     A car's place in a line is fixed: neighbours on the communication ring are neighbours in a line. Where a robot has
     stopped or been removed, the others stay in their lanes. A robot that resumes catches up with its line without
-    regard to others: `line-abreast-safe` avoids collisions then.
+    regard to others: `line-abreast-safe` avoids collisions then. Lines that turn inside need larger sensors and a start
+    that all robots know; others are refused.
 
     Lines of searchers that sweep a region in which rogues have a known top speed: Y. Altshuler, V. Yanovsky, I. A.
     Wagner, A. M. Bruckstein, "Efficient cooperative search of smart targets using UAV swarms", Robotica 26 (2008); R.

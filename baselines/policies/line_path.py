@@ -2,12 +2,17 @@
 
 Coordinates are along and across the sweep: `along` the longer side of the rectangle, `across` the shorter one, which
 the lines span. A line's path is a table of one state for each control step, periodic: from the left end of the
-rectangle to the right one, a turn, back, and a turn. A turn of three arcs outside of the rectangle leads back into the
-own lane, so the rectangle must be open. Float64 NumPy.
+rectangle to the right one, a turn, back, and a turn. Float64 NumPy.
+
+In the open, a turn of three arcs outside of the rectangle leads back into the own lane. Within walls or an inset, every
+car turns on a half circle, and sweeps back beside its lane, by the circle's radius R to the other side. All cars copy
+that, too, so the spacing law is valid in turns; an outermost car is R nearer to its wall on one way, and R farther from
+it on the other. `what_fails` has the conditions.
 """
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -15,13 +20,17 @@ import numpy as np
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.driving import SPREAD_MAX, slowest_top_speed
 from baselines.policies.ideal_motion import worst_undetected_time
-from baselines.policies.patrol_path import fastest_speed
+from baselines.policies.loops import fastest_speed
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.theory.geometry import turning_radius
 
 _CRUISE, _FASTEST = 0.96, 0.98
 """Speeds of a line in the top speed of the slowest car: by default, and at most; the rest is for catching up."""
+_GRIP = 0.92
+"""Share of the grip, and of the tightest turn, that the path uses: the rest corrects errors."""
+_SHARES = (1.0, 0.8, 0.6, 0.45, 0.3)
+"""Speeds of lines that turn inside, in the largest one: slower cars turn on smaller circles where grip limits them."""
 _PASSING = 1.5
 """Distance at which cars of two lines pass each other, in sums of their radii."""
 _LINES_MAX = 8
@@ -38,17 +47,20 @@ class LineParameters(Checked):
     less, so that a sweep lasts whole steps."""
     lines: int | None = whole(None, 1, 1024)
     """Number of lines; None means the number with the best guarantee."""
-    grip: float = number(0.92, 0.05, 1)
-    """Share of the cars' grip and of their largest curvature that turns use: the rest corrects errors."""
+    grip: float = number(_GRIP, 0.05, 1)
+    """Share of the cars' grip and of their largest curvature that turns use."""
     settle: float = number(0.0, 0, 1e4, "m")
-    """Distance outside of the rectangle at which turns begin and end [m]."""
+    """Distance outside of the rectangle at which turns begin and end [m]; without effect on lines that turn inside."""
 
 
 class Turn(NamedTuple):
-    """A turn by half a circle: an arc to the left, a wide one to the right, one to the left, back into the own lane."""
+    """A turn by half a circle: an arc to the left, a wide one to the right, one to the left, back into the own lane.
+
+    Without the short arcs it is a half circle, beside the lane.
+    """
 
     short: int
-    """Steps of the first and of the last arc."""
+    """Steps of the first and of the last arc; 0 for a half circle."""
     long: int
     """Steps of the arc between them."""
     angle: float
@@ -60,9 +72,14 @@ class Turn(NamedTuple):
         return 2 * self.short + self.long
 
     @property
+    def aside(self) -> float:
+        """Distance of the ends of the turn from the lane [step]: the radius of a half circle, else 0."""
+        return 0.0 if self.short else self.long / math.pi
+
+    @property
     def headings(self) -> np.ndarray:
         """Headings after each step, from 0 to -pi [rad]."""
-        first = self.angle / self.short
+        first = self.angle / max(self.short, 1)
         rates = np.repeat([first, -(math.pi + 2 * self.angle) / self.long, first],
                           [self.short, self.long, self.short])  # fmt: skip
         return np.cumsum(rates)
@@ -85,6 +102,11 @@ class LinePlan:
     """(N,) places across of the cars, line by line [m]."""
     line_of: np.ndarray
     """(N,) line of each car."""
+
+    @property
+    def aside(self) -> float:
+        """Distance of a car from its lane in a sweep, to the left of it: R of turns inside, else 0 [m]."""
+        return self.speed * self.step * self.turn.aside
 
     @property
     def period(self) -> int:
@@ -115,35 +137,29 @@ def speed_limit(spacing: float, radius: float, rogue_speed: float, step: float) 
 
 
 def best_plan(scenario: Scenario, parameters: LineParameters) -> LinePlan:
-    """Return the plan with the best guarantee once the lines have formed, by their number.
+    """Return the plan with the best guarantee once the lines have formed, by their number and their speed.
 
     Raises:
-        UnsuitableScenarioError: the lines cannot turn outside of the rectangle, or none span it.
+        UnsuitableScenarioError: no lines span the rectangle, or rogues pass them while they turn inside.
     """
-    if reason := why_inside(scenario):
-        raise UnsuitableScenarioError(reason)
     n, radius = scenario.num_robots, scenario.sensing_radius
     span = 2 * min(scenario.curve.half_width, scenario.curve.half_height)
     if n * 2 * radius < span:
         rule = "line-abreast requires N * 2 * sensing radius >= the shorter side"
         raise UnsuitableScenarioError(f"{rule}: {n} * 2 * {radius:g} < {span:g} [m]")
     counts = [parameters.lines] if parameters.lines else range(1, min(n, _LINES_MAX) + 1)
-    failing = [what_fails(scenario, lines) for lines in counts]
-    if all(failing):
+    options = [plans_of(scenario, parameters, lines) for lines in counts]
+    plans = [plan for of_count, _ in options for plan in of_count]
+    if not plans:
         rule = f"line-abreast requires {counts[0]} line(s) of {n} cars to span {span:g} m with discs of {radius:g} m"
-        raise UnsuitableScenarioError(f"{rule}: {failing[0]}")
-    plans = [plan_of(scenario, parameters, lines) for lines, reason in zip(counts, failing, strict=True) if not reason]
-    if len(plans) == 1:
+        raise UnsuitableScenarioError(f"{rule}: {options[0][1]}")
+    if len(plans) == 1 and not turns_inside(scenario):
         return plans[0]
-    return min(plans, key=lambda plan: ideal_worst_case(scenario, plan))
-
-
-def why_inside(scenario: Scenario) -> str:
-    """Return the reason why lines cannot turn outside of the rectangle; an empty string for none."""
-    if scenario.task.boundary == "open" and scenario.inset == 0:
-        return ""
-    rule = "line-abreast requires room for its turns outside of the rectangle, task.boundary = open and no inset"
-    return f"{rule}, got {scenario.task.boundary} and an inset of {scenario.inset:.3g} m"
+    times = [ideal_worst_case(scenario, plan) for plan in plans]
+    if turns_inside(scenario) and not math.isfinite(min(times)):
+        rule = "line-abreast requires lines that no rogue passes while they turn inside"
+        raise UnsuitableScenarioError(f"{rule}, and rogues of {scenario.rogue_speed:g} m/s pass every one")
+    return plans[int(np.argmin(times))]
 
 
 def ideal_worst_case(scenario: Scenario, plan: LinePlan) -> float:
@@ -153,40 +169,58 @@ def ideal_worst_case(scenario: Scenario, plan: LinePlan) -> float:
     return worst_undetected_time(loop, (half[0], half[1]), scenario.sensing_radius, scenario.rogue_speed, plan.step)
 
 
-def lanes_of(scenario: Scenario, lines: int) -> tuple[float, np.ndarray, np.ndarray]:
+def turns_inside(scenario: Scenario) -> bool:
+    """Return whether lines turn inside the rectangle: within walls or an inset."""
+    return scenario.task.boundary != "open" or scenario.inset > 0
+
+
+def lanes_of(scenario: Scenario, lines: int, aside: float = 0.0) -> tuple[float, np.ndarray, np.ndarray]:
     """Return how m lines share the span 2 B: pitch of their lanes [m], places across [m] and line of each car.
 
     The lines are interleaved, so that their cars pass each other: lane j of the N lanes belongs to line j mod m. With
-    the pitch 2 B / (N + 1 - m), the outermost car of any line is at most half a spacing, m pitches, from the edge. The
-    pitch is smaller where the outermost lanes would be outside.
+    the pitch 2 (B + R) / (N + 1 - m), the outermost car of any line is at most half a spacing, m pitches, from the
+    wall, if it is R, `aside` [m], beside its lane. The pitch is smaller where the inset leaves less room.
     """
-    n, span = scenario.num_robots, 2 * min(scenario.curve.half_width, scenario.curve.half_height)
-    pitch = min(span / (n + 1 - lines), span / max(n - 1, 1))
+    n, half = scenario.num_robots, min(scenario.curve.half_width, scenario.curve.half_height)
+    room = min(scenario.driven.half_width, scenario.driven.half_height)
+    pitch = min(2 * (half + aside) / (n + 1 - lines), 2 * (room - aside) / max(n - 1, 1))
     order = np.concatenate([np.arange(line, n, lines) for line in range(lines)])
     return pitch, (order - (n - 1) / 2) * pitch, order % lines
 
 
-def spacing_of(scenario: Scenario, lines: int) -> float:
-    """Return the spacing of the cars in a line, or twice the largest distance of an outermost car from the edge [m]."""
-    pitch, lanes, _ = lanes_of(scenario, lines)
-    beside = min(scenario.curve.half_width, scenario.curve.half_height) + lanes.min() + (lines - 1) * pitch
-    return max(lines * pitch, 2 * beside)
+def spacing_of(scenario: Scenario, lines: int, aside: float = 0.0) -> float:
+    """Return the spacing of the cars in a line, or twice the largest distance of an outermost car from the wall [m]."""
+    pitch, lanes, _ = lanes_of(scenario, lines, aside)
+    wall = min(scenario.curve.half_width, scenario.curve.half_height) + lanes.min() + (lines - 1) * pitch + aside
+    return max(lines * pitch, 2 * wall)
 
 
-def what_fails(scenario: Scenario, lines: int) -> str:
-    """Return the reason why so many lines cannot span the rectangle, with its numbers; an empty string for none."""
+def what_fails(scenario: Scenario, lines: int, speed: float = 0.0, aside: float = 0.0) -> str:
+    """Return the reason why so many lines cannot span the rectangle, with its numbers; an empty string for none.
+
+    Lines that turn inside have a speed [m/s], at which cars turn on half circles of the radius `aside` [m]; that of
+    others is as low as necessary.
+    """
+    half, inset = min(scenario.curve.half_width, scenario.curve.half_height), scenario.inset
     radius, rogues, step = scenario.sensing_radius, scenario.rogue_speed, scenario.task.step
-    pitch, spacing = lanes_of(scenario, lines)[0], spacing_of(scenario, lines)
+    about = f"at {speed:.3g} m/s cars turn on half circles of {aside:.3g} m, so " if aside else ""
+    if aside + inset > half:
+        return f"{about}they do not fit {inset:.3g} m inside of walls {2 * half:g} m apart"
+    (pitch, lanes, _), spacing = lanes_of(scenario, lines, aside), spacing_of(scenario, lines, aside)
     if lines * pitch >= 2 * radius:
-        return f"the cars of a line would be {lines * pitch:.3g} m apart, and not less than {2 * radius:.3g} m"
+        return f"{about}the cars of a line would be {lines * pitch:.3g} m apart, and not less than {2 * radius:.3g} m"
     if spacing >= 2 * radius:
-        return f"the outermost would be {spacing / 2:.3g} m from its edge, and not less than {radius:.3g} m"
-    if speed_limit(spacing, radius, rogues, step) <= 0:
-        fastest = speed_limit(spacing, radius, 0.0, step)
+        return f"{about}the outermost would be {spacing / 2:.3g} m from its wall, and not less than {radius:.3g} m"
+    limit = speed_limit(spacing, radius, rogues, step)
+    if limit <= 0 or limit < speed:
+        fastest = speed_limit(spacing, radius, speed, step)
         return f"rogues of {rogues:g} m/s cross a line within a step, as do all of at least {fastest:.3g} m/s"
-    needed = _PASSING * 2 * scenario.robot.radius
-    if lines > 1 and pitch < needed:
-        return f"cars would pass each other at {pitch:.3g} m, and need {needed:.3g} m"
+    apart, needed = pitch - 2 * aside * (lines > 1), _PASSING * 2 * scenario.robot.radius
+    if apart < needed and (lines > 1 or aside > 0):
+        return f"{about}cars would pass each other at {max(apart, 0):.3g} m, and need {needed:.3g} m"
+    away = math.hypot(inset + aside, max(half - float(np.abs(lanes).max()), spacing / 2)) - aside
+    if away > radius:
+        return f"{about}places at the end of the rectangle would be {away:.3g} m from sensors of {radius:.3g} m"
     return ""
 
 
@@ -211,19 +245,63 @@ def turn_of(curvature_step: float) -> Turn:
     raise AssertionError("a long turn fits")
 
 
-def plan_of(scenario: Scenario, parameters: LineParameters, lines: int) -> LinePlan:
-    """Return the plan of so many lines, for which nothing fails (`what_fails`)."""
-    step, robot = scenario.task.step, scenario.robot
+@lru_cache(maxsize=64)
+def plans_of(scenario: Scenario, parameters: LineParameters, lines: int) -> tuple[tuple[LinePlan, ...], str]:
+    """Return the plans of so many lines, and why there are none: of several speeds for lines that turn inside."""
+    if not turns_inside(scenario):
+        failing = what_fails(scenario, lines)
+        return (() if failing else (_outer_plan(scenario, parameters, lines),)), failing
+    largest, plans, failing = _speed_of(scenario, parameters), [], ""
+    for share in (1.0,) if parameters.speed else _SHARES:
+        plan = _inner_plan(scenario, parameters, lines, share * largest)
+        failing = what_fails(scenario, lines, plan.speed, plan.aside)
+        plans += [] if failing else [plan]
+    return tuple(plans), failing
+
+
+def _outer_plan(scenario: Scenario, parameters: LineParameters, lines: int) -> LinePlan:
+    """Return the plan of so many lines that turn outside of the rectangle."""
+    step = scenario.task.step
     _, lanes, line_of = lanes_of(scenario, lines)
     limit = speed_limit(spacing_of(scenario, lines), scenario.sensing_radius, scenario.rogue_speed, step)
-    fastest = min(_CRUISE * slowest_top_speed(scenario), fastest_speed(scenario))
-    speed = min(parameters.speed or fastest, _FASTEST * slowest_top_speed(scenario), limit)
-    wheelbase = robot.wheelbase * (1 + SPREAD_MAX * scenario.noise.wheelbase_spread)
-    sharpest = 1 / turning_radius(wheelbase, robot.steering_max)
-    turn = turn_of(parameters.grip * step * min(sharpest * speed, robot.lateral_acceleration_max / speed))
+    speed = min(_speed_of(scenario, parameters), limit)
+    turn = turn_of(_largest_turn(scenario, parameters, speed))
     reach = max(scenario.curve.half_width, scenario.curve.half_height) + parameters.settle
     sweep = max(math.ceil(2 * reach / (speed * step) - 1e-9), 1)
     return LinePlan(2 * reach / (sweep * step), step, sweep, turn, reach, lanes, line_of)
+
+
+def _inner_plan(scenario: Scenario, parameters: LineParameters, lines: int, fastest: float) -> LinePlan:
+    """Return the plan of lines that turn inside at about a speed [m/s]: whole steps of a sweep and of a half circle.
+
+    A sweep of k steps and a half circle of n steps span the driven rectangle if v dt (k / 2 + n / pi) is half of it.
+    """
+    driven, step = scenario.driven, scenario.task.step
+    half, long = max(driven.half_width, driven.half_height), 4
+    while True:
+        sweep = max(math.ceil(2 * (half / (fastest * step) - long / math.pi) - 1e-9), 1)
+        speed = half / (step * (sweep / 2 + long / math.pi))
+        if math.pi <= _largest_turn(scenario, parameters, speed) * long * (1 + 1e-9):
+            break
+        long += 1
+    turn = Turn(0, long, 0.0)
+    _, lanes, line_of = lanes_of(scenario, lines, speed * step * turn.aside)
+    return LinePlan(speed, step, sweep, turn, half - speed * step * turn.aside, lanes, line_of)
+
+
+def _speed_of(scenario: Scenario, parameters: LineParameters) -> float:
+    """Return the largest speed of lines that the parameters and the slowest car allow [m/s]."""
+    fastest = min(_CRUISE * slowest_top_speed(scenario), fastest_speed(scenario))
+    return min(parameters.speed or fastest, _FASTEST * slowest_top_speed(scenario))
+
+
+def _largest_turn(scenario: Scenario, parameters: LineParameters, speed: float) -> float:
+    """Return the largest turn at a speed that steering and grip allow [rad/step]."""
+    robot = scenario.robot
+    base = robot.wheelbase * (1 + SPREAD_MAX * scenario.noise.wheelbase_spread)
+    sharpest = 1 / turning_radius(base, robot.steering_max)
+    grip = robot.lateral_acceleration_max / speed
+    return parameters.grip * scenario.task.step * min(sharpest * speed, grip)
 
 
 def line_path(plan: LinePlan) -> np.ndarray:
@@ -238,7 +316,7 @@ def line_path(plan: LinePlan) -> np.ndarray:
     chord = plan.speed * plan.step * np.sinc(half / np.pi)
     middle = headings[:-1] + half
     moved = np.cumsum(chord[:, None] * np.stack([np.cos(middle), np.sin(middle)], axis=-1), axis=0)
-    places = np.vstack([[0.0, 0.0], moved])[:-1] + np.array([-plan.reach, 0.0])
+    places = np.vstack([[0.0, 0.0], moved])[:-1] + np.array([-plan.reach, plan.aside])
     return np.column_stack([places, headings[:-1]])
 
 

@@ -1,12 +1,13 @@
 """Ways from the formation into the lines of `line-abreast`, chosen so that no two cars meet.
 
-A car's place in the lines is fixed, by its place on the communication ring. If the formation is rotated by
+In the open a car's place in the lines is fixed, by its place on the communication ring. If the formation is rotated by
 a random angle at the start, each car derives this angle from its own phase, so the angles of different cars agree only
 approximately. So a way is chosen for each car and each of many angles such that it stays clear of the ways that the
 others have chosen for the same angle and for the nearest ones: whichever of these each car believes in, no two meet.
 A way is a shortest path of a car that turns by a given radius, an arc, a straight stretch and an arc
 (`baselines.policies.transit`), with a speed that makes it end in time, and may end with a further straight stretch.
-Float64 NumPy.
+
+Within walls or an inset the start is known, and the ways are a transit (`baselines.policies.transit`). Float64 NumPy.
 """
 
 import math
@@ -15,9 +16,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baselines.policies.transit import TURNS, dubins_lengths, dubins_poses, formation_starts
+from baselines.policies.base import UnsuitableScenarioError
+from baselines.policies.ideal_motion import worst_undetected_time
+from baselines.policies.transit import (
+    TURNS,
+    Transit,
+    dubins_lengths,
+    dubins_poses,
+    formation_starts,
+    planned_transit,
+    start_is_known,
+)
 from lissajous_env.parameters.scenario import Scenario
 
+_CLEAR = 0.5
+"""Least distance of two bodies on the ways within an inset, in radii of a body."""
+_PHASES = (0.5, 0.0, 0.25, 0.75)
+"""Phases of the lines that are tried within an inset, in periods."""
 _ENDS = ((0.0, 1.0), (0.5, 1.0), (1.0, 1.0), (0.0, 1.5), (0.5, 1.5))
 """Length of the last straight stretch, in half widths of the formation, and radius of the arcs, in that of a turn."""
 _TILTS = (0.0, -0.5, 0.5)
@@ -71,6 +86,39 @@ class Pace(NamedTuple):
     """v_max [m/s]."""
     final: float
     """Speed at the end of a way [m/s]."""
+
+
+def transit_inside(scenario: Scenario, loops: np.ndarray, speed: float, slots: np.ndarray) -> Transit:
+    """Return the ways from a known start into the lines that have the shortest worst case from the start on.
+
+    The lines may begin in any of `_PHASES`, and a robot may have any place that the ring can be turned to: neighbours
+    on the ring stay neighbours in a line.
+
+    Args:
+        scenario: The scenario.
+        loops: (N, K, 2) x, y [m] at each place in the lines, at the steps of a period.
+        speed: Speed of the lines [m/s].
+        slots: (N,) place of each robot in the lines by its place on the ring.
+
+    Raises:
+        UnsuitableScenarioError: the robots do not know their starts, or there are no ways without collisions.
+    """
+    if not start_is_known(scenario):
+        rule = "line-abreast requires a start that all robots know within walls or an inset"
+        got = f"{scenario.formation.start} and {scenario.formation.start_noise:g} rad"
+        raise UnsuitableScenarioError(f"{rule}, formation.start = equilibrium and little start_noise, got {got}")
+    clearance = _CLEAR * scenario.robot.radius
+    half = scenario.curve.half_width, scenario.curve.half_height
+    rogues = scenario.sensing_radius, scenario.rogue_speed, scenario.task.step
+    turns = [(k + 1) // 2 * (-1 if k % 2 else 1) for k in range(len(slots))]  # the smallest first
+    places = np.array([(slots + turn) % len(slots) for turn in turns])
+    begun = [np.roll(loops, -round(phase * loops.shape[1]), axis=1) for phase in _PHASES]
+    transits = [planned_transit(scenario, loop, speed, clearance, places) for loop in begun]
+    options = [ways for ways in transits if ways is not None]
+    if not options:
+        rule = "line-abreast requires ways from the start into the lines inside the walls, on which no two cars collide"
+        raise UnsuitableScenarioError(f"{rule}, got none")
+    return min(options, key=lambda ways: worst_undetected_time(ways.loop, half, *rogues, lead_in=ways.lead_in))
 
 
 def angle_steps(scenario: Scenario, angles: int) -> np.ndarray:

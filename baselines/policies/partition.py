@@ -24,7 +24,7 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import UnsuitableScenarioError
-from baselines.policies.cells import tour
+from baselines.policies.loops import tour
 from baselines.policies.partition_plan import PartitionParameters, Plan, partition_plan, room_of
 from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.registry import register

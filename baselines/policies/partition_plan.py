@@ -14,8 +14,8 @@ from functools import lru_cache
 import numpy as np
 
 from baselines.policies.base import UnsuitableScenarioError
-from baselines.policies.cells import closed_loop, divisions, evenly_spaced, length_of
 from baselines.policies.ideal_motion import coverage, worst_undetected_time
+from baselines.policies.loops import closed_loop, divisions, evenly_spaced, length_of
 from baselines.policies.transit import RESERVE, TURN, required_distance, slowest_speed, turning_radius_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, flag, number, whole

@@ -10,12 +10,11 @@ drive to them at once, under the collision filter if they do not know where the 
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from baselines.policies.path_tables import PathTables, path_tables
+from baselines.policies.path_tables import path_tables
 from baselines.policies.registry import register
 from baselines.policies.timed_paths import TimedPaths
 from baselines.policies.transit import arrival_steps, speed_of, start_is_known
@@ -53,18 +52,6 @@ def places_of(paths: np.ndarray, period: int) -> np.ndarray:
     return paths[..., None, :2] + cosines + np.einsum("...kc,kt->...tc", waves[..., 1], np.sin(turn))
 
 
-@lru_cache(maxsize=64)
-def timed_loops(scenario: Scenario, parameters: PathParameters) -> tuple[PathTables, float]:
-    """Return the timed paths of the robots, and how long the collision filter is needed [control step].
-
-    Raises:
-        ValueError: another number of paths than of robots.
-    """
-    loop = _loop(scenario, parameters)
-    arrival = arrival_steps(scenario, loop, speed_of(loop, scenario.task.step))
-    return path_tables(scenario, loop), 0.0 if start_is_known(scenario) else float(arrival)
-
-
 def _loop(scenario: Scenario, parameters: PathParameters) -> np.ndarray:
     """Return the places (N, K, 2) of the robots at the control steps of a period [m]."""
     lap = 2 * math.pi / scenario.formation.phase_rate / scenario.task.step
@@ -82,7 +69,11 @@ def _loop(scenario: Scenario, parameters: PathParameters) -> np.ndarray:
 
 @register("periodic-paths", on_request=True)
 class PeriodicPaths(TimedPaths):
-    """Cars on timed closed paths of any form, given by Fourier coefficients; by default those of the formation."""
+    """Cars on timed closed paths of any form, given by Fourier coefficients; by default those of the formation.
+
+    Raises:
+        ValueError: another number of paths than of robots.
+    """
 
     def __init__(
         self,
@@ -92,5 +83,8 @@ class PeriodicPaths(TimedPaths):
         parameters: PathParameters | None = None,
     ):
         self.parameters = parameters or PathParameters()
-        tables, until = timed_loops(scenario.resolve(), self.parameters)
-        super().__init__(scenario, num_worlds, device, tables=tables, filtered_until=until)
+        scenario = scenario.resolve()
+        loop = _loop(scenario, self.parameters)
+        arrival = arrival_steps(scenario, loop, speed_of(loop, scenario.task.step))
+        until = 0.0 if start_is_known(scenario) else float(arrival)
+        super().__init__(scenario, num_worlds, device, tables=path_tables(scenario, loop), filtered_until=until)

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baselines.policies.cells import are_adjacent, closed_loop, evenly_spaced, length_of
 from baselines.policies.ideal_motion import coverage, worst_undetected_time
+from baselines.policies.loops import are_adjacent, closed_loop, evenly_spaced, length_of
 from baselines.policies.partition_plan import Plan, Room, smallest_distance, speed_on
 
 SHAPES = 4

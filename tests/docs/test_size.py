@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 44_253
+LINES = 44_294
 """Lines of the packages."""
-MODULES = 295
+MODULES = 289
 """Files of the packages."""
-TESTS = 25_977
+TESTS = 26_046
 """Lines of the tests."""
 
 

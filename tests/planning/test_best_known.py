@@ -13,7 +13,7 @@ from baselines.benchmark.bounds import Bounds, as_played, bounds_of
 from baselines.benchmark.shown import bounds_in_words, number
 from baselines.benchmark.table import Table
 from baselines.benchmark.written import latex, table_of
-from baselines.planning.families.included import best_known as known_family
+from baselines.planning.families import best_known as known_family
 from baselines.planning.plans import Plan
 from baselines.planning.rehearse import Episodes, play
 from baselines.policies.settings import PolicySettings

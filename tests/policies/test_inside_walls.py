@@ -9,10 +9,11 @@ import baselines
 import lissajous_env
 from baselines.planning.request import Request
 from baselines.policies.base import UnsuitableScenarioError
+from baselines.policies.line_path import ideal_worst_case
 from baselines.policies.partition_plan import PartitionParameters, partition_plan
 
 HALL = Request(width=40, height=25, robots=5, robot_radius=0.5, sensor_radius=6, speed=1.5, turning_radius=2,
-               rogue_speed=1.0).task(5)  # fmt: skip
+               rogue_speed=1.0).scenario_of(5)  # fmt: skip
 
 
 def play(policy, scenario, worlds, steps=None):
@@ -46,7 +47,7 @@ def test_a_partition_stays_inside_and_detects_as_fast_as_without_walls(scenario,
 def test_differential_drives_keep_to_their_loops_and_detect_sooner_than_cars():
     """Oracle: the planned places; a drive whose yaw rate lags behind its command weaves along straight ways."""
     drives = Request(width=40, height=25, robots=5, robot_radius=0.5, sensor_radius=6, speed=1.5, robot="differential",
-                     acceleration=0.8, rogue_speed=1.0).task(5)  # fmt: skip
+                     acceleration=0.8, rogue_speed=1.0).scenario_of(5)  # fmt: skip
     policy = baselines.make("partition", drives)
     places, (row,) = play(policy, drives, 1)
     planned = policy.policy.tables.places(drives.task.steps - 1)[0].swapaxes(0, 1)
@@ -54,6 +55,18 @@ def test_differential_drives_keep_to_their_loops_and_detect_sooner_than_cars():
     assert late.max() < 0.3
     assert (row["collisions"], row["guarantee_open"]) == (0, 0)
     assert row["guaranteed_detection_time"] < 40
+
+
+def test_lines_turn_inside():
+    """Oracle: the simulated contamination, collisions and places; the ideal motion's time, from the start on."""
+    scenario = lissajous_env.scenario(HALL, **{"task.boundary": "wall"})
+    policy = baselines.make("line-abreast", scenario, num_worlds=2)
+    places, rows = play(policy, scenario, 2)
+    assert distance_from_walls(scenario, places) > 0.5 * (scenario.inset - scenario.robot.radius)
+    assert all(row["collisions"] == 0 and row["guarantee_open"] == 0 for row in rows)
+    worst = max(row["guaranteed_detection_time"] for row in rows)
+    assert worst <= 60
+    assert worst == pytest.approx(ideal_worst_case(scenario.resolve(), policy.lines), rel=0.05)
 
 
 def random_hall(seed):
@@ -67,14 +80,15 @@ def random_hall(seed):
         sensor_radius=height * draw.uniform(0.3, 0.8), speed=speed, turning_radius=height * draw.uniform(0.02, 0.2),
         rogue_speed=speed * draw.uniform(0.1, 0.9),
     )  # fmt: skip
-    return lissajous_env.scenario(request.task(int(request.robots)), **{"task.boundary": "wall"})
+    return lissajous_env.scenario(request.scenario_of(int(request.robots)), **{"task.boundary": "wall"})
 
 
+@pytest.mark.parametrize(("policy", "seed"), [("partition", 3), ("line-abreast", 2)])
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_planned_paths_in_halls_stay_inside_and_apart():
+def test_planned_paths_in_halls_stay_inside_and_apart(policy, seed):
     """Law: bodies on planned paths stay inside and do not collide, and the simulated cars follow them."""
-    scenario = random_hall(3)
-    policy = baselines.make("partition", scenario)
+    scenario = random_hall(seed)
+    policy = baselines.make(policy, scenario)
     tables, radius = policy.tables, scenario.robot.radius
     planned = tables.places(tables.lead_in + tables.loop)[0]
     assert distance_from_walls(scenario, planned) > 0

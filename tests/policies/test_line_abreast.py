@@ -10,11 +10,14 @@ from baselines.policies.line_abreast import LineAbreast, line_tables
 from baselines.policies.line_path import (
     LineParameters,
     ideal_worst_case,
-    plan_of,
+    line_path,
+    plans_of,
+    spacing_of,
     speed_limit,
     turn_of,
     what_fails,
 )
+from lissajous_env.theory.geometry import turning_radius
 
 INTRUDERS = lissajous_env.scenario("intruders", **{"task.contamination": (108, 48), "targets.speed_limit": 0.6})
 
@@ -75,8 +78,8 @@ def test_a_turn_comes_back_into_its_lane(curvature):
 def test_lines_share_the_span():
     """Oracle: every place across is sensed by each line, and cars of two lines pass clear of each other."""
     scenario = lissajous_env.scenario("intruders", **{"robot.count": 12}).resolve()
-    assert [not what_fails(scenario, count) for count in (1, 2, 3)] == [True, True, False]
-    plan = plan_of(scenario, LineParameters(), 2)
+    assert [bool(plans_of(scenario, LineParameters(), count)[0]) for count in (1, 2, 3)] == [True, True, False]
+    (plan,), _ = plans_of(scenario, LineParameters(), 2)
     across = np.linspace(-2.4, 2.4, 1001)
     for line in range(2):
         lanes = plan.lanes[plan.line_of == line]
@@ -89,14 +92,33 @@ def test_lines_share_the_span():
     ({"targets.speed_limit": 4.0}, "5 cars to span 4.8 m with discs of 0.5 m: rogues of 4 m/s cross a line within"),
     ({"robot.count": 9, "lines": 2}, "2 line.s. of 9 cars .*: the cars of a line would be 1.2 m apart, and not less"),
     ({"robot.count": 12, "lines": 2, "robot.radius": 0.2}, "pass each other at 0.436 m, and need 0.6 m"),
-    ({"task.boundary": "wall"}, "its turns outside .* task.boundary = open and no inset, got wall and an inset of 0.1"),
-    ({"curve.inset": 0.2}, "no inset, got open and an inset of 0.2 m"),
+    ({"task.boundary": "wall"}, "half circles of 0.5.* m, so the outermost would be 1.2.* m from its wall"),
+    ({"task.boundary": "wall", "sensing.radius": 1.5}, "requires a start that .* robots know .* got rotated and 0.02"),
 ])  # fmt: skip
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_line_that_cannot_work_is_refused(overrides, words):
     lines = overrides.pop("lines", None)
     with pytest.raises(ValueError, match=words):
         LineAbreast(lissajous_env.scenario("intruders", **overrides), parameters=LineParameters(lines=lines))
+
+
+def test_rogues_pass_lines_that_turn_inside_only_above_the_speed_limit():
+    """Oracle: the spacing law, solved for the speed of rogues."""
+    walls = {"task.boundary": "wall", "sensing.radius": 1.5}
+    scenario = lissajous_env.scenario("intruders", **walls).resolve()
+    plan = plans_of(scenario, LineParameters(), 1)[0][0]
+    spacing = spacing_of(scenario, 1, plan.aside)
+    for share, words in ((0.9, "cross a line within a step"), (1.1, "")):
+        rogues = speed_limit(spacing, 1.5, share * plan.speed, plan.step)
+        faster = lissajous_env.scenario("intruders", **walls, **{"targets.speed_limit": rogues}).resolve()
+        assert words in what_fails(faster, 1, plan.speed, plan.aside)
+        assert bool(words) == bool(what_fails(faster, 1, plan.speed, plan.aside))
+
+
+def test_lines_far_from_the_end_of_the_rectangle_leave_places_unsensed():
+    """Oracle: by hand, from half circles of 0.2 m that end 1.2 m from the wall, 3.2 m apart: hypot(1.4, 1.6) - 0.2."""
+    far = lissajous_env.scenario("intruders", **{"curve.inset": 1.2, "sensing.radius": 1.7}).resolve()
+    assert "end of the rectangle would be 1.93 m from sensors of 1.7 m" in what_fails(far, 1, 1.0, 0.2)
 
 
 def test_all_starts_have_the_same_guarantee_and_no_cars_collide():
@@ -126,7 +148,7 @@ def test_uneven_cars_keep_the_line():
 def test_more_lines_guarantee_more():
     """Oracle: half of the period less the time of a turn, at which two lines meet again."""
     scenario = lissajous_env.scenario("intruders", **{"robot.count": 12}).resolve()
-    one, two = (plan_of(scenario, LineParameters(), count) for count in (1, 2))
+    one, two = (plans_of(scenario, LineParameters(), count)[0][0] for count in (1, 2))
     assert ideal_worst_case(scenario, two) == pytest.approx(0.5 * two.period * two.step, rel=0.1)
     assert ideal_worst_case(scenario, two) < 0.7 * ideal_worst_case(scenario, one)
 
@@ -141,3 +163,39 @@ def test_lines_stand_upright_in_an_upright_rectangle():
     np.testing.assert_array_equal(lying[0].lanes, upright[0].lanes)
     begin = [tables.pose[0, :, 4 * tables.lead_in :: 4, :2] for _, tables, *_ in (lying, upright)]
     np.testing.assert_allclose(begin[1], np.stack([-begin[0][..., 1], begin[0][..., 0]], axis=-1), atol=1e-6)
+
+
+def test_lines_that_turn_inside_keep_their_spacing_and_stay_off_the_walls():
+    """Law over random halls: no car leaves the driven rectangle, turns too tightly or leaves a gap beside it."""
+    draw, played = np.random.default_rng(5), 0
+    for _ in range(30):
+        height = math.exp(draw.uniform(math.log(2), math.log(50)))
+        halves = {"curve.half_width": height / 2 * draw.uniform(1, 5), "curve.half_height": height / 2}
+        cars = {"robot.count": int(draw.integers(2, 12)), "robot.radius": height * draw.uniform(0.005, 0.03)}
+        cars |= {
+            "robot.wheelbase": height * draw.uniform(0.005, 0.05),
+            "sensing.radius": height * draw.uniform(0.1, 0.5),
+        }
+        scenario = lissajous_env.scenario("intruders", **{"task.boundary": "wall"}, **halves, **cars).resolve()
+        reach = np.array([scenario.driven.half_width, scenario.driven.half_height])
+        for lines in (1, 2):
+            for plan in plans_of(scenario, LineParameters(), lines)[0]:
+                played += 1
+                path = line_path(plan)
+                assert len(path) == plan.period
+                y = path[:, 1, None] + plan.lanes
+                assert np.abs(path[:, 0]).max() <= reach[0] * (1 + 1e-9)
+                assert np.abs(y).max() <= reach[1] * (1 + 1e-9)
+                turn = np.abs(np.angle(np.exp(1j * np.diff(path[:, 2], append=path[0, 2])))).max() / plan.step
+                assert turn <= plan.speed / turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
+                for line in range(lines):
+                    across = np.sort(y[:, plan.line_of == line], axis=1)
+                    widest = np.diff(across, axis=1).max(initial=0.0)
+                    beside = max(height / 2 - across.max(axis=1).min(), across.min(axis=1).max() + height / 2)
+                    spacing = max(widest, 2 * beside) * (1 - 1e-6)
+                    limit = speed_limit(spacing, scenario.sensing_radius, scenario.rogue_speed, plan.step)
+                    assert plan.speed <= limit
+                across = np.unique(path[:, 1].round(9))  # cars of other lines meet at any two places of the path
+                other = across[:, None] - across + (plan.lanes[1:] - plan.lanes[0])[:, None, None]
+                assert lines == 1 or np.abs(other).min() > 2 * scenario.robot.radius
+    assert played >= 15
