@@ -6,11 +6,11 @@ from typing import Any, cast
 import numpy as np
 import warp as wp
 
+from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, cores
 from lissajous_env.device.locks import Turn, in_turn
 from lissajous_env.device.program import Program, Stage, blocks_of
 from lissajous_env.device.stage import ARRAY, BIN, FIELD_ROW, ROBOT, ROW, TARGET
-from lissajous_env.device.warp_abi import fields_of, name_of
 from lissajous_env.device.work import Work
 from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import RewardTerm
@@ -20,21 +20,21 @@ from lissajous_env.settings.checks import LAST_SEED, is_whole, whole_number
 from lissajous_env.wording import shown
 from lissajous_env.world.clock import initial_of
 from lissajous_env.world.columns import number_names, plain, score_of
-from lissajous_env.world.constants import constants_of, state_of
+from lissajous_env.world.episode import detection_times, episodes_of
 from lissajous_env.world.extended import ExtensionStages
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.reward import TERMS
 from lissajous_env.world.robots.bins import bins_of
-from lissajous_env.world.score import detection_times, episodes_of
 from lissajous_env.world.selection import checked_seeds, chosen_worlds, world_mask
 from lissajous_env.world.stages import reset_stages, step_stages
 from lissajous_env.world.state import RUNNING
+from lissajous_env.world.values import constants_of, state_of
 
 _ROBOT_WORK, _TARGET_WORK = 500, 40
 """Rough time that a robot and a target add to a step [ns], by which the number of threads is chosen."""
 
 
-class Simulation:
+class Simulation(Copyable):
     """A batch of worlds of one scenario.
 
     Attributes (Warp arrays on the device, the same objects for the life of the simulation; W worlds, N robots):
@@ -273,44 +273,6 @@ class Simulation:
 
     def _chosen(self, worlds: Any) -> np.ndarray:
         return chosen_worlds(worlds, self.num_worlds)
-
-    def _groups(self) -> dict[str, Any]:
-        structs = dict(self._structs)
-        if self.scenario.messages.size == 0:
-            del structs["messages"]
-        if not self.scenario.sensing.has_tracks:
-            del structs["tracks"]
-        arrays = {f"{name_of(s)}.{name}": array for s in structs.values() for name, array in fields_of(s).items()}
-        del arrays["Clock.active"], arrays["Clock.fresh"]  # each step and reset sets its worlds anew
-        arrays |= self._extended.kept
-        arrays |= {"taken": self._taken}
-        return arrays | {"observation": self.observation, "final_observation": self.final_observation}
-
-    def save_state(self) -> dict[str, np.ndarray]:
-        """Copy everything that changes during an episode to the host, by name."""
-        return {name: array.numpy().copy() for name, array in self._groups().items()}
-
-    @in_turn
-    def load_state(self, saved: dict[str, np.ndarray]) -> None:
-        """Restore what `save_state` returned, in a simulation of the same scenario and number of worlds.
-
-        Raises:
-            ValueError: an array is missing or has another shape.
-        """
-        for name, array in self._groups().items():
-            if name not in saved or saved[name].shape != array.numpy().shape:
-                got = saved[name].shape if name in saved else "none"
-                raise ValueError(f"saved state must contain {name} of shape {array.numpy().shape}, got {got}")
-        for name, array in self._groups().items():
-            array.assign(saved[name])
-
-    def __getstate__(self) -> dict[str, Any]:
-        settings = {"scenario": self.scenario, "num_worlds": self.num_worlds, "device": str(self.device)}
-        return {"settings": settings | {"threads": self.threads}, "arrays": self.save_state()}
-
-    def __setstate__(self, saved: dict[str, Any]) -> None:
-        self.__init__(**saved["settings"])
-        self.load_state(saved["arrays"])
 
 
 class Together:

@@ -35,7 +35,7 @@ STORIES = {
     "targets that appear anew around hotspots": ("intruders", FEEDBACK),
     "tracks": ("intruders", TRACKS),
     "velocities": ("intruders", FIELD | {"task.action": "velocity"}),
-    "rogues": ("evaders", {"rogues": "wander+flee+shadow", "targets.count": 8}),
+    "rogues": ("evaders", {"rogues": "shadow", "targets.count": 8}),
 }
 UNITS = {"time": (0, 1), "idleness": (0, 1), "distance": (1, 0), "error_m": (1, 0), "min_": (1, 0), "speed": (1, -1)}
 
