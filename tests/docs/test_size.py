@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 43_790
+LINES = 43_609
 """Lines of the packages."""
 MODULES = 287
 """Files of the packages."""
-TESTS = 25_895
+TESTS = 25_867
 """Lines of the tests."""
 
 
