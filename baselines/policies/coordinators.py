@@ -32,8 +32,8 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import Remembering
+from baselines.policies.loops import cruising_speed
 from baselines.policies.own_row import Observation, Rows, hears, lead, message_age, own_phase, own_works, sine_ahead
-from baselines.policies.patrol_path import cruising_speed
 from baselines.similarity import motion_scale
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap

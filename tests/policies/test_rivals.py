@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 import baselines
 import lissajous_env
 from baselines.policies.coordinators import PREVIEW, Consensus, KuramotoByArc, ground_speed
-from baselines.policies.patrol_path import cruising_speed
+from baselines.policies.loops import cruising_speed
 from baselines.policies.trackers import Field, field_of, field_rate, field_velocity
 from baselines.similarity import motion_scale
 from lissajous_env.device.devices import compile_quietly
