@@ -148,8 +148,6 @@ def run_lissajous(line):
         return
     if command == "train" or any(word.startswith("runs/") for word in given):
         pytest.importorskip("stable_baselines3")
-    if "--optimise" in given:
-        pytest.importorskip("cma")
     if "--width" in given:  # a smaller hall, whose episodes are shorter
         given += ["--width", "16", "--height", "10", "--robot-radius", "0.2", "--sensor-radius", "3"]
     if command == "reproduce":
