@@ -32,8 +32,6 @@ class Rogue:
     and whose arguments are matched by name, see `lissajous_env.world.stages`."""
     about: str = ""
     """Description of its motion in one line."""
-    needs_contamination: bool = False
-    """True if it needs the grid of `task.contamination`."""
     bind: Callable[[Any, Any], Callable[[], None]] | None = None
     """Function `bind(scenario, rogues)` that is used instead of `decide`, if given: it returns a function without
     arguments that writes `rogues.action` for `rogues.observation` on their device."""

@@ -1,6 +1,5 @@
-"""The simulation: a batch of worlds of one scenario, on one device; and several simulations, stepped together."""
+"""The simulation: a batch of worlds of one scenario, on one device."""
 
-from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -11,7 +10,6 @@ from lissajous_env.device.devices import as_device, compile_quietly, copy_in, co
 from lissajous_env.device.locks import Turn, in_turn
 from lissajous_env.device.program import Program, Stage, blocks_of
 from lissajous_env.device.stage import ARRAY, BIN, FIELD_ROW, ROBOT, ROW, TARGET
-from lissajous_env.device.work import Work
 from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import RewardTerm
 from lissajous_env.parameters.rogues import AGENTS
@@ -46,13 +44,8 @@ class Simulation(Copyable):
         truncated: (W, N) bool, True when the time is over.
         invalid: (W,) int32, 1 where an action of the episode was not finite and was replaced by zero.
         invalid_at: (W,) int32, the step in which that happened first, counted from 1; 0 for none.
-        rogues: `lissajous_env.world.state.Rogues` of the next six arrays, all None without `targets.rogues`; T slots.
-        rogue_action: (W, T, 2) float32, velocities [speed limit], which a script or `step` writes.
-        rogue_observation: (W, T, D) float32; `lissajous_env.world.rogues.rows` documents the entries.
-        rogue_reward: (W, T) float32, the time of the step for which the rogue was undetected [s].
-        rogue_present: (W, T) bool, True for rogues that act in the next step.
-        rogue_terminated: (W, T) bool, True from a rogue's detection on.
-        rogue_truncated: (W, T) bool, True for rogues that were undetected when the episode ended.
+        rogues: `lissajous_env.world.state.Rogues`, of which `step` or a script writes `action`; None without
+            `targets.rogues`.
 
     World k depends on its own seed and actions alone: it is the same, bit for bit, in any batch, on any number of
     threads. A world whose episode has ended does not move, with reward 0, until it is reset.
@@ -179,7 +172,7 @@ class Simulation(Copyable):
     def advance(self) -> None:
         """Advance by one control step with the actions that the caller has written into `action`.
 
-        Those of rogues that are agents are in `rogue_action`.
+        Those of rogues that are agents are in `rogues.action`.
         """
         self._step()
 
@@ -218,12 +211,6 @@ class Simulation(Copyable):
         self._structs = state_of(self.scenario, w, self.layout.size, len(self.reward_term_names), self.device)
         self.__dict__.update(self._structs)
         self.rogues: Any = self._structs.get("rogues")
-        self.rogue_action: Any = getattr(self.rogues, "action", None)
-        self.rogue_observation: Any = getattr(self.rogues, "observation", None)
-        self.rogue_reward: Any = getattr(self.rogues, "reward", None)
-        self.rogue_present: Any = getattr(self.rogues, "present", None)
-        self.rogue_terminated: Any = getattr(self.rogues, "terminated", None)
-        self.rogue_truncated: Any = getattr(self.rogues, "truncated", None)
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
         self.command = wp.zeros((w, n, self.action_shape[2] - k), dtype=wp.float32, device=self.device)
         self._taken = wp.zeros_like(self.action)
@@ -265,7 +252,7 @@ class Simulation(Copyable):
             rule = f"must be given if, and only if, targets.rogues is {AGENTS}"
             raise ValueError(f"rogue_action {rule}, got {shown(rogue_action)}")
         if rogue_action is not None:
-            copy_in("rogue_action", rogue_action, self.rogue_action)
+            copy_in("rogue_action", rogue_action, self.rogues.action)
         if type(action) is np.ndarray and action.dtype == np.float32 and action.shape == self._action_host.shape:
             self._action_host[:] = action
         else:
@@ -273,45 +260,3 @@ class Simulation(Copyable):
 
     def _chosen(self, worlds: Any) -> np.ndarray:
         return chosen_worlds(worlds, self.num_worlds)
-
-
-class Together:
-    """Control steps of a fixed number of simulations, in parallel on CPU threads.
-
-    If there are at least as many simulations as threads, one thread steps each of them. Otherwise, on a GPU, and with
-    functions of the user's own, the simulations are stepped one after another, and the threads share each step.
-
-    Args:
-        count: Number of simulations.
-        threads: CPU threads; all cores by default.
-
-    Attributes:
-        threads: Number of CPU threads with which each simulation must be created.
-
-    Raises:
-        ValueError: the number of threads is below 1.
-    """
-
-    def __init__(self, count: int, threads: int | None = None):
-        self._all = cores() if threads is None else whole_number("threads", threads)
-        self.threads = 1 if count >= self._all else self._all
-        self._works: list[Work | None] = []
-        self._joined: Work | None = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the state without the joined work, which contains addresses; it is made anew by the next step."""
-        return self.__dict__ | {"_works": [], "_joined": None}
-
-    def advance(self, simulations: Sequence[Simulation]) -> None:
-        """Advance all simulations by one control step, with the actions that were stored by `take`."""
-        works = [simulation.stages.work for simulation in simulations]
-        if works != self._works:
-            self._works, known = works, [work for work in works if work is not None]
-            joined = self.threads == 1 and len(known) == len(works)
-            tasks = [[launch for task in work.tasks for launch in task] for work in known]
-            self._joined = Work(tasks, simulations[0].device, self._all) if joined else None
-        if self._joined is not None:
-            self._joined()
-        else:
-            for simulation in simulations:
-                simulation.advance()

@@ -13,7 +13,6 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.program import Stage
-from lissajous_env.device.stage import ROBOT, TARGET
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.rogues import Rogue, rogue_of
 from lissajous_env.parameters.scenario import Faults, Scenario
@@ -53,7 +52,7 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
         Stage("faults", update_status, when=scenario.faults != Faults()),
         Stage("commands", take_commands),
         Stage("driver", drive, when=scenario.task.action == "velocity"),
-        Stage("motion", model.move, ROBOT),
+        Stage("motion", model.move),
         Stage("phase", follow_curve, when=not model.keeps_to_curve),
         Stage("measurement", measure),
         Stage("sending", send),
@@ -162,7 +161,7 @@ def _decision(rogue: Rogue, scenario: Scenario, rogues: Any) -> Stage:
     if rogue.bind is not None:
         return Stage(name, rogue.bind(scenario, rogues))
     if isinstance(rogue.decide, wp.Kernel):
-        return Stage(name, rogue.decide, TARGET)
+        return Stage(name, rogue.decide)
 
     def decide() -> None:
         action = np.asarray(rogue.decide(rogues.observation.numpy().copy()))

@@ -27,7 +27,7 @@ CASES = {
     "removed by the edge": ("intruders", {**SHORT, "task.boundary": "remove"}),
     "in space": ("knot", SHORT),
     "tracks": ("intruders", {**SHORT, "sensing.tracks_seen": 4, "sensing.teammates_seen": 2, "sensing.shared": "team"}),
-    "scripted rogues": ("evaders", {**SHORT, "rogues": "hide"}),
+    "scripted rogues": ("evaders", {**SHORT, "rogues": "follow-gap"}),
     "rogues as agents": ("evaders", {**SHORT, "rogues": "agents"}),
     "a bound": ("evaders", {**SHORT, "rogues": "follow-gap", "task.conservative": True}),
     "bins": ("swarm", CROWD),
@@ -95,7 +95,7 @@ def actions(simulation, draws):
     """Return actions of the robots, and of the rogues where these are agents, that depend on the world alone."""
     of = [simulation.action_shape]
     if simulation.scenario.targets.rogues == "agents":
-        of.append(simulation.rogue_action.shape)
+        of.append(simulation.rogues.action.shape)
     return [np.float32([draw.uniform(-1, 1, shape[1:]) for draw in draws]) for shape in of]
 
 

@@ -52,7 +52,7 @@ def observations(scenario, policy=None, steps=60, seed=3):
         sim.step(made.act(sim.observation) if made else drawn)
         seen.append(sim.observation.numpy().ravel())
         if sim.rogues is not None:
-            seen[-1] = np.concatenate([seen[-1], sim.rogue_observation.numpy().ravel()])
+            seen[-1] = np.concatenate([seen[-1], sim.rogues.observation.numpy().ravel()])
     return np.array(seen), sim.score()
 
 
