@@ -179,6 +179,8 @@ def test_messages_that_are_no_messages_are_ignored():
     row = onboard.act(0.1, pose, [good, good._replace(sent_at=-0.1, x=-1.0)]).row  # the second was sent before
     assert row[8] == 1
     assert row[12] == pytest.approx(0.5 * (good.x - pose.x) / onboard.scenario.curve.half_width)
+    row = onboard.act(0.2, pose._replace(stamp=0.2), [good._replace(sent_at=0.165)]).row
+    assert row[9] == pytest.approx(0.035 / onboard.scenario.time_unit, rel=1e-2)
 
 
 @pytest.mark.parametrize("policy", ["sweep", "tracked-reference-mpcc"])
