@@ -168,6 +168,9 @@ def test_a_row_lists_the_nearest_of_what_the_sensor_detects():
     for name, along in (("robot", 0), ("target", 1)):
         distances = np.abs(getattr(rows, f"{name}_offset")[0, 0, :, along])
         np.testing.assert_allclose(distances, np.sort(places[:, 0])[: len(distances)], rtol=1e-6)
+    failed = baselines.Rows(onboard.act(0.1, pose, works=False, **seen).row[None, None], onboard.scenario)
+    assert not failed.robots_seen.any()
+    assert not failed.targets_seen.any(), "a robot that has failed senses nothing"
 
 
 def test_messages_that_are_no_messages_are_ignored():
