@@ -222,7 +222,7 @@ class Scenario(BringsRogues):
 
     @cached_property
     def driven(self) -> Curve:
-        """The curve that is driven: that of the rectangle without the inset, rounded where cars need it within walls."""
+        """The curve that is driven: in the rectangle without the inset, and rounded where cars need it within walls."""
         return self._followed.driven if self.inset else self.curve
 
     @cached_property

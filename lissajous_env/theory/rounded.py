@@ -12,11 +12,11 @@ import numpy as np
 
 from lissajous_env.settings.parts import Curve
 
-ROUNDED = {(3, 2): ((-0.25, 0.824, -0.038, -0.002, 0.031), (0.622, 0.708, -0.291, 0.203, 0.037))}
+ROUNDED = {(3, 2): ((-0.25, 0.825, -0.037, -0.002, 0.03), (0.623, 0.707, -0.289, 0.202, 0.038))}
 """By a and b: c_k for k = 1, 3 and so on, and s_k for k = 2, 4 and so on.
 
-`python benchmarks/rounding.py` computes them: the curve is the nearest to (3) at equal gamma on which the cars of
-`evaders-walls` turn at 1.1 of their turning radius, coast where they slow down, and are 0.39 m apart in formation.
+`python benchmarks/rounding.py` computes them for the cars of `evaders-walls`: of the curves that bend at 1.1 of their
+turning radius at least, and on which they are 0.39 m apart in formation, this one is nearest to (3) at equal gamma.
 """
 
 
