@@ -25,7 +25,7 @@ from typing import Any
 
 import warp as wp
 
-from lissajous_env.device.abreast import block_of
+from lissajous_env.device.abreast import Block, block_of
 
 WORLD, ROBOT, TARGET, ROW, FIELD_ROW, BIN, ARRAY = "world", "robot", "target", "row", "field row", "bin", "array"
 
@@ -48,12 +48,23 @@ if block.count == 0:
     return
 """
 
-_TYPES: dict[str, Any] = {}
+TYPES: dict[str, Any] = {"block": Block}
+"""Types of parameters by their names."""
 
 
 def named(**types: Any) -> None:
     """Declare the types that parameters of these names have in every stage."""
-    _TYPES.update(types)
+    TYPES.update(types)
+
+
+def named_struct(name: str) -> Callable[[type], Any]:
+    """Make a decorator of Warp structs whose instances are the parameters of this name in every stage."""
+
+    def make(cls: type) -> Any:
+        TYPES[name] = wp.struct(cls)
+        return TYPES[name]
+
+    return make
 
 
 def part(function: Any) -> Any:
@@ -68,7 +79,7 @@ def _types_of(function: Any) -> dict[str, Any]:
     Raises:
         TypeError: a parameter has no annotation and no type that `named` declares.
     """
-    types, parameters = _TYPES | function.__annotations__, list(inspect.signature(function).parameters)
+    types, parameters = TYPES | function.__annotations__, list(inspect.signature(function).parameters)
     if unknown := [name for name in parameters if name not in types]:
         raise TypeError(f"parameters of {function.__qualname__} must have a type, got none for {unknown[0]}")
     result = {"return": types["return"]} if "return" in types else {}
@@ -87,7 +98,7 @@ def stage(over: str, writes: str, idle: bool = False, module: Any = None) -> Cal
         module: Warp module of the kernel; by default that of the function.
 
     Returns:
-        A decorator that returns a kernel with the attributes `over` and `writes`.
+        A decorator that returns a kernel with the attributes `over`, `layout` and `writes`.
 
     Raises:
         TypeError: as of `_types_of`.
@@ -96,10 +107,10 @@ def stage(over: str, writes: str, idle: bool = False, module: Any = None) -> Cal
     def make(function: Any) -> Any:
         tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
         assert isinstance(tree, ast.FunctionDef)
-        _arrange(tree, over, idle)
+        layout = _arrange(tree, over, idle)
         tree.decorator_list.clear()
         kernel = wp.kernel(_compiled(tree, function), module=module)
-        kernel.over, kernel.writes = over, _written(writes)
+        kernel.over, kernel.layout, kernel.writes = over, layout, _written(writes)
         return kernel
 
     return make
@@ -114,25 +125,26 @@ def _written(writes: str) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _arrange(tree: ast.FunctionDef, over: str, idle: bool) -> None:
-    """Turn the definition of a stage's function into that of its kernel."""
+def _arrange(tree: ast.FunctionDef, over: str, idle: bool) -> str:
+    """Turn the definition of a stage's function into that of its kernel; return its layout."""
     arguments, body = tree.args.args, tree.body
     names = [argument.arg for argument in arguments]
     if names[0] == "block":
-        places, given, before = "begin: int, end: int, entities: int", 1, _BLOCK
+        layout, places, given, before = BLOCKS, "begin: int, end: int, entities: int", 1, _BLOCK
     elif names[1:3] == ["lane", "lanes"]:
-        places, given, before = "first: int, lanes: int", 3, _LANE
+        layout, places, given, before = LANES, "first: int, lanes: int", 3, _LANE
     elif over != WORLD:
-        places, given, before = "first: int, lanes: int, entities: int", 2, _LANE
+        layout, places, given, before = LANES, "first: int, lanes: int, entities: int", 2, _LANE
         loop = ast.parse(f"for {names[1]} in range(lane, entities, lanes):\n    pass").body[0]
         assert isinstance(loop, ast.For)
         loop.body = body[1:]
         body[1:] = [loop]
     else:
-        places, given, before = "first: int", 1, _WORLD
+        layout, places, given, before = WORLDS, "first: int", 1, _WORLD
     tree.args.args = [*_parameters(places), *arguments[given:]]
     before += "" if idle or names[0] == "block" else _ACTIVE
     tree.body = [body[0], *ast.parse(before).body, *body[1:]]
+    return layout
 
 
 def _parameters(text: str) -> list[ast.arg]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from lissajous_env.parameters.extensions import ScoreColumn
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.score import Episode
+from lissajous_env.world.episode import Episode
 
 
 class Rule(NamedTuple):
@@ -310,6 +310,17 @@ NAMES = (*IDENTITY, *COLUMNS)
 """All entries of a score row."""
 MEANINGS = IDENTITY | {name: column.described for name, column in COLUMNS.items()}
 """The meaning of each of them, with its unit in brackets."""
+
+
+def task_score(scenario: Scenario) -> Column:
+    """Return the score of a scenario's task, by which policies are ranked and compared.
+
+    It is the share of the targets in sight where targets stay, the detections in a minute where they appear anew, and
+    the mean detection time elsewhere.
+    """
+    if not scenario.targets.leave:
+        return OBSERVED
+    return DETECTION_RATE if scenario.targets.respawn else DETECTION_TIME
 
 
 def brought_columns(scenario: Scenario) -> tuple[str, ...]:
