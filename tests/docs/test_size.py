@@ -9,7 +9,7 @@ LINES = 43_259
 """Lines of the packages."""
 MODULES = 284
 """Files of the packages."""
-TESTS = 25_799
+TESTS = 25_804
 """Lines of the tests."""
 
 
