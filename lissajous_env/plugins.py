@@ -1,9 +1,6 @@
 """Objects of users and other packages: how they are imported, registered and sent to other processes.
 
-They are imported by `module:attribute`, by entry points, or by a name that a module of the current folder registers.
-
-Modules of the current folder are read as text, and imported only if the requested name is registered there. The name
-must be a literal, as in `register("my-policy")` or `Scenario(name="my-scenario")`.
+They are imported by `module:attribute`, by entry points, or with a module of which they register a name.
 """
 
 import contextlib
@@ -14,7 +11,7 @@ import re
 import sys
 import types
 import warnings
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Container
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -96,40 +93,6 @@ class EntryPoints:
                 named = f"the {self.things} of the entry point {entry.name} ({entry.value})"
                 self.broken.append(f"{named} cannot be loaded: {words}")
                 warnings.warn(self.broken[-1], RuntimeWarning, stacklevel=2)
-
-
-def load_module_of(name: str, thing: str, *functions: str) -> None:
-    """Import the module in the current folder that registers a name, if there is one.
-
-    Args:
-        name: The name. `my-method-mpcc` may also result from the registration of `my-method`.
-        thing: Kind of the named object, for messages.
-        functions: Names of the registering functions.
-
-    Raises:
-        ValueError: the module cannot be imported.
-    """
-    starts = {name, *(name[:k] for k, letter in enumerate(name) if letter == "-")}
-    for registered, module in registered_here(*functions):
-        if registered in starts:
-            try:
-                import_module(module)
-            except (Exception, SystemExit) as error:
-                rule = f"{thing} {name} must be registered by a module that can be imported"
-                raise ValueError(f"{rule}, got {module}.py: {where_raised(error)}") from error
-
-
-def registered_here(*functions: str) -> Iterator[tuple[str, str]]:
-    """Yield the names that modules in the current folder register with these functions, each with its module."""
-    calls = rf"\b(?:{'|'.join(functions)})\("
-    for path in _entries():
-        source = ""
-        if path.suffix == ".py":
-            with contextlib.suppress(OSError):  # a file that cannot be read
-                source = path.read_text(encoding="utf-8", errors="replace")
-        if re.search(calls, source):
-            for name in re.findall(rf"""(?:{calls}|\bname=)\s*["']([\w.-]+)["']""", source):
-                yield name, path.stem
 
 
 def beside(name: Any, suffix: str) -> list[str]:

@@ -102,9 +102,6 @@ def plan(
         ValueError: a value that a rule forbids, an unknown name, or a policy or scenario that has no partner.
     """
     settings.check()
-    for name in settings.policies:
-        if not is_ones_own(name):
-            registry.bring(name)
     own = {name: named(name) for name in settings.policies if is_ones_own(name)}
     own |= {name: as_factory(policy, name) for name, policy in (policies or {}).items()}
     kinds = {name: _kind_of(name) for name in own if registry.is_folder(name)}

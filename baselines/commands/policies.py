@@ -33,14 +33,10 @@ def policies(scenario: _ScenarioOrNone = None, output: OutputOptions = DEFAULT_O
     ]
     rows = [_described(**entry) for entry in listed]
     print_table(console, columns, rows)
-    if here := [f"{name} ({module}.py)" for name, module in registry.registered_here()]:
-        console.print(
-            f"\nRegistered by modules of the current folder: {', '.join(here)}", markup=False, highlight=False
-        )
     words = (
         "\nA policy can also be given as a checkpoint's folder; as module:factory, where factory(scenario, num_worlds, "
         "device) returns a policy; as module:act, where act(observation) returns actions; or by a name that a module "
-        "of the current folder registers."
+        "registers which --import MODULE imports."
     )
     console.print(words, style="dim", highlight=False)
 

@@ -6,8 +6,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.devices import as_device, compile_quietly
-from lissajous_env.device.part_structs import RobotStruct
-from lissajous_env.device.structs import to_struct
+from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.logs.inputs import convert
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario

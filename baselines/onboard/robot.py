@@ -11,14 +11,13 @@ import warp as wp
 from baselines.onboard.commands import Actuation, Command, Twist
 from baselines.onboard.inputs import Message, Odometry, seen_rows
 from baselines.onboard.limits import Limits
+from baselines.onboard.row import Row
 from baselines.policies import factories
 from baselines.policies.base import Policy
 from lissajous_env import scenario as make_scenario
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
-from lissajous_env.theory.geometry import locate
 from lissajous_env.wording import shown
-from lissajous_env.world.row_outside import RowOutside
 
 _MOST_STEPS = 10
 """Largest number of a policy's steps in one call."""
@@ -81,9 +80,9 @@ class Onboard:
         self.limits: Any = (limits or Limits()).of(self.scenario)
         self._policy = _made(policy, self.scenario, self.robot)
         self.listens = getattr(self._policy, "communicates", "nothing") != "nothing"
-        self._builder = RowOutside(self.scenario)
+        self._row = Row(self.scenario, self.robot)
         self._actuation = Actuation(self.scenario)
-        self._rows = wp.zeros((1, n, len(self._builder.row)), dtype=wp.float32, device="cpu")
+        self._rows = wp.zeros((1, n, len(self._row.values)), dtype=wp.float32, device="cpu")
         self._rows_host = self._rows.numpy()
         self._size = self.scenario.messages.size
         self.reset()
@@ -91,9 +90,8 @@ class Onboard:
     def reset(self) -> None:
         """Begin a new episode: reset all memory, and let a stopped robot drive again."""
         self._policy.reset()
-        self._phase: float | None = None
+        self._row.forget()
         self._odometry: Odometry | None = None
-        self._announced: Odometry | None = None
         self._heard: list[Message | None] = [None, None]
         self._begun = self._now = math.nan
         self._latched, self._steps = "", 0
@@ -111,7 +109,8 @@ class Onboard:
 
         Its phase is then computed from its next pose, because it may have been moved.
         """
-        self._latched, self._phase = "", None
+        self._latched = ""
+        self._row.forget()
 
     def command_at(self, now: float) -> Any:
         """Return the command for the actuators at a time [s]: the latest, or that of rest if it is no longer valid.
@@ -133,8 +132,7 @@ class Onboard:
         if not odometry.is_finite:
             return None
         self._odometry = odometry
-        self._fill(True, None)
-        self._announced = odometry
+        self._row.fill(odometry, self._heard, True, None)
         return self._message()
 
     def act(
@@ -177,8 +175,9 @@ class Onboard:
             self._odometry = odometry
         if self._odometry is None or not math.isfinite(now):
             return self._stopped(now, reason or "there is no pose yet")
-        self._builder.see(robots, targets)
-        row = self._fill(not reason, phase if odometry is self._odometry else None)
+        self._row.see(robots, targets)
+        phase = phase if odometry is self._odometry else None
+        row = self._row.fill(self._odometry, self._heard, not reason, phase)
         for _ in range(self._steps_due(now)):
             self._decide(row)
         if not np.isfinite(self._action).all():
@@ -241,25 +240,6 @@ class Onboard:
                 return f"robot {neighbour} has been silent for {since:.3g} s, the limit is {self.limits.silence:g} s"
         return ""
 
-    def _fill(self, works: bool, phase: tuple[float, float] | None) -> np.ndarray:
-        builder, step, pose = self._builder, self.scenario.task.step, self._odometry
-        assert pose is not None
-        for side, message in enumerate(self._heard):
-            if message is not None:
-                # Both are times of a pose, of which the phases are compared.
-                builder.age[side] = max(pose.stamp - message.sent_at, 0.0) / step
-                builder.message[side] = message[2:6]
-                builder.numbers[side] = message.numbers
-            else:
-                builder.age[side], builder.numbers[side] = -1, 0
-        if phase is None and self._phase is None:
-            near = float(self.scenario.equilibrium[self.robot])
-            builder.phase = locate(self.scenario.driven, self.scenario.alpha, pose.x, pose.y, pose.heading, near)
-        follows = pose is not self._announced or self._phase is None
-        row = builder.fill(pose.x, pose.y, pose.heading, pose.speed, works, phase, follows)
-        self._phase = builder.phase
-        return row
-
     def _steps_due(self, now: float) -> int:
         """Return how many steps the policy is behind the clock, which a call brings it up to: mostly one."""
         now_done = round((now - self._begun) / self.scenario.task.step) + 1
@@ -279,12 +259,12 @@ class Onboard:
         return self._output(reason)
 
     def _output(self, reason: str) -> Output:
-        return Output(self._command, self._message(), reason, self._action.copy(), self._builder.row.copy())
+        return Output(self._command, self._message(), reason, self._action.copy(), self._row.values.copy())
 
     def _message(self) -> Message | None:
-        if self._phase is None or self._odometry is None:
+        if not self._row.has_phase or self._odometry is None:
             return None
-        return Message(self.robot, self._odometry.stamp, *self._builder.sent, self._numbers)
+        return Message(self.robot, self._odometry.stamp, *self._row.sent, self._numbers)
 
 
 def _made(policy: Any, scenario: Scenario, robot: int) -> Any:

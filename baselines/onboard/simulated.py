@@ -3,17 +3,11 @@
 from typing import NamedTuple
 
 import numpy as np
-import warp as wp
 
 from baselines.onboard.inputs import Message, Odometry
-from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.devices import compile_quietly
 from lissajous_env.settings.checks import whole_number
-from lissajous_env.world.observing import velocity
 from lissajous_env.world.simulation import Simulation
-from lissajous_env.world.state import REMOVED, WORKING, Robots, planar
-
-wp.set_module_options(OPTIONS)
+from lissajous_env.world.state import REMOVED, WORKING
 
 
 class Inputs(NamedTuple):
@@ -26,15 +20,6 @@ class Inputs(NamedTuple):
     targets: np.ndarray
     phase: tuple[float, float]
     works: bool
-
-
-@wp.kernel
-def see_others(w: int, i: int, robots: Robots, others_out: wp.array(dtype=wp.vec4)):
-    """Write the places and velocities of all robots less those of one [m], [m/s]."""
-    j = wp.tid()
-    away = planar(robots.position[w, j]) - planar(robots.position[w, i])
-    relative = velocity(w, j, robots) - velocity(w, i, robots)
-    others_out[j] = wp.vec4(away[0], away[1], relative[0], relative[1])
 
 
 def inputs_of(simulation: Simulation, robot: int, world: int = 0) -> Inputs:
@@ -52,10 +37,9 @@ def inputs_of(simulation: Simulation, robot: int, world: int = 0) -> Inputs:
     status = state.status.numpy()[world]
     if status[robot] == int(REMOVED):
         raise ValueError(f"robot must not have been removed, got {robot}")
-    others = wp.zeros(n, dtype=wp.vec4, device=simulation.device)
-    with compile_quietly():
-        wp.launch(see_others, n, [world, robot, state], [others], device=simulation.device)
-    others = others.numpy()
+    faces, speeds = state.heading.numpy()[world], state.speed.numpy()[world]
+    moves = np.column_stack([state.position.numpy()[world, :, :2], speeds * np.cos(faces), speeds * np.sin(faces)])
+    others = moves - moves[robot]
     cos_phase, sin_phase = state.measured_turn.numpy()[world, robot, :2].tolist()
     x, y, heading, speed = state.measured.numpy()[world, robot].tolist()
     step = scenario.task.step

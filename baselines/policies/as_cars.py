@@ -13,8 +13,7 @@ from baselines.policies.driving import twist_reached
 from baselines.policies.own_row import own_heading, own_speed
 from lissajous_env.device.car_input import steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.part_structs import RobotStruct
-from lissajous_env.device.structs import to_struct
+from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.robot_models import AsCar, model_of
 from lissajous_env.parameters.scenario import Scenario

@@ -7,7 +7,7 @@ import warp as wp
 from baselines.similarity import EXPERIMENT, motion_scale
 from lissajous_env.device.car_input import car_action
 from lissajous_env.device.curve import wrap
-from lissajous_env.device.part_structs import RobotStruct
+from lissajous_env.device.structs import RobotStruct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.car import car_rate, car_step, motor_push
 

@@ -9,7 +9,7 @@ from typing import Any, cast
 from baselines.policies import registry
 from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
 from lissajous_env.identity import parts_of
-from lissajous_env.parameters.named import bring_scenario, denotes_scenario, meant_here, unknown_scenario
+from lissajous_env.parameters.named import denotes_scenario, unknown_scenario
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import import_attribute
 from lissajous_env.wording import few_of, shown
@@ -26,12 +26,11 @@ def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], s
     """
     *scenarios, policy = names
     for name in scenarios:
-        bring_scenario(name)
         if registry.is_folder(name) or (name in registry.names() and not denotes_scenario(name)):
             words = "scenario must be given before the policy (that of a policy's folder is FOLDER/scenario.toml)"
             raise ValueError(f"{words}, got {few_of(names)}")
         if not denotes_scenario(name) and not is_imported(name):
-            raise unknown_scenario(name, meant_here(name))
+            raise unknown_scenario(name)
     if denotes_scenario(policy) and policy not in registry.names() and not registry.is_folder(policy):
         raise ValueError(f"policy must be given after the scenario, got {few_of(names)}")
     if not scenarios:

@@ -66,9 +66,8 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.curve import CurveStruct, curve_struct, wrap
 from lissajous_env.device.devices import as_device
-from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.program import launcher
-from lissajous_env.device.structs import to_struct
+from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import turning_radius

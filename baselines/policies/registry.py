@@ -59,8 +59,6 @@ LOADERS: dict[str, Loader] = {}
 _BROUGHT = EntryPoints("lissajous_env.policies", "policies", lambda register_theirs: register_theirs())
 _VELOCITY = "velocity"
 """Kind of policies whose actions are velocities, as in `Scenario.actuation`."""
-_REGISTER = "register", "register_coordinator"
-"""Names of the functions that add policies."""
 _PLAYERS = {
     ".zip": "training.sb3.ModelPolicy(PPO.load(file), scenario, num_worlds, device) for a model of Stable-Baselines3",
     ".onnx": "a baselines.Policy that runs the model in `decide`",
@@ -199,12 +197,11 @@ def check(name: str, scenario: Scenario) -> Entry:
     Raises:
         ValueError: the name is unknown, or the policy is for another kind of robot.
     """
-    bring(name)
     entry, suffix = entry_of(name), unwrapped(name)[1]
     if entry is None:
         known = names()
         here = [folder for file in LOADERS for folder in plugins.folders_beside(name, file)]
-        hint = _player_of(name) or nearest(name, [*known, *here, *(policy for policy, _ in registered_here())])
+        hint = _player_of(name) or nearest(name, [*known, *here])
         words = f"policy must be one of the {len(known)} that `lissajous policies` lists, got {shown(name)}{hint}"
         raise ValueError("; ".join([words, *_BROUGHT.broken]))
     if not _drives(name, scenario.actuation):
@@ -294,21 +291,6 @@ def remember(name: str, entry: Entry | None) -> None:
     """Register the `entry_of` a policy in another process, unless this process has a policy of the name."""
     if entry is not None:
         _entries().setdefault(unwrapped(name)[0], entry)
-
-
-def bring(name: str) -> None:
-    """Import the module of the current folder that registers a policy of a name, where there is none of it yet.
-
-    Raises:
-        ValueError: the module cannot be imported.
-    """
-    if entry_of(name) is None:
-        plugins.load_module_of(name, "policy", *_REGISTER)
-
-
-def registered_here() -> list[tuple[str, str]]:
-    """Return the names that modules of the current folder register, each with its module."""
-    return list(plugins.registered_here(*_REGISTER))
 
 
 def _player_of(name: str) -> str:

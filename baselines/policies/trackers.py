@@ -50,8 +50,7 @@ from baselines.similarity import motion_scale
 from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_struct, point2, tangent2, wrap
-from lissajous_env.device.part_structs import RobotStruct
-from lissajous_env.device.structs import to_struct
+from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.assumptions import warn_of_violations
 from lissajous_env.parameters.scenario import Scenario

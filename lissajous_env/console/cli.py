@@ -3,6 +3,9 @@
 A command is a typed function named by an entry point in the group `lissajous_env.commands`, so that other
 packages can add commands. The signature of the function is the command line; its docstring is the help. A dot in the
 name of an entry point separates two words: `ros.robot` is the command `lissajous ros robot`.
+
+Each `--import MODULE`, anywhere on the command line, first imports a module, also from the current folder. The command
+then knows the names that it registers, of scenarios, policies, robot models and rogues.
 """
 
 import ast
@@ -25,14 +28,15 @@ from lissajous_env.console import interrupts
 from lissajous_env.console.interrupts import INTERRUPTED
 from lissajous_env.console.terminal import CommandError, complain, make_console
 from lissajous_env.device import compilation
-from lissajous_env.plugins import search_current_folder
-from lissajous_env.wording import few_of, nearest, shown
+from lissajous_env.plugins import import_module, search_current_folder
+from lissajous_env.wording import few_of, nearest, shown, where_raised
 
 GROUP = "lissajous_env.commands"
 FAILED = 1
 BAD_INPUT = 2
 TRACEBACK = "LISSAJOUS_TRACEBACK"
 """Environment variable that enables tracebacks."""
+IMPORT = "--import"
 ROS_ARGUMENTS = "--ros-args"
 """Argument from which on the arguments of a command `ros ...` are those of ROS 2, which reads them itself."""
 
@@ -91,6 +95,7 @@ def _failed(code: int, error: Exception, words: str) -> int:
 
 def _run(arguments: list[str]) -> int:
     known = commands()
+    arguments = _import_modules(arguments)
     if not arguments or arguments[0] in ("-h", "--help"):
         _print_commands(known)
         return 0
@@ -123,6 +128,24 @@ def _run(arguments: list[str]) -> int:
     return result if isinstance(result, int) else 0
 
 
+def _import_modules(arguments: list[str]) -> list[str]:
+    """Import the modules that `--import` names, and return the other arguments.
+
+    Raises:
+        ValueError: no module follows, or it cannot be imported; the message contains the reason and the line.
+    """
+    if IMPORT not in arguments:
+        return arguments
+    at = arguments.index(IMPORT)
+    module = "".join(arguments[at + 1 : at + 2])
+    try:
+        import_module(module)
+    except (Exception, SystemExit) as error:
+        rule = f"{IMPORT} must be followed by a module that can be imported"
+        raise ValueError(f"{rule}, got {shown(module)}: {where_raised(error)}") from error
+    return _import_modules(arguments[:at] + arguments[at + 2 :])
+
+
 def _description(function: Callable[..., Any]) -> str:
     """Return the docstring of a command up to the section on its arguments, with the example."""
     return (inspect.getdoc(function) or "").partition("\nArgs:")[0]
@@ -151,7 +174,11 @@ def _print_commands(known: Mapping[str, EntryPoint]) -> None:
     for name, entry in known.items():
         table.add_row(f"  [bold cyan]{name}", Text(_summary(entry)))
     console.print(table)
-    words = "\n[b]lissajous COMMAND --help[/b] prints the options of a command, [b]--version[/b] the version."
+    words = (
+        "\n[b]lissajous COMMAND --help[/b] prints the options of a command, [b]--version[/b] the version. "
+        "[b]--import MODULE[/b] first\nimports a module of yours, whose scenarios, policies, robot models and rogues a "
+        "command then knows by name."
+    )
     console.print(words, highlight=False)
 
 

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from lissajous_env.device.part_structs import RobotStruct
+from lissajous_env.device.structs import RobotStruct
 
 
 @wp.func

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from lissajous_env.device.stage import named_struct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.parts import Curve
 
 
-@wp.struct
+@named_struct("curve")
 class CurveStruct:
     """`Curve` on a device."""
 

@@ -25,7 +25,7 @@ from typing import Any
 
 import warp as wp
 
-from lissajous_env.device.abreast import block_of
+from lissajous_env.device.abreast import Block, block_of
 
 WORLD, ROBOT, TARGET, ROW, FIELD_ROW, BIN, ARRAY = "world", "robot", "target", "row", "field row", "bin", "array"
 
@@ -48,12 +48,23 @@ if block.count == 0:
     return
 """
 
-_TYPES: dict[str, Any] = {}
+TYPES: dict[str, Any] = {"block": Block}
+"""Types of parameters by their names."""
 
 
 def named(**types: Any) -> None:
     """Declare the types that parameters of these names have in every stage."""
-    _TYPES.update(types)
+    TYPES.update(types)
+
+
+def named_struct(name: str) -> Callable[[type], Any]:
+    """Make a decorator of Warp structs whose instances are the parameters of this name in every stage."""
+
+    def make(cls: type) -> Any:
+        TYPES[name] = wp.struct(cls)
+        return TYPES[name]
+
+    return make
 
 
 def part(function: Any) -> Any:
@@ -68,7 +79,7 @@ def _types_of(function: Any) -> dict[str, Any]:
     Raises:
         TypeError: a parameter has no annotation and no type that `named` declares.
     """
-    types, parameters = _TYPES | function.__annotations__, list(inspect.signature(function).parameters)
+    types, parameters = TYPES | function.__annotations__, list(inspect.signature(function).parameters)
     if unknown := [name for name in parameters if name not in types]:
         raise TypeError(f"parameters of {function.__qualname__} must have a type, got none for {unknown[0]}")
     result = {"return": types["return"]} if "return" in types else {}

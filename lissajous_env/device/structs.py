@@ -4,9 +4,14 @@ import dataclasses
 import functools
 import types
 import typing
+from collections.abc import Mapping
 from typing import Any
 
 import warp as wp
+
+from lissajous_env.device.stage import named
+from lissajous_env.device.warp_abi import variables_of
+from lissajous_env.settings import parts, task
 
 _KERNEL_TYPE = {float: wp.float32, int: wp.int32, bool: wp.int32}
 
@@ -50,3 +55,22 @@ def _without_none(hint: Any) -> Any:
     if isinstance(hint, types.UnionType):
         return next(kind for kind in typing.get_args(hint) if kind is not type(None))
     return hint
+
+
+def allocate(struct: Any, shapes: Mapping[str, tuple[int, ...]], default: tuple[int, ...], device: Any) -> Any:
+    """Make a struct whose arrays are zero, with the shape given by name or else the default shape."""
+    filled = struct()
+    for name, array in variables_of(struct).items():
+        setattr(filled, name, wp.zeros(shapes.get(name, default), dtype=array.type.dtype, device=device))
+    return filled
+
+
+FormationStruct = struct_of(parts.Formation)
+RobotStruct = struct_of(parts.Robot)
+SensingStruct = struct_of(task.Sensing)
+TargetStruct = struct_of(task.Targets)
+FaultsStruct = struct_of(parts.Faults)
+NoiseStruct = struct_of(parts.Noise)
+TaskStruct = struct_of(task.Task)
+named(formation=FormationStruct, robot=RobotStruct, sensing=SensingStruct, target=TargetStruct, faults=FaultsStruct)
+named(noise=NoiseStruct, task=TaskStruct)

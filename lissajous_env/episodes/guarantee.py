@@ -17,7 +17,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Faults, Noise, Robot
 from lissajous_env.settings.task import Targets, Task
 from lissajous_env.theory.geometry import largest_speed
-from lissajous_env.world.score import is_open
+from lissajous_env.world.episode import is_open
 from lissajous_env.world.simulation import Simulation
 
 ROUNDS = 12

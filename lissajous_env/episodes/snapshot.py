@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lissajous_env.world.coverage import last_sensed
-from lissajous_env.world.score import detection_times
+from lissajous_env.world.episode import detection_times
 from lissajous_env.world.state import REMOVED
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ import warp as wp
 from lissajous_env.device.car_input import action_of_input, steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import as_device, compile_quietly
-from lissajous_env.device.part_structs import RobotStruct
-from lissajous_env.device.structs import to_struct
+from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.settings.parts import Robot
 from lissajous_env.world.robots.differential import commanded_speed
 

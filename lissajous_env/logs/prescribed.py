@@ -11,11 +11,11 @@ from lissajous_env.device.curve import wrap, wrap_phase
 from lissajous_env.device.devices import as_device
 from lissajous_env.device.program import Stage
 from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.structs import allocate
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.placing import follow_curve
 from lissajous_env.world.simulation import Simulation
-from lissajous_env.world.state import REMOVED, STUCK, Clock, Robots, allocate
-from lissajous_env.world.tally import EpisodeTotals
+from lissajous_env.world.state import REMOVED, STUCK, Clock, EpisodeTotals, Robots
 
 wp.set_module_options(OPTIONS)
 

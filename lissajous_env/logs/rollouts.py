@@ -7,8 +7,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import as_device, compile_quietly
-from lissajous_env.device.part_structs import RobotStruct
-from lissajous_env.device.structs import to_struct
+from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.settings.parts import Robot
 from lissajous_env.world.robots.car import car_step, motor_push
 from lissajous_env.world.robots.differential import drive_step, ramp

@@ -1,7 +1,7 @@
 """Check the assumptions of the paper for a scenario.
 
 A scenario that violates an assumption can still be played, and some included scenarios violate one on purpose. Most
-assumptions are also necessary for a robot to follow the curve at all, and one for any policy to avoid collisions.
+assumptions are also necessary for a robot to follow the curve at all.
 """
 
 import warnings
@@ -10,7 +10,7 @@ from functools import cache
 
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import included_scenarios
-from lissajous_env.theory import closed_forms, geometry, starts
+from lissajous_env.theory import closed_forms, geometry
 
 _OBSERVED = 4
 """Largest speed in an observation [top speeds]."""
@@ -24,7 +24,7 @@ class AssumptionWarning(UserWarning):
 
 def violations(scenario: Scenario) -> tuple[str, ...]:
     """Return a sentence with numbers for each assumption that a scenario violates."""
-    return (*_of_formation(scenario), *_of_robots(scenario), *_of_start(scenario))
+    return (*_of_formation(scenario), *_of_robots(scenario))
 
 
 def warn_of_violations(scenario: Scenario, allowed: Iterable[str] = ()) -> None:
@@ -103,16 +103,3 @@ def _of_robots(scenario: Scenario) -> Iterator[str]:
     if wanted > grip * more:
         words = f"the cars grip up to {grip:.3g} m/s^2 (robot.lateral_acceleration_max)"
         yield f"the curve requires a lateral acceleration of {wanted:.3g} m/s^2, {words}"
-
-
-def _of_start(scenario: Scenario) -> Iterator[str]:
-    """Yield a sentence if cars start too close and too fast for any policy to avoid a collision."""
-    if scenario.robot.kind != "car" or scenario.num_robots == 1:
-        return
-    resolved, phases = scenario.resolve(), tuple(scenario.equilibrium.tolist())
-    share, pairs = starts.unavoidable(
-        resolved.driven, resolved.formation, resolved.robot, phases, tuple(scenario.top_speeds.tolist())
-    )
-    if share:
-        words = f"in about {share:.0%} of the episodes, with {pairs:.2g} such pairs of cars per episode"
-        yield f"cars start so close and fast that no policy can avoid a collision {words} (formation.start_headway)"

@@ -120,9 +120,9 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
     """Make a scenario, with any field overridden.
 
     Args:
-        name: A name of `scenarios()`, or one that a module of the current folder registers; a TOML file, as
-            `lissajous_env.parameters.scenario_file` describes it; `module:attribute`, a `Scenario` or a function
-            without arguments that returns one; a scenario of a space, as this module describes it; or a `Scenario`.
+        name: A name of `scenarios()`; a TOML file, as `lissajous_env.parameters.scenario_file` describes it;
+            `module:attribute`, a `Scenario` or a function without arguments that returns one; a scenario of a space, as
+            this module describes it; or a `Scenario`.
         **overrides: Dotted (`**{"curve.a": 11}`) or nested (`curve={"a": 11}`, `curve=Curve(...)`) fields. Where they
             change the number of robots, `formation.ring`, `p` and `alpha` are derived anew unless they are given too.
 
@@ -161,12 +161,12 @@ def with_cycles(base: Scenario, max_cycles: int | None) -> Scenario:
     return build(base, **{"task.duration": steps * base.task.step})
 
 
-def unknown_scenario(name: Any, others: Iterable[str] = ()) -> ValueError:
-    """Return the error for an unknown scenario, which suggests the closest match among scenarios and `others`."""
+def unknown_scenario(name: Any) -> ValueError:
+    """Return the error for an unknown scenario; it suggests the closest match among scenarios and files beside it."""
     if isinstance(name, str) and space_and_split(name) is not None:
         rule = f"scenario must be a single scenario, got the space {name}"
         return ValueError(f"{rule}; choose one of its scenarios, as {name}{':' if is_file(name) else '-'}0")
-    return _unregistered(name, others)
+    return _unregistered(name, plugins.beside(name, SUFFIX))
 
 
 def _unregistered(name: Any, others: Iterable[str] = ()) -> ValueError:
@@ -175,22 +175,6 @@ def _unregistered(name: Any, others: Iterable[str] = ()) -> ValueError:
     hint = nearest(name, [*known, *others])
     words = f"scenario must be one of the {len(known)} that `lissajous scenarios` lists, got {shown(name)}{hint}"
     return ValueError("; ".join([words, *_BROUGHT.broken]))
-
-
-def bring_scenario(name: str) -> None:
-    """Import the module in the current folder that registers a scenario, unless the scenario is already registered.
-
-    Raises:
-        ValueError: the module cannot be imported.
-    """
-    if not denotes_scenario(name):
-        plugins.load_module_of(name, "scenario", "register_scenario")
-
-
-def meant_here(name: Any) -> list[str]:
-    """Return candidates for a mistyped scenario: files beside it, and scenarios that modules here register."""
-    registered = plugins.registered_here("register_scenario")
-    return [*plugins.beside(name, SUFFIX), *(candidate for candidate, _ in registered)]
 
 
 def denotes_scenario(name: str) -> bool:
@@ -321,10 +305,7 @@ def _loaded(name: Any) -> Scenario:
         raise unknown_scenario(name)
     if ":" in name:
         return _imported(name)
-    bring_scenario(name)
-    if (entry := _known(name)) is None:
-        raise unknown_scenario(name, meant_here(name))
-    return entry
+    raise unknown_scenario(name)
 
 
 def _of_file(path: str) -> Scenario:

@@ -11,10 +11,9 @@ import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.stage import ARRAY, WORLD, stage
+from lissajous_env.device.stage import ARRAY, WORLD, named_struct, stage
 from lissajous_env.device.warp_abi import fields_of
-from lissajous_env.world.state import ENDED, IDLE, INITIAL_STATE, RUNNING
-from lissajous_env.world.tally import INITIAL_TOTALS
+from lissajous_env.world.state import ENDED, IDLE, INITIAL, RUNNING
 
 wp.set_module_options(OPTIONS)
 
@@ -60,11 +59,7 @@ def end_episodes(w, steps, clock, latest):
         clock.stage[w] = ENDED
 
 
-INITIAL = INITIAL_STATE | INITIAL_TOTALS
-"""Initial values that are not zero, by struct and field."""
-
-
-@wp.struct
+@named_struct("initial")
 class Initial:
     """The arrays of the state (A,), and the values with which an episode begins."""
 
@@ -108,7 +103,7 @@ def fill(address: wp.uint64, w: int, size: wp.int64, value: wp.uint32, lane: int
 
 
 @stage(ARRAY, writes="")
-def reset_arrays(w, lane, lanes, initial: Initial, clock):
+def reset_arrays(w, lane, lanes, initial, clock):
     """Set all arrays of the state to their initial values."""
     for k in range(initial.address.shape[0]):
         fill(initial.address[k], w, initial.size[k], initial.value[k], lane, lanes)

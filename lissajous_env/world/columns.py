@@ -9,7 +9,7 @@ import numpy as np
 
 from lissajous_env.parameters.extensions import ScoreColumn
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.score import Episode
+from lissajous_env.world.episode import Episode
 
 
 class Rule(NamedTuple):

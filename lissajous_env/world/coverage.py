@@ -13,7 +13,6 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.discs import CENTRE, visit_disc
 from lissajous_env.device.stage import ROW, stage
 from lissajous_env.world.state import NOWHERE, Cells
-from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
 
@@ -81,7 +80,7 @@ def count_visits(w: int, lane: int, lanes: int, now: int, cells: Cells) -> Count
     writes="cells: coming, idle_max, idle_squares, in_discs, sensed, sensed_at, sensed_by; latest: idle_ended; "
     "tally: covered, covered_each",
 )
-def cover(w, lane, lanes, curve, sensing, clock, robots, cells, latest, tally: EpisodeTotals):
+def cover(w, lane, lanes, curve, sensing, clock, robots, cells, latest, tally):
     """Mark the cells that are sensed now, row by row, and count their visits."""
     columns, radius = cells.sensed_at.shape[2], sensing.radius
     fresh_each = wp.int64(0)

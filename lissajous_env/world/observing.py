@@ -63,36 +63,6 @@ def observe_self(w, i, curve, speed_unit, robots, observation_out):
 
 
 @part
-def put_message(w, i, start: int, age: float, message: wp.vec4, own: wp.vec4, turn: wp.vec4, curve, observation_out):
-    """Fill the entries of a ring neighbour's message, of `Links.heard`; `own` and `turn` are those of `Robots`.
-
-    The age is in the unit of its entry.
-    """
-    observation_out[w, i, start] = 1.0
-    observation_out[w, i, start + 1] = wp.min(age, 1.0)
-    observation_out[w, i, start + 2] = wp.clamp(message[0] * turn[0] + message[1] * turn[1], -1.0, 1.0)
-    observation_out[w, i, start + 3] = wp.clamp(message[1] * turn[0] - message[0] * turn[1], -1.0, 1.0)
-    observation_out[w, i, start + 4] = far(0.5 * (message[2] - own[0]) / curve.half_width)
-    observation_out[w, i, start + 5] = far(0.5 * (message[3] - own[1]) / curve.half_height)
-
-
-@part
-def put_target(w, i, entry: int, offset: wp.vec2, observation_out):
-    """Fill the entries of a target in the disc, of its scaled place."""
-    observation_out[w, i, entry] = 1.0
-    observation_out[w, i, entry + 1] = offset[0]
-    observation_out[w, i, entry + 2] = offset[1]
-
-
-@part
-def put_robot(w, i, entry: int, offset: wp.vec2, relative: wp.vec2, observation_out):
-    """Fill the entries of a robot in the disc, of its scaled place and velocity."""
-    put_target(w, i, entry, offset, observation_out)
-    observation_out[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
-    observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
-
-
-@part
 def observe_ring(w, i, now, curve, age_per_step, message_start, robots, links, messages, observation_out):
     """Fill entries 8 to 19, and those of the policies' messages."""
     own = robots.measured[w, i]
@@ -105,8 +75,13 @@ def observe_ring(w, i, now, curve, age_per_step, message_start, robots, links, m
         if heard_at < 0 or removed:
             clear(w, i, start, start + LINK, observation_out)
         else:
-            age = float(now - heard_at) * age_per_step
-            put_message(w, i, start, age, links.heard[w, i, side], own, turn, curve, observation_out)
+            message = links.heard[w, i, side]
+            observation_out[w, i, start] = 1.0
+            observation_out[w, i, start + 1] = wp.min(float(now - heard_at) * age_per_step, 1.0)
+            observation_out[w, i, start + 2] = wp.clamp(message[0] * turn[0] + message[1] * turn[1], -1.0, 1.0)
+            observation_out[w, i, start + 3] = wp.clamp(message[1] * turn[0] - message[0] * turn[1], -1.0, 1.0)
+            observation_out[w, i, start + 4] = far(0.5 * (message[2] - own[0]) / curve.half_width)
+            observation_out[w, i, start + 5] = far(0.5 * (message[3] - own[1]) / curve.half_height)
         for m in range(size):
             entry = message_start + side * size + m
             observation_out[w, i, entry] = wp.where(removed, 0.0, messages.heard[w, i, side, m])
@@ -139,7 +114,7 @@ def keep_nearest(w: int, i: int, filled: int, room: int, offset: wp.vec2, index:
 
 
 @part
-def keep_robot(w, i, j, filled: int, room: int, radius: float, robots, bins: Bins) -> int:
+def keep_robot(w, i, j, filled: int, room: int, radius: float, robots, bins) -> int:
     """Enter robot j as `keep_nearest` does, if it is in the disc."""
     away = planar(robots.position[w, j]) - planar(robots.position[w, i])
     if wp.dot(away, away) < radius * radius and j != i and robots.status[w, j] != REMOVED:
@@ -148,7 +123,7 @@ def keep_robot(w, i, j, filled: int, room: int, radius: float, robots, bins: Bin
 
 
 @part
-def nearest_robots(w, i, room: int, radius: float, robots, bins: Bins) -> int:
+def nearest_robots(w, i, room: int, radius: float, robots, bins) -> int:
     """Find the nearest robots in the disc; returns how many, at most `room`."""
     filled = int(0)
     if bins.columns > 0:
@@ -162,8 +137,41 @@ def nearest_robots(w, i, room: int, radius: float, robots, bins: Bins) -> int:
     return filled
 
 
+_NEXT_IN_DISC = """
+    const int count = in_sight.shape[1], together = 32;
+    for (int start = first; start < count; start += together) {
+        const wp::vec2* positions = &wp::index(position, w, start);
+        const int* seen = &wp::index(in_sight, w, start);
+        unsigned int near = 0;
+        for (int k = 0; k < (count - start < together ? count - start : together); ++k) {
+            const float x = positions[k][0] - place[0], y = positions[k][1] - place[1];
+            near |= (unsigned int)(seen[k] == 1 & x * x + y * y < radius * radius) << k;
+        }
+        if (near != 0)
+            return start + wp::bit_count(~near & (near - 1));
+    }
+    return count;
+"""
+
+
+@wp.func_native(_NEXT_IN_DISC)
+def next_in_disc(
+    w: int,
+    first: int,
+    place: wp.vec2,
+    radius: float,
+    position: wp.array2d(dtype=wp.vec2),
+    in_sight: wp.array2d(dtype=int),
+) -> int:
+    """Return the next target, from the first on, that is in sight and in the disc at a place [m]; T for none.
+
+    The compiler turns its loop over targets into SIMD, in half of the time of the stage.
+    """
+    ...
+
+
 @part
-def nearest_targets(w, i, room: int, radius: float, robots, targets, bins: Bins) -> int:
+def nearest_targets(w, i, room: int, radius: float, robots, targets, bins) -> int:
     """Find the nearest targets in the disc; returns how many, at most `room`."""
     here = robots.sensor[w, i]
     filled = int(0)
@@ -180,33 +188,39 @@ def nearest_targets(w, i, room: int, radius: float, robots, targets, bins: Bins)
                         filled = keep_nearest(w, i, filled, room, away / radius, int(seen[2]), bins)
                     place = int(seen[3])
     else:
-        for t in range(targets.in_sight.shape[1]):
-            away = targets.position[w, t] - here
-            if targets.in_sight[w, t] == 1 and wp.dot(away, away) < radius * radius:
-                filled = keep_nearest(w, i, filled, room, away / radius, t, bins)
+        t = next_in_disc(w, 0, here, radius, targets.position, targets.in_sight)
+        while t < targets.in_sight.shape[1]:
+            filled = keep_nearest(w, i, filled, room, (targets.position[w, t] - here) / radius, t, bins)
+            t = next_in_disc(w, t + 1, here, radius, targets.position, targets.in_sight)
     return filled
 
 
 @part
-def observe_robots(w, i, filled: int, sensing, speed_unit, robots, bins: Bins, observation_out):
+def observe_robots(w, i, filled: int, sensing, speed_unit, robots, bins, observation_out):
     """List the nearest robots in the disc."""
     entry = OWN + 2 * LINK
     for k in range(filled):
         j = int(bins.nearest[w, i, k][1])
         offset = (planar(robots.position[w, j]) - planar(robots.position[w, i])) / sensing.sight
         relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * speed_unit)
-        put_robot(w, i, entry, offset, relative, observation_out)
+        observation_out[w, i, entry] = 1.0
+        observation_out[w, i, entry + 1] = offset[0]
+        observation_out[w, i, entry + 2] = offset[1]
+        observation_out[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
+        observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
         entry += PER_ROBOT
     empty(w, i, entry, PER_ROBOT, sensing.robots_seen - filled, observation_out)
 
 
 @part
-def observe_targets(w, i, filled: int, sensing, robots, targets, bins: Bins, observation_out):
+def observe_targets(w, i, filled: int, sensing, robots, targets, bins, observation_out):
     """List the nearest targets in the disc."""
     entry = OWN + 2 * LINK + PER_ROBOT * sensing.robots_seen
     for k in range(filled):
         offset = (targets.position[w, int(bins.nearest[w, i, k][1])] - robots.sensor[w, i]) / sensing.sight
-        put_target(w, i, entry, offset, observation_out)
+        observation_out[w, i, entry] = 1.0
+        observation_out[w, i, entry + 1] = offset[0]
+        observation_out[w, i, entry + 2] = offset[1]
         entry += PER_TARGET
     empty(w, i, entry, PER_TARGET, sensing.targets_seen - filled, observation_out)
 
@@ -225,7 +239,7 @@ def observe(
     links,
     messages,
     targets,
-    bins: Bins,
+    bins,
     latest,
     observation_out,
 ):

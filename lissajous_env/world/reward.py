@@ -4,7 +4,6 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import ROBOT, stage
-from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
 
@@ -37,7 +36,7 @@ def clear_events(w, i, clock, latest):
 
 
 @stage(ROBOT, writes="latest: reward, terms; tally: returns", idle=True)
-def give_reward(w, lane, lanes, task, cells_total, clock, contamination, latest, tally: EpisodeTotals):
+def give_reward(w, lane, lanes, task, cells_total, clock, contamination, latest, tally):
     """Reward each robot for the step: the sum of the terms in `TERMS` and of those of extensions."""
     count = latest.terms.shape[2]
     waiting = task.reward_waiting * float(latest.waiting[w]) * task.step

@@ -2,7 +2,7 @@
 
 A stage is a kernel that goes over the worlds of a batch, or the robots, targets or rows of the grid of each world. Its
 arguments are matched by the names of its parameters, among the state (`lissajous_env.world.state`) and the constants
-(`lissajous_env.world.constants`). It skips worlds in which `clock.active` is 0, unless it is made with
+(`lissajous_env.world.values`). It skips worlds in which `clock.active` is 0, unless it is made with
 `idle=True`.
 """
 

@@ -4,15 +4,9 @@ W worlds, N robots, T target slots, S sub-steps, R rows and C columns of a grid;
 a row are in B words, whose size each struct states.
 """
 
-from collections.abc import Mapping
-from typing import Any
-
 import warp as wp
 
-from lissajous_env.device import part_structs
-from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.stage import named
-from lissajous_env.device.warp_abi import variables_of
+from lissajous_env.device.stage import named, named_struct
 
 WORKING = wp.constant(0)
 STUCK = wp.constant(1)
@@ -32,7 +26,7 @@ NOWHERE = wp.constant(1.0e15)
 """Coordinate of the sensor of a robot that senses nothing [m]."""
 
 
-@wp.struct
+@named_struct("clock")
 class Clock:
     """Time and randomness of each world (W,)."""
 
@@ -52,7 +46,7 @@ class Clock:
     """Step in which that happened first, counted from 1; 0 for none."""
 
 
-@wp.struct
+@named_struct("robots")
 class Robots:
     """Robots (W, N) in truth and as they measure themselves."""
 
@@ -90,7 +84,7 @@ class Robots:
     """Curvature of the way of a car in the latest step in which it worked [1/m], for `faults.stop` = `coast`."""
 
 
-@wp.struct
+@named_struct("links")
 class Links:
     """Messages on the ring: what each robot sent, and what it last heard from its two neighbours."""
 
@@ -104,7 +98,7 @@ class Links:
     """(W, N, 2) step in which the last message received was sent; -1 for none yet."""
 
 
-@wp.struct
+@named_struct("messages")
 class Messages:
     """Messages of k numbers that policies send on the ring."""
 
@@ -116,7 +110,7 @@ class Messages:
     """(W, N, 2, k) last message received from each ring neighbour; zeros for none yet."""
 
 
-@wp.struct
+@named_struct("targets")
 class Targets:
     """Target slots (W, T)."""
 
@@ -148,7 +142,7 @@ class Targets:
     """Longest of these times [step]."""
 
 
-@wp.struct
+@named_struct("tracks")
 class Tracks:
     """Tracks of targets, and places of teammates, that each robot knows: `lissajous_env.world.tracks`."""
 
@@ -174,7 +168,7 @@ class Tracks:
     """(W, N, N) step in which it sent that; -1 for none yet."""
 
 
-@wp.struct
+@named_struct("rogues")
 class Rogues:
     """Targets that an adversary moves (W, T): `lissajous_env.world.rogues`."""
 
@@ -194,7 +188,7 @@ class Rogues:
     """True if it was undetected when the episode ended."""
 
 
-@wp.struct
+@named_struct("cells")
 class Cells:
     """The coverage grid: R rows, C columns, and B words of bits for 64 columns each."""
 
@@ -215,7 +209,7 @@ class Cells:
     """(W, R) longest time since the visit before [step]."""
 
 
-@wp.struct
+@named_struct("contamination")
 class Contamination:
     """Cells in which undetected targets may be: `lissajous_env.world.contamination.field`.
 
@@ -254,7 +248,7 @@ class Contamination:
     """(W,) latest step in which the age was 1.1 times that or more, after the first fault; -1 for none."""
 
 
-@wp.struct
+@named_struct("latest")
 class StepEvents:
     """Events and measures of the latest step."""
 
@@ -292,26 +286,76 @@ class StepEvents:
     """(W, N) True when the time is over."""
 
 
+@named_struct("tally")
+class EpisodeTotals:
+    """Totals of an episode so far, from which the score columns are computed."""
+
+    contact: wp.array3d(dtype=wp.int32)
+    """(W, N, N) above the diagonal, latest step in which a pair collided, negative once it has parted; 0 for never."""
+    collisions: wp.array(dtype=wp.int64)
+    """(W,) collisions."""
+    contact_steps: wp.array(dtype=wp.int64)
+    """(W,) steps in contact, summed over pairs."""
+    min_separation: wp.array(dtype=wp.float32)
+    """(W,) smallest distance of two robots [m]."""
+    covered: wp.array(dtype=wp.int64)
+    """(W,) cells covered by some robot."""
+    covered_each: wp.array(dtype=wp.int64)
+    """(W,) cells covered, summed over robots."""
+    covered_at: wp.array(dtype=wp.int32)
+    """(W,) step in which every cell had been covered."""
+    covered_each_at: wp.array(dtype=wp.int32)
+    """(W,) step in which every robot had covered every cell."""
+    lateral_sum: wp.array(dtype=wp.float64)
+    """(W,) distance from the curve, summed over steps, mean over robots [m]."""
+    lateral_max: wp.array(dtype=wp.float32)
+    """(W,) largest distance from the curve [m]."""
+    tracking_sum: wp.array(dtype=wp.float64)
+    """(W,) distance from the point of the curve at a robot's own phase, summed over steps, mean over robots [m]."""
+    tracking_max: wp.array(dtype=wp.float32)
+    """(W,) largest distance from the point of the curve at a robot's own phase [m]."""
+    spacing_max: wp.array(dtype=wp.float32)
+    """(W,) largest distance of ring neighbours [m]."""
+    phase_error: wp.array(dtype=wp.float32)
+    """(W,) deviation from the equilibrium now [rad]."""
+    phase_error_max: wp.array(dtype=wp.float32)
+    """(W,) largest deviation from the equilibrium [rad]."""
+    nominal_phase_error: wp.array(dtype=wp.float32)
+    """(W,) largest deviation from the equilibrium before a robot failed for the first time [rad]."""
+    faulted: wp.array(dtype=wp.int32)
+    """(W,) 1 from the first step in which a robot has failed."""
+    off_at: wp.array(dtype=wp.int32)
+    """(W,) latest step since then in which the deviation exceeded `nominal_phase_error` by a margin; -1 for never."""
+    fault_end: wp.array(dtype=wp.int32)
+    """(W,) step at whose end the latest failed robot resumed; -1 for none or while a robot has failed."""
+    distance_sum: wp.array(dtype=wp.float64)
+    """(W,) distance travelled, summed over robots [m]."""
+    observed: wp.array(dtype=wp.int64)
+    """(W,) targets in sight, summed over steps."""
+    speed_max: wp.array(dtype=wp.float32)
+    """(W,) largest speed of a robot, forwards or backwards [m/s]."""
+    change_sum: wp.array(dtype=wp.float64)
+    """(W,) mean square of the change of the action, summed over steps, mean over the robots that were not removed."""
+    outside_steps: wp.array(dtype=wp.int64)
+    """(W,) steps with the whole body outside the rectangle, summed over robots."""
+    partly_outside_steps: wp.array(dtype=wp.int64)
+    """(W,) steps with some part of the body outside the rectangle, summed over robots."""
+    wall_contacts: wp.array2d(dtype=wp.int32)
+    """(W, N) contacts with a wall that began."""
+    at_wall: wp.array2d(dtype=wp.int32)
+    """(W, N) 1 while a contact with a wall lasts."""
+    blocked_steps: wp.array2d(dtype=wp.int32)
+    """(W, N) steps in which a robot was blocked."""
+    driven_steps: wp.array2d(dtype=wp.int32)
+    """(W, N) steps in which its policy drove a robot since it last moved by its radius, from `driven_from`."""
+    driven_from: wp.array2d(dtype=wp.vec2)
+    """(W, N) place from which that motion is measured [m]."""
+    returns: wp.array2d(dtype=wp.float64)
+    """(W, N) sum of the rewards."""
+
+
 named(
     **dict.fromkeys(("w", "i", "j", "t", "row", "column", "now", "slot", "key"), int),
-    curve=CurveStruct,
-    formation=part_structs.FormationStruct,
-    robot=part_structs.RobotStruct,
-    sensing=part_structs.SensingStruct,
-    target=part_structs.TargetStruct,
-    faults=part_structs.FaultsStruct,
-    noise=part_structs.NoiseStruct,
-    task=part_structs.TaskStruct,
-    clock=Clock,
-    robots=Robots,
-    links=Links,
-    messages=Messages,
-    targets=Targets,
-    tracks=Tracks,
-    rogues=Rogues,
-    cells=Cells,
-    contamination=Contamination,
-    latest=StepEvents,
     steps=int,
     cells_total=int,
     **dict.fromkeys(("message_start", "track_start"), int),
@@ -325,7 +369,7 @@ named(
     equilibrium=wp.array(dtype=wp.float64),
 )
 
-INITIAL_STATE = {
+INITIAL = {
     "robots.resumed_at": -1,
     "links.heard_at": -1,
     "targets.found_at": int(NEVER),
@@ -336,6 +380,12 @@ INITIAL_STATE = {
     "contamination.row_oldest": int(NEVER),
     "contamination.cleared_at": int(NEVER),
     "contamination.high_at": -1,
+    "tally.min_separation": 1.0e30,
+    "tally.covered_at": int(NEVER),
+    "tally.covered_each_at": int(NEVER),
+    "tally.off_at": -1,
+    "tally.fault_end": -1,
+    "tally.driven_from": float(NOWHERE),
 }
 """Values that are not zero at the beginning of an episode, by struct and field."""
 
@@ -344,11 +394,3 @@ INITIAL_STATE = {
 def planar(position: wp.vec3) -> wp.vec2:
     """Return the position on the ground [m]."""
     return wp.vec2(position[0], position[1])
-
-
-def allocate(struct: Any, shapes: Mapping[str, tuple[int, ...]], default: tuple[int, ...], device: Any) -> Any:
-    """Make a struct whose arrays are zero, with the shape given by name or else the default shape."""
-    filled = struct()
-    for name, array in variables_of(struct).items():
-        setattr(filled, name, wp.zeros(shapes.get(name, default), dtype=array.type.dtype, device=device))
-    return filled

@@ -6,7 +6,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import WORLD, part, stage
 from lissajous_env.device.trig import atan2
-from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK
+from lissajous_env.world.state import NEVER, REMOVED, STUCK
 
 wp.set_module_options(OPTIONS)
 
@@ -17,87 +17,8 @@ FAULT_MARGIN = wp.constant(1.1)
 """Factor by which a quantity must exceed its largest value before the first fault to count as disturbed by it."""
 
 
-@wp.struct
-class EpisodeTotals:
-    """Totals of an episode so far, from which the score columns are computed."""
-
-    contact: wp.array3d(dtype=wp.int32)
-    """(W, N, N) above the diagonal, latest step in which a pair collided, negative once it has parted; 0 for never."""
-    collisions: wp.array(dtype=wp.int64)
-    """(W,) collisions."""
-    contact_steps: wp.array(dtype=wp.int64)
-    """(W,) steps in contact, summed over pairs."""
-    min_separation: wp.array(dtype=wp.float32)
-    """(W,) smallest distance of two robots [m]."""
-    covered: wp.array(dtype=wp.int64)
-    """(W,) cells covered by some robot."""
-    covered_each: wp.array(dtype=wp.int64)
-    """(W,) cells covered, summed over robots."""
-    covered_at: wp.array(dtype=wp.int32)
-    """(W,) step in which every cell had been covered."""
-    covered_each_at: wp.array(dtype=wp.int32)
-    """(W,) step in which every robot had covered every cell."""
-    lateral_sum: wp.array(dtype=wp.float64)
-    """(W,) distance from the curve, summed over steps, mean over robots [m]."""
-    lateral_max: wp.array(dtype=wp.float32)
-    """(W,) largest distance from the curve [m]."""
-    tracking_sum: wp.array(dtype=wp.float64)
-    """(W,) distance from the point of the curve at a robot's own phase, summed over steps, mean over robots [m]."""
-    tracking_max: wp.array(dtype=wp.float32)
-    """(W,) largest distance from the point of the curve at a robot's own phase [m]."""
-    spacing_max: wp.array(dtype=wp.float32)
-    """(W,) largest distance of ring neighbours [m]."""
-    phase_error: wp.array(dtype=wp.float32)
-    """(W,) deviation from the equilibrium now [rad]."""
-    phase_error_max: wp.array(dtype=wp.float32)
-    """(W,) largest deviation from the equilibrium [rad]."""
-    nominal_phase_error: wp.array(dtype=wp.float32)
-    """(W,) largest deviation from the equilibrium before a robot failed for the first time [rad]."""
-    faulted: wp.array(dtype=wp.int32)
-    """(W,) 1 from the first step in which a robot has failed."""
-    off_at: wp.array(dtype=wp.int32)
-    """(W,) latest step since then in which the deviation exceeded `nominal_phase_error` by a margin; -1 for never."""
-    fault_end: wp.array(dtype=wp.int32)
-    """(W,) step at whose end the latest failed robot resumed; -1 for none or while a robot has failed."""
-    distance_sum: wp.array(dtype=wp.float64)
-    """(W,) distance travelled, summed over robots [m]."""
-    observed: wp.array(dtype=wp.int64)
-    """(W,) targets in sight, summed over steps."""
-    speed_max: wp.array(dtype=wp.float32)
-    """(W,) largest speed of a robot, forwards or backwards [m/s]."""
-    change_sum: wp.array(dtype=wp.float64)
-    """(W,) mean square of the change of the action, summed over steps, mean over the robots that were not removed."""
-    outside_steps: wp.array(dtype=wp.int64)
-    """(W,) steps with the whole body outside the rectangle, summed over robots."""
-    partly_outside_steps: wp.array(dtype=wp.int64)
-    """(W,) steps with some part of the body outside the rectangle, summed over robots."""
-    wall_contacts: wp.array2d(dtype=wp.int32)
-    """(W, N) contacts with a wall that began."""
-    at_wall: wp.array2d(dtype=wp.int32)
-    """(W, N) 1 while a contact with a wall lasts."""
-    blocked_steps: wp.array2d(dtype=wp.int32)
-    """(W, N) steps in which a robot was blocked."""
-    driven_steps: wp.array2d(dtype=wp.int32)
-    """(W, N) steps in which its policy drove a robot since it last moved by its radius, from `driven_from`."""
-    driven_from: wp.array2d(dtype=wp.vec2)
-    """(W, N) place from which that motion is measured [m]."""
-    returns: wp.array2d(dtype=wp.float64)
-    """(W, N) sum of the rewards."""
-
-
-INITIAL_TOTALS = {
-    "tally.min_separation": 1.0e30,
-    "tally.covered_at": int(NEVER),
-    "tally.covered_each_at": int(NEVER),
-    "tally.off_at": -1,
-    "tally.fault_end": -1,
-    "tally.driven_from": float(NOWHERE),
-}
-"""Values that are not zero at the beginning of an episode."""
-
-
 @part
-def tally_motion(w, now, robots, latest, tally: EpisodeTotals):
+def tally_motion(w, now, robots, latest, tally):
     """Add distances from the curve and from the robots' own points of it, ways, and changes of the actions.
 
     Record the largest of these distances, and the largest speed.
@@ -126,7 +47,7 @@ def tally_motion(w, now, robots, latest, tally: EpisodeTotals):
 
 
 @part
-def tally_spacing(w, neighbours, robots, tally: EpisodeTotals):
+def tally_spacing(w, neighbours, robots, tally):
     """Record the largest distance of neighbours on the ring."""
     square = float(0.0)
     for i in range(robots.status.shape[1]):
@@ -148,7 +69,7 @@ def any_failed(w, robots) -> bool:
 
 
 @part
-def tally_faults(w, robots, tally: EpisodeTotals):
+def tally_faults(w, robots, tally):
     """Record whether a robot ever failed, and when the latest failed robot resumed; -1 while a robot has failed."""
     fault_end = int(-1)
     for i in range(robots.status.shape[1]):
@@ -176,7 +97,7 @@ def formation_error(w, robots, latest) -> float:
 
 
 @part
-def tally_formation(w, now, robots, latest, tally: EpisodeTotals):
+def tally_formation(w, now, robots, latest, tally):
     """Record the deviation from the equilibrium, its largest values, and when a fault last disturbed it.
 
     A car on a curve that it can hardly follow always oscillates around the equilibrium; a formation counts as disturbed
@@ -191,12 +112,12 @@ def tally_formation(w, now, robots, latest, tally: EpisodeTotals):
         tally.off_at[w] = now
 
 
-@wp.func
-def tally_coverage(w: int, now: int, robots: int, cells_total: int, tally: EpisodeTotals):
+@part
+def tally_coverage(w, now, count: int, cells_total, tally):
     """Record when every cell had been covered by some robot, and when by every robot."""
     if tally.covered_at[w] == NEVER and tally.covered[w] == wp.int64(cells_total):
         tally.covered_at[w] = now
-    if tally.covered_each_at[w] == NEVER and tally.covered_each[w] == wp.int64(robots) * wp.int64(cells_total):
+    if tally.covered_each_at[w] == NEVER and tally.covered_each[w] == wp.int64(count) * wp.int64(cells_total):
         tally.covered_each_at[w] = now
 
 
@@ -208,7 +129,7 @@ def tally_coverage(w: int, now: int, robots: int, cells_total: int, tally: Episo
         "phase_error_max, spacing_max, speed_max, tracking_max, tracking_sum"
     ),
 )
-def keep_score(w, cells_total, neighbours, clock, robots, latest, tally: EpisodeTotals):
+def keep_score(w, cells_total, neighbours, clock, robots, latest, tally):
     """Add the state after this step to the totals of the episode."""
     now = clock.step[w]
     n = robots.status.shape[1]

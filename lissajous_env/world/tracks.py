@@ -17,7 +17,6 @@ from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Sensing
 from lissajous_env.world.observation import TEAMMATE, TRACK
 from lissajous_env.world.observing import empty, far, keep_nearest
-from lissajous_env.world.robots.bins import Bins
 from lissajous_env.world.state import FOUND, GONE, HIDDEN, REMOVED
 
 wp.set_module_options(OPTIONS)
@@ -120,9 +119,7 @@ def put_place(w, i, entry: int, offset: wp.vec2, age: float, curve, observation_
 
 
 @stage(ROBOT, writes="bins: nearest; observation_out")
-def observe_tracks(
-    w, i, track_start, curve, sensing, task, speed_unit, clock, robots, tracks, bins: Bins, observation_out
-):
+def observe_tracks(w, i, track_start, curve, sensing, task, speed_unit, clock, robots, tracks, bins, observation_out):
     """List the tracks of each robot, then its teammates, nearest first; a removed robot has none."""
     now = clock.step[w]
     unit = wp.length(wp.vec2(curve.half_width, curve.half_height))

@@ -9,7 +9,7 @@ import baselines
 import lissajous_env
 from baselines.benchmark import report_page
 from lissajous_env.world.columns import OPEN
-from lissajous_env.world.score import is_open
+from lissajous_env.world.episode import is_open
 from lissajous_env.world.simulation import Simulation
 
 LEAPS = st.lists(st.tuples(st.integers(1, 30), st.integers(0, 60)), min_size=1, max_size=12)

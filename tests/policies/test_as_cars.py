@@ -11,7 +11,7 @@ import lissajous_env
 from baselines.planning.families import formations, lines, partitions, patrols
 from baselines.policies.as_cars import AsCars, scenario_of_cars
 from baselines.policies.settings import PolicySettings
-from lissajous_env.device.part_structs import RobotStruct
+from lissajous_env.device.structs import RobotStruct
 from lissajous_env.parameters import robot_models
 
 DRIVES = lissajous_env.scenario("evaders", **{"robot.kind": "differential", "task.duration": 20.0})

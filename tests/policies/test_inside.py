@@ -7,8 +7,7 @@ import warp as wp
 import baselines
 import lissajous_env
 from baselines.policies.inside import Walls, is_safe, walls_of
-from lissajous_env.device.part_structs import RobotStruct
-from lissajous_env.device.structs import to_struct
+from lissajous_env.device.structs import RobotStruct, to_struct
 
 pytestmark = pytest.mark.filterwarnings("ignore::lissajous_env.parameters.assumptions.AssumptionWarning")
 

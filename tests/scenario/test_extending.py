@@ -73,7 +73,7 @@ def test_the_docs_keep_what_they_promise():
     assert {name: len(body.splitlines()) for name, body in FILES.items() if len(body.splitlines()) > 30} == {}
     for name in set(FILES) - {"pyproject.toml", "use_corridor.py"}:
         module = name.removesuffix(".py")
-        called = name, f"{module}:", f"{module.replace('_', '-')}-mpcc"  # as a coordinator is
+        called = name, f"{module}:", f"--import {module}"
         assert any(each in line for line in COMMANDS for each in called), name
 
 

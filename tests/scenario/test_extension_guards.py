@@ -6,7 +6,7 @@ import warp as wp
 
 import baselines
 import lissajous_env
-from lissajous_env.device.part_structs import TaskStruct
+from lissajous_env.device.structs import TaskStruct
 from lissajous_env.world.state import Clock, Robots
 
 SHORT = {"task.duration": 2.0}

@@ -15,8 +15,7 @@ from baselines.policies.base import Filtered, Policy
 from baselines.policies.safety.filter import Safe
 from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.part_structs import RobotStruct
-from lissajous_env.device.structs import to_struct
+from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.logs.inputs import actions_of, inputs_of
 from lissajous_env.parameters.scenario import Robot
 from lissajous_env.theory import closed_forms

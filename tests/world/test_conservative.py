@@ -8,7 +8,7 @@ import warp as wp
 
 import baselines
 import lissajous_env
-from lissajous_env.device.part_structs import TaskStruct
+from lissajous_env.device.structs import TaskStruct
 from lissajous_env.parameters.spreading import reaches_of
 from lissajous_env.world.contamination.labels import introduced_at
 from lissajous_env.world.state import NEVER, Clock, Robots

@@ -6,8 +6,8 @@ import warp as wp
 
 import lissajous_env
 from lissajous_env.device.warp_abi import fields_of, is_struct
-from lissajous_env.world.constants import constants_of
 from lissajous_env.world.robots.bins import has_bins
+from lissajous_env.world.values import constants_of
 
 CROWD = {"curve.a": 51, "curve.b": 50, "robot.radius": 0.15, "sensing.radius": 0.4, "formation.phase_rate": 0.02}
 CROWD |= {"targets.count": 60, "task.duration": 3.0}

@@ -7,8 +7,7 @@ import pytest
 
 import lissajous_env
 from lissajous_env.world.reward import FORMULAS, TERMS
-from lissajous_env.world.state import Contamination, StepEvents
-from lissajous_env.world.tally import EpisodeTotals
+from lissajous_env.world.state import Contamination, EpisodeTotals, StepEvents
 
 WEIGHTS = {
     "task.reward_detection": 2.0,

@@ -5,7 +5,8 @@ import pytest
 import warp as wp
 
 import lissajous_env
-from lissajous_env.world.tally import EpisodeTotals, tally_coverage
+from lissajous_env.world.state import EpisodeTotals
+from lissajous_env.world.tally import tally_coverage
 
 STILL = {"faults.schedule": (), "targets.count": 0, "targets.arrival_rate": 0.0, "formation.start": "equilibrium"}
 

@@ -9,7 +9,7 @@ from one_robot import RADIUS, A, B, driven, one_robot, score_after
 
 import lissajous_env
 from lissajous_env.parameters.robot_models import model_of
-from lissajous_env.world.constants import constants_of
+from lissajous_env.world.values import constants_of
 
 SIDES = np.float32([A - RADIUS, B - RADIUS])
 WALL = {"task.boundary": "wall", "robot.speed_max": 1.5, "robot.speed_min": -1.0}

@@ -52,8 +52,7 @@ from baselines.policies.safety.kernel import (
     keep_clear,
 )
 from lissajous_env.device.curve import curve_struct
-from lissajous_env.device.part_structs import RobotStruct
-from lissajous_env.device.structs import to_struct
+from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import top_speed, turning_radius
 

@@ -26,8 +26,7 @@ from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.car_input import car_action, steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import RobotStruct
-from lissajous_env.device.structs import struct_of
+from lissajous_env.device.structs import RobotStruct, struct_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole

@@ -11,7 +11,7 @@ from baselines.policies.inside import Walls
 from baselines.policies.safety.tails import arc_end, error_tube
 from lissajous_env.device.car_input import steering_angle, throttle
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.part_structs import RobotStruct
+from lissajous_env.device.structs import RobotStruct
 from lissajous_env.device.trig import cos_sin
 
 wp.set_module_options(OPTIONS)

@@ -51,13 +51,11 @@ from baselines.policies.safety.own_motion import Bounds
 from baselines.policies.safety.tails import POINTS
 from baselines.similarity import motion_scale
 from lissajous_env.device.curve import curve_struct
-from lissajous_env.device.part_structs import RobotStruct
-from lissajous_env.device.structs import to_struct
+from lissajous_env.device.structs import RobotStruct, allocate, to_struct
 from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.theory.geometry import turning_radius
-from lissajous_env.world.state import allocate
 
 __all__ = ["Proved", "ProvedParameters", "unmet_conditions"]
 

@@ -32,10 +32,10 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.stage import FIELD_ROW, part, stage
+from lissajous_env.device.stage import FIELD_ROW, named_struct, part, stage
 from lissajous_env.parameters.spreading import Reaches
 from lissajous_env.world.contamination.field import BOUNDARY
-from lissajous_env.world.contamination.labels import MARGIN, NONE, Hops
+from lissajous_env.world.contamination.labels import MARGIN, NONE
 from lissajous_env.world.state import NEVER, NOWHERE
 
 wp.set_module_options(OPTIONS)
@@ -44,7 +44,7 @@ _ROUNDING = wp.constant(1e-6)
 """Share of all lengths by which a disc is made smaller, for numbers of 32 bits."""
 
 
-@wp.struct
+@named_struct("reach")
 class Reach:
     """`lissajous_env.parameters.spreading.Reaches` for kernels."""
 
@@ -79,9 +79,7 @@ def is_near_entry(row, column, up: int, aside: int, rows: int, columns: int, tar
 
 
 @part
-def least_label(
-    w, slot, row, column, rows: int, columns: int, lag: int, enough: int, reach: Reach, contamination
-) -> int:
+def least_label(w, slot, row, column, rows: int, columns: int, lag: int, enough: int, reach, contamination) -> int:
     """Return the smallest label among the cells that a lag reaches, or any that is not above `enough`."""
     least = int(NONE)
     most = reach.widths.shape[1]
@@ -98,7 +96,7 @@ def least_label(
 
 
 @part
-def bound(w, tick: int, row, column, rows: int, columns: int, ring: int, target, reach: Reach, contamination) -> int:
+def bound(w, tick: int, row, column, rows: int, columns: int, ring: int, target, reach, contamination) -> int:
     """Return the label of a cell at a tick: the largest of the bounds of all lags."""
     label = int(-1)
     for k in range(reach.lags.shape[0]):
@@ -117,7 +115,7 @@ def bound(w, tick: int, row, column, rows: int, columns: int, ring: int, target,
 
 
 @part
-def forget_covered(w, slot, row, rows: int, grown: float, curve, hops: Hops, robots, contamination):
+def forget_covered(w, slot, row, rows: int, grown: float, curve, hops, robots, contamination):
     """Clear the cells of a row that a disc covers together with `grown` [m] around them."""
     height = 2.0 * curve.half_height / float(rows)
     scale = float(hops.columns) / (2.0 * curve.half_width)
@@ -140,7 +138,7 @@ def forget_covered(w, slot, row, rows: int, grown: float, curve, hops: Hops, rob
 
 
 @stage(FIELD_ROW, writes="contamination: labels")
-def reset_bounds(w, row, target, hops: Hops, clock, contamination):
+def reset_bounds(w, row, target, hops, clock, contamination):
     """Contaminate the cells in which targets are introduced, where targets are present from the start."""
     rows = contamination.row_ages.shape[1]
     for column in range(hops.columns):
@@ -151,7 +149,7 @@ def reset_bounds(w, row, target, hops: Hops, clock, contamination):
 
 
 @stage(FIELD_ROW, writes="contamination: labels, row_ages, row_oldest")
-def bound_labels(w, row, curve, target, hops: Hops, reach: Reach, clock, robots, contamination):
+def bound_labels(w, row, curve, target, hops, reach, clock, robots, contamination):
     """Bound the label of each cell, and clear the cells that a disc covers entirely."""
     now = clock.step[w]
     tick = now / reach.period

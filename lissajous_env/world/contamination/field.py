@@ -21,9 +21,9 @@ from lissajous_env.device.discs import along, half_of, mark_disc, mark_way, poin
 from lissajous_env.device.stage import FIELD_ROW, WORLD, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Targets as TargetSettings
-from lissajous_env.world.contamination.labels import MARGIN, Hops, context_of, forget_seen, label_cells, slot_of
+from lissajous_env.world.contamination.labels import MARGIN, context_of, forget_seen, label_cells, slot_of
 from lissajous_env.world.state import NEVER, NOWHERE, planar
-from lissajous_env.world.tally import FAULT_MARGIN, EpisodeTotals, any_failed
+from lissajous_env.world.tally import FAULT_MARGIN, any_failed
 
 wp.set_module_options(OPTIONS)
 
@@ -46,7 +46,7 @@ def is_over(w, target, clock, contamination) -> bool:
 
 
 @stage(FIELD_ROW, writes="contamination: sensed, swept, there", idle=True)
-def clear_cells(w, lane, lanes, curve, target, hops: Hops, tick: int, clock, robots, contamination):
+def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, contamination):
     """Find the cells that are sensed in a tick, and clear those that were sensed in the tick before."""
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
@@ -81,7 +81,7 @@ def clear_cells(w, lane, lanes, curve, target, hops: Hops, tick: int, clock, rob
 
 
 @stage(FIELD_ROW, writes="contamination: there")
-def reset_labels(w, row, target, hops: Hops, clock, contamination):
+def reset_labels(w, row, target, hops, clock, contamination):
     """Contaminate the cells in which targets are introduced, where targets are present from the start."""
     if target.count > 0:
         for word in range(contamination.there.shape[2] - 2):
@@ -91,7 +91,7 @@ def reset_labels(w, row, target, hops: Hops, clock, contamination):
 
 
 @stage(FIELD_ROW, writes="contamination: labels, row_ages, row_oldest, there", idle=True)
-def spread(w, lane, lanes, target, hops: Hops, tick: int, clock, contamination):
+def spread(w, lane, lanes, target, hops, tick: int, clock, contamination):
     """Spread contamination: targets stay, hop and are introduced where no robot senses."""
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
@@ -122,7 +122,7 @@ def spread(w, lane, lanes, target, hops: Hops, tick: int, clock, contamination):
         "contamination: age, age_before, age_max, age_reduction, cleared_at, high_at, mean_age, mean_age_sum, oldest"
     ),
 )
-def keep_guarantee(w, target, task, hops: Hops, clock, robots, tally: EpisodeTotals, contamination):
+def keep_guarantee(w, target, task, hops, clock, robots, tally, contamination):
     """Compute how long a target can have been undetected: t - min e, its largest value and its mean over the cells."""
     now = clock.step[w]
     oldest = int(NEVER)

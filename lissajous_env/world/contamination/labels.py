@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from lissajous_env.device.stage import named_struct
 from lissajous_env.parameters.spreading import HOPS, TICK_FRACTIONS, Spreading
 from lissajous_env.world.state import NEVER
 
@@ -24,7 +25,7 @@ Five = wp.types.vector(len(HOPS), wp.int32)
 _FRACTIONS = wp.constant(TICK_FRACTIONS)
 
 
-@wp.struct
+@named_struct("hops")
 class Hops:
     """`lissajous_env.parameters.spreading.Spreading` for kernels."""
 

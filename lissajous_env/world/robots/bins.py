@@ -20,7 +20,7 @@ from typing import Any
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.stage import BIN, ROBOT, part, stage
+from lissajous_env.device.stage import BIN, ROBOT, named_struct, part, stage
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.state import REMOVED, planar
 
@@ -30,7 +30,7 @@ PARTED = wp.constant(1.05)
 """A collision is over when the distance is above this many times the sum of the radii; lists reach as far."""
 
 
-@wp.struct
+@named_struct("bins")
 class Bins:
     """The K bins of each world; none where robots are few."""
 
@@ -89,7 +89,7 @@ def bin_of(place: wp.vec2, bins: Bins) -> int:
 
 
 @part
-def rows_of(w, i, widened: float, robots, bins: Bins) -> wp.vec2i:
+def rows_of(w, i, widened: float, robots, bins) -> wp.vec2i:
     """Return the first and last row that the robot's path in this step crosses, `widened` [m] to both sides."""
     low = robots.track[w, i, 0][1]
     high = low
@@ -100,7 +100,7 @@ def rows_of(w, i, widened: float, robots, bins: Bins) -> wp.vec2i:
 
 
 @part
-def columns_of(w, i, row, widened: float, robots, bins: Bins) -> wp.vec2i:
+def columns_of(w, i, row, widened: float, robots, bins) -> wp.vec2i:
     """Return the first and last column of this path in one of these rows."""
     bottom = float(row) * bins.size - bins.half_height
     low = wp.where(row == 0, -1.0e30, bottom - widened)
@@ -132,7 +132,7 @@ def columns_of(w, i, row, widened: float, robots, bins: Bins) -> wp.vec2i:
 
 
 @part
-def list_robot(w, i, robots, bins: Bins) -> bool:
+def list_robot(w, i, robots, bins) -> bool:
     """Put a robot into the lists of the bins that it comes near; return whether there was room for it."""
     rows = rows_of(w, i, bins.widened, robots, bins)
     for row in range(rows[0], rows[1] + 1):
@@ -147,7 +147,7 @@ def list_robot(w, i, robots, bins: Bins) -> bool:
 
 
 @stage(BIN, writes="bins: entry, everywhere, first, first_seen, seen_used, used")
-def clear_bins(w, lane, lanes, clock, bins: Bins):
+def clear_bins(w, lane, lanes, clock, bins):
     """Empty the lists."""
     for k in range(lane, bins.first.shape[1], lanes):
         bins.first[w, k] = bins.room
@@ -161,7 +161,7 @@ def clear_bins(w, lane, lanes, clock, bins: Bins):
 
 
 @stage(ROBOT, writes="bins: entry, everywhere, first, is_everywhere, used")
-def list_robots(w, i, clock, robots, bins: Bins):
+def list_robots(w, i, clock, robots, bins):
     """List the robots that are not removed; those for which there is no room, where all lists end."""
     bins.is_everywhere[w, i] = 0
     if robots.status[w, i] != REMOVED and not list_robot(w, i, robots, bins):

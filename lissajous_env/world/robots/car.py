@@ -6,19 +6,8 @@ import math
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.abreast import (
-    ABREAST,
-    Block,
-    Floats,
-    coordinates,
-    entries,
-    floats,
-    is_in,
-    put_floats,
-    put_places,
-    where_equal,
-    width,
-)
+from lissajous_env.device import abreast
+from lissajous_env.device.abreast import Floats
 from lissajous_env.device.car_input import car_action, steering_angle, throttle
 from lissajous_env.device.compilation import MOTION, OPTIONS, module_apart
 from lissajous_env.device.curve import wrap
@@ -80,16 +69,16 @@ def car_step(robot, state: wp.vec4, curvature: float, push: float, h: float) -> 
 
 
 @part
-def take_input(block: Block, robot, command, robots) -> tuple[Floats, Floats]:
+def take_input(block, robot, command, robots) -> tuple[Floats, Floats]:
     """Return the curvature of the path [1/m] and the motor's acceleration [m/s^2] of the cars of a block."""
-    steering = entries(block, command, 0)
-    throttling = entries(block, command, 1)
-    wheelbase = floats(block, robots.wheelbase)
-    drive = floats(block, robots.drive)
+    steering = abreast.entries(block, command, 0)
+    throttling = abreast.entries(block, command, 1)
+    wheelbase = abreast.floats(block, robots.wheelbase)
+    drive = abreast.floats(block, robots.drive)
     curvature = Floats()
     push = Floats()
-    for k in range(ABREAST):
-        if k < width():
+    for k in range(abreast.ABREAST):
+        if k < abreast.width():
             turn = cos_sin(steering_angle(robot, steering[k]))
             curvature[k] = turn[1] / (turn[0] * wheelbase[k])
             push[k] = motor_push(robot, drive[k], throttle(robot, throttling[k]))
@@ -101,26 +90,26 @@ def move_cars(block, curve, robot, task, faults, command, clock, robots):
     """Move cars with constant steering and throttle in a step; a failed car stops, or coasts as it steered last."""
     substeps = robots.track.shape[2] - 1
     h = task.step / float(substeps)
-    x = coordinates(block, robots.position, 0)
-    y = coordinates(block, robots.position, 1)
-    heading = floats(block, robots.heading)
-    speed = floats(block, robots.speed)
-    working = block.active_mask & where_equal(block, robots.status, WORKING)
+    x = abreast.coordinates(block, robots.position, 0)
+    y = abreast.coordinates(block, robots.position, 1)
+    heading = abreast.floats(block, robots.heading)
+    speed = abreast.floats(block, robots.speed)
+    working = block.active_mask & abreast.where_equal(block, robots.status, WORKING)
     rolls = block.active_mask & rolling(block, faults, robots)
     moving = working | rolls
     begin_track(block, block.active_mask & ~moving, x, y, robots)
     curvature, push = take_input(block, robot, command, robots)
     if faults.stop == COAST:
-        put_floats(block, working, curvature, robots.curvature)
+        abreast.put_floats(block, working, curvature, robots.curvature)
     if rolls != 0:
-        held = floats(block, robots.curvature)
+        held = abreast.floats(block, robots.curvature)
         for k in range(block.count):
-            if is_in(k, rolls):
+            if abreast.is_in(k, rolls):
                 curvature[k] = held[k]
                 push[k] = 0.0
     for s in range(substeps):
-        for k in range(ABREAST):
-            if k < width():
+        for k in range(abreast.ABREAST):
+            if k < abreast.width():
                 car = car_step(robot, wp.vec4(x[k], y[k], heading[k], speed[k]), curvature[k], push[k], h)
                 x[k] = car[0]
                 y[k] = car[1]
@@ -128,7 +117,7 @@ def move_cars(block, curve, robot, task, faults, command, clock, robots):
                 speed[k] = car[3]
         if task.boundary == WALL:
             x, y, speed = stop_at_walls(curve, robot.radius, x, y, heading, speed)
-        put_places(block, moving, x, y, s + 1, robots.track)
+        abreast.put_places(block, moving, x, y, s + 1, robots.track)
     end_motion(block, moving, x, y, heading, speed, robots)
 
 

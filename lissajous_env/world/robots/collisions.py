@@ -7,10 +7,9 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Task
-from lissajous_env.world.robots.bins import PARTED, Bins, columns_of, rows_of
+from lissajous_env.world.robots.bins import PARTED, columns_of, rows_of
 from lissajous_env.world.robots.sight import max_displacement
 from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK
-from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
 
@@ -19,7 +18,7 @@ _REMOVE = wp.constant(place_of(Task, "on_collision", "remove"))
 
 
 @part
-def compare_pair(w, i, j, now, touch: float, beyond: float, places, robots, latest, tally: EpisodeTotals) -> float:
+def compare_pair(w, i, j, now, touch: float, beyond: float, places, robots, latest, tally) -> float:
     """Count a collision of two robots that come within `touch`, or end it; return their least squared distance [m^2].
 
     Robots of one of `places` overlap by design and are not compared: `Scenario.places`.
@@ -51,8 +50,8 @@ def compare_pair(w, i, j, now, touch: float, beyond: float, places, robots, late
     return least
 
 
-@wp.func
-def part_pair(w: int, i: int, j: int, tally: EpisodeTotals):
+@part
+def part_pair(w, i, j, tally):
     """End the contact of two robots; its last step remains stored."""
     if tally.contact[w, i, j] > 0:
         tally.contact[w, i, j] = -tally.contact[w, i, j]
@@ -60,7 +59,7 @@ def part_pair(w: int, i: int, j: int, tally: EpisodeTotals):
 
 @part
 def compare_with_others(
-    w, i, now, touch: float, beyond: float, way: float, places, robots, bins: Bins, latest, tally: EpisodeTotals
+    w, i, now, touch: float, beyond: float, way: float, places, robots, bins, latest, tally
 ) -> float:
     """Run `compare_pair` for the robots after this one; none moves farther than `way` [m] in the step.
 
@@ -94,7 +93,7 @@ def compare_with_others(
 
 
 @stage(ROBOT, writes="latest: collisions; tally: collisions, contact, contact_steps, min_separation")
-def find_collisions(w, lane, lanes, robot, places, clock, robots, bins: Bins, latest, tally: EpisodeTotals):
+def find_collisions(w, lane, lanes, robot, places, clock, robots, bins, latest, tally):
     """Compare each robot with those after it, over the sub-steps of the latest step."""
     touch = 2.0 * robot.radius
     # A pair this far apart cannot collide, nor be the nearest of the episode.

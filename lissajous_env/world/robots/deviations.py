@@ -15,18 +15,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.abreast import (
-    ABREAST,
-    Floats,
-    coordinates,
-    is_in,
-    put_bits,
-    put_floats,
-    put_vectors,
-    where_above,
-    where_equal,
-    width,
-)
+from lissajous_env.device import abreast
+from lissajous_env.device.abreast import Floats
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import (
     curve_parameter,
@@ -36,7 +26,7 @@ from lissajous_env.device.curve import (
     project_lissajous,
     series,
 )
-from lissajous_env.device.stage import ROBOT, part, stage
+from lissajous_env.device.stage import ROBOT, named_struct, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.parts import Curve
@@ -55,7 +45,7 @@ CurvePoint = wp.types.vector(length=7, dtype=wp.float32)
 """x, y [m], tangent [m/rad], half the second derivative [m/rad^2], and parameter [rad]."""
 
 
-@wp.struct
+@named_struct("curve_points")
 class CurvePoints:
     """Points of a curve at equal distances of its parameter; none for robots that are always on it."""
 
@@ -75,15 +65,15 @@ def curve_distances(sampled: CurvePoints, curve, x: Floats, y: Floats, count: in
         across = Floats()
         up = Floats()
         gamma = Floats()
-        for k in range(ABREAST):
-            if k < width():
+        for k in range(abreast.ABREAST):
+            if k < abreast.width():
                 across[k] = wp.where(is_series, x[k], wp.abs(x[k]))
                 up[k] = wp.where(is_series, y[k], wp.abs(y[k]))
         for n in range(sampled.points.shape[0]):
             p = sampled.points[n]
             inverse = 1.0 / wp.max(p[2] * p[2] + p[3] * p[3], 1.0e-30)
-            for k in range(ABREAST):
-                if k < width():
+            for k in range(abreast.ABREAST):
+                if k < abreast.width():
                     away_x = across[k] - p[0]
                     away_y = up[k] - p[1]
                     step = wp.clamp((away_x * p[2] + away_y * p[3]) * inverse, -most, most)
@@ -98,8 +88,8 @@ def curve_distances(sampled: CurvePoints, curve, x: Floats, y: Floats, count: in
                 nearest = series(curve, project(curve, place, gamma[k], most), 0)
                 distance[k] = wp.length(place - nearest)
         else:
-            for k in range(ABREAST):
-                if k < width():
+            for k in range(abreast.ABREAST):
+                if k < abreast.width():
                     nearest = lissajous(curve, project_lissajous(curve, across[k], up[k], gamma[k], most))
                     away_x = across[k] - nearest[0]
                     away_y = up[k] - nearest[1]
@@ -135,23 +125,23 @@ _EDGE = wp.constant(1e-3)
 def watch_boundary(block, curve, robot, task, clock, robots, latest):
     """Mark the robots that are partly or wholly outside the rectangle; `task.boundary=remove` removes the latter."""
     n = robots.status.shape[1]
-    beyond = coordinates(block, robots.position, 0)
-    y = coordinates(block, robots.position, 1)
+    beyond = abreast.coordinates(block, robots.position, 0)
+    y = abreast.coordinates(block, robots.position, 1)
     most = Floats()
-    for k in range(ABREAST):
-        if k < width():
+    for k in range(abreast.ABREAST):
+        if k < abreast.width():
             most[k] = wp.max(wp.abs(beyond[k]) - curve.half_width, wp.abs(y[k]) - curve.half_height)
             beyond_x = wp.max(wp.abs(beyond[k]) - curve.half_width, 0.0)
             beyond_y = wp.max(wp.abs(y[k]) - curve.half_height, 0.0)
             beyond[k] = beyond_x * beyond_x + beyond_y * beyond_y
-    there = ~where_equal(block, robots.status, REMOVED)
-    outside = where_above(block, beyond, robot.radius * robot.radius) & there
-    partly = where_above(block, most, -(1.0 - _EDGE) * robot.radius) & there
-    put_bits(block, block.active_mask, partly, latest.partly_outside)
-    put_bits(block, block.active_mask, outside, latest.outside)
+    there = ~abreast.where_equal(block, robots.status, REMOVED)
+    outside = abreast.where_above(block, beyond, robot.radius * robot.radius) & there
+    partly = abreast.where_above(block, most, -(1.0 - _EDGE) * robot.radius) & there
+    abreast.put_bits(block, block.active_mask, partly, latest.partly_outside)
+    abreast.put_bits(block, block.active_mask, outside, latest.outside)
     if task.boundary == _REMOVE:
         for k in range(block.count):
-            if is_in(k, outside & block.active_mask):
+            if abreast.is_in(k, outside & block.active_mask):
                 w = (block.start + k) / n
                 i = (block.start + k) % n
                 robots.status[w, i] = REMOVED
@@ -167,7 +157,7 @@ def own_distance(curve, x: float, y: float, alpha: float, phase: wp.float64) -> 
 
 
 @stage(ROBOT, writes="latest: lateral, phase_offset, tracking")
-def find_deviations(block, curve, formation, curve_points: CurvePoints, equilibrium, clock, robots, latest):
+def find_deviations(block, curve, formation, curve_points, equilibrium, clock, robots, latest):
     """Find each robot's distance from the curve and from its own point of it, and its phase from the equilibrium."""
     alpha = float(formation.alpha)
     x, y, phase = places_of(block, robots)
@@ -180,18 +170,18 @@ def find_deviations(block, curve, formation, curve_points: CurvePoints, equilibr
         phase_offset[k] = float(phase[k] - equilibrium[i])
         i = wp.where(i + 1 == robots.status.shape[1], 0, i + 1)
     if curve.harmonics.shape[0] == 0:
-        for k in range(ABREAST):
-            if k < width():
+        for k in range(abreast.ABREAST):
+            if k < abreast.width():
                 tracking[k] = own_distance(curve, x[k], y[k], alpha, phase[k])
     else:
         for k in range(block.count):
             tracking[k] = wp.length(wp.vec2(x[k], y[k]) - point2(curve, curve_parameter(alpha, phase[k])))
-    for k in range(ABREAST):
-        if k < width():
+    for k in range(abreast.ABREAST):
+        if k < abreast.width():
             turn = cos_sin(phase_offset[k])
             cos_offset[k] = turn[0]
             sin_offset[k] = turn[1]
     lateral = curve_distances(curve_points, curve, x, y, block.count)
-    put_floats(block, block.active_mask, tracking, latest.tracking)
-    put_floats(block, block.active_mask, lateral, latest.lateral)
-    put_vectors(block, block.active_mask, phase_offset, cos_offset, sin_offset, latest.phase_offset)
+    abreast.put_floats(block, block.active_mask, tracking, latest.tracking)
+    abreast.put_floats(block, block.active_mask, lateral, latest.lateral)
+    abreast.put_vectors(block, block.active_mask, phase_offset, cos_offset, sin_offset, latest.phase_offset)

@@ -6,21 +6,11 @@ import math
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.abreast import (
-    ABREAST,
-    Block,
-    Floats,
-    coordinates,
-    entries,
-    floats,
-    put_floats,
-    put_places,
-    where_equal,
-    width,
-)
+from lissajous_env.device import abreast
+from lissajous_env.device.abreast import Floats
 from lissajous_env.device.compilation import MOTION, OPTIONS, module_apart
-from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.stage import ROBOT, part, stage
+from lissajous_env.device.structs import RobotStruct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.robot_models import AsCar, RobotModel, register_robot_model
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
@@ -80,18 +70,18 @@ def drive_step(robot, pose: wp.vec4, yaw_rate: float, speed: float, turning: flo
 
 
 @part
-def take_twist(block: Block, robot, command, robots) -> tuple[Floats, Floats, Floats]:
+def take_twist(block, robot, command, robots) -> tuple[Floats, Floats, Floats]:
     """Return commanded speeds [m/s], commanded yaw rates [rad/s] and accelerations [m/s^2] of the drives of a block.
 
     The acceleration is proportional to a drive's own motor, `robots.drive`, and its yaw rate inversely proportional to
     the distance of its wheels, which varies as `robots.wheelbase`.
     """
-    speed = entries(block, command, 0)
-    turning = entries(block, command, 1)
-    push = floats(block, robots.drive)
-    wheelbase = floats(block, robots.wheelbase)
-    for k in range(ABREAST):
-        if k < width():
+    speed = abreast.entries(block, command, 0)
+    turning = abreast.entries(block, command, 1)
+    push = abreast.floats(block, robots.drive)
+    wheelbase = abreast.floats(block, robots.wheelbase)
+    for k in range(abreast.ABREAST):
+        if k < abreast.width():
             speed[k] = commanded_speed(robot, speed[k])
             turning[k] = robot.wheelbase / wheelbase[k] * robot.yaw_rate_max * turning[k]
             push[k] = push[k] / robot.drive * robot.acceleration_max
@@ -103,19 +93,19 @@ def move_drives(block, curve, robot, task, command, clock, robots):
     """Move differential drives towards constant commands in a step; one that has failed stops dead."""
     substeps = robots.track.shape[2] - 1
     h = task.step / float(substeps)
-    x = coordinates(block, robots.position, 0)
-    y = coordinates(block, robots.position, 1)
-    heading = floats(block, robots.heading)
-    speed = floats(block, robots.speed)
-    yaw_rate = floats(block, robots.yaw_rate)
-    moving = block.active_mask & where_equal(block, robots.status, WORKING)
+    x = abreast.coordinates(block, robots.position, 0)
+    y = abreast.coordinates(block, robots.position, 1)
+    heading = abreast.floats(block, robots.heading)
+    speed = abreast.floats(block, robots.speed)
+    yaw_rate = abreast.floats(block, robots.yaw_rate)
+    moving = block.active_mask & abreast.where_equal(block, robots.status, WORKING)
     standing = block.active_mask & ~moving
-    put_floats(block, standing, Floats(), robots.yaw_rate)
+    abreast.put_floats(block, standing, Floats(), robots.yaw_rate)
     begin_track(block, standing, x, y, robots)
     wanted, turning, push = take_twist(block, robot, command, robots)
     for s in range(substeps):
-        for k in range(ABREAST):
-            if k < width():
+        for k in range(abreast.ABREAST):
+            if k < abreast.width():
                 most = yaw_limit(robot, speed[k], ramp(speed[k], wanted[k], push[k] * h))
                 turned = wp.clamp(yaw_rate[k], -most, most)
                 towards = wp.clamp(turning[k], -most, most)
@@ -129,9 +119,9 @@ def move_drives(block, curve, robot, task, command, clock, robots):
                 yaw_rate[k] = ramp(turned, towards, robot.yaw_acceleration_max * h)
         if task.boundary == WALL:
             x, y, speed = stop_at_walls(curve, robot.radius, x, y, heading, speed)
-        put_places(block, moving, x, y, s + 1, robots.track)
+        abreast.put_places(block, moving, x, y, s + 1, robots.track)
     end_motion(block, moving, x, y, heading, speed, robots)
-    put_floats(block, moving, yaw_rate, robots.yaw_rate)
+    abreast.put_floats(block, moving, yaw_rate, robots.yaw_rate)
 
 
 @part

@@ -8,18 +8,8 @@ cars turn, some would begin like that. They begin turned away from the wall inst
 import numpy as np
 import warp as wp
 
-from lissajous_env.device import randomness
-from lissajous_env.device.abreast import (
-    ABREAST,
-    Block,
-    Doubles,
-    Floats,
-    coordinates,
-    doubles,
-    put_doubles,
-    where_equal,
-    width,
-)
+from lissajous_env.device import abreast, randomness
+from lissajous_env.device.abreast import Doubles, Floats
 from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.compilation import MOTION, OPTIONS, module_apart
 from lissajous_env.device.curve import (
@@ -34,9 +24,8 @@ from lissajous_env.device.curve import (
     wrap_phase,
 )
 from lissajous_env.device.devices import compile_quietly
-from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.stage import ROBOT, WORLD, part, stage
-from lissajous_env.device.structs import place_of, to_struct
+from lissajous_env.device.structs import RobotStruct, place_of, to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Formation
@@ -93,11 +82,11 @@ def begin_on_curve(w, i, phase: wp.float64, curve, formation, top_speeds, robots
 
 
 @part
-def places_of(block: Block, robots) -> tuple[Floats, Floats, Doubles]:
+def places_of(block, robots) -> tuple[Floats, Floats, Doubles]:
     """Return x, y [m] and phase [rad] of the robots of a block."""
-    x = coordinates(block, robots.position, 0)
-    y = coordinates(block, robots.position, 1)
-    return x, y, doubles(block, robots.phase)
+    x = abreast.coordinates(block, robots.position, 0)
+    y = abreast.coordinates(block, robots.position, 1)
+    return x, y, abreast.doubles(block, robots.phase)
 
 
 @stage(ROBOT, writes="robots: phase")
@@ -106,8 +95,8 @@ def follow_curve(block, curve, formation, faults, clock, robots):
     alpha = float(formation.alpha)
     x, y, phase = places_of(block, robots)
     if curve.harmonics.shape[0] == 0:
-        for k in range(ABREAST):
-            if k < width():
+        for k in range(abreast.ABREAST):
+            if k < abreast.width():
                 start = curve_parameter(alpha, phase[k])
                 gamma = project_lissajous(curve, x[k], y[k], start, LARGEST_CORRECTION)
                 phase[k] = wrap_phase(phase[k] + wp.float64((gamma - start) / alpha))
@@ -116,8 +105,8 @@ def follow_curve(block, curve, formation, faults, clock, robots):
             start = curve_parameter(alpha, phase[k])
             gamma = project(curve, wp.vec2(x[k], y[k]), start, LARGEST_CORRECTION)
             phase[k] = wrap_phase(phase[k] + wp.float64((gamma - start) / alpha))
-    moving = where_equal(block, robots.status, WORKING) | rolling(block, faults, robots)
-    put_doubles(block, block.active_mask & moving, phase, robots.phase)
+    moving = abreast.where_equal(block, robots.status, WORKING) | rolling(block, faults, robots)
+    abreast.put_doubles(block, block.active_mask & moving, phase, robots.phase)
 
 
 @stage(

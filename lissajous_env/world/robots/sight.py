@@ -14,7 +14,7 @@ from lissajous_env.world.state import NOWHERE, planar
 
 
 @part
-def nearest_listed(w, place: wp.vec2, robots, bins: Bins) -> wp.vec2:
+def nearest_listed(w, place: wp.vec2, robots, bins) -> wp.vec2:
     """Return (index, squared distance [m^2]) of the working robot nearest to a place in the list of its bin."""
     nearest = int(0)
     least = float(1.0e30)
@@ -31,7 +31,7 @@ def nearest_listed(w, place: wp.vec2, robots, bins: Bins) -> wp.vec2:
 
 
 @part
-def nearest_sensors(w, count: int, x: Floats, y: Floats, robots, bins: Bins) -> tuple[Ints, Floats]:
+def nearest_sensors(w, count: int, x: Floats, y: Floats, robots, bins) -> tuple[Ints, Floats]:
     """Return index and squared distance [m^2] of the working robots nearest to `count` places side by side.
 
     With bins, robots are only those in the lists of the places.
@@ -92,7 +92,7 @@ def leaves_lists(before: wp.vec2, after: wp.vec2, radius: float, bins: Bins) -> 
 
 
 @part
-def first_sight(w, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots, bins: Bins) -> wp.vec2:
+def first_sight(w, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots, bins) -> wp.vec2:
     """Return (index of the robot that first has a target in its disc, share of the step until then; 2 for none).
 
     The target goes from `before` to `after` [m] at one speed; where a wall reflects it, that cuts the corner. Robots

@@ -7,22 +7,8 @@ a message of their own, the last components of an action, which arrives with the
 import numpy as np
 import warp as wp
 
-from lissajous_env.device import randomness
-from lissajous_env.device.abreast import (
-    ABREAST,
-    Floats,
-    entries,
-    floats,
-    is_in,
-    put_entries,
-    put_floats,
-    put_fours,
-    put_pairs,
-    where_above,
-    where_equal,
-    where_world,
-    width,
-)
+from lissajous_env.device import abreast, randomness
+from lissajous_env.device.abreast import Floats
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import curve_parameter, project, wrap_phase
 from lissajous_env.device.stage import ROBOT, part, stage
@@ -62,44 +48,44 @@ def take_commands(block, noise, action, clock, latest, taken, command_out):
     size = command_out.shape[2]
     invalid = Floats()
     for entry in range(action.shape[2]):
-        given = entries(block, action, entry)
-        for k in range(ABREAST):
-            if k < width():
+        given = abreast.entries(block, action, entry)
+        for k in range(abreast.ABREAST):
+            if k < abreast.width():
                 invalid[k] = wp.where(wp.abs(given[k]) <= _LARGEST, invalid[k], 1.0)
-    followed = where_world(block, n, clock.step, 2)
+    followed = abreast.where_world(block, n, clock.step, 2)
     squares = Floats()
     change = Floats()
     for entry in range(size):
-        command = entries(block, action, entry)
-        before = entries(block, taken, entry)
-        for k in range(ABREAST):
-            if k < width():
+        command = abreast.entries(block, action, entry)
+        before = abreast.entries(block, taken, entry)
+        for k in range(abreast.ABREAST):
+            if k < abreast.width():
                 command[k] = wp.where(invalid[k] == 0.0, wp.clamp(command[k], -1.0, 1.0), 0.0)
                 difference = command[k] - before[k]
                 squares[k] += command[k] * command[k]
                 change[k] += difference * difference
-        put_entries(block, block.active_mask, command, entry, taken)
-        put_entries(block, block.active_mask, command, entry, command_out)
+        abreast.put_entries(block, block.active_mask, command, entry, taken)
+        abreast.put_entries(block, block.active_mask, command, entry, command_out)
     for entry in range(size, action.shape[2]):
-        message = entries(block, action, entry)
-        for k in range(ABREAST):
-            if k < width():
+        message = abreast.entries(block, action, entry)
+        for k in range(abreast.ABREAST):
+            if k < abreast.width():
                 message[k] = wp.where(invalid[k] == 0.0, wp.clamp(message[k], -1.0, 1.0), 0.0)
-        put_entries(block, block.active_mask, message, entry, taken)
-    for k in range(ABREAST):
-        if k < width():
+        abreast.put_entries(block, block.active_mask, message, entry, taken)
+    for k in range(abreast.ABREAST):
+        if k < abreast.width():
             squares[k] = squares[k] / float(size)
-            change[k] = wp.where(is_in(k, followed), change[k] / float(size), 0.0)
-    put_floats(block, block.active_mask, squares, latest.effort)
-    put_floats(block, block.active_mask, change, latest.change)
-    flagged = block.active_mask & where_above(block, invalid, 0.0)
+            change[k] = wp.where(abreast.is_in(k, followed), change[k] / float(size), 0.0)
+    abreast.put_floats(block, block.active_mask, squares, latest.effort)
+    abreast.put_floats(block, block.active_mask, change, latest.change)
+    flagged = block.active_mask & abreast.where_above(block, invalid, 0.0)
     if flagged != 0:
         for k in range(block.count):
-            if is_in(k, flagged):
+            if abreast.is_in(k, flagged):
                 flag((block.start + k) / n, clock)
     if noise.actuator > 0.0:
         for k in range(block.count):
-            if is_in(k, block.active_mask):
+            if abreast.is_in(k, block.active_mask):
                 disturb_command((block.start + k) / n, (block.start + k) % n, noise, clock, command_out)
 
 
@@ -123,21 +109,23 @@ def measure(block, curve, formation, noise, clock, robots):
     n = robots.status.shape[1]
     alpha = float(formation.alpha)
     x, y, phase = places_of(block, robots)
-    heading = floats(block, robots.heading)
-    speed = floats(block, robots.speed)
-    working = block.active_mask & where_equal(block, robots.status, WORKING)
+    heading = abreast.floats(block, robots.heading)
+    speed = abreast.floats(block, robots.speed)
+    working = block.active_mask & abreast.where_equal(block, robots.status, WORKING)
     sensor_x = Floats()
     sensor_y = Floats()
-    for k in range(ABREAST):
-        if k < width():
-            senses = is_in(k, working)
+    for k in range(abreast.ABREAST):
+        if k < abreast.width():
+            senses = abreast.is_in(k, working)
             sensor_x[k] = wp.where(senses, x[k], NOWHERE)
             sensor_y[k] = wp.where(senses, y[k], NOWHERE)
-    put_pairs(block, block.active_mask, sensor_x, sensor_y, robots.sensor)
-    measuring = block.active_mask & ~(where_equal(block, robots.status, REMOVED) & where_world(block, n, clock.step, 1))
+    abreast.put_pairs(block, block.active_mask, sensor_x, sensor_y, robots.sensor)
+    measuring = block.active_mask & ~(
+        abreast.where_equal(block, robots.status, REMOVED) & abreast.where_world(block, n, clock.step, 1)
+    )
     if noise.position > 0.0 or noise.heading > 0.0 or noise.speed > 0.0:
         for k in range(block.count):
-            if is_in(k, measuring):
+            if abreast.is_in(k, measuring):
                 w = (block.start + k) / n
                 key = randomness.step_key(clock.seed[w], clock.step[w])
                 draw = randomness.stream(key, (block.start + k) % n, randomness.MEASURE)
@@ -153,16 +141,16 @@ def measure(block, curve, formation, noise, clock, robots):
     sin_phase = Floats()
     cos_heading = Floats()
     sin_heading = Floats()
-    for k in range(ABREAST):
-        if k < width():
+    for k in range(abreast.ABREAST):
+        if k < abreast.width():
             turn = cos_sin(float(phase[k]))
             cos_phase[k] = turn[0]
             sin_phase[k] = turn[1]
             faces = cos_sin(heading[k])
             cos_heading[k] = faces[0]
             sin_heading[k] = faces[1]
-    put_fours(block, measuring, x, y, heading, speed, robots.measured)
-    put_fours(block, measuring, cos_phase, sin_phase, cos_heading, sin_heading, robots.measured_turn)
+    abreast.put_fours(block, measuring, x, y, heading, speed, robots.measured)
+    abreast.put_fours(block, measuring, cos_phase, sin_phase, cos_heading, sin_heading, robots.measured_turn)
 
 
 @stage(ROBOT, writes="links: sending, sent; messages: sending, sent")

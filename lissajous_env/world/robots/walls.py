@@ -2,15 +2,8 @@
 
 import warp as wp
 
-from lissajous_env.device.abreast import (
-    ABREAST,
-    Block,
-    Floats,
-    put_floats,
-    put_places,
-    put_vectors,
-    width,
-)
+from lissajous_env.device import abreast
+from lissajous_env.device.abreast import Floats
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import ROBOT, part, stage
@@ -18,7 +11,6 @@ from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.task import Task
 from lissajous_env.world.state import REMOVED, WORKING, planar
-from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
 
@@ -47,13 +39,13 @@ def stop_at_wall(curve, radius: float, robot: wp.vec4) -> wp.vec4:
 
 
 @part
-def begin_track(block: Block, standing: int, x: Floats, y: Floats, robots):
+def begin_track(block, standing: int, x: Floats, y: Floats, robots):
     """Begin the track of a step, and store that of robots which stand, with a speed of 0."""
     if standing != 0:
-        put_floats(block, standing, Floats(), robots.speed)
+        abreast.put_floats(block, standing, Floats(), robots.speed)
         for s in range(1, robots.track.shape[2]):
-            put_places(block, standing, x, y, s, robots.track)
-    put_places(block, block.active_mask, x, y, 0, robots.track)
+            abreast.put_places(block, standing, x, y, s, robots.track)
+    abreast.put_places(block, block.active_mask, x, y, 0, robots.track)
 
 
 @part
@@ -61,8 +53,8 @@ def stop_at_walls(
     curve, radius: float, x: Floats, y: Floats, heading: Floats, speed: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Return x, y [m] and speed [m/s] of bodies that walls stop, as `stop_at_wall` does."""
-    for k in range(ABREAST):
-        if k < width():
+    for k in range(abreast.ABREAST):
+        if k < abreast.width():
             pose = stop_at_wall(curve, radius, wp.vec4(x[k], y[k], heading[k], speed[k]))
             x[k] = pose[0]
             y[k] = pose[1]
@@ -71,14 +63,14 @@ def stop_at_walls(
 
 
 @part
-def end_motion(block: Block, moving: int, x: Floats, y: Floats, heading: Floats, speed: Floats, robots):
+def end_motion(block, moving: int, x: Floats, y: Floats, heading: Floats, speed: Floats, robots):
     """Store where robots are at the end of a step."""
-    for k in range(ABREAST):
-        if k < width():
+    for k in range(abreast.ABREAST):
+        if k < abreast.width():
             heading[k] = wrap(heading[k])
-    put_vectors(block, moving, x, y, Floats(), robots.position)
-    put_floats(block, moving, heading, robots.heading)
-    put_floats(block, moving, speed, robots.speed)
+    abreast.put_vectors(block, moving, x, y, Floats(), robots.position)
+    abreast.put_floats(block, moving, heading, robots.heading)
+    abreast.put_floats(block, moving, speed, robots.speed)
 
 
 @part
@@ -98,7 +90,7 @@ def driven_speed(w, i, driving, taken) -> float:
 
 
 @stage(ROBOT, writes="tally: at_wall, blocked_steps, driven_from, driven_steps, wall_contacts")
-def watch_walls(w, i, curve, robot, task, driving, clock, robots, taken, tally: EpisodeTotals):
+def watch_walls(w, i, curve, robot, task, driving, clock, robots, taken, tally):
     """Count contacts with a wall, and the steps in which robots are blocked.
 
     A contact begins when a body reaches a wall and lasts until it is farther from it than APART. A working robot is

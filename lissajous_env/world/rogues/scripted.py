@@ -9,7 +9,7 @@ from lissajous_env.device.compilation import OPTIONS, module_apart
 from lissajous_env.device.stage import TARGET, part, stage
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters.rogues import Rogue, register_rogue
-from lissajous_env.world.contamination.labels import MARGIN, NONE, Hops, slot_of
+from lissajous_env.world.contamination.labels import MARGIN, NONE, slot_of
 from lissajous_env.world.rogues.rows import ROBOT, ROBOTS
 from lissajous_env.world.targets.motion import inside
 
@@ -220,7 +220,7 @@ def around(w, t, wanted: wp.vec2, curve, sensing, target, task, speed_unit, rogu
 
 
 @stage(TARGET, writes="rogues: action", module=_HIDING)
-def hide(w, t, curve, sensing, target, task, speed_unit, hops: Hops, clock, contamination, rogues):
+def hide(w, t, curve, sensing, target, task, speed_unit, hops, clock, contamination, rogues):
     """Go to the cell clear of all discs in which a target can be undetected for longest when the rogue arrives."""
     rows = contamination.row_ages.shape[1]
     now = clock.step[w] - 1  # the labels and the rows are of the end of the step before

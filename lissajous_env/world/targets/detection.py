@@ -35,7 +35,7 @@ def list_in_sight(w: int, t: int, place: wp.vec2, bins: Bins):
 
 
 @stage(TARGET, writes="targets: position")
-def place_unseen(w, lane, lanes, curve, sensing, clock, robots, targets, bins: Bins):
+def place_unseen(w, lane, lanes, curve, sensing, clock, robots, targets, bins):
     """Put each target that appears now at the first of `PLACES` random places out of sight, or at the last."""
     now = clock.step[w]
     key = randomness.step_key(clock.seed[w], now)
@@ -169,7 +169,7 @@ def detect_together(
     sensing,
     robots,
     targets,
-    bins: Bins,
+    bins,
     latest,
 ) -> wp.vec2i:
     """Let robots detect targets that are at x, y now [m]; return how many wait on, and are in sight.
@@ -232,7 +232,7 @@ def detect_together(
         "found_at, found_early, heading, in_sight, position, stage"
     ),
 )
-def move_and_detect(w, lane, lanes, curve, target, sensing, task, clock, robots, targets, bins: Bins, latest):
+def move_and_detect(w, lane, lanes, curve, target, sensing, task, clock, robots, targets, bins, latest):
     """Remove detected targets, let others appear or move, and let the first robot that senses one detect it.
 
     A target appears at the end of its step: it is detected then or, on its way, from the next step on.

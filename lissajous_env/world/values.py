@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.device import part_structs
+from lissajous_env.device import structs
 from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.devices import check_room
-from lissajous_env.device.structs import to_struct
+from lissajous_env.device.stage import TYPES
+from lissajous_env.device.structs import allocate, to_struct
 from lissajous_env.device.warp_abi import variables_of
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
@@ -20,20 +21,7 @@ from lissajous_env.world.observation import message_start, track_start
 from lissajous_env.world.robots.deviations import points_of
 from lissajous_env.world.robots.faults import removal_steps, schedule_steps
 from lissajous_env.world.rogues.rows import rogue_layout
-from lissajous_env.world.state import (
-    Cells,
-    Clock,
-    Contamination,
-    Links,
-    Messages,
-    Robots,
-    Rogues,
-    StepEvents,
-    Targets,
-    Tracks,
-    allocate,
-)
-from lissajous_env.world.tally import EpisodeTotals
+from lissajous_env.world.state import EpisodeTotals
 
 _TARGET_BYTES = 80
 
@@ -48,13 +36,13 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
     schedule = np.array(schedule_steps(scenario.faults, task.step), dtype=np.int32).reshape(-1, 3)
     return {
         "curve": curve_struct(scenario.curve, device),
-        "formation": to_struct(part_structs.FormationStruct, scenario.formation),
-        "robot": to_struct(part_structs.RobotStruct, scenario.robot),
-        "sensing": to_struct(part_structs.SensingStruct, replace(scenario.sensing, sight=scenario.sight)),
-        "target": to_struct(part_structs.TargetStruct, replace(targets, speed_min=targets.slowest)),
-        "faults": to_struct(part_structs.FaultsStruct, scenario.faults),
-        "noise": to_struct(part_structs.NoiseStruct, scenario.noise),
-        "task": to_struct(part_structs.TaskStruct, task),
+        "formation": to_struct(structs.FormationStruct, scenario.formation),
+        "robot": to_struct(structs.RobotStruct, scenario.robot),
+        "sensing": to_struct(structs.SensingStruct, replace(scenario.sensing, sight=scenario.sight)),
+        "target": to_struct(structs.TargetStruct, replace(targets, speed_min=targets.slowest)),
+        "faults": to_struct(structs.FaultsStruct, scenario.faults),
+        "noise": to_struct(structs.NoiseStruct, scenario.noise),
+        "task": to_struct(structs.TaskStruct, task),
         "steps": task.steps,
         "cells_total": 0 if task.grid is None else task.grid[0] * task.grid[1],
         "age_per_step": scenario.task.step / scenario.time_unit,
@@ -121,25 +109,23 @@ def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, dev
     mates = w, n, n if scenario.sensing.has_tracks else 0
     discs, swept = (w, words, rows), (w, (hops.columns + 63) // 64, hops.rows)
     of_robots = {name: robot for name, array in variables_of(EpisodeTotals).items() if array.type.ndim == 2}
-    shapes: dict[str, tuple[Any, tuple[int, ...], dict[str, tuple[int, ...]]]] = {
-        "clock": (Clock, world, {}),
-        "robots": (Robots, robot, {"track": (w, n, s + 1)}),
-        "links": (Links, (w, n, delay + 1), {"heard": (w, n, 2), "heard_at": (w, n, 2)}),
-        "messages": (Messages, world, {"sending": (w, n, k), "sent": (w, n, delay + 1, k), "heard": (w, n, 2, k)}),
-        "targets": (Targets, (w, t), {}),
-        "tracks": (Tracks, (w, n, known), {"sighted": (w, n, delay + 1, known), "target_at": (w, delay + 1, known),
-                                           "mate_at": mates, "heard_at": mates}),
-        "cells": (Cells, (w, rows), {"sensed_at": (w, rows, columns), "sensed_by": (w, n, words, rows),
-                                     "sensed": discs, "in_discs": discs, "coming": discs}),
-        "contamination": (Contamination, world, {"labels": (w, *labels), "sensed": swept,
-                                                 "swept": swept, "there": there, "row_oldest": field_row,
-                                                 "row_ages": field_row}),
-        "latest": (StepEvents, robot, {"in_sight": world, "waiting": world, "idle_ended": world,
-                                       "terms": (w, n, terms)}),
-        "tally": (EpisodeTotals, world, {"contact": (w, n, n), **of_robots}),
+    shapes: dict[str, tuple[tuple[int, ...], dict[str, tuple[int, ...]]]] = {
+        "clock": (world, {}),
+        "robots": (robot, {"track": (w, n, s + 1)}),
+        "links": ((w, n, delay + 1), {"heard": (w, n, 2), "heard_at": (w, n, 2)}),
+        "messages": (world, {"sending": (w, n, k), "sent": (w, n, delay + 1, k), "heard": (w, n, 2, k)}),
+        "targets": ((w, t), {}),
+        "tracks": ((w, n, known), {"sighted": (w, n, delay + 1, known), "target_at": (w, delay + 1, known),
+                                   "mate_at": mates, "heard_at": mates}),
+        "cells": ((w, rows), {"sensed_at": (w, rows, columns), "sensed_by": (w, n, words, rows),
+                              "sensed": discs, "in_discs": discs, "coming": discs}),
+        "contamination": (world, {"labels": (w, *labels), "sensed": swept, "swept": swept, "there": there,
+                                  "row_oldest": field_row, "row_ages": field_row}),
+        "latest": (robot, {"in_sight": world, "waiting": world, "idle_ended": world, "terms": (w, n, terms)}),
+        "tally": (world, {"contact": (w, n, n), **of_robots}),
     }  # fmt: skip
     if scenario.targets.rogues is not None:
         size = rogue_layout(scenario).size
         check_room([t * (size + 2) * 4], w, device)
-        shapes["rogues"] = Rogues, (w, t), {"action": (w, t, 2), "observation": (w, t, size)}
-    return {name: allocate(of, own, default, device) for name, (of, default, own) in shapes.items()}
+        shapes["rogues"] = (w, t), {"action": (w, t, 2), "observation": (w, t, size)}
+    return {name: allocate(TYPES[name], own, default, device) for name, (default, own) in shapes.items()}

@@ -1,0 +1,155 @@
+"""The observation row of one robot outside the simulation, filled by the stages that fill the rows of a simulation."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from baselines.onboard.inputs import Message, Odometry
+from lissajous_env.device.devices import as_device, compile_quietly
+from lissajous_env.device.program import Program, Stage
+from lissajous_env.device.stage import ROBOT
+from lissajous_env.device.structs import NoiseStruct, allocate
+from lissajous_env.device.warp_abi import fields_of
+from lissajous_env.parameters.extensions import ObservationEntry
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.theory.geometry import locate
+from lissajous_env.world.observation import layout
+from lissajous_env.world.observing import observe
+from lissajous_env.world.robots.bins import Bins
+from lissajous_env.world.robots.placing import follow_curve
+from lissajous_env.world.robots.signals import measure
+from lissajous_env.world.state import NOWHERE, REMOVED, STUCK, WORKING, Robots, Targets
+from lissajous_env.world.values import constants_of, state_of
+
+_TICKS = 1024
+"""Ticks in a control step, by which the ages of messages are measured."""
+_NOW = 1 << 24
+"""Present tick: later than the age of any message that counts."""
+
+
+class Row:
+    """The observation row of robot `robot` of a scenario, in a world of the robot and what it has in sight.
+
+    Raises:
+        ValueError: the scenario has observation entries that require a simulation, or actions that are no commands.
+    """
+
+    def __init__(self, scenario: Scenario, robot: int):
+        _check(scenario)
+        device, sensing = as_device("cpu"), scenario.sensing
+        shape, size = (1, 1 + sensing.robots_seen), layout(scenario).size
+        state = state_of(scenario, 1, size, 1, device)
+        state["robots"] = allocate(Robots, {"track": (*shape, 1)}, shape, device)
+        state["targets"] = allocate(Targets, {}, (1, sensing.targets_seen), device)
+        state["clock"].active.fill_(1)
+        state["clock"].step.fill_(_NOW)
+        bins: Any = Bins()
+        bins.nearest = wp.zeros((1, 1, max(sensing.robots_seen, sensing.targets_seen)), dtype=wp.vec2, device=device)
+        row = wp.zeros((1, 1, size), dtype=wp.float32, device=device)
+        values = constants_of(scenario, device) | state | {"bins": bins, "observation_out": row}
+        values |= {"noise": NoiseStruct(), "age_per_step": values["age_per_step"] / _TICKS}
+        with compile_quietly():
+            self._follow, self._measure, self._observe = (
+                Program([Stage(stage.key, stage)], values, {ROBOT: 1}, 1, device)
+                for stage in (follow_curve, measure, observe)
+            )
+        self._state, self._row = state, row  # of which the arrays below are views
+        self._robots, self._targets, self._links = (
+            {name: array.numpy()[0] for name, array in fields_of(state[part]).items()}
+            for part in ("robots", "targets", "links")
+        )
+        self._numbers, self._targets_in_sight = state["messages"].heard.numpy()[0, 0], state["latest"].in_sight.numpy()
+        self._scenario, self._near = scenario, float(scenario.equilibrium[robot])
+        self.values = row.numpy()[0, 0]
+        """(D,) the row."""
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the phase, which is computed from the next pose, because the robot may have been moved."""
+        self._pose: Odometry | None = None
+
+    @property
+    def has_phase(self) -> bool:
+        """True if the phase of the robot is known."""
+        return self._pose is not None
+
+    @property
+    def sent(self) -> tuple[float, float, float, float]:
+        """Cosine and sine of the phase, and x, y [m], as the robot sends them to its ring neighbours."""
+        turn, measured = self._robots["measured_turn"][0], self._robots["measured"][0]
+        return float(turn[0]), float(turn[1]), float(measured[0]), float(measured[1])
+
+    def see(self, robots: np.ndarray, targets: np.ndarray) -> None:
+        """Place what the sensor detects, relative to the robot: robots (K, 4) in [m] and [m/s], and targets (K, 2)."""
+        robots = _nearest(robots, len(self._robots["status"]) - 1)
+        there = slice(1, 1 + len(robots))
+        self._robots["status"][1:] = REMOVED
+        self._robots["status"][there] = WORKING
+        self._robots["position"][there, :2] = robots[:, :2]
+        self._robots["speed"][there] = np.hypot(robots[:, 2], robots[:, 3])
+        self._robots["heading"][there] = np.arctan2(robots[:, 3], robots[:, 2])
+        targets = _nearest(targets, len(self._targets["in_sight"]))
+        self._targets["position"][: len(targets)] = targets
+        self._targets["in_sight"][:] = np.arange(len(self._targets["in_sight"])) < len(targets)
+        self._targets_in_sight[0] = len(targets)
+
+    def fill(
+        self, pose: Odometry, heard: Sequence[Message | None], works: bool, phase: tuple[float, float] | None
+    ) -> np.ndarray:
+        """Fill the row, and return it: the same array each time.
+
+        Args:
+            pose: Measured pose and speed.
+            heard: Latest message of each ring neighbour; None for none yet.
+            works: False for a robot that has failed.
+            phase: Cosine and sine of the measured phase; None lets the phase of the pose before follow the curve to
+                this pose, which is not followed twice.
+        """
+        robots, curve, alpha = self._robots, self._scenario.driven, self._scenario.alpha
+        robots["position"][0, :2], robots["heading"][0], robots["speed"][0] = (pose.x, pose.y), pose.heading, pose.speed
+        robots["status"][0] = WORKING if works else STUCK
+        if phase is not None:
+            robots["phase"][0] = math.atan2(phase[1], phase[0]) % (2 * math.pi)
+        elif self._pose is None:
+            robots["phase"][0] = locate(curve, alpha, pose.x, pose.y, pose.heading, self._near) % (2 * math.pi)
+        if phase is None and pose is not self._pose:
+            self._follow()
+        self._measure()
+        if phase is not None:
+            robots["measured_turn"][0, :2] = phase
+        for side, message in enumerate(heard):
+            self._hear(side, message, pose.stamp)
+        # What is in sight is placed relative to the robot.
+        robots["position"][0], robots["speed"][0], robots["sensor"][0] = 0, 0, 0 if works else NOWHERE
+        self._observe()
+        self._pose = pose
+        return self.values
+
+    def _hear(self, side: int, message: Message | None, now: float) -> None:
+        """Store the latest message of a ring neighbour, at the time of a pose: phases of two poses are compared."""
+        if message is None:
+            self._links["heard_at"][0, side], self._numbers[side] = -1, 0
+            return
+        age = max(now - message.sent_at, 0.0) / self._scenario.task.step
+        self._links["heard_at"][0, side] = _NOW - round(min(age * _TICKS, _NOW))
+        self._links["heard"][0, side], self._numbers[side] = message[2:6], message.numbers
+
+
+def _nearest(seen: np.ndarray, count: int) -> np.ndarray:
+    """Return the nearest of what the sensor detects, as many as the row lists at most."""
+    return seen[np.argsort(np.hypot(seen[:, 0], seen[:, 1]), kind="stable")[:count]]
+
+
+def _check(scenario: Scenario) -> None:
+    """Refuse a scenario whose rows or actions require a simulation."""
+    names = [name for entry in scenario.extensions if isinstance(entry, ObservationEntry) for name in entry.entries]
+    rule = "for a robot outside the simulation"
+    if names:
+        raise ValueError(f"scenario must have no observation entries of extensions {rule}, got {', '.join(names)}")
+    if scenario.sensing.has_tracks:
+        raise ValueError(f"sensing.tracks_seen and sensing.teammates_seen must be 0 {rule}, got a scenario with tracks")
+    if scenario.task.action != "control":
+        raise ValueError(f"task.action must be control {rule}, got {scenario.task.action}")
