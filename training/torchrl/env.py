@@ -163,7 +163,7 @@ class LissajousTorchEnv(EnvBase):
             team = {name: getattr(of, name).unsqueeze(-1).clone() for name in copied}
             team |= {"observation": of.observation.clone(), "done": team["terminated"] | team["truncated"]}
             if side.is_robots:
-                terms = self.batch.reward_terms(torch).clone().unsqueeze(-2).unbind(-1)
+                terms = of.terms.clone().unsqueeze(-2).unbind(-1)
                 names = [f"reward_{name}" for name in self.batch.simulation.reward_term_names]
                 team["info"] = self._batched(dict(zip(names, terms, strict=True)), side.places)
                 gone, late = of.terminated.all(1, True), (of.mask & of.truncated).any(1, True)
