@@ -119,7 +119,7 @@ def tables(options: Options) -> dict[str, Table]:
     last = list(cases.values())[-1]
     times: dict[str, list[tuple[float, float]]] = {}
     with tempfile.TemporaryDirectory() as folder:
-        for _ in range(options.rounds):
+        for _ in range(1 if options.quick else options.rounds):
             for name, case in cases.items():
                 times.setdefault(name, []).append(benchmarl(case, folder))
             times.setdefault("PPO of Stable-Baselines3", []).append(stable_baselines(last))
