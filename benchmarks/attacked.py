@@ -41,7 +41,7 @@ def drawn(rng):
         "robot.drive_factors": tuple((i, float(rng.uniform(0.5, 2))) for i in range(count) if rng.random() < 0.3),
         "robot.lateral_acceleration_max": float(rng.choice([0.5, 5, np.inf])), "faults.schedule": (),
         "task.boundary": "remove" if removal == "at the boundary" else str(rng.choice(["open", "wall"])),
-        "task.on_collision": "remove" if removal == "after a collision" else str(rng.choice(["count", "stop"])),
+        "task.on_collision": "remove" if removal == "after a collision" else "count",
     }  # fmt: skip
     fields |= failures(rng, fault, count, step) | removals(rng, removal, count, step)
     try:

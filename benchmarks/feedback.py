@@ -21,10 +21,10 @@ import numpy as np
 import lissajous_env
 from baselines.policies.index_rule import Index
 from baselines.policies.reacting import Chase, Cover, Follow, Force, Lanes, VoronoiPursuit
+from lissajous_env.world.columns import task_score
 from lissajous_env.world.state import FOUND, PRESENT
 
 WORLDS, TUNED_ON, PLAYED_ON = 256, 4242, 10_000
-SCORES = {"watch": "observed_fraction", "intercept": "detection_rate", "hotspots": "detection_time_mean"}
 PATROL = "patrol in lanes"
 KEPT = Path(lissajous_env.__file__).parent / "parameters" / "feedback.json"
 """The values of feedback that `lissajous scenarios` prints."""
@@ -131,7 +131,7 @@ def play(name, policy, settings, first):
             made.watch(simulation)
         simulation.step(made.act(simulation.observation))
     rows = simulation.score()
-    return np.array([[row[SCORES[name]], row["collisions"]] for row in rows]).T
+    return np.array([[row[task_score(scenario).name], row["collisions"]] for row in rows]).T
 
 
 def with_interval(values, digits):
@@ -151,7 +151,7 @@ def compared():
     """Return the table of all scenarios."""
     rows = []
     for name, policies in POLICIES.items():
-        column = lissajous_env.world.columns.COLUMNS[SCORES[name]]
+        column = task_score(lissajous_env.scenario(name))
         patrol = None
         for words, (policy, settings) in policies.items():
             scores, collisions = play(name, policy, settings, PLAYED_ON)
@@ -180,7 +180,7 @@ def best_values(rows):
 def tune():
     """Print the settings of each grid, best first."""
     for name, grids in GRIDS.items():
-        better = lissajous_env.world.columns.COLUMNS[SCORES[name]].better
+        better = task_score(lissajous_env.scenario(name)).better
         for policy, grid in grids:
             played = []
             for values in itertools.product(*grid.values()):

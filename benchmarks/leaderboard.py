@@ -25,20 +25,19 @@ import numpy as np
 from rich.console import Console
 
 import lissajous_env
-from baselines.benchmark.running import run
+from baselines.benchmark.running import measure
 from baselines.benchmark.statistics import RESAMPLES, interquartile_mean
 from baselines.benchmark.types import Benchmark
 from baselines.policies import factories
 from lissajous_env.wording import nearest
+from lissajous_env.world.columns import task_score
 
-TASKS = {"watch-v1": "observed_fraction", "intercept-v1": "detection_rate", "hotspots-v1": "detection_time_mean"}
-"""Score column of each task."""
 REFERENCES = {
     "watch-v1": ("lanes", "greedy-cover"),
     "intercept-v1": ("lanes", "lead-pursuit"),
     "hotspots-v1": ("lanes", "index-learned"),
 }
-"""Policies of each task whose scores are 0 and 1."""
+"""Policies of each task whose scores are 0 and 1; the score of a task is `task_score`."""
 SCENARIOS, EPISODES = 32, 4
 FOLDER = figures.ROOT / "docs" / "leaderboard"
 COLUMNS = ["entry", "score", "watch", "intercept", "hotspots", "collisions", "trainings", "by"]
@@ -57,7 +56,7 @@ def read(path):
         raise ValueError(f"entry {rule}, got {path.stem}{nearest(path.stem, names)}")
     entry = tomllib.loads(path.read_text(encoding="utf-8"))
     _check_keys(f"{path.name}", entry, ("name", "by", "command", "machine", "policies"))
-    _check_keys(f"policies of {path.name}", entry["policies"], TASKS)
+    _check_keys(f"policies of {path.name}", entry["policies"], REFERENCES)
     for task, policies in entry["policies"].items():
         if not isinstance(policies, list) or not policies or not all(isinstance(name, str) for name in policies):
             raise ValueError(f"{task} of {path.name} must be a list of policies, one for each training, got {policies}")
@@ -80,7 +79,11 @@ def _check_keys(what, table, keys):
 
 
 def play(task, policy, out):
-    """Return the scores and the collisions (scenarios,) of a policy on the split, each the mean of its episodes."""
+    """Return the scores and the collisions (scenarios,) of a policy on the split, each the mean of its episodes.
+
+    Raises:
+        ValueError: the policy refuses a scenario or fails; the message names the scenario and the reason.
+    """
     print(f"{task}: {policy}", file=sys.stderr)
     settings = Benchmark(
         scenarios=(f"{task}:test:{SCENARIOS}",),
@@ -89,15 +92,14 @@ def play(task, policy, out):
         out=out / task / policy.replace("/", "_"),
         replays=0,
     )
-    rows = run(settings, console=Console(quiet=True))
-    scenarios = dict.fromkeys(row["scenario"] for row in rows)
-    if len(rows) < SCENARIOS * EPISODES:
-        raise ValueError(
-            f"{policy} must play every scenario of {task}, got {len(rows)} of {SCENARIOS * EPISODES} episodes"
-        )
-    by_scenario = [[row for row in rows if row["scenario"] == name] for name in scenarios]
+    outcome = measure(settings, console=Console(quiet=True))
+    if outcome.failures:
+        failure = outcome.failures[0]
+        raise ValueError(f"{policy} must play every scenario of {task}, but on {failure.scenario}: {failure.error}")
+    by_scenario = [[row for row in outcome.rows if row["scenario"] == name] for name in outcome.scenarios]
+    score = task_score(lissajous_env.scenario_space(task).base).name
     return np.array([
-        [np.mean([row[column] for row in chosen]) for chosen in by_scenario] for column in (TASKS[task], "collisions")
+        [np.mean([row[column] for row in chosen]) for chosen in by_scenario] for column in (score, "collisions")
     ])  # fmt: skip
 
 
@@ -121,7 +123,7 @@ def scored(entry, out):
     score, *resampled = map(interquartile_mean, together)
     low, high = np.percentile(resampled, [2.5, 97.5])
     cells = [f"{values[0].mean():.2f}" for values in normalised.values()]
-    trainings = str(together.shape[1] // len(TASKS)) if entry["command"] else "-"
+    trainings = str(together.shape[1] // len(REFERENCES)) if entry["command"] else "-"
     return [
         entry["name"],
         f"{score:.2f} ({low:.2f} to {high:.2f})",
@@ -144,13 +146,13 @@ def main():
     warnings.simplefilter("ignore")
     names = given.entries or sorted(path.stem for path in FOLDER.glob("*.toml"))
     sys.path.append(str(FOLDER))
+    stored = figures.load().get("leaderboard", {"rows": []})["rows"]
     try:
         entries = [read(FOLDER / f"{name}.toml") for name in names]
+        with tempfile.TemporaryDirectory() as empty:
+            rows = [scored(entry, Path(empty) if given.check else given.out) for entry in entries]
     except ValueError as error:
         parser.error(str(error))
-    stored = figures.load().get("leaderboard", {"rows": []})["rows"]
-    with tempfile.TemporaryDirectory() as empty:
-        rows = [scored(entry, Path(empty) if given.check else given.out) for entry in entries]
     if given.check:
         differing = [row for row in rows if row not in stored]
         print(f"{len(rows) - len(differing)} of {len(rows)} rows are as stored", *differing, sep="\n")

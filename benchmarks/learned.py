@@ -20,8 +20,8 @@ import numpy as np
 import baselines
 import lissajous_env
 import training
+from lissajous_env.world.columns import task_score
 from training.learned import checkpoint
-from training.scenarios import score_of
 from training.validation import limit_of, rank_of
 
 POLICIES = {
@@ -38,7 +38,7 @@ SPACE, SPLITS, SCENARIOS, EPISODES = "watch-v1", ("test", "larger", "longer", "f
 def play(policy: Any, scenario: Any, seeds: range) -> np.ndarray:
     """Return the score, the collisions and the distance [m] of each world, (3, W)."""
     rows = lissajous_env.evaluate(policy, scenario, seeds)
-    columns = score_of(lissajous_env.scenario(scenario)), "collisions", "distance_mean"
+    columns = task_score(lissajous_env.scenario(scenario)).name, "collisions", "distance_mean"
     return np.array([[row[name] for name in columns] for row in rows]).T
 
 
@@ -82,7 +82,7 @@ def on_scenario(scenario: str, trainings: list[str]) -> figures.Table:
         played = {f"the best of each of {len(each)} trainings": np.stack(each, axis=1)} | played
     rows = [[name, interval(of[0], 3), gain(of[0], base), interval(of[1], 2), f"{of[2].mean():.0f}"]
             for name, of in played.items()]  # fmt: skip
-    title = TITLES[score_of(lissajous_env.scenario(scenario))]
+    title = TITLES[task_score(lissajous_env.scenario(scenario)).name]
     columns = ["policy", title, f"over `{names[1]}`", "collisions", "distance of a robot [m]"]
     return {"columns": columns, "rows": rows}
 

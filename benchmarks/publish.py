@@ -14,14 +14,13 @@ import tyro
 from baselines.benchmark.statistics import summarize
 from lissajous_env import evaluate
 from lissajous_env.parameters import named
-from lissajous_env.world.columns import COLLISIONS, MEAN
+from lissajous_env.world.columns import COLLISIONS, MEAN, task_score
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.team_network import TeamNetwork
 from training.learned.team_policy import LearnedTeam
 from training.rogue_settings import RogueTraining
 from training.rogue_trainer import undetected_times
-from training.scenarios import score_of
 
 HELD_OUT = range(10_000, 10_256)
 SCRIPTS = "wander", "flee", "shadow", "follow-gap"
@@ -64,7 +63,7 @@ def _scores_of(network: TeamNetwork, card: Card, made_for: tuple[str, ...]) -> d
         # The scenario of the training is in its folder and need not be registered.
         scenario = checkpoint.home_scenario(card) if played == card.scenario else named.scenario(played)
         rows = evaluate(LearnedTeam(network, card, scenario, len(HELD_OUT)), scenario, HELD_OUT)
-        for name in (score_of(scenario), COLLISIONS.name):
+        for name in (task_score(scenario).name, COLLISIONS.name):
             of = summarize([row[name] for row in rows], MEAN)
             scores.setdefault(played, {})[name] = [round(value, 4) for value in (of.value, of.low, of.high)]
         print(played, scores[played])

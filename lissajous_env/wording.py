@@ -53,6 +53,11 @@ def few_of(names: Iterable[Any], word: Any = "") -> str:
     return f"{', '.join(near)} and {len(known) - len(near):,} more"
 
 
+def counted(number: int, noun: str, plural: str = "") -> str:
+    """Return a number with its noun, as `1 episode` and `2,000 episodes`; by default the plural ends in s."""
+    return f"{number:,} {noun if number == 1 else plural or f'{noun}s'}"
+
+
 def where_raised(error: BaseException) -> str:
     """Format an error on one line, with the file and the line of the user's code that raised it.
 

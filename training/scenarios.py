@@ -9,6 +9,7 @@ from typing import Any
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.named import scenario_space, space_and_split
+from lissajous_env.world.columns import DETECTION_RATE, OBSERVED, task_score
 
 LEARNED, VALIDATED = "train", "validation"
 """Splits of a space from which a training draws its scenarios, and those of its validations. No training uses the split
@@ -62,13 +63,6 @@ def lean_fields(scenario: Scenario) -> dict[str, Any]:
     return fields
 
 
-def score_of(scenario: Scenario) -> str:
-    """Return the column by which policies of a scenario are compared."""
-    if scenario.task.reward_observation > 0:
-        return "observed_fraction"
-    return "detection_rate" if scenario.targets.respawn else "detection_time_mean"
-
-
 def rule_of(task: Scenario) -> str:
     """Return the best rule for a scenario in which actions are velocities."""
-    return {"observed_fraction": "greedy-cover", "detection_rate": "lead-pursuit"}.get(score_of(task), "index-learned")
+    return {OBSERVED: "greedy-cover", DETECTION_RATE: "lead-pursuit"}.get(task_score(task), "index-learned")

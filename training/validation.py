@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from lissajous_env import Scenario, evaluate
-from lissajous_env.world.columns import COLUMNS
-from training.scenarios import score_of
+from lissajous_env.world.columns import task_score
 from training.settings import TrainingSettings
 
 VALIDATION_SEED = 20_000
@@ -31,7 +30,7 @@ def validate(
     for k, scenario in enumerate(scenarios):
         seeds = range(VALIDATION_SEED, VALIDATION_SEED + count)
         rows = evaluate(make(scenario, count), scenario, seeds=seeds, device=settings.device)
-        column = COLUMNS[score_of(scenario)]
+        column = task_score(scenario)
         # Without any target there is no score.
         known = [row[column.name] for row in rows if np.isfinite(row[column.name])]
         score = float(np.mean(known)) if known else 0.0

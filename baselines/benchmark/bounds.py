@@ -21,6 +21,7 @@ from lissajous_env.episodes.guarantee import guaranteed_time
 from lissajous_env.episodes.limits import guaranteed_time_limit, mean_time_limit
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.columns import DETECTION_TIME, task_score
 
 GRIDS = {
     "intruders": (108, 48),
@@ -84,7 +85,8 @@ class Bounds(NamedTuple):
     """Bounds on the scores of one scenario [s]; NaN for those that do not exist, or are below a control step."""
 
     mean_time: float
-    """Lower bound of the mean detection time of every policy without long-range sensing."""
+    """Lower bound of the mean detection time of every policy without long-range sensing; NaN where the task has another
+    score."""
     worst_case: float
     """Lower bound of the worst-case undetected time; the length of an episode where no policy guarantees anything."""
     in_formation: float
@@ -109,7 +111,8 @@ def bounds_of(scenario: Scenario, simulates: bool = True) -> Bounds:
     known = known_plans(scenario)
     best = min((plan.worst_case for plan in known), default=math.nan)
     settled = min((plan.settled for plan in known), default=math.nan)
-    return Bounds(_beyond_a_step(mean_time_limit(scenario), scenario), worst_case, in_formation, best, settled)
+    mean_time = mean_time_limit(scenario) if task_score(scenario) is DETECTION_TIME else math.nan
+    return Bounds(_beyond_a_step(mean_time, scenario), worst_case, in_formation, best, settled)
 
 
 def _beyond_a_step(bound: float, scenario: Scenario) -> float:

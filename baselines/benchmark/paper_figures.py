@@ -17,11 +17,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from baselines.benchmark.plot_styles import STYLE, PlotStyle, saved, styles_of
-from baselines.benchmark.shown import COMPARED, DERIVED, OVERALL, SOONER, brought_in, with_numbers
+from baselines.benchmark.shown import DERIVED, IMPROVEMENT, OVERALL, brought_in, with_numbers
 from baselines.benchmark.statistics import SHARE_OF_SEEDS, Estimate
 from baselines.benchmark.table import Policies, Rows, Table, grouped, numbers
 from baselines.policies.registry import unwrapped
-from lissajous_env.world.columns import LARGEST, OPEN, SHARE, WHOLE, Column
+from lissajous_env.world.columns import COLLISIONS, LARGEST, OPEN, SENSED, SHARE, WHOLE, WORST_CASE, Column, task_score
 
 FORMATS = ("pdf", "svg", "png")
 WIDTH = 7.16
@@ -55,7 +55,8 @@ def draw(table: Table, form: str) -> Iterator[tuple[str, bytes]]:
             yield f"overall-{of.kind}.{form}", saved(figure, form)
         for name, rows in grouped(table.rows).items():
             policies = table.estimates[name]
-            columns = (*COMPARED, *brought_in(policies.values()), SOONER)
+            columns = dict.fromkeys((task_score(table.scenarios[name]), WORST_CASE, COLLISIONS, SENSED))
+            columns = (*columns, *brought_in(policies.values()), IMPROVEMENT)
             title = f"{name}, compared with {table.references[name]}" if name in table.references else name
             yield f"scores-{name}.{form}", saved(_figure(title, policies, columns, styles, rows), form)
 

@@ -31,13 +31,12 @@ from lissajous_env.world.columns import (
     COLLISIONS,
     COLUMNS,
     DETECTED,
-    DETECTION_TIME,
-    LARGEST,
     OPEN,
     SENSED,
     WHOLE,
     WORST_CASE,
     Column,
+    task_score,
 )
 
 FORMAT = "lissajous report 3"
@@ -89,19 +88,21 @@ def failed(row: Row) -> list[bool]:
 
 
 def headline(scenario: Scenario) -> Column:
-    """Return the main column of a scenario: the worst-case undetected time if computed, else the detection time."""
-    return DETECTION_TIME if scenario.task.contamination is None else WORST_CASE
+    """Return the main column of a scenario: the worst-case undetected time if computed, else the score of its task."""
+    return task_score(scenario) if scenario.task.contamination is None else WORST_CASE
 
 
 def badness(row: Row, scenario: Scenario) -> tuple[float, ...]:
     """Return a key by which episodes are sorted, larger being worse.
 
-    It is the number of ways in which the episode failed, then the headline of its scenario over T_max, the collisions,
-    and the mean detection time over T_max. A missing number counts as 0.
+    It is the number of ways in which the episode failed, then the headline of its scenario, the collisions, and the
+    score of its task; times are in units of T_max. A missing number counts as 0.
     """
-    bound = scenario.detection_time_bound
-    times = (row[headline(scenario).name] / bound, row[COLLISIONS.name], row[DETECTION_TIME.name] / bound)
-    return sum(failed(row)), *(0.0 if math.isnan(number) else number for number in times)
+    parts = []
+    for column in (headline(scenario), COLLISIONS, task_score(scenario)):
+        worse = -column.better * row[column.name] / (scenario.detection_time_bound if column.unit == "s" else 1.0)
+        parts.append(0.0 if math.isnan(worse) else worse)
+    return sum(failed(row)), *parts
 
 
 def worst_first(rows: Sequence[Row], scenarios: Mapping[str, Scenario]) -> list[int]:
@@ -144,7 +145,7 @@ class Report:
         policies = list(dict.fromkeys(row["policy"] for row in self.table.rows))
         number_of = {name: k for k, name in enumerate(policies)}
         scenario_of = {name: k for k, name in enumerate(self.table.estimates)}
-        columns, by = _columns(self.table.rows), grouped(ranked)
+        columns, by = self._columns(), grouped(ranked)
         replayed = {f"replay-{k}": (key, played) for k, (key, played) in enumerate(replays.items())}
         data = {
             "format": FORMAT,
@@ -155,7 +156,6 @@ class Report:
             "scenarios": [self._scenario(name, number_of, by.get(name, {})) for name in scenario_of],
             "failures": [[failure.scenario, failure.policy, failure.error] for failure in self.failures],
             "columns": columns,
-            "tradeoff": [DETECTION_TIME.name, COLLISIONS.name],
             "total": len(ranked),
             "episodes": _episodes(ranked[:MOST_EPISODES], columns, scenario_of, number_of),
             "replays": {
@@ -167,7 +167,22 @@ class Report:
         of, on = (f"{count} {one if count == 1 else many}" for count, one, many in counts)
         words = {"title": "Benchmark", "counted": f"{len(ranked):,} episodes of {of} on {on}"}
         contents = {name: played.contents for name, (_, played) in replayed.items()}
-        return report("report.html", "report.js", data, words, contents)
+        return report(data, words, contents)
+
+    def _columns(self) -> list[dict[str, Any]]:
+        """Return the columns by which episodes can be sorted, the most important first."""
+        scores = dict.fromkeys(task_score(scenario) for scenario in self.table.scenarios.values())
+        listed = [*scores, *brought_in(self.table.rows), *MAIN]
+        return [
+            {
+                "name": column.name,
+                "title": column.heading,
+                "listed": column in listed and not np.isnan(numbers(self.table.rows, column)).all(),
+                "whole": column.rule is WHOLE,
+                "open": OPEN.name if column is WORST_CASE else None,
+            }
+            for column in dict.fromkeys((*listed, *SHOWN, *COLUMNS.values()))
+        ]
 
     def _scenario(self, name: str, number_of: Mapping[str, int], rows: Mapping[str, Rows]) -> dict[str, Any]:
         scenario, cells, bounds = self.table.scenarios[name], self.table.estimates[name], self.table.bounds[name]
@@ -179,6 +194,7 @@ class Report:
             "facts": _facts(scenario, bounds, reference),
             "notes": list(self.notes.get(name, [])),
             "reference": None if reference is None else number_of[reference],
+            "tradeoff": [task_score(scenario).name, COLLISIONS.name],
             "measures": [
                 _described(column)
                 | {"lines": [[_rounded(value), words] for value, words in values_of_theory(column, scenario, bounds)]}
@@ -189,10 +205,10 @@ class Report:
                     "policy": number_of[policy],
                     "episodes": len(of),
                     "failed": np.sum([failed(row) for row in of], axis=0).tolist(),
-                    "badness": _rounded(_badness(of, scenario)),
+                    "collisions": _rounded(float(numbers(of, COLLISIONS).mean())),
                     "cells": {column.name: _cell(cells[policy][column.name], column, of) for column in shown},
                 }
-                for policy, of in rows.items()
+                for policy, of in ((policy, rows[policy]) for policy in cells)
             ],
         }
 
@@ -211,13 +227,8 @@ def _policies(names: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def _overall(overall: Overall, number_of: Mapping[str, int]) -> dict[str, Any]:
-    """Return the estimates over the scenarios of a kind of robots, the best policy by the first column first."""
+    """Return the estimates over the scenarios of a kind of robots."""
     columns = with_numbers(overall.policies, OVERALL)
-
-    def key(policy: str) -> float:
-        first = overall.policies[policy][columns[0].name]
-        return -columns[0].better * first.value if first.known else math.inf
-
     return {
         "kind": _KINDS.get(overall.kind, overall.kind),
         "scenarios": list(overall.scenarios),
@@ -227,18 +238,9 @@ def _overall(overall: Overall, number_of: Mapping[str, int]) -> dict[str, Any]:
                 "policy": number_of[policy],
                 "cells": {column.name: _words(overall.policies[policy][column.name]) for column in columns},
             }
-            for policy in sorted(overall.policies, key=key)
+            for policy in overall.policies
         ],
     }
-
-
-def _badness(rows: Rows, scenario: Scenario) -> list[float]:
-    """Return the means of `badness` over the episodes of a policy, of a guarantee the largest."""
-    of = np.array([badness(row, scenario) for row in rows])
-    _, *others = of.mean(axis=0)
-    if headline(scenario).summary == LARGEST:
-        others[0] = of[:, 1].max()
-    return [of[:, 0].mean(), *others]
 
 
 def _described(column: Column) -> dict[str, Any]:
@@ -280,21 +282,6 @@ def _cell(of: Estimate, column: Column, rows: Rows) -> dict[str, Any]:
         "known": of.known,
         "quartiles": _rounded(np.quantile(known, (0, 0.25, 0.5, 0.75, 1)).tolist()) if len(known) else None,
     }
-
-
-def _columns(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Return the columns by which episodes can be sorted, the most important first."""
-    brought = brought_in(rows)
-    return [
-        {
-            "name": column.name,
-            "title": column.heading,
-            "listed": column in (*brought, *MAIN),
-            "whole": column.rule is WHOLE,
-            "open": OPEN.name if column is WORST_CASE else None,
-        }
-        for column in dict.fromkeys((*brought, *SHOWN, *COLUMNS.values()))
-    ]
 
 
 def _episodes(

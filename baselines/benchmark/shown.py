@@ -18,10 +18,10 @@ from lissajous_env.world.columns import (
     MEAN,
     NAMES,
     RECOVERY,
-    SENSED,
     SEPARATION,
     WORST_CASE,
     Column,
+    task_score,
 )
 
 OVER_LOWER_BOUND = Column(
@@ -33,10 +33,11 @@ OVER_LOWER_BOUND = Column(
     main=True,
 )
 """Derived column; the bound is one of an expectation, so that the mean counts."""
-DETECTION_OVER_BEST = Column(
-    "detection_over_best",
-    "mean detection time over that of the fastest policy on the same scenario and seed",
-    title="detection / best",
+SCORE_OVER_BEST = Column(
+    "score_over_best",
+    "score of the task over that of the best policy on the same scenario and seed; where larger scores are better, its "
+    "inverse, so that no policy is below 1",
+    title="score / best",
     better=-1,
 )
 """Derived column."""
@@ -48,19 +49,17 @@ WORST_CASE_OVER_BEST = Column(
     summary=LARGEST,
 )
 """Derived column."""
-COMPARED = (DETECTION_TIME, WORST_CASE, COLLISIONS, SENSED)
-"""Columns of which a figure shows every episode."""
-SOONER = Column(
-    "detection_time_mean_improvement",
-    "share of the seeds on which the policy detects sooner than the reference; ties count half",
-    title="sooner",
+IMPROVEMENT = Column(
+    "score_improvement",
+    "share of the seeds on which the policy has a better score of the task than the reference; ties count half",
+    title="better",
     better=1,
     summary=SHARE_OF_SEEDS,
     place=6,
     main=True,
 )
 """Derived column: the probability of improvement."""
-OVERALL = (DETECTION_OVER_BEST, WORST_CASE_OVER_BEST, OVER_LOWER_BOUND, COLLISIONS, SOONER)
+OVERALL = (SCORE_OVER_BEST, WORST_CASE_OVER_BEST, OVER_LOWER_BOUND, COLLISIONS, IMPROVEMENT)
 """Columns with the same meaning on every scenario, so that scenarios can be combined."""
 DERIVED = {column.name: column for column in OVERALL if column is not COLLISIONS}
 """Columns that `baselines.benchmark.table` adds to score rows, by name."""
@@ -95,13 +94,19 @@ def brought_in(rows: Iterable[Mapping[str, Any]]) -> list[Column]:
     return [column_of(name) for name in known if name not in (*NAMES, *DERIVED)]
 
 
-def shown_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Estimate]]) -> list[Column]:
-    """Return the columns with numbers that tables of a scenario show: the main ones, those that it adds, the others.
+def main_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Estimate]]) -> list[Column]:
+    """Return the columns with numbers that every table of a scenario shows: its score, the main ones, those it adds.
 
-    The recovery time is left out without a fault. `policies` has estimates by policy and column.
+    `policies` has estimates by policy and column.
     """
-    others = [column for column in SHOWN if not column.main and (column is not RECOVERY or scenario.faults != Faults())]
-    return with_numbers(policies, [*MAIN, *brought_in(policies.values()), *others])
+    columns = dict.fromkeys((task_score(scenario), *MAIN, *brought_in(policies.values())))
+    return with_numbers(policies, columns)
+
+
+def shown_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Estimate]]) -> list[Column]:
+    """Return the main columns and all others with numbers; the recovery time is left out without a fault."""
+    others = [column for column in SHOWN if column is not RECOVERY or scenario.faults != Faults()]
+    return list(dict.fromkeys([*main_columns(scenario, policies), *with_numbers(policies, others)]))
 
 
 def values_of_theory(column: Column, scenario: Scenario, bounds: Bounds) -> list[tuple[float, str]]:
@@ -184,7 +189,7 @@ def best_of(policies: Sequence[Mapping[str, Estimate]], column: Column) -> str:
     return in_words(max(fit, key=lambda of: column.better * of.value))[0] if fit else ""
 
 
-def with_numbers(policies: Mapping[str, Mapping[str, Estimate]], columns: Iterable[Column]) -> list[Column]:
+def with_numbers(policies: Mapping[Any, Mapping[str, Estimate]], columns: Iterable[Column]) -> list[Column]:
     """Return the columns of which some policy has a number."""
     return [
         column for column in columns if any(column.name in of and of[column.name].known for of in policies.values())

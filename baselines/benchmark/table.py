@@ -12,17 +12,18 @@ import numpy as np
 
 from baselines.benchmark.bounds import Bounds, bounds_of
 from baselines.benchmark.shown import (
-    DETECTION_OVER_BEST,
+    IMPROVEMENT,
     OVER_LOWER_BOUND,
     OVERALL,
-    SOONER,
+    SCORE_OVER_BEST,
     WORST_CASE_OVER_BEST,
     column_of,
     numbers_of,
+    with_numbers,
 )
 from baselines.benchmark.statistics import Estimate, summarize, summarize_largest, wins
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.columns import AT_END, DETECTION_TIME, LARGEST, OPEN, WORST_CASE, Column
+from lissajous_env.world.columns import AT_END, DETECTION_TIME, LARGEST, OPEN, WORST_CASE, Column, task_score
 
 _REFERENCES = ("kuramoto-mpcc", "kuramoto")
 """The paper's method: what the others are compared with where it is played."""
@@ -54,9 +55,9 @@ class Table:
     references: dict[str, str]
     """Policy of each scenario with which the others are compared; no entry where there are no others."""
     estimates: dict[str, Policies]
-    """Estimates by scenario."""
+    """Estimates by scenario, the policy with the best score of the task first."""
     overall: list[Overall]
-    """Estimates over several scenarios, by kind of robots."""
+    """Estimates over several scenarios, by kind of robots, the best policy first."""
 
     @classmethod
     def of(
@@ -77,9 +78,14 @@ class Table:
         bounds = {name: bounds_of(scenario, simulates) for name, scenario in scenarios.items()}
         played = grouped(rows)
         references = {name: reference_of(policies, against) for name, policies in played.items() if len(policies) > 1}
-        played = {name: with_derived(policies, bounds[name], references.get(name)) for name, policies in played.items()}
+        scores = {name: task_score(scenario) for name, scenario in scenarios.items()}
+        played = {
+            name: with_derived(policies, bounds[name], scores[name], references.get(name))
+            for name, policies in played.items()
+        }
         estimates = {
-            name: {policy: estimates_of(of) for policy, of in policies.items()} for name, policies in played.items()
+            name: ranked({policy: estimates_of(of) for policy, of in policies.items()}, scores[name])
+            for name, policies in played.items()
         }
         derived = [row for policies in played.values() for of in policies.values() for row in of]
         return cls(derived, dict(scenarios), bounds, references, estimates, overall(played, scenarios))
@@ -104,31 +110,49 @@ def reference_of(policies: Iterable[str], against: str | None = None) -> str:
     return next(name for name in (against, *_REFERENCES, *played) if name in played)
 
 
+def ranked(policies: Policies, column: Column) -> Policies:
+    """Return estimates with the best policy by a column first; those without a number come last."""
+
+    def place(policy: str) -> float:
+        of = policies[policy].get(column.name)
+        return -column.better * of.value if of is not None and of.known else math.inf
+
+    return {policy: policies[policy] for policy in sorted(policies, key=place)}
+
+
 def with_derived(
-    policies: Mapping[str, Rows], bounds: Bounds, reference: str | None = None
+    policies: Mapping[str, Rows], bounds: Bounds, score: Column, reference: str | None = None
 ) -> dict[str, list[dict[str, Any]]]:
     """Return the rows of a scenario, by policy, with the derived columns.
 
     The worst-case undetected time of an open episode is infinite. The best policy is the best on the same seed; where
     no policy has a finite time, there is no ratio. A policy is compared with the reference on the seeds of both.
+
+    Args:
+        policies: Rows of the scenario by policy.
+        bounds: Bounds of the scenario.
+        score: Score of its task.
+        reference: Policy with which the others are compared.
     """
     best: dict[int, tuple[float, float]] = {}
+    fmost = np.fmin if score.better < 0 else np.fmax
     for row in (row for rows in policies.values() for row in rows):
-        time, worst_case = best.get(row["seed"], (math.inf, math.inf))
-        best[row["seed"]] = np.fmin(time, row[DETECTION_TIME.name]), np.fmin(worst_case, _worst_case(row))
+        most, worst_case = best.get(row["seed"], (math.nan, math.inf))
+        best[row["seed"]] = fmost(most, row[score.name]), np.fmin(worst_case, _worst_case(row))
     others = {row["seed"]: row for row in policies[reference]} if reference is not None else {}
     derived: dict[str, list[dict[str, Any]]] = {}
     for policy, rows in policies.items():
         compared = [{} if policy == reference else others.get(row["seed"], {}) for row in rows]
-        won = wins(numbers(rows, DETECTION_TIME), numbers(compared, DETECTION_TIME))
+        won = wins(-score.better * numbers(rows, score), -score.better * numbers(compared, score))
         derived[policy] = []
-        for row, sooner in zip(rows, won, strict=True):
-            time, (best_time, best_worst_case) = row[DETECTION_TIME.name], best[row["seed"]]
+        for row, is_better in zip(rows, won, strict=True):
+            value, (best_value, best_worst_case) = row[score.name], best[row["seed"]]
+            over_best = (value, best_value) if score.better < 0 else (best_value, value)
             derived[policy].append(row | {
-                OVER_LOWER_BOUND.name: time / bounds.mean_time,
-                DETECTION_OVER_BEST.name: _ratio(time, best_time),
+                OVER_LOWER_BOUND.name: row[DETECTION_TIME.name] / bounds.mean_time,
+                SCORE_OVER_BEST.name: _ratio(*over_best),
                 WORST_CASE_OVER_BEST.name: _ratio(_worst_case(row), best_worst_case),
-                SOONER.name: float(sooner),
+                IMPROVEMENT.name: float(is_better),
             })  # fmt: skip
     return derived
 
@@ -182,7 +206,8 @@ def overall(played: Mapping[str, Mapping[str, Rows]], scenarios: Mapping[str, Sc
         policies = [p for p in played[names[0]] if all(p in played[name] for name in names)] if len(names) > 1 else []
         if policies:
             by = {p: {c.name: _over_scenarios(c, [played[n][p] for n in names]) for c in OVERALL} for p in policies}
-            of.append(Overall(kind, names, by))
+            columns = with_numbers(by, OVERALL)
+            of.append(Overall(kind, names, ranked(by, columns[0]) if columns else by))
     return of
 
 

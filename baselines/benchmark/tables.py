@@ -11,6 +11,8 @@ from baselines.benchmark.shown import (
     DASH,
     OVER_LOWER_BOUND,
     OVERALL,
+    SCORE_OVER_BEST,
+    WORST_CASE_OVER_BEST,
     Entry,
     Line,
     between,
@@ -27,7 +29,8 @@ from baselines.benchmark.table import Table
 from baselines.benchmark.types import Outcome
 from lissajous_env.console import terminal
 from lissajous_env.console.terminal import print_line, print_table
-from lissajous_env.world.columns import WORST_CASE, Column
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.columns import WORST_CASE, Column, task_score
 
 _MOST_NAMED = 12
 """Limit on the scenarios that the heading of a table names."""
@@ -101,12 +104,17 @@ def _in_two_lines(entry: Entry) -> Text:
     return Text.assemble(value, (f"\n{entry.beside} ", "dim") if entry.beside else "")
 
 
-def print_scores(console: Console, policy: str, scenario: str, columns: Mapping[str, Estimate]) -> None:
-    """Print every score of one policy on one scenario as a row."""
-    _print_title(console, Text.assemble((policy, "bold"), " on ", (scenario, "bold")))
+def print_scores(console: Console, policy: str, scenario: Scenario, columns: Mapping[str, Estimate]) -> None:
+    """Print a row for every column of one policy on one scenario that has numbers, the score of the task first."""
+    _print_title(console, Text.assemble((policy, "bold"), " on ", (scenario.name, "bold")))
     names = ("summary", "value", "95 % interval", "n", "worst seed", "median", "min", "max")
     rows = []
-    for name, of in columns.items():
+    # A policy that is alone is the best one.
+    alone = {SCORE_OVER_BEST.name, WORST_CASE_OVER_BEST.name}
+    for name in dict.fromkeys((task_score(scenario).name, *columns)):
+        of = columns[name]
+        if not of.known or name in alone:
+            continue
         counted = str(of.n) if of.known == of.n else f"{of.known}/{of.n}"
         counted += f", {of.open} open" if of.open else ""
         worst = DASH if of.worst is None else str(of.worst)
@@ -116,12 +124,13 @@ def print_scores(console: Console, policy: str, scenario: str, columns: Mapping[
     console.print()
 
 
-def print_row(console: Console, row: dict[str, Any]) -> None:
-    """Print one score row as a table."""
+def print_row(console: Console, row: dict[str, Any], scenario: Scenario) -> None:
+    """Print the numbers of one score row as a table, the score of the task first."""
     _print_title(
         console, Text.assemble((row["policy"], "bold"), " on ", (row["scenario"], "bold"), f", seed {row['seed']}")
     )
-    rows = [[name, number(row[name])] for name in numbers_of(row)]
+    names = dict.fromkeys((task_score(scenario).name, *numbers_of(row)))
+    rows = [[name, number(row[name])] for name in names if row[name] == row[name]]
     print_table(console, [terminal.Column("score", left=True, style="cyan"), terminal.Column("value")], rows)
 
 
@@ -151,7 +160,7 @@ def legend(table: Table, episodes: int) -> list[str]:
     ]
     if table.references:
         names = ", ".join(dict.fromkeys(table.references.values()))
-        words.append(f"Sooner: share of seeds on which the policy detects sooner than {names}; ties count half.")
+        words.append(f"Better: share of seeds on which the first column is better than with {names}; ties count half.")
     if any(estimates[WORST_CASE.name].known for estimates in of):
         words.append(
             "Guaranteed: worst-case undetected time, the largest of n episodes; >: a lower bound, because the worst "
@@ -161,8 +170,8 @@ def legend(table: Table, episodes: int) -> list[str]:
         words.append(f"Over lower bound: {OVER_LOWER_BOUND.meaning}.")
     if table.overall:
         words.append(
-            "Over scenarios: a scenario counts once, with the mean of its episodes or its largest guarantee; detection "
-            "and guarantee / best: over the best policy on the same scenario and seed."
+            "Over scenarios: a scenario counts once, with the mean of its episodes or its largest guarantee; score and "
+            "guarantee / best: over the best policy on the same scenario and seed."
         )
     if any(math.isfinite(bounds.best_known) for bounds in table.bounds.values()):
         words.append(

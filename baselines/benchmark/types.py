@@ -24,11 +24,14 @@ because they order the policies much like `evaders`."""
 POLICIES = (
     "kuramoto-mpcc", "kuramoto-mpcc-safe", "open-loop-mpcc", "consensus-mpcc", "partition", "partition-repair",
     "line-abreast", "sweep", "laps",
-    "portfolio", "portfolio-guarantee", "random", "kuramoto", "consensus", "open-loop",
+    "portfolio", "portfolio-guarantee", "lanes", "follow", "a-cmommt", "greedy-cover", "pure-pursuit", "lead-pursuit",
+    "voronoi-pursuit", "index", "index-learned", "learned-watch", "learned-intercept",
+    "random", "kuramoto", "consensus", "open-loop",
 )  # fmt: skip
 """Policies of the standard comparison, which the command, the table of the README and the figures show.
 
-A policy is played where it drives the robots, also where it was not made for.
+A policy is played where it drives the robots, also where it was not made for; from `lanes` on they drive where actions
+are velocities.
 """
 
 _MOST_EPISODES = 1_000_000

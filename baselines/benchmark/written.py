@@ -13,8 +13,8 @@ from baselines.benchmark.shown import (
     MAIN,
     Entry,
     bounds_in_words,
-    brought_in,
     lines_of,
+    main_columns,
     with_numbers,
 )
 from baselines.benchmark.table import Table
@@ -23,7 +23,7 @@ from lissajous_env.console.terminal import plain
 from lissajous_env.identity import command, machine, versions
 from lissajous_env.storage.files import write_atomically
 from lissajous_env.storage.folder import Folder
-from lissajous_env.world.columns import NAMES
+from lissajous_env.world.columns import NAMES, task_score
 
 CSV, SUMMARY, MARKDOWN, REPORT = "episodes.csv", "summary.json", "table.md", "report.html"
 FILES = (CSV, SUMMARY, MARKDOWN, REPORT)
@@ -88,17 +88,20 @@ def table_of(table: Table) -> dict[str, list]:
     """Return titles and rows of text: a row for each policy, the scenario and its bounds in the first of its rows.
 
     A number is an interquartile mean with its 95 % bootstrap interval; for collisions and over lower bound, the mean;
-    for a guarantee, the largest with its median and number of episodes, or the number of open ones. `sooner` is the
-    share of seeds on which a policy's mean detection time is below that of the reference.
+    for a guarantee, the largest with its median and number of episodes, or the number of open ones. `better` is the
+    share of seeds on which a policy has a better score of the task than the reference.
     """
     rows: list[list[str]] = []
+    scores = map(task_score, table.scenarios.values())
+    every = {(name, policy): of for name, policies in table.estimates.items() for policy, of in policies.items()}
+    columns = with_numbers(every, dict.fromkeys((*scores, *MAIN)))
     for name, policies in table.estimates.items():
         where = f"`{name}`{bounds_in_words(table.bounds[name])}"
-        for line in lines_of(policies, MAIN, table.bounds[name].best_known):
+        for line in lines_of(policies, columns, table.bounds[name].best_known):
             label = f"*{line.name}*" if line.is_reference else f"`{line.name}`"
             rows.append([where, label, *map(str, line.entries)])
             where = ""
-    return {"columns": ["scenario", "policy", *(column.heading for column in MAIN)], "rows": rows}
+    return {"columns": ["scenario", "policy", *(column.heading for column in columns)], "rows": rows}
 
 
 def markdown(table: Mapping[str, Sequence[Any]]) -> str:
@@ -117,7 +120,7 @@ def latex(table: Table) -> str:
 
 def _paper_table(table: Table, scenario: str) -> str:
     policies, bounds = table.estimates[scenario], table.bounds[scenario]
-    columns = with_numbers(policies, (*MAIN, *brought_in(policies.values())))
+    columns = main_columns(table.scenarios[scenario], policies)
     lines = [
         r"\begin{table*}[t]",
         r"\centering\footnotesize\setlength{\tabcolsep}{4pt}",

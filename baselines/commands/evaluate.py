@@ -73,7 +73,7 @@ def evaluate(
     table = Table.of(rows, {cell.scenario.name: cell.scenario for cell in cells}, simulates=False)
     console = output.console()
     for name, policies in table.estimates.items():
-        tables.print_scores(console, policy, name, policies[policy])
+        tables.print_scores(console, policy, table.scenarios[name], policies[policy])
     tables.print_theorem(console, about_theorem(cells, rows, device))
     if out is not None:
         written.write_csv(out, rows)

@@ -61,7 +61,7 @@ def run(
     settings = Benchmark(scenarios, (name,), 1, seed, 1, device, overrides=parse_overrides(overrides, rogues))
     recording = record_one(settings, output, home)
     row = recording.score
-    tables.print_row(output.console(), row)
+    tables.print_row(output.console(), row, recording.scenario)
     tables.print_theorem(output.console(), about_theorem([Cell(recording.scenario, name, named(name))], [row], device))
     output.print_json(row)
     if out is not None or has_display():

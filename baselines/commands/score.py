@@ -69,11 +69,11 @@ def score(
     words = f"{log.name}: {len(log.tracks)} robots, {lasts:g} s from {scored.start:.3f} s on"
     output.print(words)
     if episodes == 1:
-        tables.print_row(console, scored.rows[0])
+        tables.print_row(console, scored.rows[0], scored.scenario)
     else:
         table = Table.of(scored.rows, {scored.scenario.name: scored.scenario}, simulates=False)
-        for scenario_name, policies in table.estimates.items():
-            tables.print_scores(console, name, scenario_name, policies[name])
+        for policies in table.estimates.values():
+            tables.print_scores(console, name, scored.scenario, policies[name])
     for note in scored.notes:
         output.print(f"note: {note}", "yellow")
     for file in out:

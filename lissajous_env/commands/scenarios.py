@@ -20,14 +20,16 @@ def scenarios(names: ScenarioNames = (), output: OutputOptions = DEFAULT_OUTPUT)
         lissajous scenarios intruders team
 
     Args:
-        names: names of scenarios, .toml files, or module:attribute; all scenarios by default.
+        names: names of scenarios, .toml files, or module:attribute; SPACE:SPLIT:COUNT, such as watch-v1:test:2, stands
+            for the first COUNT scenarios of a split; all scenarios by default.
     """
     from lissajous_env.parameters import named
     from lissajous_env.parameters.assumptions import violations
     from lissajous_env.parameters.feedback import value_of_feedback
+    from lissajous_env.world.columns import task_score
 
     console = output.console()
-    given = [named.build(name) for name in names or named.scenarios()]
+    given = [named.build(name) for name in named.expanded(names) or named.scenarios()]
     resolved_scenarios = [scenario.resolve() for scenario in given]
     _print_designs(console, resolved_scenarios)
     if names:
@@ -38,7 +40,8 @@ def scenarios(names: ScenarioNames = (), output: OutputOptions = DEFAULT_OUTPUT)
     output.print_json([
         scenario.to_dict()
         | {name: getattr(scenario, name) for name in derived}
-        | {"value_of_feedback": value_of_feedback(scenario), "violations": violations(scenario)}
+        | {"score": task_score(scenario).name, "value_of_feedback": value_of_feedback(scenario)}
+        | {"violations": violations(scenario)}
         for scenario in resolved_scenarios
     ])  # fmt: skip
 
@@ -76,7 +79,9 @@ def _print_designs(console: "Console", resolved_scenarios: "list[Scenario]") -> 
 
 
 def _print_settings(console: "Console", given: "Scenario") -> None:
-    """Print the fields of a scenario that differ from their defaults."""
+    """Print the fields of a scenario that differ from their defaults, and the score of its task."""
+    from lissajous_env.world.columns import task_score
+
     rows = [
         [f"{part}.{name}", str(value), str(getattr(PARTS[part](), name))]
         for part, changed in changed_fields(given).items()
@@ -88,7 +93,8 @@ def _print_settings(console: "Console", given: "Scenario") -> None:
     columns = [Column("field", left=True), Column(given.name, prose=True), Column("default", left=True, rank=1)]
     console.print()
     print_table(console, columns, rows)
-    words = f"{given.name}: fields that differ from the defaults; digest {given.digest()}."
+    score = f"The score of its task is {task_score(given).name}."
+    words = f"{given.name}: fields that differ from the defaults; digest {given.digest()}. {score}"
     console.print(words, style="dim", markup=False)
 
 

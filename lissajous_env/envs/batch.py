@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from gymnasium.error import ResetNeeded
 
+from lissajous_env.device.devices import cores
+from lissajous_env.device.work import Work
 from lissajous_env.envs.sides import Rows, Side, sides_of
 from lissajous_env.envs.true_state import state_rows, state_size
 from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
@@ -26,7 +28,7 @@ from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import shown
 from lissajous_env.world.observation import layout
 from lissajous_env.world.selection import drawn_seeds, fold_seed
-from lissajous_env.world.simulation import Simulation, Together
+from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import ENDED, RUNNING
 
 LOOKED_AT = 64
@@ -89,8 +91,10 @@ class Batch:
         self.group_size, rest = divmod(self.num_worlds, whole_number("num_groups", num_groups))
         if rest or self.group_size == 0:
             raise ValueError(f"num_worlds must be a multiple of num_groups ({num_groups}), got {num_worlds}")
-        self._device, self._together = device, Together(num_groups, threads)
-        self._threads = threads if num_groups == 1 else self._together.threads
+        self._device, self._cores = device, cores() if threads is None else whole_number("threads", threads)
+        # A thread steps each of many groups; threads share the worlds of few.
+        self._threads = 1 if 1 < num_groups >= self._cores else threads
+        self._joined: Work | None = None
         self._max_cycles = max_cycles
         space = space_and_split(scenario)
         if space is None:
@@ -188,6 +192,7 @@ class Batch:
                 scenario, seed = self._draws.next(group)
                 self._check(scenario)
                 self.simulations[group], self._views = self._simulation(scenario, seed), {}
+                self._joined = None
             elif of_group.any():
                 simulation.reset(of_group)
 
@@ -209,10 +214,23 @@ class Batch:
                 of_robots = of_robots[self.worlds_of(group), : simulation.num_robots]
                 of_robots = np.ascontiguousarray(of_robots) if isinstance(of_robots, np.ndarray) else of_robots
             simulation.take(of_robots, actions.get("rogue"))
-        if len(self.simulations) == 1:
-            self.simulations[0].advance()
+        self._advance()
+
+    def _advance(self) -> None:
+        """Advance all groups, many of them in parallel, but on a GPU and with functions of the user's own."""
+        works = [simulation.stages.work for simulation in self.simulations]
+        if self._joined is None and len(works) > 1 and self._threads == 1 and None not in works:
+            tasks = [[launch for task in work.tasks for launch in task] for work in works if work is not None]
+            self._joined = Work(tasks, self.simulation.device, self._cores)
+        if self._joined is not None:
+            self._joined()
         else:
-            self._together.advance(self.simulations)
+            for simulation in self.simulations:
+                simulation.advance()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without views and launches: a copy has memory of its own, and records launches anew."""
+        return self.__dict__ | {"_views": {}, "_joined": None}
 
     def views(self, group: int, side: Side, library: Any = np) -> Rows:
         """Return the rows of a side of a group, without padding; on the CPU, and for `torch`, as views."""
@@ -238,7 +256,7 @@ class Batch:
         """(W,) True on the host for worlds whose episode has ended; if only rogues act, also when none is left."""
         over = self._stages() != int(RUNNING)
         if self.driver is not None:
-            over = over | self.simulation.rogue_terminated.numpy().astype(bool).all(axis=1)
+            over = over | self.simulation.rogues.terminated.numpy().astype(bool).all(axis=1)
         return over
 
     @property
@@ -280,9 +298,6 @@ class Batch:
     def state_size(self) -> int:
         """S."""
         return state_size(self._most_robots, self._most_targets, self.scenario.messages.size)
-
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_views": {}}  # a copy has memory of its own
 
     def _simulation(self, scenario: Scenario, seed: int = 0) -> Simulation:
         return Simulation(scenario, self.group_size, device=self._device, seed=seed, threads=self._threads)

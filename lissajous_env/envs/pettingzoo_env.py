@@ -193,7 +193,8 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
 
     def _arrays(self) -> list[Any]:
         """Return the arrays of the actions of each side."""
-        return [self.simulation.action, self.simulation.rogue_action][: len(self.batch.sides)]
+        rogues = self.simulation.rogues
+        return [self.simulation.action, *([rogues.action] if len(self.batch.sides) > 1 else [])]
 
     def _fetch(self) -> None:
         """Copy the results of a step to the host; on the CPU they are views of the simulation's memory."""

@@ -215,6 +215,9 @@ def space_and_split(name: Any) -> tuple[ScenarioSpace, str] | None:
     space, part = _split(name)
     if space is None or _SEED.fullmatch(part):
         return None
+    if ":" in part:
+        rule = "must be one scenario or a space, because only commands that play several take SPACE:SPLIT:COUNT"
+        raise ValueError(f"scenario {rule}; got {name}")
     next(space.seeds(part or "train"))
     return space, part or "train"
 

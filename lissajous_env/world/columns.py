@@ -312,6 +312,17 @@ MEANINGS = IDENTITY | {name: column.described for name, column in COLUMNS.items(
 """The meaning of each of them, with its unit in brackets."""
 
 
+def task_score(scenario: Scenario) -> Column:
+    """Return the score of a scenario's task, by which policies are ranked and compared.
+
+    It is the share of the targets in sight where targets stay, the detections in a minute where they appear anew, and
+    the mean detection time elsewhere.
+    """
+    if not scenario.targets.leave:
+        return OBSERVED
+    return DETECTION_RATE if scenario.targets.respawn else DETECTION_TIME
+
+
 def brought_columns(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of the columns that a scenario's extensions add; they stand after `NAMES`."""
     return tuple(extension.name for extension in scenario.extensions if isinstance(extension, ScoreColumn))

@@ -56,6 +56,16 @@ def test_an_unknown_entry_is_refused_with_those_that_there_are():
         leaderboard.read(leaderboard.FOLDER / "rule.toml")
 
 
+def refusing(observation):
+    raise RuntimeError("no map")
+
+
+def test_a_policy_that_fails_is_named_with_its_error(small, tmp_path):
+    words = r"test_leaderboard:refusing must play every scenario of watch-v1, but on watch-v1-24: RuntimeError: no map"
+    with pytest.raises(ValueError, match=words):
+        leaderboard.play("watch-v1", "test_leaderboard:refusing", tmp_path)
+
+
 def test_the_included_entries_can_be_read():
     entries = [leaderboard.read(path) for path in leaderboard.FOLDER.glob("*.toml")]
     assert len(entries) >= 3

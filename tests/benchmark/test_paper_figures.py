@@ -51,9 +51,9 @@ def test_the_figures_show_the_columns_of_the_table(folder, tmp_path, monkeypatch
     written = figures(folder, "pdf", tmp_path / "out")
     names = ["table.tex", "overall-car.pdf", "scores-evaders.pdf", "scores-intruders.pdf", "scores-failure.pdf"]
     assert [path.name for path in written] == names
-    assert titles[0][0] == "detection / best"
+    assert titles[0][0] == "score / best"
     assert "guaranteed [s]\nlargest of 3" in titles[1]
-    assert {"furthest", "sooner"} < set(titles[1])
+    assert {"furthest", "better"} < set(titles[1])
     assert not any("furthest" in each for each in titles[2:])
     text = (tmp_path / "out" / "table.tex").read_text()
     assert "furthest" in text[text.index("tab:evaders") : text.index("tab:intruders")]

@@ -70,10 +70,10 @@ def test_the_page_has_all_scenarios_together_the_first_column_in_order():
     assert (of["kind"], of["scenarios"]) == ("cars", ["evaders", "team"])
     first, second = of["policies"]
     assert [data["policies"][each["policy"]]["name"] for each in (first, second)] == ["b", "a"]
-    assert [each["cells"]["detection_over_best"]["words"] for each in (first, second)] == ["1", "2"]
+    assert [each["cells"]["score_over_best"]["words"] for each in (first, second)] == ["1", "2"]
     assert first["cells"]["collisions"] == {"words": "3", "between": "", "value": 3.0}
-    assert first["cells"]["detection_time_mean_improvement"]["words"] == "100 %"
-    assert of["measures"][0]["column"] == "detection_over_best"
+    assert first["cells"]["score_improvement"]["words"] == "100 %"
+    assert of["measures"][0]["column"] == "score_over_best"
 
 
 @lissajous_env.score_column(reduce="max")

@@ -89,7 +89,7 @@ def test_it_begins_with_all_scenarios_and_its_tables_are_put_in_order(browser, r
     assert run(names) == [before[k] for k in sorted(range(len(before)), key=lambda k: collisions[k])]
     # Seed by seed: the reference has no share of seeds.
     shares = run("""const heads = [...document.querySelectorAll('#scenario-0 .policies thead .sort')];
-        const at = heads.findIndex((head) => head.textContent === 'sooner');
+        const at = heads.findIndex((head) => head.textContent === 'better');
         return [...document.querySelectorAll('#scenario-0 .policies tbody tr')]
             .map((row) => [row.cells[0].querySelector('span').textContent, row.cells[at].textContent])""")
     assert [share.startswith("\N{EM DASH}") for name, share in shares if name.startswith("kuramoto-mpcc")] == [True]

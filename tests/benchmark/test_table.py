@@ -20,19 +20,19 @@ from baselines.benchmark import bounds, tables, types
 from baselines.benchmark.bounds import Bounds, as_played, bounds_of
 from baselines.benchmark.report_page import Report
 from baselines.benchmark.running import plan
-from baselines.benchmark.shown import OVER_LOWER_BOUND, SHOWN, in_words, lines_of, number, with_numbers
+from baselines.benchmark.shown import MAIN, OVER_LOWER_BOUND, SHOWN, in_words, lines_of, number, with_numbers
 from baselines.benchmark.table import Table, with_derived
 from baselines.benchmark.types import Benchmark, Outcome
 from baselines.benchmark.written import latex, markdown, summarized, table_of
 from baselines.policies.base import UnsuitableScenarioError
 from lissajous_env.console.terminal import plain
 from lissajous_env.episodes.limits import mean_time_limit
-from lissajous_env.world.columns import LARGEST, OPEN
+from lissajous_env.world.columns import DETECTION_TIME, LARGEST, OPEN, task_score
 
 SCENARIOS = {name: lissajous_env.scenario(name) for name in ("intruders", "evaders", "team", "redundant")}
 INTRUDERS = {"intruders": SCENARIOS["intruders"]}
 GUARANTEE = "guaranteed_detection_time"
-RATIOS = "detection_over_best", "worst_case_over_best"
+RATIOS = "score_over_best", "worst_case_over_best"
 
 
 def worst_cases(policy, times, **more):
@@ -74,7 +74,7 @@ def test_over_the_lower_bound_is_a_mean_and_a_bound_of_nothing_has_no_ratio():
 
 def derived(first, second):
     """Derived rows of two policies of a scenario with bounds of 0.5 and 2 s, the first being the reference."""
-    of = with_derived({"a": [*first], "b": [*second]}, Bounds(0.5, 2.0, math.nan), "a")
+    of = with_derived({"a": [*first], "b": [*second]}, Bounds(0.5, 2.0, math.nan), DETECTION_TIME, "a")
     return [[[row[name] for name in RATIOS] for row in of[policy]] for policy in "ab"]
 
 
@@ -89,13 +89,40 @@ def test_ratios_by_hand():
     assert np.isnan([a[2][1], b[2][1]]).all()
 
 
+def test_a_task_with_another_score_is_ranked_and_compared_by_it():
+    # Oracle: by hand; b detects sooner, a has more targets in sight, c none on seed 1. Detections have no lower bound.
+    sighted = {"a": ([9.0, 9.0], [0.4, 0.5]), "b": ([1.0, 1.0], [0.2, 0.5]), "c": ([1.0, 1.0], [0.1, 0.0])}
+    played = [
+        row | {"detection_rate": math.nan}
+        for policy, (times, shares) in sighted.items()
+        for row in rows(policy, "watch", detection_time_mean=times, observed_fraction=shares)
+    ]
+    table = Table.of(played[2:] + played[:2], {"watch": lissajous_env.scenario("watch")}, against="b")
+    estimates = table.estimates["watch"]
+    assert list(estimates) == ["a", "b", "c"]
+    assert [estimates[policy]["score_improvement"].value for policy in "ac"] == [0.75, 0.0]
+    assert [row["score_over_best"] for row in table.rows] == pytest.approx([2.0, 1.0, 4.0, math.inf, 1.0, 1.0])
+    assert table_of(table)["columns"][2:4] == ["observed", "detection [s]"]
+    assert estimates["a"][OVER_LOWER_BOUND.name].known == 0
+    console = Console(width=60, record=True, file=io.StringIO())
+    tables.print_scores(console, "a", table.scenarios["watch"], estimates["a"])
+    text = console.export_text()
+    assert text.index("observed_fraction") < text.index("targets")
+    assert "detection_rate" not in text
+
+
+def test_scores_of_tasks_are_those_of_their_targets():
+    scores = [task_score(lissajous_env.scenario(name)).name for name in ("watch", "intercept", "hotspots", "evaders")]
+    assert scores == ["observed_fraction", "detection_rate", *["detection_time_mean"] * 2]
+
+
 def test_the_share_of_seeds_is_over_those_that_both_have():
     played = [*rows("a", detection_time_mean=[1.0, 5.0, 1.0]), *rows("b", first=1, detection_time_mean=[2.0, 2.0, 2.0])]
     table = Table.of(played, INTRUDERS)
     assert table.references == {"intruders": "a"}  # the first, as the paper's method is not played
-    of = table.estimates["intruders"]["b"]["detection_time_mean_improvement"]
+    of = table.estimates["intruders"]["b"]["score_improvement"]
     assert (of.n, of.known, of.value) == (3, 2, 0.5)
-    assert table.estimates["intruders"]["a"]["detection_time_mean_improvement"].known == 0
+    assert table.estimates["intruders"]["a"]["score_improvement"].known == 0
     assert Table.of(played, INTRUDERS, "b").references == {"intruders": "b"}
     assert Table.of(played[:3], INTRUDERS).references == {}
 
@@ -128,7 +155,7 @@ def test_over_scenarios_each_counts_once_and_those_without_episodes_do_not():
     (of,) = Table.of(played, SCENARIOS).overall
     assert (of.kind, of.scenarios, list(of.policies)) == ("car", ("evaders", "team"), ["a"])
     assert of.policies["a"]["collisions"].value == 1.0
-    assert (of.policies["a"]["collisions"].n, of.policies["a"]["detection_over_best"].value) == (2, 1.0)
+    assert (of.policies["a"]["collisions"].n, of.policies["a"]["score_over_best"].value) == (2, 1.0)
     assert in_words(of.policies["a"]["worst_case_over_best"]) == ("1", "median 1, 2 episodes")
     often = Table.of([*played, *played], SCENARIOS).overall[0]  # more episodes of the same scenarios narrow nothing
     assert often.policies["a"]["collisions"] == of.policies["a"]["collisions"]
@@ -149,7 +176,7 @@ def views_of(episodes):
     tables.print_lines(wide, Text("t"), SHOWN, lines_of({"ours": of["ours"]}, SHOWN))
     terminal = re.sub(r"[^\x21-\x7e]+", " ", wide.export_text())
     wide = Console(width=400, record=True, file=io.StringIO())
-    tables.print_scores(wide, "ours", "intruders", of["ours"])
+    tables.print_scores(wide, "ours", SCENARIOS["intruders"], of["ours"])
     (scores,) = [line for line in wide.export_text().splitlines() if line.split()[:1] == [GUARANTEE]]
     page = Report(table, {}).html(table.rows, {})
     data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[1])
@@ -205,7 +232,7 @@ def test_a_lower_bound_is_never_best_and_what_nobody_follows_has_no_column():
 def test_a_narrow_terminal_keeps_the_most_important_columns():
     order = [column.name for column in SHOWN]
     assert order[:7] == ["detection_time_mean", OVER_LOWER_BOUND.name, GUARANTEE, "collisions", "sensed_fraction",
-                         "distance_mean", "detection_time_mean_improvement"]  # fmt: skip
+                         "distance_mean", "score_improvement"]  # fmt: skip
     played = [*rows("a", detection_time_mean=[1.0, 2.0]), *rows("b", detection_time_mean=[1.0, 2.0])]
     _, left_out = printed(Table.of(played, INTRUDERS), width=70)
     assert 0 < len(left_out) < len(order)
@@ -225,7 +252,7 @@ def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
     def shown(columns):
         console = Console(width=columns, record=True, file=io.StringIO())
         tables.print_lines(console, Text("title"), SHOWN, lines_of(of, SHOWN))
-        tables.print_scores(console, "runs/x[/b]", "failure", of["runs/x[/b]"])
+        tables.print_scores(console, "runs/x[/b]", SCENARIOS["intruders"], of["runs/x[/b]"])
         return without_names(console.export_text())
 
     whole, nothing = shown(500)
@@ -241,11 +268,12 @@ def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
 def test_the_markdown_table_says_what_the_rows_have():
     played = [*rows("kuramoto-mpcc", detection_time_mean=[4.0] * 4), *rows("laps", detection_time_mean=[2.0, 2, 2, 6])]
     made = table_of(Table.of(played, INTRUDERS))
-    first, laps = (dict(zip(made["columns"], row, strict=True)) for row in made["rows"])
+    laps, first = (dict(zip(made["columns"], row, strict=True)) for row in made["rows"])
+    assert first["scenario"] == ""
     assert list(first)[:4] == ["scenario", "policy", "detection [s]", "over lower bound"]
-    assert (first["scenario"].partition(",")[0], first["detection [s]"]) == ("`intruders`", "4")
-    assert (laps["scenario"], laps["detection [s]"]) == ("", "2 (2\N{EN DASH}6)")
-    assert laps["sooner"].startswith("75 %")
+    assert (laps["scenario"].partition(",")[0], first["detection [s]"]) == ("`intruders`", "4")
+    assert (laps["policy"], laps["detection [s]"]) == ("`laps`", "2 (2\N{EN DASH}6)")
+    assert laps["better"].startswith("75 %")
     assert len({line.count("|") for line in markdown(made).splitlines()}) == 1
 
 
@@ -276,7 +304,7 @@ def test_the_command_makes_the_table_of_the_docs():
     # Oracle: the page itself; what it does not have of the default comparison, refuses the scenario.
     page = (figures.ROOT / "docs" / "comparison.md").read_text(encoding="utf-8")
     stored = re.search(r"<!-- figures: policies -->\s+(.*?)\s+<!-- end -->", page, re.DOTALL)[1]
-    assert stored.splitlines()[0] == markdown(table_of(Table.of([], {}))).splitlines()[0]
+    assert stored.splitlines()[0] == f"| scenario | policy | {' | '.join(column.heading for column in MAIN)} |"
     known = {each.name for each in bounds.all_known()} & set(types.SCENARIOS)
     assert {name for name, of in policies_of(stored).items() if "*best known*" in of} == known
     cells = plan(Benchmark(), scenarios=[as_played(name, {}) for name in types.SCENARIOS])

@@ -14,6 +14,7 @@ from command_line import called
 
 import baselines
 import lissajous_env
+from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import robot_kinds
 from lissajous_env.world.columns import NAMES
 
@@ -27,6 +28,13 @@ def refusal_of(capsys, *arguments):
     assert code == 2
     assert line.startswith("error: ")
     return line
+
+
+def test_scenarios_of_a_split_are_listed_with_the_score_of_their_task(capsys):
+    listed = json.loads(called(capsys, "scenarios", "watch-v1:test:2", "--json")[1])
+    names = [entry["name"] for entry in listed]
+    assert names == list(named.expanded(["watch-v1:test:2"]))
+    assert [entry["score"] for entry in listed] == ["observed_fraction"] * 2
 
 
 @pytest.mark.parametrize("width", [80, 120])

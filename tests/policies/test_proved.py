@@ -176,6 +176,8 @@ def test_numbers_that_are_none_leave_a_valid_action():
     ({"noise.position": 0.01}, "2: noise.position must be 0, since normal noise has no bound"),
     ({"noise.message_delay": 0.1}, "3: noise.message_delay must be below half a step of 0.1 s"),
     ({"task.step": 1e-3, "task.substeps": 8}, "1: task.step must be long enough for a rounding error of"),
+    ({"robot.drive_factors": ((0, 4.0),), "task.substeps": 8}, "2: robot.speed_max must be at least 1 / 3.9 of"),
+    ({"task.on_collision": "stop"}, "5: task.on_collision must be count or remove"),
 ])  # fmt: skip
 def test_conditions_that_a_scenario_does_not_meet_are_named(changed, words):
     unmet = unmet_conditions(lissajous_env.scenario(FIVE, **changed))

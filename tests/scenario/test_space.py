@@ -241,6 +241,8 @@ def test_a_space_in_a_file_and_the_names_of_its_scenarios(tmp_path, monkeypatch)
         expanded(["mine.toml:test:0"])
     with pytest.raises(ValueError, match=r"split must be one of .*did you mean test\?"):
         expanded(["mine.toml:tset"])
+    with pytest.raises(ValueError, match=r"only commands that play several .*; got mine\.toml:test:3"):
+        scenario("mine.toml:test:3")
 
 
 def test_the_base_in_a_file_is_registered_and_no_other_file(tmp_path, monkeypatch):

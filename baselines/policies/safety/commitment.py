@@ -23,12 +23,11 @@ from baselines.policies.safety.own_motion import (
     averaged,
     chord_slack,
     drive,
-    is_clipped,
     learn,
     tail_from,
     within_limits,
 )
-from baselines.policies.safety.tails import POINTS, Plan, arc_end, lay_out, roll_on, room_between, swept_room
+from baselines.policies.safety.tails import POINTS, Plan, Tail, lay_out, place_on, roll_on, room_between, swept_room
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
@@ -49,14 +48,10 @@ FAR = wp.constant(1.0e30)
 class Memory:
     """Memory of robots (W, N) and worlds (W,) from step to step; zeros before the first step of an episode."""
 
-    tail: wp.array2d(dtype=wp.vec4)
+    tail: wp.array2d(dtype=Tail)
     """Committed tail at the beginning of the step: `baselines.policies.safety.tails`."""
-    tube: wp.array2d(dtype=wp.vec4)
-    """Its tube."""
-    old_tail: wp.array2d(dtype=wp.vec4)
+    old_tail: wp.array2d(dtype=Tail)
     """The rest of the previous tail, or the place at which a robot stands, if it failed in the latest step."""
-    old_tube: wp.array2d(dtype=wp.vec4)
-    """Its tube."""
     steering: wp.array2d(dtype=wp.vec2)
     """Action of the steering on the tail, and on the previous tail."""
     known: wp.array2d(dtype=wp.vec4)
@@ -158,20 +153,10 @@ def presence_of(before: int, works: bool, heard: bool, is_first: bool) -> int:
 
 
 @wp.func
-def may_stand(w: int, i: int, before: int, bounds: Bounds, car: wp.vec4, memory: Memory) -> bool:
-    """Return whether the row of a robot that a collision has stopped can be like this: it still shows the speed.
-
-    `before` is the presence in the step before. The next row shows whether the robot stands.
-    """
-    now = memory.presence[w, i]
-    return bounds.halts == 1 and car[3] > 0.0 and (now == UNHEARD or (now == FAILED and before != FAILED))
-
-
-@wp.func
 def learn_of(w: int, i: int, bounds: Bounds, car: wp.vec4, memory: Memory):
     """Narrow the bounds of a robot's own curvature and drive by its latest step."""
     widest = bounds.widest[i]
-    if bounds.wobble == 0.0:
+    if bounds.noise.actuator == 0.0:
         memory.known[w, i] = learn(bounds, memory.known[w, i], widest, memory.last[w, i], car[2], car[3])
     else:
         sums = average(bounds, memory.sums[w, i], memory.last[w, i], car[2], car[3])
@@ -186,38 +171,34 @@ def begin(w: int, i: int, bounds: Bounds, car: wp.vec4, memory: Memory, observat
     """Advance a robot's memory to the step that begins; return whether the robot is on its tail (condition 6).
 
     A robot that is elsewhere, as at the beginning of an episode, begins a tail at its position. So does one that comes
-    back after its removal, and one whose speed is beyond the range of the observation.
+    back after its removal.
     """
     works = own_works(w, i, observation)
     before = memory.presence[w, i]
     now = presence_of(before, works, has_heard(w, i, observation), memory.steps[w] == 0)
     memory.presence[w, i] = now
-    is_known = memory.steps[w] > 0 and (before != GONE or now == GONE) and not is_clipped(bounds, car[3])
+    is_known = memory.steps[w] > 0 and (before != GONE or now == GONE)
     if memory.steps[w] == 0:
         memory.known[w, i] = bounds.widest[i]
     elif not works:
         memory.tail[w, i] = memory.old_tail[w, i]
-        memory.tube[w, i] = memory.old_tube[w, i]
         memory.steering[w, i] = wp.vec2(memory.steering[w, i][1], memory.steering[w, i][1])
-    elif is_off_the_wall(bounds, car, memory.last[w, i][1]) and not is_clipped(bounds, memory.last[w, i][1]):
+    elif is_off_the_wall(bounds, car, memory.last[w, i][1]):
         learn_of(w, i, bounds, car, memory)
     memory.last[w, i] = wp.vec4(car[2], car[3], 0.0, 0.0)
     tail = memory.tail[w, i]
-    away = wp.length(wp.vec2(car[0] - tail[0], car[1] - tail[1]))
-    if is_known and away <= memory.tube[w, i][1] + bounds.place:
+    away = wp.length(wp.vec2(car[0] - tail.x, car[1] - tail.y))
+    if is_known and away <= tail.w0 + bounds.place:
         return True
     errors = wp.vec3(bounds.place, bounds.heading, bounds.speed)
-    tail, tube = tail_from(bounds, memory.known[w, i], car, errors, memory.steering[w, i][0])
-    memory.tail[w, i] = tail
-    memory.tube[w, i] = tube
+    memory.tail[w, i] = tail_from(bounds, memory.known[w, i], car, errors, memory.steering[w, i][0])
     return memory.presence[w, i] == GONE
 
 
 @wp.func
-def stand(w: int, i: int, place: wp.vec4, error: float, memory: Memory):
+def stand(w: int, i: int, x: float, y: float, heading: float, error: float, memory: Memory):
     """Store that a robot stands at a place, within an error [m], if it stops dead in this step."""
-    memory.old_tail[w, i] = wp.vec4(place[0], place[1], place[2], 0.0)
-    memory.old_tube[w, i] = wp.vec4(0.0, error, 0.0, 0.0)
+    memory.old_tail[w, i] = Tail(x, y, heading, 0.0, 0.0, error, 0.0, 0.0)
 
 
 @wp.func
@@ -227,23 +208,19 @@ def let_roll(w: int, i: int, bounds: Bounds, memory: Memory):
     A robot that can stop dead in this step stands where the step begins.
     """
     before = memory.tail[w, i]
-    before_tube = memory.tube[w, i]
-    curvature = before_tube[0]
     drag = bounds.robot.drag
-    speed = before[3] * drag
-    rate = speed * (drag + speed * wp.abs(curvature))
+    speed = before.length * drag
+    rate = speed * (drag + speed * wp.abs(before.curvature))
     bulge = rate * (bounds.step * bounds.step / 32.0 + bounds.chord)
-    middle = arc_end(before[0], before[1], before[2], (1.0 - wp.sqrt(bounds.left)) * before[3], curvature)
-    tail, tube = roll_on(before, before_tube, bounds.left)
-    start = wp.vec2(before[0], before[1])
-    slack = chord_slack(bounds, tail, tube)
-    lay_out(memory.plans[w, i, OLD], start, wp.vec3(middle[0], middle[1], bulge), tail, tube, slack)
+    middle = place_on(before, 1.0 - wp.sqrt(bounds.left))
+    tail = roll_on(before, bounds.left)
+    start = wp.vec2(before.x, before.y)
+    middle[2] = bulge
+    lay_out(memory.plans[w, i, OLD], start, middle, tail, chord_slack(bounds, tail))
     memory.tail[w, i] = tail
-    memory.tube[w, i] = tube
     memory.old_tail[w, i] = tail
-    memory.old_tube[w, i] = tube
     if bounds.stops[i] == 1:
-        stand(w, i, before, before_tube[1], memory)
+        stand(w, i, before.x, before.y, before.heading, before.w0, memory)
     memory.steering[w, i] = wp.vec2(memory.steering[w, i][0], memory.steering[w, i][0])
 
 
@@ -260,16 +237,13 @@ def hears_all(w: int, i: int, step: int, bounds: Bounds, observation: Observatio
 
 
 @wp.func
-def propose(
-    w: int, i: int, bounds: Bounds, car: wp.vec4, action: wp.vec2, turn: float, memory: Memory
-) -> tuple[wp.vec4, wp.vec4]:
-    """Lay out the new plan of a robot, an action and a tail with the steering `turn`; return tail and tube."""
+def propose(w: int, i: int, bounds: Bounds, car: wp.vec4, action: wp.vec2, turn: float, memory: Memory) -> Tail:
+    """Lay out the new plan of a robot, an action and a tail with the steering `turn`; return the tail."""
     known = memory.known[w, i]
     after, errors, middle = drive(bounds, known, car, action)
-    tail, tube = tail_from(bounds, known, after, errors, turn)
-    slack = chord_slack(bounds, tail, tube)
-    lay_out(memory.plans[w, i, NEW], wp.vec2(car[0], car[1]), middle, tail, tube, slack)
-    return tail, tube
+    tail = tail_from(bounds, known, after, errors, turn)
+    lay_out(memory.plans[w, i, NEW], wp.vec2(car[0], car[1]), middle, tail, chord_slack(bounds, tail))
+    return tail
 
 
 @wp.func
@@ -286,11 +260,11 @@ def turn_after(k: int, bounds: Bounds, known: wp.vec4, speed: float, action: wp.
 
 
 @wp.func
-def leads_out(bounds: Bounds, tail: wp.vec4, tube: wp.vec4) -> bool:
+def leads_out(bounds: Bounds, tail: Tail) -> bool:
     """Return whether a car at the end of its tail has a way out of the walls; always without walls."""
     if bounds.walls.turning == 0.0:
         return True
-    end = arc_end(tail[0], tail[1], tail[2], tail[3], tube[0])
+    end = place_on(tail, 1.0)
     return is_safe(bounds.walls, bounds.robot, wp.vec4(end[0], end[1], end[2], 0.0))
 
 
@@ -309,7 +283,7 @@ def decide(w: int, i: int, bounds: Bounds, car: wp.vec4, want: wp.vec2, memory: 
     if memory.holds[w] == 0:
         enough = wp.min(room_of(w, i, OLD, -FAR, -1, bounds, memory)[0], 0.0)
     room = wp.vec2(-FAR, -1.0)
-    ends_well = leads_out(bounds, memory.tail[w, i], memory.tube[w, i])
+    ends_well = leads_out(bounds, memory.tail[w, i])
     for k in range(bounds.changes.shape[0] * bounds.tails):
         change = bounds.changes[k / bounds.tails]
         action = within_limits(bounds, known, car[3], want + change)
@@ -318,18 +292,17 @@ def decide(w: int, i: int, bounds: Bounds, car: wp.vec4, want: wp.vec2, memory: 
         if (change[0] != 0.0 and action[0] == want[0]) or (change[1] != 0.0 and action[1] == want[1]):
             continue  # the box or grip undoes the change
         turn = turn_after(k % bounds.tails, bounds, known, car[3], action)
-        tail, tube = propose(w, i, bounds, car, action, turn, memory)
-        if ends_well and not leads_out(bounds, tail, tube):
+        tail = propose(w, i, bounds, car, action, turn, memory)
+        if ends_well and not leads_out(bounds, tail):
             room = wp.vec2(-FAR, -1.0)  # not this one
             continue
         room = room_of(w, i, NEW, enough, int(room[1]), bounds, memory)
         if room[0] >= enough:
             memory.decided[w, i] = 1
             memory.tail[w, i] = tail
-            memory.tube[w, i] = tube
             chosen = wp.vec3(action[0], action[1], turn)
             if bounds.stops[i] == 1:
-                stand(w, i, wp.vec4(car[0], car[1], car[2], 0.0), bounds.place, memory)
+                stand(w, i, car[0], car[1], car[2], bounds.place, memory)
             enough = room[0]
             if enough >= 0.0:
                 break
@@ -347,19 +320,15 @@ def commit(
     w = wp.tid()
     n = observation.shape[1]
     step = memory.steps[w]
-    is_clear = bool(True)
     for i in range(n):
         here = own_position(w, i, curve, observation)
         speed = wp.max(own_speed(w, i, bounds.speed_unit, observation), 0.0)
         car = wp.vec4(here[0], here[1], own_heading(w, i, observation), speed)
         memory.decided[w, i] = 0
-        before = memory.presence[w, i]
         if not begin(w, i, bounds, car, memory, observation):
             memory.holds[w] = 0
-        if is_clipped(bounds, speed) or may_stand(w, i, before, bounds, car, memory):
-            is_clear = False
         let_roll(w, i, bounds, memory)
-    if memory.holds[w] == 0 and is_clear:
+    if memory.holds[w] == 0:
         memory.holds[w] = is_compatible(w, bounds, memory)
     for turn in range(n):
         i = (turn + step) % n

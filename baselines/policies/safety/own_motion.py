@@ -8,10 +8,10 @@ each step: to what the step allows (`learn`) or, where commands are noisy, to th
 import warp as wp
 
 from baselines.policies.inside import Walls
-from baselines.policies.safety.tails import arc_end, error_tube
+from baselines.policies.safety.tails import Tail, arc_end
 from lissajous_env.device.car_input import steering_angle, throttle
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.structs import RobotStruct
+from lissajous_env.device.structs import NoiseStruct, RobotStruct
 from lissajous_env.device.trig import cos_sin
 
 wp.set_module_options(OPTIONS)
@@ -50,24 +50,14 @@ class Bounds:
     """Distance of the simulation's straight sub-steps from the path, divided by the acceleration [s^2]."""
     coarseness: wp.float32
     """Relative error of the path in the simulation's integration."""
-    wobble: wp.float32
-    """Standard deviation of the noise of an action, which the error of a step includes once."""
-    heading_noise: wp.float32
-    """Standard deviation of the noise of a measured heading [rad]."""
-    speed_noise: wp.float32
-    """Standard deviation of the noise of a measured speed [m/s]."""
-    fastest: wp.float32
-    """Speed up to which a car may accelerate, so that it can be observed; infinite where no car can exceed it [m/s]."""
-    clip: wp.float32
-    """Speed from which on the observation may show less than the true speed [m/s]."""
-    halts: wp.int32
-    """1 where robots that collide stop dead."""
     coasts: wp.int32
     """1 where a robot's motor may fail in any step, and the robot coasts."""
     tails: wp.int32
     """Number of tails that are tried after an action: with its steering, the most to either side, and none."""
     robot: RobotStruct
     """The cars."""
+    noise: NoiseStruct
+    """The noise, of which the error of a step includes one standard deviation of an action."""
     walls: Walls
     """The walls, zeros without any."""
     widest: wp.array(dtype=wp.vec4)
@@ -80,12 +70,6 @@ class Bounds:
 
 
 @wp.func
-def is_clipped(bounds: Bounds, speed: float) -> bool:
-    """Return whether a speed [m/s] is at the end of the observed range, so that the true one may be higher."""
-    return speed >= bounds.clip
-
-
-@wp.func
 def curvature_of(robot: RobotStruct, steering: float) -> float:
     """Return the curvature of the path [1/m] at an action of the steering, for the nominal wheelbase."""
     turn = cos_sin(steering_angle(robot, steering))
@@ -93,26 +77,29 @@ def curvature_of(robot: RobotStruct, steering: float) -> float:
 
 
 @wp.func
-def tail_from(
-    bounds: Bounds, known: wp.vec4, car: wp.vec4, errors: wp.vec3, steering: float
-) -> tuple[wp.vec4, wp.vec4]:
-    """Return tail and tube for x, y, heading, speed and the errors of position [m], heading [rad] and speed [m/s]."""
-    robot = bounds.robot
-    nominal = curvature_of(robot, steering)
+def tail_from(bounds: Bounds, known: wp.vec4, car: wp.vec4, errors: wp.vec3, steering: float) -> Tail:
+    """Return the tail from x, y, heading, speed, with bounds on their errors: position [m], heading [rad], speed [m/s].
+
+    The distance of two cars that begin with these differences is at most
+
+        |p_1 - p_2|(q) <= place + integral of (along + L |heading_1 - heading_2|) dq,
+        |heading_1 - heading_2|(q) <= heading + bend L q + (|kappa| + bend) along q.
+    """
+    nominal = curvature_of(bounds.robot, steering)
     curvature = 0.5 * (known[0] + known[1]) * nominal
     bend = 0.5 * (known[1] - known[0]) * wp.abs(nominal)
-    length = car[3] / robot.drag
-    along = errors[2] / robot.drag + bounds.coarseness * length
-    tube = error_tube(curvature, length, errors[0], errors[1], along, bend)
-    return wp.vec4(car[0], car[1], car[2], length), tube
+    length = car[3] / bounds.robot.drag
+    along = errors[2] / bounds.robot.drag + bounds.coarseness * length
+    w2 = 0.5 * length * (bend * length + (wp.abs(curvature) + bend) * along)
+    return Tail(car[0], car[1], car[2], length, curvature, errors[0], along + errors[1] * length, w2)
 
 
 @wp.func
-def chord_slack(bounds: Bounds, tail: wp.vec4, tube: wp.vec4) -> float:
+def chord_slack(bounds: Bounds, tail: Tail) -> float:
     """Return the largest distance of the simulation's straight sub-steps from a tail [m]."""
-    robot = bounds.robot
-    speed = tail[3] * robot.drag
-    return bounds.chord * speed * (robot.drag + speed * wp.abs(tube[0]))
+    drag = bounds.robot.drag
+    speed = tail.length * drag
+    return bounds.chord * speed * (drag + speed * wp.abs(tail.curvature))
 
 
 @wp.func
@@ -126,16 +113,16 @@ def drive(bounds: Bounds, known: wp.vec4, car: wp.vec4, action: wp.vec2) -> tupl
     nominal = curvature_of(robot, action[0])
     curvature = 0.5 * (known[0] + known[1]) * nominal
     bend = 0.5 * (known[1] - known[0]) * wp.abs(nominal)
-    if bounds.wobble > 0.0:
+    if bounds.noise.actuator > 0.0:
         slope = wp.tan(steering_angle(robot, action[0]))
-        bend += known[1] * bounds.wobble * robot.steering_max * (1.0 + slope * slope) / robot.wheelbase
+        bend += known[1] * bounds.noise.actuator * robot.steering_max * (1.0 + slope * slope) / robot.wheelbase
     tau = throttle(robot, action[1])
     push = float(0.0)
     slack = float(0.0)
     if tau > robot.dead_zone:
         push = 0.5 * (known[2] + known[3]) * robot.drive * tau - robot.offset
         slack = 0.5 * (known[3] - known[2]) * robot.drive * tau
-        slack += known[3] * robot.drive * 0.5 * (robot.throttle_max - robot.throttle_min) * bounds.wobble
+        slack += known[3] * robot.drive * 0.5 * (robot.throttle_max - robot.throttle_min) * bounds.noise.actuator
     speed = car[3]
     gone = 1.0 - bounds.left
     late = (bounds.step - gone / robot.drag) / robot.drag
@@ -228,9 +215,9 @@ def average(bounds: Bounds, sums: wp.vec4, last: wp.vec4, heading: float, speed:
     robot = bounds.robot
     gone = 1.0 - bounds.left
     push = robot.drag * (speed - last[1] * bounds.left) / gone
-    push_blur = robot.drag * bounds.speed_noise * (1.0 + bounds.left) / gone
+    push_blur = robot.drag * bounds.noise.speed * (1.0 + bounds.left) / gone
     summed = sums
-    pull = felt(last[3], bounds.wobble)
+    pull = felt(last[3], bounds.noise.actuator)
     tau = throttle(robot, pull[0])
     tau_blur = 0.5 * (robot.throttle_max - robot.throttle_min) * pull[1]
     if tau - 3.0 * tau_blur > robot.dead_zone and pull[1] > 0.0 and speed > 0.0:
@@ -239,12 +226,12 @@ def average(bounds: Bounds, sums: wp.vec4, last: wp.vec4, heading: float, speed:
         summed[2] += weight
         summed[3] += weight * ((push + robot.offset) / unit - 1.0)
     way = 0.5 * (last[1] + speed) * bounds.step
-    way_blur = 0.7071 * bounds.speed_noise * bounds.step
-    turn = felt(last[2], bounds.wobble)
+    way_blur = 0.7071 * bounds.noise.speed * bounds.step
+    turn = felt(last[2], bounds.noise.actuator)
     slope = wp.tan(steering_angle(robot, wp.abs(turn[0])))
     unit = way * curvature_of(robot, turn[0])
     fastest = wp.max(speed, last[1])
-    grips = fastest * fastest * curvature_of(robot, wp.abs(last[2]) + 3.0 * bounds.wobble)
+    grips = fastest * fastest * curvature_of(robot, wp.abs(last[2]) + 3.0 * bounds.noise.actuator)
     if (
         way > 10.0 * way_blur
         and slope > 1.0e-3
@@ -254,7 +241,7 @@ def average(bounds: Bounds, sums: wp.vec4, last: wp.vec4, heading: float, speed:
     ):
         turned = heading - last[0]
         turned -= 6.2831853 * wp.rint(turned / 6.2831853)
-        turn_blur = bounds.heading_noise / unit
+        turn_blur = bounds.noise.heading / unit
         steering_blur = turn[1] * robot.steering_max * (1.0 + slope * slope) / slope
         variance = 2.0 * turn_blur * turn_blur + steering_blur * steering_blur + way_blur * way_blur / (way * way)
         summed[0] += 1.0 / variance
@@ -272,16 +259,9 @@ def averaged(weight: float, weighted: float, widest: wp.vec2) -> wp.vec2:
 
 @wp.func
 def within_limits(bounds: Bounds, known: wp.vec4, speed: float, wanted: wp.vec2) -> wp.vec2:
-    """Clip an action to the box, and so that two things hold in the step and after it.
-
-    Grip never limits the yaw rate (condition 1), and the speed stays in the range of the observation (condition 2).
-    """
+    """Clip an action to the box, and so that grip never limits the yaw rate in the step and after it (condition 1)."""
     robot = bounds.robot
     throttling = wp.clamp(wanted[1], -1.0, 1.0)
-    if wp.isfinite(bounds.fastest):
-        push = (bounds.fastest - (speed + bounds.speed) * bounds.left) * robot.drag / (1.0 - bounds.left)
-        above = (push + robot.offset) / (known[3] * robot.drive) - robot.throttle_min
-        throttling = wp.clamp(2.0 * above / (robot.throttle_max - robot.throttle_min) - 1.0, -1.0, throttling)
     if wp.abs(throttle(robot, throttling) - robot.dead_zone) < EDGE * robot.throttle_max:
         throttling = -1.0
     most = float(1.0)

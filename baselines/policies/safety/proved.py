@@ -1,7 +1,5 @@
 """The proved filter under any car policy: each robot can always come to rest without colliding with the others.
 
-docs/proved.md has the theorem with its proof; in short:
-
 * The **tail** of a car is its path to rest with the motor off and constant steering (`tails.py`).
 * Two tails are **compatible** if the cars stay 2 r + margin apart for ever, wherever each is within its error bounds,
   and wherever on its tail a car that can stop dead stands from any time on.
@@ -9,32 +7,9 @@ docs/proved.md has the theorem with its proof; in short:
   committed tails of all others. Otherwise it applies the smallest change of the action for which this is so, and
   without one it continues its old tail.
 
-**Theorem.** If conditions 1 to 5 hold, and all tails are compatible in some step (6), no robots collide after it.
-
-1. A car moves by (12) with the scenario's drag, its motor is off at action -1, and neither grip nor a wall changes its
-   way: `own_motion.drive`, `own_motion.within_limits`, `commitment.room_inside`.
-2. Wheelbase, drive and measurements are within their bounds, and no measurement is at the end of its range:
-   `bounds_of`, `widest_of`, `own_motion.learn`, `own_motion.within_limits`, `tails.error_tube`.
-3. Robots decide one after another and have received the committed tails; a robot that misses one does not decide:
-   `commitment.commit`, `commitment.hears_all`.
-4. Every robot decides by this filter: `commitment.room_of`, `commitment.decide`.
-5. A robot that fails stops dead, or coasts to rest with constant steering (`faults.stop`), and stays in its place for
-   the others until it is removed: `commitment.room_to`, `tails.swept_room`, `commitment.stand`,
-   `commitment.presence_of`.
-6. All tails are compatible once: `commitment.is_compatible`, `Proved.holds`.
-
-`unmet_conditions` names those of 1, 2 and 3 that a scenario violates. In such scenarios the filter acts in the same
-way, without a guarantee.
-
-**Presence** comes from the filter's messages alone: a robot that is removed announces it, and whatever is not announced
-is in its place. Silence, the age of a message and what a sensor detects prove nothing. In a simulation the row of a
-removed robot, from which the messages of its ring neighbours disappear, serves as this announcement.
-
-The observation does not contain the tails. The filter sends them in messages of its own, from every robot to every
-other, `repeats` times in a step, each of which is lost with the probability `noise.message_loss`. No filter that uses
-only the observation can give this guarantee at the formation's speed: two cars that are not ring neighbours observe
-each other within the sensing radius, 0.6 m in `evaders`, which is too late for cars of 1.1 m/s without brakes whose
-tightest circle has a radius of 0.48 m (`filter.speed_in_sight`).
+docs/proved.md has the theorem, that then no robots collide, its six conditions with the functions that enforce them,
+the proof, and the messages that it requires. `unmet_conditions` names those of the conditions 1, 2, 3 and 5 that a
+scenario violates. In such scenarios the filter acts in the same way, without a guarantee.
 """
 
 import math
@@ -51,7 +26,7 @@ from baselines.policies.safety.own_motion import Bounds
 from baselines.policies.safety.tails import POINTS
 from baselines.similarity import motion_scale
 from lissajous_env.device.curve import curve_struct
-from lissajous_env.device.structs import RobotStruct, allocate, to_struct
+from lissajous_env.device.structs import NoiseStruct, RobotStruct, allocate, to_struct
 from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
@@ -69,8 +44,8 @@ _COARSEST = 0.01
 """Largest relative error of the integration for which the bounds of the errors are valid."""
 _MIXED = 5e-4
 """Relative error of the integration above which turning and slowing down at the same time matters."""
-_SEEN, _CLIP = 3.9, 3.99
-"""Largest coordinate of a tail [half widths] and speed of a car [top speeds]; where an observation may be clipped."""
+_SEEN = 3.9
+"""Largest coordinate of a tail [half widths] and speed of a car [top speeds], which an observation shows."""
 _FLOAT = 2.0**-24
 """Relative error of a rounded float32."""
 
@@ -95,35 +70,23 @@ class ProvedParameters(Checked):
 
 
 class Proved(Filter):
-    """The proved filter of cars.
-
-    Args:
-        scenario: The scenario, of cars.
-        num_worlds: W.
-        device: Warp device.
-        parameters: Parameters of the filter; by default those of the paper's experiment, scaled to the scenario.
+    """The proved filter of cars; its parameters are `ProvedParameters`.
 
     Raises:
         ValueError: the robots are no cars, or cars that reverse.
     """
 
+    defaults = ProvedParameters()
     suffix = "-proved"
     about = "with a filter that is proved, under conditions, to prevent collisions"
     stays_inside = True
     communicates = "committed tails, from every robot to every other within the step"
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: ProvedParameters | None = None,
-    ):
-        super().__init__(scenario, num_worlds, device)
+    def __init__(self, *given: Any, **named: Any):
+        super().__init__(*given, **named)
         if self.scenario.robot.reverses:
             rule = f"must be 0 for cars behind {self.suffix}, whose tails end at rest [m/s]"
             raise ValueError(f"robot.speed_min {rule}, got {self.scenario.robot.lowest_speed:g}")
-        self.parameters = parameters or ProvedParameters().of(self.scenario)
         self._bounds = bounds_of(self.scenario, self.parameters, self.device)
         self._curve = curve_struct(self.scenario.curve, self.device)
         worlds = (self.num_worlds,)
@@ -166,23 +129,18 @@ def bounds_of(scenario: Scenario, parameters: ProvedParameters, device: Any = "c
     error = max((_ROUNDING + decay_error) * robot.top_speed, 2 * decay_error * farthest_speed(scenario))
     bounds.speed = parameters.deviations * noise.speed + error
     bounds.speed_unit = robot.top_speed
-    exceeds = scenario.top_speed_bound > _SEEN * robot.top_speed
-    bounds.fastest = _SEEN * robot.top_speed if exceeds else math.inf
-    bounds.clip = _CLIP * robot.top_speed if exceeds else math.inf
-    bounds.halts = int(task.on_collision == "stop")
     room, body = (1.0, robot.radius) if task.boundary == "wall" else (_SEEN, 0.0)
     bounds.half_width, bounds.half_height = room * curve.half_width - body, room * curve.half_height - body
     bounds.loss = noise.message_loss**parameters.repeats
     bounds.chord = (task.step / task.substeps) ** 2 / 8
     bounds.coarseness = integration_error(scenario)
-    bounds.wobble, bounds.heading_noise, bounds.speed_noise = noise.actuator, noise.heading, noise.speed
     bounds.coasts = int(scenario.faults.stop == "coast" and any(may_fail(scenario)))
     # A robot that coasts continues with the steering of its action, so its tail cannot have another one. With noise, a
     # straight tail is the narrowest, because it does not depend on the wheelbase.
     # Within walls, a car could hardly drive straight on if it had to coast straight on.
     turns = any(stops_of(scenario)) or task.boundary == "wall"
     bounds.tails = 1 if bounds.coasts else 4 if noise.actuator > 0 else 3 if turns else 1
-    bounds.robot = to_struct(RobotStruct, robot)
+    bounds.robot, bounds.noise = to_struct(RobotStruct, robot), to_struct(NoiseStruct, noise)
     bounds.walls = walls_of(scenario) if Inside.suits(scenario) else Walls()
     bounds.widest = wp.array(widest_of(scenario), dtype=wp.vec4, device=device)
     bounds.changes = wp.array(changes_of(parameters), dtype=wp.vec2, device=device)
@@ -225,8 +183,7 @@ def changes_of(parameters: ProvedParameters) -> np.ndarray:
 
 def fastest_of(scenario: Scenario) -> float:
     """Return the largest speed that a car can reach under the filter [m/s], at least a thousandth of the top speed."""
-    top_speed = scenario.robot.top_speed
-    return max(min(scenario.top_speed_bound, _SEEN * top_speed), 1e-3 * top_speed)
+    return max(scenario.top_speed_bound, 1e-3 * scenario.robot.top_speed)
 
 
 def farthest_speed(scenario: Scenario) -> float:
@@ -280,6 +237,8 @@ def unmet_conditions(scenario: Scenario) -> tuple[str, ...]:
     short = f"must be short enough for a relative error of {_COARSEST:g} at top speed [s]"
     long = f"must be long enough for a rounding error of {most:.2g} m with {task.substeps} sub-steps [s]"
     normal = "must be 0, since normal noise has no bound"
+    seen = f"must be at least 1 / {_SEEN:g} of the speed of the strongest car, {scenario.top_speed_bound:.3g} m/s"
+    shows = "must be count or remove, since the row of a robot that a collision stops still shows its speed"
     prompt = f"must be below half a step of {task.step:g} s"
     rules = (
         (robot.throttle_min <= robot.dead_zone, "1: robot.throttle_min", off, f"{robot.throttle_min:g}"),
@@ -289,6 +248,8 @@ def unmet_conditions(scenario: Scenario) -> tuple[str, ...]:
         (noise.position == 0, "2: noise.position", normal, f"{noise.position:g}"),
         (noise.heading == 0, "2: noise.heading", normal, f"{noise.heading:g}"),
         (noise.speed == 0, "2: noise.speed", normal, f"{noise.speed:g}"),
+        (scenario.top_speed_bound <= _SEEN * robot.top_speed, "2: robot.speed_max", seen, f"{robot.top_speed:.3g}"),
         (round(noise.message_delay / task.step) == 0, "3: noise.message_delay", prompt, f"{noise.message_delay:g}"),
+        (task.on_collision != "stop", "5: task.on_collision", shows, task.on_collision),
     )
     return tuple(f"{field} {rule}, got {value}" for holds, field, rule, value in rules if not holds)

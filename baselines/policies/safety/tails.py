@@ -2,14 +2,9 @@
 
 A car whose motor is off slows down by v' = -c v, equation (12), whatever its motor and its wheelbase. With constant
 steering it follows an arc of curvature kappa, and with q = 1 - exp(-c t) it has gone q L of the length L = v / c that
-is left to it. All cars have the same c, so for q from 0 to 1 every car moves along its arc at a constant rate. A tail
-is
-
-    tail = (x, y, heading, L)        beginning [m], [rad], and length [m]
-    tube = (kappa, w0, w1, w2)       curvature [1/m], and the bound w(q) = w0 + w1 q + w2 q^2 [m]
-
-and the car is within w(q) of the arc's point at q, for every position, heading, speed and curvature that the bounds of
-noise and model allow (`error_tube`).
+is left to it. All cars have the same c, so for q from 0 to 1 every car moves along its arc at a constant rate. It is
+within w(q) = w0 + w1 q + w2 q^2 of the arc's point at q, for every position, heading, speed and curvature that the
+bounds of noise and model allow (`own_motion.tail_from`).
 
 A plan is a step and the tail after it, as sampled points (`lay_out`). Two plans are compared at equal times
 (`room_between`) or, where a robot may stop dead, at any two times that matter (`swept_room`): a car that stops dead at
@@ -33,6 +28,28 @@ BLOCKS = wp.constant(int(PIECES) // int(BLOCK) + 1)
 """Blocks of a plan: the step, and those of the tail."""
 
 
+@wp.struct
+class Tail:
+    """A tail, with the bound w(q) on the distance of the car from it."""
+
+    x: float
+    """x where it begins [m]."""
+    y: float
+    """y there [m]."""
+    heading: float
+    """Heading there [rad]."""
+    length: float
+    """L [m]."""
+    curvature: float
+    """kappa [1/m]."""
+    w0: float
+    """w(0) [m]."""
+    w1: float
+    """w'(0) [m]."""
+    w2: float
+    """w''(0) / 2 [m]."""
+
+
 @wp.func
 def arc_end(x: float, y: float, heading: float, length: float, curvature: float) -> wp.vec3:
     """Return position and heading (x, y [m], heading [rad]) after a path along an arc."""
@@ -44,30 +61,23 @@ def arc_end(x: float, y: float, heading: float, length: float, curvature: float)
 
 
 @wp.func
-def roll_on(tail: wp.vec4, tube: wp.vec4, left: float) -> tuple[wp.vec4, wp.vec4]:
+def place_on(tail: Tail, q: float) -> wp.vec3:
+    """Return position and heading (x, y [m], heading [rad]) on a tail, after the share q of its length."""
+    return arc_end(tail.x, tail.y, tail.heading, q * tail.length, tail.curvature)
+
+
+@wp.func
+def roll_on(tail: Tail, left: float) -> Tail:
     """Return the rest of a tail when the share `left` = exp(-c t) of its length is left."""
     gone = 1.0 - left
-    end = arc_end(tail[0], tail[1], tail[2], gone * tail[3], tube[0])
-    w0 = tube[1] + gone * (tube[2] + gone * tube[3])
-    w1 = (tube[2] + 2.0 * gone * tube[3]) * left
-    return wp.vec4(end[0], end[1], end[2], tail[3] * left), wp.vec4(tube[0], w0, w1, tube[3] * left * left)
+    begin = place_on(tail, gone)
+    w0 = tail.w0 + gone * (tail.w1 + gone * tail.w2)
+    w1 = (tail.w1 + 2.0 * gone * tail.w2) * left
+    return Tail(begin[0], begin[1], begin[2], tail.length * left, tail.curvature, w0, w1, tail.w2 * left * left)
 
 
 @wp.func
-def error_tube(curvature: float, length: float, place: float, heading: float, along: float, bend: float) -> wp.vec4:
-    """Return the tube of a tail for bounds on its errors: position [m], heading [rad], length [m], curvature [1/m].
-
-    The distance of two cars that begin with these differences is at most
-
-        |p_1 - p_2|(q) <= place + integral of (along + L |heading_1 - heading_2|) dq,
-        |heading_1 - heading_2|(q) <= heading + bend L q + (|kappa| + bend) along q.
-    """
-    w2 = 0.5 * length * (bend * length + (wp.abs(curvature) + bend) * along)
-    return wp.vec4(curvature, place, along + heading * length, w2)
-
-
-@wp.func
-def lay_out(plan_out: Plan, now: wp.vec2, middle: wp.vec3, tail: wp.vec4, tube: wp.vec4, slack: float):
+def lay_out(plan_out: Plan, now: wp.vec2, middle: wp.vec3, tail: Tail, slack: float):
     """Sample a plan: points x, y, each with a bound on the deviation from the straight line before it [m].
 
     `middle` is that of the step before the tail, x, y and the bound for either half of it. Along a piece of the tail an
@@ -75,22 +85,22 @@ def lay_out(plan_out: Plan, now: wp.vec2, middle: wp.vec3, tail: wp.vec4, tube: 
     first point is the reach, a bound on the distance of the whole plan from where the car is now.
     """
     part = 1.0 / float(PIECES)
-    length = tail[3] * part
-    plan_out[1] = wp.vec3(middle[0], middle[1], middle[2] + tube[1])
-    plan_out[2] = wp.vec3(tail[0], tail[1], middle[2] + tube[1])
-    sagitta = wp.abs(tube[0]) * length * length / 8.0 + slack
-    half = 0.5 * length * tube[0]
-    end = arc_end(0.0, 0.0, tail[2], length, tube[0])
+    length = tail.length * part
+    plan_out[1] = wp.vec3(middle[0], middle[1], middle[2] + tail.w0)
+    plan_out[2] = wp.vec3(tail.x, tail.y, middle[2] + tail.w0)
+    sagitta = wp.abs(tail.curvature) * length * length / 8.0 + slack
+    half = 0.5 * length * tail.curvature
+    end = arc_end(0.0, 0.0, tail.heading, length, tail.curvature)
     turn = cos_sin(2.0 * half)
     way = wp.vec2(end[0], end[1])
-    place = wp.vec2(tail[0], tail[1])
+    place = wp.vec2(tail.x, tail.y)
     for k in range(PIECES):
         place += way
         way = wp.vec2(turn[0] * way[0] - turn[1] * way[1], turn[1] * way[0] + turn[0] * way[1])
         q = float(k + 1) * part
-        plan_out[k + 3] = wp.vec3(place[0], place[1], sagitta + tube[1] + q * (tube[2] + q * tube[3]))
-    widest = wp.max(middle[2], sagitta) + tube[1] + tube[2] + tube[3]
-    reach = wp.length(wp.vec2(tail[0], tail[1]) - now) + tail[3] + widest
+        plan_out[k + 3] = wp.vec3(place[0], place[1], sagitta + tail.w0 + q * (tail.w1 + q * tail.w2))
+    widest = wp.max(middle[2], sagitta) + tail.w0 + tail.w1 + tail.w2
+    reach = wp.length(wp.vec2(tail.x, tail.y) - now) + tail.length + widest
     plan_out[0] = wp.vec3(now[0], now[1], reach)
 
 

@@ -21,7 +21,7 @@ export function showFailures(report, onPick) {
 }
 
 function matrix(report, onPick) {
-  const collisions = report.scenarios.flatMap(({ policies }) => policies.map((of) => of.badness[2]));
+  const collisions = report.scenarios.flatMap(({ policies }) => policies.map((of) => of.collisions));
   const most = Math.max(...collisions, 1);
   const rows = inOrder(report).map((p) => {
     const cells = report.scenarios.map((scenario, s) => {
@@ -38,7 +38,7 @@ function inOrder(report) {
   const key = (p) => {
     const played = report.scenarios.flatMap(({ policies }) => policies.filter((of) => of.policy === p));
     const mean = (value) => played.reduce((total, of) => total + value(of), 0) / played.length;
-    return [p, mean((of) => of.badness[0]), mean((of) => Math.log1p(of.badness[2]))];
+    return [p, mean((of) => of.failed.reduce((total, count) => total + count, 0) / of.episodes), mean((of) => Math.log1p(of.collisions))];
   };
   const keys = [...report.policies.keys()].map(key).filter(([, failed]) => !Number.isNaN(failed));
   return keys.sort((a, b) => b[1] - a[1] || b[2] - a[2]).map(([p]) => p);
@@ -50,11 +50,11 @@ function meters(report, of, most, onClick) {
   report.kinds.forEach((kind, k) => {
     const share = of.failed[k] / of.episodes,
       collided = kind.name === "collided",
-      collisions = number(of.badness[2]);
+      collisions = number(of.collisions);
     said.push(`${of.failed[k]} of ${of.episodes} ${kind.words}${collided ? `, ${collisions} collisions each` : ""}`);
     if (share === 0) return;
     const bar = element("i"),
-      length = collided ? Math.log1p(of.badness[2]) / Math.log1p(most) : share;
+      length = collided ? Math.log1p(of.collisions) / Math.log1p(most) : share;
     bar.style.width = `${(100 * length).toFixed(1)}%`;
     const words = collided ? collisions : `${of.failed[k]}/${of.episodes}`;
     box.append(element("span", `muted meter ${kind.name}`, element("i", "", bar), element("span", "", words)));

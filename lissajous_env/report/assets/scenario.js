@@ -1,4 +1,4 @@
-// A scenario: its policies with their distributions, best first, and detection against collisions.
+// A scenario: its policies with their distributions, the best score first, and the score against collisions.
 
 import { chip } from "./episodes.js";
 import { figure, pictures } from "./figures.js";
@@ -46,8 +46,6 @@ function dotsOf(report, s, p, column) {
 }
 
 function fillPolicies(report, scenario, s, table) {
-  const better = (a, b) => a.badness.map((value, k) => value - b.badness[k]).find((off) => off) || 0;
-  const rows = [...scenario.policies].sort(better);
   const columns = scenario.measures.map((measure) => {
     const values = scenario.policies.flatMap((policy) => policy.cells[measure.column].quartiles || []);
     return {
@@ -68,7 +66,7 @@ function fillPolicies(report, scenario, s, table) {
     made.append(...(measure.strip ? [stripAxis(scale)] : []), element("small", "", named.join(" · ")));
     return made;
   });
-  const body = rows.map((policy, place) => {
+  const body = scenario.policies.map((policy, place) => {
     const name = rowName(report.policies[policy.policy], failuresOf(report, policy)),
       row = element("tr", "", name, ...columns.map((column) => measured(report, s, policy, column)));
     row.dataset.policy = policy.policy;
@@ -111,7 +109,7 @@ function measured(report, s, policy, { measure, scale, best }) {
 }
 
 function plotsOf(report, scenario) {
-  const both = report.tradeoff.map((column) => scenario.measures.find((measure) => measure.column === column));
+  const both = scenario.tradeoff.map((column) => scenario.measures.find((measure) => measure.column === column));
   return both.every((measure) => measure) ? [tradeoff(report, scenario, ...both)] : [];
 }
 
@@ -131,7 +129,7 @@ function tradeoff(report, scenario, across, up) {
     },
     y: { scale: scaleOf(ends(up), [], 1), title: "" },
   };
-  return figure("Detection against collisions", `${up.title} per episode; bars: 95 % intervals`, axes, (plot) => {
+  return figure("Score against collisions", `${up.title} per episode; bars: 95 % intervals`, axes, (plot) => {
     for (const policy of shown) {
       const [x, y] = [of(policy, across), of(policy, up)],
         look = report.policies[policy.policy];
