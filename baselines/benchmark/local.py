@@ -9,6 +9,7 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from functools import partial
+from typing import Any
 
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import refusal_of
@@ -38,13 +39,8 @@ def play_all(settings: Benchmark, work: Work, progress: Progress, finish: Finish
     """
 
     def play_cell(cell: Cell, numbers: list[int], stopped: threading.Event) -> None:
-        def on_step(worlds: int) -> None:
-            if stopped.is_set():
-                raise _Stopped
-            progress.step(cell, worlds)
-
         progress.begin(cell)
-        for result in results(cell, settings, numbers, on_step):
+        for result in results(cell, settings, numbers, stopped):
             finish(cell, result)
 
     on_cores([(partial(play_cell, cell, numbers), may_be_shared(cell, settings.device)) for cell, numbers in work])
@@ -90,10 +86,10 @@ def may_be_shared(cell: Cell, device: str) -> bool:
 
 
 def results(
-    cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[[int], None]
+    cell: Cell, settings: Benchmark, numbers: list[int], stopped: threading.Event | None = None
 ) -> Iterator[Rows | Failure]:
     """Play some episodes of a cell, and yield each batch; if the policy raises, the failure is the last."""
-    batches = play(cell, settings, numbers, on_step)
+    batches = play(cell, settings, numbers, stopped)
     while True:
         try:
             result = next(batches, None)
@@ -104,10 +100,8 @@ def results(
         yield result
 
 
-def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[[int], None]) -> Iterator[Rows]:
-    """Play some episodes of a cell, given by number, and yield the rows of each batch.
-
-    After each step, `on_step` is called with the number of worlds that took it.
+def play(cell: Cell, settings: Benchmark, numbers: list[int], stopped: threading.Event | None = None) -> Iterator[Rows]:
+    """Play some episodes of a cell, given by number, and yield the rows of each batch; `stopped` ends it at a step.
 
     Raises:
         ValueError: a score that is none, as one of a return that is infinite.
@@ -116,7 +110,12 @@ def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[
     numbers_left = iter(numbers)
     seeds = [settings.seed + number for number in numbers]
     brought = brought_columns(cell.scenario)
-    for batch in episodes(policy, cell.scenario, seeds, settings.device, lambda _: on_step(settings.worlds)):
+
+    def check(_: Any) -> None:
+        if stopped is not None and stopped.is_set():
+            raise _Stopped
+
+    for batch in episodes(policy, cell.scenario, seeds, settings.device, check):
         rows = [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
         for row in rows:
             if wrong := refusal_of(plain(row), brought):
