@@ -1,13 +1,14 @@
 """The episodes of a cell played, and the engine of a benchmark on this machine: as many cells at a time as cores.
 
-An included policy may be played on any thread. What a user brings is played by the main thread, one cell after the
-other: such code may share data between its policies, and Ctrl-C reaches it there. The rows do not depend on it.
+An included policy may be played on any thread. What a user brings is played afterwards by the main thread, one cell
+after the other: such code may share data between its policies, and Ctrl-C reaches it there. The rows do not depend on
+it.
 """
 
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import partial
 from typing import Any
 
@@ -47,36 +48,23 @@ def play_all(settings: Benchmark, work: Work, progress: Progress, finish: Finish
 
 
 def on_cores(jobs: Sequence[tuple[Callable[[threading.Event], None], bool]]) -> None:
-    """Do some jobs: the shared ones on as many threads as there are cores, the others one by one on this thread.
+    """Do some jobs: the shared ones on as many threads as there are cores, then the others one by one on this thread.
 
     The first error, or Ctrl-C, sets the event that every job receives, cancels the jobs that have not begun, and is
     raised when the running ones have ended.
     """
     stopped = threading.Event()
-
-    def run(job: Callable[[threading.Event], None]) -> None:
+    with ThreadPoolExecutor(cores()) as pool:
         try:
-            job(stopped)
+            for shared in as_completed([pool.submit(job, stopped) for job, is_shared in jobs if is_shared]):
+                shared.result()
         except BaseException:
             stopped.set()
-            raise
-
-    with ThreadPoolExecutor(cores()) as pool:
-        helpers = [pool.submit(run, job) for job, is_shared in jobs if is_shared]
-        try:
-            for job, is_shared in jobs:
-                if not is_shared:
-                    run(job)
-            wait(helpers, return_when=FIRST_EXCEPTION)
-        except _Stopped:  # the error of the thread that stopped this one is raised below
-            pass
-        finally:
-            if not all(helper.done() for helper in helpers):
-                stopped.set()
             pool.shutdown(cancel_futures=True)
-    for helper in helpers:
-        if not helper.cancelled() and not isinstance(helper.exception(), _Stopped):
-            helper.result()
+            raise
+    for job, is_shared in jobs:
+        if not is_shared:
+            job(stopped)
 
 
 def may_be_shared(cell: Cell, device: str) -> bool:

@@ -148,7 +148,6 @@ def fig3(player: Player) -> Part:
             SILENT,
             f"{in_sight:.1f} %",
             "56 % in an independent simulation",
-            {"ours": in_sight},
         ),
     ]
     return Part(claims, [picture])
