@@ -32,7 +32,7 @@ def world(
         scenario: name of a scenario, .toml file, or module:attribute.
         out: file to write, as in `lissajous run`: .html, .mp4, .gif, .npz or .mcap.
     """
-    from baselines.benchmark import tables
+    from baselines.benchmark.shown import print_row
     from baselines.ros.running import started
     from baselines.ros.world import WorldNode
 
@@ -46,7 +46,7 @@ def world(
         task = shown_bar.add_task(f"{setup.name} over ROS 2", total=setup.task.steps)
         recording = node.play(lambda: shown_bar.advance(task), process.check)
     recording = replace(recording, score=recording.score | {"policy": "ros"})
-    tables.print_row(console, recording.score)
+    print_row(console, recording.score, recording.scenario)
     output.print_json(recording.score)
     if out is not None:
         show(recording, out, output)

@@ -7,7 +7,7 @@ from scipy.ndimage import uniform_filter1d
 
 from baselines.mpcc.model import MpccParameters
 from baselines.reproduce.claims import SILENT, Claim, Part, at_most, reported, within_range
-from baselines.reproduce.drawing import BLUE, DARK, GREEN, RED, Picture, Sheet
+from baselines.reproduce.drawing import BLUE, DARK, GREEN, RED, Picture, sheet
 from baselines.reproduce.episodes import SEEDS, Played, Player, spread_of_cars
 from lissajous_env import scenario
 from lissajous_env.parameters.scenario import Scenario
@@ -64,9 +64,9 @@ def _picture_of_distances(played: Played, seed: int) -> Picture:
         ("$d_{35}$ to robot 5", played.distance(2, 4), GREEN),
         ("$d_{3l}$, tracking error", played.tracking_error(2), RED),
     )
-    with Sheet("fig9", "Fig. 9   Robot 3 in the experiment without faults", 7.2, 3.7) as sheet:
-        grid = sheet.figure.add_gridspec(2, 2, width_ratios=(2.6, 1), height_ratios=(1, 1))
-        axes = sheet.figure.add_subplot(grid[:, 0])
+    with sheet("fig9", "Fig. 9   Robot 3 in the experiment without faults", 7.2, 3.7) as picture:
+        grid = picture.figure.add_gridspec(2, 2, width_ratios=(2.6, 1), height_ratios=(1, 1))
+        axes = picture.figure.add_subplot(grid[:, 0])
         for name, values, colour in series:
             axes.plot(played.time, values[:, 0], color=colour, lw=1.1, label=name)
         axes.axhline(spacing, color=DARK, lw=1, ls="--", label=f"2 $r_s$ of (8), {spacing:.2f} m")
@@ -81,7 +81,7 @@ def _picture_of_distances(played: Played, seed: int) -> Picture:
             (played.score(SEPARATION), CLOSEST, "smallest distance [m]", body, "2 $r_i$"),
         )
         for row, (values, paper, name, limit, word) in enumerate(panels):
-            side = sheet.figure.add_subplot(grid[row, 1])
+            side = picture.figure.add_subplot(grid[row, 1])
             side.plot(np.sort(values), (np.arange(SEEDS) + 0.5) / SEEDS, "o", color=BLUE, ms=3.5)
             side.axvline(paper, color=RED, lw=1.2)
             side.annotate(f"paper\n{paper:g}", (paper, (0.4, 0.98)[row]), xytext=(3, 0), textcoords="offset points",
@@ -94,12 +94,13 @@ def _picture_of_distances(played: Played, seed: int) -> Picture:
             side.set_xlabel(name)
             low, high = min(*values, paper, limit), max(*values, paper, limit)
             side.set_xlim(low - 0.1 * (high - low), high + 0.3 * (high - low))
-        return sheet.picture(
+        picture.caption = (
             f"Left: seed {seed}, {task.task.duration:g} s; right: {SEEDS} seeds beside the one run of the paper. "
             f"K = {task.coupling:g}; {task.num_robots} cars that differ by {spread_of_cars(task)} in "
             "wheelbase and drive, no other disturbance; at 2 r_i bodies collide. The paper's three cars and two points "
             "in a laboratory can only be met in range, not in every digit."
         )
+    return picture
 
 
 def experiment1(player: Player) -> Part:
