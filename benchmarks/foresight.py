@@ -48,7 +48,7 @@ def with_foresight(policy: str, scenario: Scenario, seeds: Sequence[int]) -> tup
 def _play(policy: str, simulation: Simulation, seeds: Sequence[int]) -> np.ndarray:
     """Play an episode in each world, and again with rogues that know it; return the steps at which rogues appear."""
     driver, steps = named(policy)(simulation.scenario, len(seeds), "cpu"), simulation.scenario.task.steps
-    resting, visits, actions = np.zeros(simulation.rogue_action.shape, np.float32), Visits(), []
+    resting, visits, actions = np.zeros(simulation.rogues.action.shape, np.float32), Visits(), []
     simulation.reset(seeds=seeds)
     driver.reset()
     visits.look(simulation)
@@ -62,7 +62,7 @@ def _play(policy: str, simulation: Simulation, seeds: Sequence[int]) -> np.ndarr
     simulation.reset(seeds=seeds)
     appears = simulation.targets.appears_at.numpy().copy()
     for now in range(steps):
-        worlds, slots = np.nonzero(simulation.rogue_present.numpy())
+        worlds, slots = np.nonzero(simulation.rogues.present.numpy())
         moves, end = resting.copy(), int(ends[np.searchsorted(ends, now, side="right")])
         places = simulation.targets.position.numpy()[worlds, slots]
         moves[worlds, slots] = foresight.best_actions(places, worlds, end - now, values[end])[0]

@@ -80,7 +80,7 @@ class RogueTraining(Checked):
     def make_scenario(self, rogues: str = AGENTS) -> Scenario:
         """Return the scenario of the games, with `starts` rogues per episode, and only the grids that they need."""
         scenario = make_scenario(self.scenario, **self.overrides)
-        needs_grid = rogues == "hide" or scenario.task.conservative
+        needs_grid = scenario.task.conservative
         scenario = make_scenario(scenario, **{"task.grid": None} | ({} if needs_grid else {"task.contamination": None}))
         first = self.starts // 2
         starts = {"targets.count": first, "targets.arrival_rate": (self.starts - first) / scenario.task.duration}

@@ -164,7 +164,7 @@ class Report:
         of, on = counted(len(policies), "policy", "policies"), counted(len(scenario_of), "scenario")
         words = {"title": "Benchmark", "counted": f"{counted(len(ranked), 'episode')} of {of} on {on}"}
         contents = {name: played.contents for name, (_, played) in replayed.items()}
-        return report("report.html", "report.js", data, words, contents)
+        return report(data, words, contents)
 
     def _columns(self) -> list[dict[str, Any]]:
         """Return the columns by which episodes can be sorted, the most important first."""

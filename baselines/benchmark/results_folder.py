@@ -17,7 +17,7 @@ from baselines.policies.factories import parts
 from lissajous_env.console.terminal import plain
 from lissajous_env.identity import parts_of
 from lissajous_env.parameters.robot_models import is_shipped, model_of
-from lissajous_env.parameters.rogues import folder_of, members_of
+from lissajous_env.parameters.rogues import folder_of
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.storage.files import read_json
 from lissajous_env.storage.folder import Folder
@@ -169,7 +169,7 @@ def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
     """Return digests of the code of each policy, of each model of robots that is not ours, and of learned rogues."""
     kinds = {cell.scenario.robot.kind for cell in cells}
     models = {_ROBOTS + kind: parts_of(model_of(kind).move) for kind in sorted(kinds) if not is_shipped(kind)}
-    adversaries = {name for cell in cells for name in members_of(cell.scenario.targets.rogues or "")}
+    adversaries = {cell.scenario.targets.rogues for cell in cells} - {None}
     folders = {name: folder_of(name) for name in sorted(adversaries)}
     learned = {_ROGUES + name: registry.parts(str(folder)) for name, folder in folders.items() if folder is not None}
     return {cell.policy: parts(cell.factory) for cell in cells} | models | learned

@@ -20,7 +20,8 @@ from baselines.ros.frames import Origin, SpeedOfPoses, relative
 from baselines.ros.messages import named_numbers, ring_message, yaw
 from baselines.ros.pilot import Pilot
 from baselines.ros.settings import RobotSettings, check_command
-from lissajous_env.logs.filling import seconds
+from lissajous_env.logs.messages import seconds
+from lissajous_env.parameters.scenario import Scenario
 
 NAME = "policy"
 _WAITS = "waits for the service start"
@@ -37,6 +38,7 @@ class RobotNode(ros.Node):
     Args:
         settings: Defaults of the parameters.
         namespace: Namespace; None means `robot_K`.
+        scenario: The scenario; None means that of the settings.
         **options: Further arguments of `rclpy.node.Node`.
 
     Raises:
@@ -45,10 +47,16 @@ class RobotNode(ros.Node):
 
     _publishing: threading.Thread | None = None
 
-    def __init__(self, settings: RobotSettings, namespace: str | None = None, **options: Any):
+    def __init__(
+        self,
+        settings: RobotSettings,
+        namespace: str | None = None,
+        scenario: Scenario | None = None,
+        **options: Any,
+    ):
         super().__init__(NAME, namespace=f"robot_{settings.robot}" if namespace is None else namespace, **options)
         self.settings = settings = self._declared(settings)
-        self.onboard = Onboard(settings.policy, settings.scenario, settings.robot, settings)
+        self.onboard = Onboard(settings.policy, scenario or settings.scenario, settings.robot, settings)
         check_command(self.onboard.scenario, settings.command)
         self.scenario, self._origin = self.onboard.scenario, Origin(*settings.origin)
         self._pilot = Pilot(self.onboard, settings.message_wait)
@@ -60,6 +68,12 @@ class RobotNode(ros.Node):
         self._warm_up()
         self._starts = settings.autostart
         self._connect()
+
+    @classmethod
+    def simulated(cls, settings: RobotSettings, scenario: Scenario, **options: Any) -> "RobotNode":
+        """Return a node whose clock is that of a simulated world."""
+        clock = ros.Parameter("use_sim_time", value=True)
+        return cls(settings, scenario=scenario, parameter_overrides=[clock], **options)
 
     @property
     def now(self) -> float:

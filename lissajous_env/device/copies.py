@@ -14,12 +14,16 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from lissajous_env.device.locks import Turn
+from lissajous_env.device.program import Program
+from lissajous_env.device.warp_abi import fields_of, is_struct
 from lissajous_env.device.work import Work
 from lissajous_env.plugins import PROMPT, ByValue
 from lissajous_env.wording import few_of
 
 _AS_MADE = (
-    types.FunctionType, types.BuiltinFunctionType, types.MethodType, types.ModuleType, type, functools.partial, Work
+    types.FunctionType, types.BuiltinFunctionType, types.MethodType, types.ModuleType, type, functools.partial, Program,
+    Turn, Work,
 )  # fmt: skip
 _MADE_WITH = "_made_with"
 
@@ -81,18 +85,28 @@ def _make_again(cls: type, args: tuple, more: dict[str, Any]) -> Any:
     return cls(*args, **more)
 
 
-def _arrays(owner: Any, prefix: str = "", within: tuple[int, ...] = ()) -> Iterator[tuple[str, Any]]:
-    """Return, by name, the arrays of an object and of its contents that can change while it works."""
-    for key, value in sorted(_entries(owner), key=lambda entry: str(entry[0])):
+def _arrays(
+    owner: Any, prefix: str = "", within: tuple[int, ...] = (), known: set[int] | None = None
+) -> Iterator[tuple[str, Any]]:
+    """Return, by name, the arrays of an object and of its contents that can change while it works.
+
+    A Warp array is returned once, by the first of its names; public names are before others.
+    """
+    known = set() if known is None else known
+    for key, value in sorted(_entries(owner), key=lambda entry: (str(entry[0]).startswith("_"), str(entry[0]))):
         if isinstance(value, (wp.array, np.ndarray)):
-            yield f"{prefix}{key}", value
+            if value.size and id(value) not in known:
+                known |= {id(value)} if _is_warp_array(value) else set()
+                yield f"{prefix}{key}", value
         elif id(value) not in within and (isinstance(value, Copyable) or _needs_making(value)):
-            yield from _arrays(value, f"{prefix}{key}.", (*within, id(owner)))
+            yield from _arrays(value, f"{prefix}{key}.", (*within, id(owner)), known)
 
 
 def _entries(owner: Any) -> list[tuple[Any, Any]]:
     if isinstance(owner, (list, tuple)):
         return list(enumerate(owner))
+    if is_struct(owner):
+        return list(fields_of(owner).items())
     entries = owner if isinstance(owner, dict) else getattr(owner, "__dict__", {})
     return [] if _stays(owner) else [(key, value) for key, value in entries.items() if key != _MADE_WITH]
 

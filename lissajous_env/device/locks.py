@@ -24,7 +24,8 @@ class Turn:
     """Turn at an object, which one thread has at a time.
 
     A thread waits for the turn of another thread. A thread that has the turn already would wait for itself, for example
-    if a signal handler steps the simulation that it has interrupted, so an error is raised instead.
+    if a signal handler steps the simulation that it has interrupted, so an error is raised instead. So it is in a
+    process that was forked while another thread had the turn, which never ends there.
 
     Args:
         owner: Name of the object, for messages.
@@ -32,27 +33,18 @@ class Turn:
     Attributes:
         lock: Lock that the thread with the turn owns.
         taken: True if the work of a turn has begun and not ended.
-        lost: True if a thread of the parent process began it, so that it never ends in this process.
     """
 
     def __init__(self, owner: str):
-        self.owner, self.lock, self.taken, self.lost = owner, threading.RLock(), False, False
+        self.owner, self.lock, self.taken = owner, threading.RLock(), False
         _TURNS.add(self)
-
-    def refusal(self) -> RuntimeError:
-        """Return the error of a turn that cannot begin."""
-        if self.lost:
-            words = "was running in another thread when this process was forked and is incomplete; make another one"
-        else:
-            words = "is running in this thread; a signal handler or an extension must not call it"
-        return RuntimeError(f"{self.owner} {words}")
 
 
 def in_turn(method: _Method) -> _Method:
     """Let one thread at a time be in those methods of an object that are decorated so; the object has a `turn`.
 
     Raises:
-        RuntimeError: the thread is in one of them already.
+        RuntimeError: the thread, or one of the parent process, is in one of them already.
     """
 
     @functools.wraps(method)
@@ -60,7 +52,8 @@ def in_turn(method: _Method) -> _Method:
         turn = self.turn
         with turn.lock:
             if turn.taken:
-                raise turn.refusal()
+                words = "a signal handler or an extension must not call it, nor a process that was forked meanwhile"
+                raise RuntimeError(f"{turn.owner} is running: {words}")
             turn.taken = True
             try:
                 return method(self, *args, **named)
@@ -71,13 +64,13 @@ def in_turn(method: _Method) -> _Method:
 
 
 def _renew() -> None:
-    """Renew the locks that threads of the parent own, and mark their turns as lost."""
+    """Renew the locks that threads of the parent own; their turns remain taken."""
     COMPILING.release()
     for turn in _TURNS:
         if turn.lock.acquire(blocking=False):
             turn.lock.release()
         else:
-            turn.lock, turn.lost = threading.RLock(), turn.taken
+            turn.lock = threading.RLock()
 
 
 os.register_at_fork(before=COMPILING.acquire, after_in_parent=COMPILING.release, after_in_child=_renew)

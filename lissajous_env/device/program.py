@@ -1,15 +1,7 @@
 """Programs: kernels in an order, bound to arrays by the names of their parameters, ready to run.
 
-The layout of a kernel determines what each of its threads processes. A kernel that `@stage` of `device/stage.py` makes
-has one of these; so has a kernel of a user, by its parameters:
-
-| layout   | parameters       | a thread works on                                                  |
-|----------|------------------|--------------------------------------------------------------------|
-| `WORLDS` | `first`          | world `first + wp.tid()`                                           |
-| `LANES`  | `first`, `lanes` | each `lanes`-th entity of a world: on a GPU one, on a CPU all      |
-| `BLOCKS` | `begin`, `end`   | entities of all worlds in a row, side by side: `device/abreast.py` |
-
-`entities` is the number of entities of a world, for kernels that need it. All other parameters are matched by name.
+A kernel is one that `@stage` of `device/stage.py` has made, whose layout determines what each of its threads processes.
+Its parameters are matched by name.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -23,14 +15,13 @@ import warp as wp
 from lissajous_env.device.abreast import width_on
 from lissajous_env.device.compilation import load_together
 from lissajous_env.device.devices import as_device, compile_quietly, cores
-from lissajous_env.device.stage import BLOCKS, LANES, WORLD, WORLDS
+from lissajous_env.device.stage import BLOCKS, WORLD, WORLDS
 from lissajous_env.device.warp_abi import Call, content_of, is_struct, names_of_arguments
 from lissajous_env.device.work import TASKS_PER_THREAD, Work
 from lissajous_env.wording import few_of
 
-_LAYOUTS = {("first",): WORLDS, ("first", "lanes"): LANES, ("begin", "end"): BLOCKS}
-"""Layouts by the parameters that select the worlds and entities of a launch."""
-_PLACES = frozenset(name for names in _LAYOUTS for name in names)
+_PLACES = {"first", "lanes", "begin", "end", "entities"}
+"""Parameters that select the worlds and entities of a launch."""
 
 _MOST_LAUNCHES = 64
 """Largest number of recorded launches of a launcher."""
@@ -46,25 +37,20 @@ class Stage:
     name: str
     """Its name, new in its program."""
     run: Any
-    """A Warp kernel, or a function without arguments that is called on the host."""
-    over: str = WORLD
-    """Entities of a kernel that `@stage` has not made: WORLD, ROBOT, TARGET, ROW, FIELD_ROW or BIN."""
+    """A kernel that `@stage` has made, or a function without arguments that is called on the host."""
     when: bool = True
     """False to leave the stage out."""
     own: Mapping[str, Any] = field(default_factory=dict)
     """Arguments of its kernel besides the values of the program, by name."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "over", getattr(self.run, "over", self.over))
-        if self.is_kernel and (self.layout is None or (self.layout == WORLDS) != (self.over == WORLD)):
-            of = "of worlds must have first" if self.over == WORLD else "must have first, lanes"
-            got = ", ".join(name for name in self.labels if name in _PLACES) or "none of them"
-            raise ValueError(f"kernel of stage {self.name} {of}, got {got}")
+        if self.is_kernel and not hasattr(self.run, "layout"):
+            raise ValueError(f"kernel of stage {self.name} must be made by @stage, got one by @wp.kernel")
 
     @property
-    def layout(self) -> str | None:
-        """Return the layout of its kernel; None without one."""
-        return _LAYOUTS.get(tuple(name for name in self.labels if name in _PLACES))
+    def over(self) -> str:
+        """Return the entities of its kernel."""
+        return getattr(self.run, "over", WORLD)
 
     @property
     def is_kernel(self) -> bool:
@@ -74,7 +60,7 @@ class Stage:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the kernel's parameters that are matched in the state and the constants."""
-        return tuple(name for name in self.labels if name not in _PLACES | {"entities"})
+        return tuple(name for name in self.labels if name not in _PLACES)
 
     @property
     def writes(self) -> tuple[str, ...]:
@@ -163,8 +149,8 @@ class Program:
         """Record the launch of a stage for the worlds from `low` to `high` - 1."""
         size, names = self._sizes.get(stage.over, 1), stage.labels
         lanes = self._lanes(stage)
-        dim: tuple[int, ...] = (high - low,) if stage.layout == WORLDS else (high - low, lanes)
-        if stage.layout == BLOCKS:
+        dim: tuple[int, ...] = (high - low,) if stage.run.layout == WORLDS else (high - low, lanes)
+        if stage.run.layout == BLOCKS:
             dim = (-(-(high - low) * size // width_on(self._device)),)
         placed = {"first": low, "lanes": lanes, "begin": low * size, "end": high * size, "entities": size}
         values = {**self._values, **stage.own, **placed}

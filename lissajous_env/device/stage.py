@@ -98,7 +98,7 @@ def stage(over: str, writes: str, idle: bool = False, module: Any = None) -> Cal
         module: Warp module of the kernel; by default that of the function.
 
     Returns:
-        A decorator that returns a kernel with the attributes `over` and `writes`.
+        A decorator that returns a kernel with the attributes `over`, `layout` and `writes`.
 
     Raises:
         TypeError: as of `_types_of`.
@@ -107,10 +107,10 @@ def stage(over: str, writes: str, idle: bool = False, module: Any = None) -> Cal
     def make(function: Any) -> Any:
         tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
         assert isinstance(tree, ast.FunctionDef)
-        _arrange(tree, over, idle)
+        layout = _arrange(tree, over, idle)
         tree.decorator_list.clear()
         kernel = wp.kernel(_compiled(tree, function), module=module)
-        kernel.over, kernel.writes = over, _written(writes)
+        kernel.over, kernel.layout, kernel.writes = over, layout, _written(writes)
         return kernel
 
     return make
@@ -125,25 +125,26 @@ def _written(writes: str) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _arrange(tree: ast.FunctionDef, over: str, idle: bool) -> None:
-    """Turn the definition of a stage's function into that of its kernel."""
+def _arrange(tree: ast.FunctionDef, over: str, idle: bool) -> str:
+    """Turn the definition of a stage's function into that of its kernel; return its layout."""
     arguments, body = tree.args.args, tree.body
     names = [argument.arg for argument in arguments]
     if names[0] == "block":
-        places, given, before = "begin: int, end: int, entities: int", 1, _BLOCK
+        layout, places, given, before = BLOCKS, "begin: int, end: int, entities: int", 1, _BLOCK
     elif names[1:3] == ["lane", "lanes"]:
-        places, given, before = "first: int, lanes: int", 3, _LANE
+        layout, places, given, before = LANES, "first: int, lanes: int", 3, _LANE
     elif over != WORLD:
-        places, given, before = "first: int, lanes: int, entities: int", 2, _LANE
+        layout, places, given, before = LANES, "first: int, lanes: int, entities: int", 2, _LANE
         loop = ast.parse(f"for {names[1]} in range(lane, entities, lanes):\n    pass").body[0]
         assert isinstance(loop, ast.For)
         loop.body = body[1:]
         body[1:] = [loop]
     else:
-        places, given, before = "first: int", 1, _WORLD
+        layout, places, given, before = WORLDS, "first: int", 1, _WORLD
     tree.args.args = [*_parameters(places), *arguments[given:]]
     before += "" if idle or names[0] == "block" else _ACTIVE
     tree.body = [body[0], *ast.parse(before).body, *body[1:]]
+    return layout
 
 
 def _parameters(text: str) -> list[ast.arg]:

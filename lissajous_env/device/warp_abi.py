@@ -33,11 +33,6 @@ def fields_of(struct: Any) -> dict[str, Any]:
     return {name: getattr(struct, name) for name in variables_of(struct._cls)}
 
 
-def name_of(struct: Any) -> str:
-    """Return the name of the `wp.struct` of which this is an instance."""
-    return struct._cls.key
-
-
 def folder_of(module: Any, block_dim: int | None) -> str:
     """Return the name of the folder in Warp's cache where a compiled module is."""
     return module.get_module_identifier(block_dim)

@@ -15,6 +15,8 @@ import numpy as np
 import warp as wp
 from gymnasium.error import ResetNeeded
 
+from lissajous_env.device.devices import cores
+from lissajous_env.device.work import Work
 from lissajous_env.envs.sides import Side, sides_of
 from lissajous_env.envs.true_state import state_rows, state_size
 from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
@@ -27,7 +29,7 @@ from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import shown
 from lissajous_env.world.observation import layout
 from lissajous_env.world.selection import drawn_seeds, fold_seed
-from lissajous_env.world.simulation import Simulation, Together
+from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import ENDED, RUNNING
 
 LOOKED_AT = 64
@@ -131,8 +133,10 @@ class Batch:
         self.group_size, rest = divmod(self.num_worlds, whole_number("num_groups", num_groups))
         if rest or self.group_size == 0:
             raise ValueError(f"num_worlds must be a multiple of num_groups ({num_groups}), got {num_worlds}")
-        self._device, self._together = device, Together(num_groups, threads)
-        self._threads = threads if num_groups == 1 else self._together.threads
+        self._device, self._cores = device, cores() if threads is None else whole_number("threads", threads)
+        # A thread steps each of many groups; threads share the worlds of few.
+        self._threads = 1 if 1 < num_groups >= self._cores else threads
+        self._joined: Work | None = None
         self._max_cycles = max_cycles
         space = space_and_split(scenario)
         if space is None:
@@ -230,6 +234,7 @@ class Batch:
                 scenario, seed = self._draws.next(group)
                 self._check(scenario)
                 self.simulations[group], self._views = self._simulation(scenario, seed), Views()
+                self._joined = None
             elif of_group.any():
                 simulation.reset(of_group)
 
@@ -251,17 +256,30 @@ class Batch:
                 of_robots = of_robots[self.worlds_of(group), : simulation.num_robots]
                 of_robots = np.ascontiguousarray(of_robots) if isinstance(of_robots, np.ndarray) else of_robots
             simulation.take(of_robots, actions.get("rogue"))
-        if len(self.simulations) == 1:
-            self.simulations[0].advance()
+        self._advance()
+
+    def _advance(self) -> None:
+        """Advance all groups, many of them in parallel, but on a GPU and with functions of the user's own."""
+        works = [simulation.stages.work for simulation in self.simulations]
+        if self._joined is None and len(works) > 1 and self._threads == 1 and None not in works:
+            tasks = [[launch for task in work.tasks for launch in task] for work in works if work is not None]
+            self._joined = Work(tasks, self.simulation.device, self._cores)
+        if self._joined is not None:
+            self._joined()
         else:
-            self._together.advance(self.simulations)
+            for simulation in self.simulations:
+                simulation.advance()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without the launches of all groups, which are recorded anew by the next step."""
+        return self.__dict__ | {"_joined": None}
 
     def rows(self, side: Side, library: Any = np) -> Rows:
         """Return the rows of a side; `library` is `numpy`, or `torch` for tensors on the device."""
         view, parts = self._views, []
         for simulation in self.simulations:
             observation, reward, terminated, truncated = (view(array, library) for array in side.arrays(simulation))
-            mask = library.ones_like(terminated) if side.is_robots else view(simulation.rogue_present, library)
+            mask = library.ones_like(terminated) if side.is_robots else view(simulation.rogues.present, library)
             missing = side.places - observation.shape[1]
             if missing:
                 observation, mask, reward, terminated, truncated = (
@@ -284,7 +302,7 @@ class Batch:
         parts = [stage != int(RUNNING) for stage in self._stages()]
         over = parts[0] if len(parts) == 1 else np.concatenate(parts)
         if self.driver is not None:
-            over = over | self.simulation.rogue_terminated.numpy().astype(bool).all(axis=1)
+            over = over | self.simulation.rogues.terminated.numpy().astype(bool).all(axis=1)
         return over
 
     @property

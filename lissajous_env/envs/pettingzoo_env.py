@@ -240,7 +240,7 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
             of_rogues = np.zeros((1, self._rogues.places, self._rogues.action_size), np.float32)
             for t in self._live_rogues:
                 self._rogues.read_one(self._rogues.names[t], actions[self._rogues.names[t]], of_rogues[0, t])
-            self.simulation.rogue_action.assign(of_rogues)
+            self.simulation.rogues.action.assign(of_rogues)
         self._action[:] = rows.ravel()
 
     def _fetch(self) -> None:

@@ -79,17 +79,17 @@ class Side:
         if self.is_robots:
             return Arrays(simulation.observation, simulation.reward, simulation.terminated, simulation.truncated)
         return Arrays(
-            simulation.rogue_observation,
-            simulation.rogue_reward,
-            simulation.rogue_terminated,
-            simulation.rogue_truncated,
+            simulation.rogues.observation,
+            simulation.rogues.reward,
+            simulation.rogues.terminated,
+            simulation.rogues.truncated,
         )
 
     def acting(self, simulation: Simulation) -> np.ndarray:
         """Return (W, n) True for the agents that act in the next step, unless the episode is over: on the host."""
         if self.is_robots:
             return ~simulation.terminated.numpy().astype(bool)
-        return simulation.rogue_present.numpy().astype(bool)
+        return simulation.rogues.present.numpy().astype(bool)
 
     def read(self, actions: Any, shape: tuple[int, ...]) -> np.ndarray:
         """Return actions of a shape, those of all places of some worlds, as float32 (W, N, action_size) in [-1, 1].

@@ -1,7 +1,6 @@
 """Rogues: rules by which an adversary moves the targets.
 
-`targets.rogues` is the name of a script or of an included learned rogue, the folder of a learned rogue, or several of
-these joined by `+`: a mixture, in which each rogue is moved by one of them, drawn at random when its episode begins.
+`targets.rogues` is the name of a script or of an included learned rogue, or the folder of a learned rogue.
 """
 
 import dataclasses
@@ -33,13 +32,9 @@ class Rogue:
     and whose arguments are matched by name, see `lissajous_env.world.stages`."""
     about: str = ""
     """Description of its motion in one line."""
-    needs_contamination: bool = False
-    """True if it needs the grid of `task.contamination`."""
     bind: Callable[[Any, Any], Callable[[], None]] | None = None
     """Function `bind(scenario, rogues)` that is used instead of `decide`, if given: it returns a function without
     arguments that writes `rogues.action` for `rogues.observation` on their device."""
-    members: tuple["Rogue", ...] = ()
-    """Rogues of a mixture, each as often as its share is large; none for a single rogue."""
     trained_on: str = ""
     """Scenario on which a learned rogue was trained."""
     trained_against: str = ""
@@ -56,8 +51,6 @@ class Rogue:
 
 CHECKPOINT = "checkpoint.json"
 """File that marks the folder of a learned rogue."""
-AND = "+"
-"""Separator of the rogues of a mixture, or of the policies of one."""
 _SHIPPED = Path(__file__).resolve().parents[2] / "training" / "rogues"
 """Folder of the included learned rogues."""
 _NAMES = r"[a-z][a-z0-9-]{0,62}", "of small letters, digits and -"
@@ -99,8 +92,7 @@ class BringsRogues:
 
     def __getstate__(self) -> dict[str, Any]:
         name = self.targets.rogues
-        members = () if name is None or name == AGENTS else members_of(name)
-        known = (_ROGUES[member] for member in dict.fromkeys(members) if member in _ROGUES)
+        known = [_ROGUES[name]] if name in _ROGUES else []
         brought = [rogue for rogue in known if not isinstance(rogue.decide, wp.Kernel) and not _is_ours(rogue)]
         return {"rogues": brought} | self.__dict__
 
@@ -125,29 +117,13 @@ def shipped_rogues() -> tuple[str, ...]:
 
 
 def rogue_of(name: str) -> Rogue | None:
-    """Return the rogue of a name, the learned one in a folder, the mixture of several, or None for `agents`.
+    """Return the rogue of a name, the learned one in a folder, or None for `agents`.
 
     Raises:
         ValueError: there is no such rogue, or the checkpoint in the folder is damaged or not of a rogue.
     """
     if name == AGENTS:
         return None
-    members = members_of(name)
-    if len(members) == 1:
-        return _single(name)
-    rogues_by_name = {member: _single(member) for member in dict.fromkeys(members)}
-    shares = ", ".join(f"{members.count(member)} of {len(members)} {member}" for member in rogues_by_name)
-    needs = any(rogue.needs_contamination for rogue in rogues_by_name.values())
-    every = tuple(rogues_by_name[member] for member in members)
-    return Rogue(name, None, f"a mixture: {shares}", needs_contamination=needs, members=every)
-
-
-def members_of(name: str) -> tuple[str, ...]:
-    """Return the names of the rogues of a mixture; a single rogue is one of one."""
-    return (name,) if is_folder(name) else tuple(name.split(AND))
-
-
-def _single(name: str) -> Rogue:
     if name in _ROGUES:
         return _ROGUES[name]
     if (folder := folder_of(name)) is not None:

@@ -107,12 +107,10 @@ def _check_targets(scenario: Any) -> None:
     rule = f"must be custom with the law of entry {laws[0]}" if laws else "must not be custom without a target_entry"
     _require((targets.entry == "custom") == bool(laws), scenario, "targets.entry", rule)
     if name is not None:
-        rogue = rogue_of(name)
+        rogue_of(name)
         if scenario.rogue_speed <= 0:
             rule = "must be above 0 if rogues move the targets [m/s]"
             raise ValueError(f"targets.speed_limit {rule}, got {scenario.rogue_speed}")
-        is_followed = rogue is None or not rogue.needs_contamination or scenario.task.contamination is not None
-        _require(is_followed, scenario, "task.contamination", f"must be given for the rogue {name}")
         for extension in scenario.extensions:
             is_free = not isinstance(extension, TargetMotion)
             _require(is_free, scenario, "targets.rogues", f"must be None with the target motion {extension.name}")

@@ -10,14 +10,10 @@ _EPISODES = "the episodes"
 """Placeholder of the episodes in the page of the frame."""
 
 
-def report(
-    template: str, entry: str, data: Mapping[str, Any], words: Mapping[str, str], replays: Mapping[str, Mapping]
-) -> str:
+def report(data: Mapping[str, Any], words: Mapping[str, str], replays: Mapping[str, Mapping]) -> str:
     """Return the page of a report.
 
     Args:
-        template: Name of the template.
-        entry: Name of the main module.
         data: Data of the page.
         words: Texts by the slot of the template.
         replays: Playable episodes by id, from `lissajous_env.replay.contents.contents`.
@@ -28,8 +24,8 @@ def report(
     viewer = _viewer() if replays else ""
     framed = {"viewer-page": viewer.replace(as_json(_EPISODES), "@episodes@", 1)} if viewer else {}
     return bundled(
-        template,
-        entry,
+        "report.html",
+        "report.js",
         data,
         words,
         styles=("style.css", "report.css"),

@@ -23,7 +23,7 @@ from lissajous_env.parameters.extensions import (
 )
 from lissajous_env.parameters.robot_models import RobotModel, is_shipped, model_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.wording import shown, where_raised
+from lissajous_env.wording import shown
 from lissajous_env.world.columns import NAMES
 from lissajous_env.world.observation import layout
 from lissajous_env.world.reward import TERMS
@@ -216,23 +216,23 @@ class ExtensionStages:
         for extension in scenario.extensions:
             own: dict[str, Any] = {}
             if isinstance(extension, RewardTerm):
-                place, over, takes, value = "end", ROBOT, take_term, self._room(shape[:2])
+                place, takes, value = "end", take_term, self._room(shape[:2])
                 own, term = {"term": term, "weight": extension.weight}, term + 1
             elif isinstance(extension, ObservationEntry):
-                place, over, takes, value = "observation", ROBOT, take_entries, self._room((*shape[:2], extension.size))
+                place, takes, value = "observation", take_entries, self._room((*shape[:2], extension.size))
                 own, entry = {"start": entry, "low": extension.low, "high": extension.high}, entry + extension.size
             elif isinstance(extension, ScoreColumn):
-                place, over, takes, value = "reward", WORLD, keep_column, self._room(shape[:1], wp.float64)
+                place, takes, value = "reward", keep_column, self._room(shape[:1], wp.float64)
                 self.kept[extension.name] = own["kept_out"] = self._room((shape[0], 4), wp.float64)
             elif isinstance(extension, (TargetMotion, TargetEntry)):
                 moves = isinstance(extension, TargetMotion)
-                place, over, takes = ("collisions", TARGET, take_places) if moves else ("respawn", TARGET, take_entry)
+                place, takes = ("collisions", take_places) if moves else ("respawn", take_entry)
                 value = self._room((shape[0], scenario.target_capacity), wp.vec2)
             else:
                 continue
             state = self._remembered(extension, shape[0])
             run, take = (
-                self._run(extension, over, value, state),
+                self._run(extension, value, state),
                 Stage(f"{extension.name} taken", takes, own=own | {"value": value}),
             )
             moves = isinstance(extension, TargetMotion) and run[0].is_kernel  # the kernel writes the places itself
@@ -278,10 +278,10 @@ class ExtensionStages:
             self._after_reset.setdefault("arrays", []).append(Stage(f"{extension.name} begins", begin))
         return state
 
-    def _run(self, extension: Extension, over: str, value: wp.array, state: dict[str, wp.array]) -> list[Stage]:
+    def _run(self, extension: Extension, value: wp.array, state: dict[str, wp.array]) -> list[Stage]:
         """Return the stages of an extension's own kernel or function, which writes into `value`."""
         if isinstance(extension.run, wp.Kernel):
-            runs = [Stage(extension.name, extension.run, over, own=state | {"value_out": value})]
+            runs = [Stage(extension.name, extension.run, own=state | {"value_out": value})]
             # A motion writes places itself; a GPU would have to be waited for.
             if self.device.is_cpu and not isinstance(extension, TargetMotion):
                 runs.append(Stage(f"{extension.name} checked", lambda: _check_numbers(extension, value.numpy())))
@@ -294,16 +294,7 @@ class ExtensionStages:
         def call() -> None:
             resets = bool(memory) and fresh.numpy().any()
             before = {name: array.copy() for name, array in memory.items()} if resets else {}
-            try:
-                result = np.asarray(extension.run(view.again()))
-            except SystemExit as error:  # which would end the process without a word
-                where = where_raised(error)
-                raise RuntimeError(f"{extension.kind} {extension.name} must return numbers, got {where}") from error
-            except ValueError as error:
-                if "read-only" not in str(error):
-                    raise
-                rule = "must not write to the world, whose arrays are read-only; copy an array to change it"
-                raise ValueError(f"{extension.kind} {extension.name} {rule}, got: {error}") from error
+            result = np.asarray(extension.run(view.again()))
             if result.dtype.kind not in "fiub" or result.shape not in (shape, short):
                 got = f"{result.dtype} of shape {result.shape}" if result.ndim else shown(result)
                 raise ValueError(f"{extension.kind} {extension.name} must return numbers of shape {short}, got {got}")

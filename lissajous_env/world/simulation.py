@@ -1,17 +1,15 @@
-"""The simulation: a batch of worlds of one scenario, on one device; and several simulations, stepped together."""
+"""The simulation: a batch of worlds of one scenario, on one device."""
 
-from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
 import warp as wp
 
+from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, cores
 from lissajous_env.device.locks import Turn, in_turn
 from lissajous_env.device.program import Program, Stage, blocks_of
 from lissajous_env.device.stage import ARRAY, BIN, FIELD_ROW, ROBOT, ROW, TARGET
-from lissajous_env.device.warp_abi import fields_of, name_of
-from lissajous_env.device.work import Work
 from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import RewardTerm
 from lissajous_env.parameters.rogues import AGENTS
@@ -34,7 +32,7 @@ _ROBOT_WORK, _TARGET_WORK = 500, 40
 """Rough time that a robot and a target add to a step [ns], by which the number of threads is chosen."""
 
 
-class Simulation:
+class Simulation(Copyable):
     """A batch of worlds of one scenario.
 
     Attributes (Warp arrays on the device, the same objects for the life of the simulation; W worlds, N robots):
@@ -46,13 +44,8 @@ class Simulation:
         truncated: (W, N) bool, True when the time is over.
         invalid: (W,) int32, 1 where an action of the episode was not finite and was replaced by zero.
         invalid_at: (W,) int32, the step in which that happened first, counted from 1; 0 for none.
-        rogues: `lissajous_env.world.state.Rogues` of the next six arrays, all None without `targets.rogues`; T slots.
-        rogue_action: (W, T, 2) float32, velocities [speed limit], which a script or `step` writes.
-        rogue_observation: (W, T, D) float32; `lissajous_env.world.rogues.rows` documents the entries.
-        rogue_reward: (W, T) float32, the time of the step for which the rogue was undetected [s].
-        rogue_present: (W, T) bool, True for rogues that act in the next step.
-        rogue_terminated: (W, T) bool, True from a rogue's detection on.
-        rogue_truncated: (W, T) bool, True for rogues that were undetected when the episode ended.
+        rogues: `lissajous_env.world.state.Rogues`, of which `step` or a script writes `action`; None without
+            `targets.rogues`.
 
     World k depends on its own seed and actions alone: it is the same, bit for bit, in any batch, on any number of
     threads. A world whose episode has ended does not move, with reward 0, until it is reset.
@@ -179,7 +172,7 @@ class Simulation:
     def advance(self) -> None:
         """Advance by one control step with the actions that the caller has written into `action`.
 
-        Those of rogues that are agents are in `rogue_action`.
+        Those of rogues that are agents are in `rogues.action`.
         """
         self._step()
 
@@ -218,12 +211,6 @@ class Simulation:
         self._structs = state_of(self.scenario, w, self.layout.size, len(self.reward_term_names), self.device)
         self.__dict__.update(self._structs)
         self.rogues: Any = self._structs.get("rogues")
-        self.rogue_action: Any = getattr(self.rogues, "action", None)
-        self.rogue_observation: Any = getattr(self.rogues, "observation", None)
-        self.rogue_reward: Any = getattr(self.rogues, "reward", None)
-        self.rogue_present: Any = getattr(self.rogues, "present", None)
-        self.rogue_terminated: Any = getattr(self.rogues, "terminated", None)
-        self.rogue_truncated: Any = getattr(self.rogues, "truncated", None)
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
         self.command = wp.zeros((w, n, self.action_shape[2] - k), dtype=wp.float32, device=self.device)
         self._taken = wp.zeros_like(self.action)
@@ -265,7 +252,7 @@ class Simulation:
             rule = f"must be given if, and only if, targets.rogues is {AGENTS}"
             raise ValueError(f"rogue_action {rule}, got {shown(rogue_action)}")
         if rogue_action is not None:
-            copy_in("rogue_action", rogue_action, self.rogue_action)
+            copy_in("rogue_action", rogue_action, self.rogues.action)
         if type(action) is np.ndarray and action.dtype == np.float32 and action.shape == self._action_host.shape:
             self._action_host[:] = action
         else:
@@ -273,83 +260,3 @@ class Simulation:
 
     def _chosen(self, worlds: Any) -> np.ndarray:
         return chosen_worlds(worlds, self.num_worlds)
-
-    def _groups(self) -> dict[str, Any]:
-        structs = dict(self._structs)
-        if self.scenario.messages.size == 0:
-            del structs["messages"]
-        if not self.scenario.sensing.has_tracks:
-            del structs["tracks"]
-        arrays = {f"{name_of(s)}.{name}": array for s in structs.values() for name, array in fields_of(s).items()}
-        del arrays["Clock.active"], arrays["Clock.fresh"]  # each step and reset sets its worlds anew
-        arrays |= self._extended.kept
-        arrays |= {"taken": self._taken}
-        return arrays | {"observation": self.observation, "final_observation": self.final_observation}
-
-    def save_state(self) -> dict[str, np.ndarray]:
-        """Copy everything that changes during an episode to the host, by name."""
-        return {name: array.numpy().copy() for name, array in self._groups().items()}
-
-    @in_turn
-    def load_state(self, saved: dict[str, np.ndarray]) -> None:
-        """Restore what `save_state` returned, in a simulation of the same scenario and number of worlds.
-
-        Raises:
-            ValueError: an array is missing or has another shape.
-        """
-        for name, array in self._groups().items():
-            if name not in saved or saved[name].shape != array.numpy().shape:
-                got = saved[name].shape if name in saved else "none"
-                raise ValueError(f"saved state must contain {name} of shape {array.numpy().shape}, got {got}")
-        for name, array in self._groups().items():
-            array.assign(saved[name])
-
-    def __getstate__(self) -> dict[str, Any]:
-        settings = {"scenario": self.scenario, "num_worlds": self.num_worlds, "device": str(self.device)}
-        return {"settings": settings | {"threads": self.threads}, "arrays": self.save_state()}
-
-    def __setstate__(self, saved: dict[str, Any]) -> None:
-        self.__init__(**saved["settings"])
-        self.load_state(saved["arrays"])
-
-
-class Together:
-    """Control steps of a fixed number of simulations, in parallel on CPU threads.
-
-    If there are at least as many simulations as threads, one thread steps each of them. Otherwise, on a GPU, and with
-    functions of the user's own, the simulations are stepped one after another, and the threads share each step.
-
-    Args:
-        count: Number of simulations.
-        threads: CPU threads; all cores by default.
-
-    Attributes:
-        threads: Number of CPU threads with which each simulation must be created.
-
-    Raises:
-        ValueError: the number of threads is below 1.
-    """
-
-    def __init__(self, count: int, threads: int | None = None):
-        self._all = cores() if threads is None else whole_number("threads", threads)
-        self.threads = 1 if count >= self._all else self._all
-        self._works: list[Work | None] = []
-        self._joined: Work | None = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the state without the joined work, which contains addresses; it is made anew by the next step."""
-        return self.__dict__ | {"_works": [], "_joined": None}
-
-    def advance(self, simulations: Sequence[Simulation]) -> None:
-        """Advance all simulations by one control step, with the actions that were stored by `take`."""
-        works = [simulation.stages.work for simulation in simulations]
-        if works != self._works:
-            self._works, known = works, [work for work in works if work is not None]
-            joined = self.threads == 1 and len(known) == len(works)
-            tasks = [[launch for task in work.tasks for launch in task] for work in known]
-            self._joined = Work(tasks, simulations[0].device, self._all) if joined else None
-        if self._joined is not None:
-            self._joined()
-        else:
-            for simulation in simulations:
-                simulation.advance()

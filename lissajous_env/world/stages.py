@@ -6,16 +6,13 @@ arguments are matched by the names of its parameters, among the state (`lissajou
 `idle=True`.
 """
 
-import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from lissajous_env.device.program import Stage
-from lissajous_env.device.stage import ROBOT, TARGET
-from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.rogues import Rogue, rogue_of
 from lissajous_env.parameters.scenario import Faults, Scenario
@@ -39,8 +36,7 @@ from lissajous_env.world.robots.signals import (
     take_commands,
 )
 from lissajous_env.world.robots.walls import watch_walls
-from lissajous_env.world.rogues.acting import choose_action, fill_rows, move_rogues, reward_rogues
-from lissajous_env.world.state import Rogues
+from lissajous_env.world.rogues.acting import fill_rows, move_rogues, reward_rogues
 from lissajous_env.world.tally import keep_score
 from lissajous_env.world.targets.detection import move_and_detect, place_unseen
 from lissajous_env.world.targets.motion import reset_arrivals, reset_targets, respawn
@@ -56,7 +52,7 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
         Stage("faults", update_status, when=scenario.faults != Faults()),
         Stage("commands", take_commands),
         Stage("driver", drive, when=scenario.task.action == "velocity"),
-        Stage("motion", model.move, ROBOT),
+        Stage("motion", model.move),
         Stage("phase", follow_curve, when=not model.keeps_to_curve),
         Stage("measurement", measure),
         Stage("sending", send),
@@ -155,30 +151,8 @@ def _rogue_motion(scenario: Scenario, rogues: Any) -> list[Stage]:
     if scenario.targets.rogues is None:
         return []
     rogue = rogue_of(scenario.targets.rogues)
-    if rogue is None:
-        decides = []
-    elif rogue.members:
-        decides = _mixed_decisions(rogue.members, scenario, rogues)
-    else:
-        decides = [_decision(rogue, scenario, rogues)]
+    decides = [] if rogue is None else [_decision(rogue, scenario, rogues)]
     return [*decides, Stage("rogues", move_rogues)]
-
-
-def _mixed_decisions(members: Sequence[Rogue], scenario: Scenario, rogues: Any) -> list[Stage]:
-    """Return the stages of a mixture: each member decides for all rogues, and the action of one of them is chosen."""
-    stages, before = [], 0
-    for name in dict.fromkeys(member.name for member in members):
-        same = [member for member in members if member.name == name]
-        after = before + len(same)
-        apart = Rogues()
-        for field, array in fields_of(rogues).items():
-            setattr(apart, field, wp.zeros_like(array) if field == "action" else array)
-        decision = _decision(same[0], scenario, apart)
-        stages.append(dataclasses.replace(decision, own={"rogues": apart}))
-        own = {"low": before / len(members), "high": after / len(members), "decided": apart.action}
-        stages.append(Stage(f"choice of {decision.name}", choose_action, own=own))
-        before = after
-    return stages
 
 
 def _decision(rogue: Rogue, scenario: Scenario, rogues: Any) -> Stage:
@@ -187,7 +161,7 @@ def _decision(rogue: Rogue, scenario: Scenario, rogues: Any) -> Stage:
     if rogue.bind is not None:
         return Stage(name, rogue.bind(scenario, rogues))
     if isinstance(rogue.decide, wp.Kernel):
-        return Stage(name, rogue.decide, TARGET)
+        return Stage(name, rogue.decide)
 
     def decide() -> None:
         action = np.asarray(rogue.decide(rogues.observation.numpy().copy()))

@@ -23,8 +23,6 @@ from lissajous_env.world.robots.faults import removal_steps, schedule_steps
 from lissajous_env.world.rogues.rows import rogue_layout
 from lissajous_env.world.state import EpisodeTotals
 
-_TARGET_BYTES = 80
-
 
 def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
     """Return the constants of a resolved scenario by the names of kernels' parameters."""
@@ -98,11 +96,8 @@ def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, dev
     delay = round(scenario.noise.message_delay / scenario.task.step)
     hops = scenario.spreading
     labels = hops.history_length, hops.rows + 2 * int(MARGIN), across(hops.columns)
-    large = [t * _TARGET_BYTES, math.prod(labels) * 4, rows * columns * 4, rows * n * words * 8, n * n * 4]
     k = scenario.messages.size
     known = t if scenario.sensing.has_tracks else 0
-    large.append(n * known * (32 + 4 * (delay + 1)))
-    check_room([*large, n * (delay + 1) * (16 + 4 * k), 2 * n * row_size * 4], w, device)
     world, robot = (w,), (w, n)
     field_row = w, hops.rows
     there = w, hops.rows + 2 * int(MARGIN), (hops.columns + 31) // 32 + 2, hops.history_length
@@ -126,6 +121,11 @@ def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, dev
     }  # fmt: skip
     if scenario.targets.rogues is not None:
         size = rogue_layout(scenario).size
-        check_room([t * (size + 2) * 4], w, device)
         shapes["rogues"] = (w, t), {"action": (w, t, 2), "observation": (w, t, size)}
+    sizes = [
+        math.prod(own.get(field, default)[1:]) * wp.types.type_size_in_bytes(array.type.dtype)
+        for name, (default, own) in shapes.items()
+        for field, array in variables_of(TYPES[name]).items()
+    ]
+    check_room([*sizes, 2 * n * row_size * 4], w, device)
     return {name: allocate(TYPES[name], own, default, device) for name, (default, own) in shapes.items()}

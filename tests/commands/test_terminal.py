@@ -10,9 +10,9 @@ from command_line import called
 
 import lissajous_env
 from baselines.planning import report
-from baselines.planning.planner import Outcome
 from baselines.planning.plans import Figures, Plan, Planned
 from baselines.planning.request import Request
+from baselines.planning.search import Outcome
 from baselines.policies.settings import PolicySettings
 from baselines.reproduce import claims
 from baselines.reproduce.claims import Claim
@@ -29,11 +29,11 @@ PLANS = [
     Planned(
         Plan("Lissajous", EVADERS, PolicySettings("kuramoto-mpcc-safe"), f"a:b = {k}:2, omega = 0.31{k} rad/s"),
         Figures(1.25 * k, 1.1, math.inf, 0.512, 0, 17, 0.0123, 0.0, False, 123.4, "phases of ring neighbours"),
-        0.105, [], [],
+        [], [],
     )
     for k in range(1, 4)
 ]  # fmt: skip
-OUTCOME = Outcome(Request(EVADERS, failures=1), tasks={5: EVADERS}, finals=PLANS)
+OUTCOME = Outcome(Request(EVADERS, failures=1), scenarios={5: EVADERS}, limits={5: 0.105}, finals=PLANS)
 
 
 @pytest.mark.parametrize("command", ["scenarios", "policies", "plan", "reproduce"])

@@ -239,8 +239,8 @@ def test_rows_and_rewards_are_those_of_the_simulation_until_the_time_limit_which
     n, compared = made.num_robots, 0
     for step in range(1, made.task.steps + 1):
         for side, of in rows.items():
-            own = simulation.observation.numpy() if side == "robot" else simulation.rogue_observation.numpy()
-            live = np.ones(own.shape[:2], bool) if side == "robot" else simulation.rogue_present.numpy()
+            own = simulation.observation.numpy() if side == "robot" else simulation.rogues.observation.numpy()
+            live = np.ones(own.shape[:2], bool) if side == "robot" else simulation.rogues.present.numpy()
             assert (of[:, : own.shape[1]][live] == own[live]).all()
             assert not of[:, own.shape[1] :].any()
             compared += live.sum()
@@ -250,7 +250,7 @@ def test_rows_and_rewards_are_those_of_the_simulation_until_the_time_limit_which
         simulation.step(of_robots, *of_rogues)
         rows, rewards, terminated, truncated = adapter.step(given)
         for side, of in rewards.items():
-            own = simulation.reward.numpy() if side == "robot" else simulation.rogue_reward.numpy()
+            own = simulation.reward.numpy() if side == "robot" else simulation.rogues.reward.numpy()
             assert (of[:, : own.shape[1]] == own).all()
         if terminated.any():
             assert roles == "rogues"  # all were detected

@@ -161,7 +161,7 @@ def test_bad_input_of_the_command_is_refused_by_name(capsys):
         assert words in error
 
 
-@pytest.mark.parametrize(("policy", "rogues"), [("sweep", "hide"), ("kuramoto-mpcc", "follow-gap")])
+@pytest.mark.parametrize(("policy", "rogues"), [("sweep", "shadow"), ("kuramoto-mpcc", "follow-gap")])
 def test_no_script_outlasts_the_bound(policy, rogues):
     # Law: in each episode, the longest undetected time is at most the proved bound; half of the rogues appear later.
     small = {"sensing.radius": 0.35, "task.duration": 6.0, "targets.entry": "unseen", "task.contamination": (36, 16)}

@@ -8,8 +8,8 @@ import warp as wp
 
 import baselines
 import lissajous_env
+from lissajous_env.device.stage import ROBOT, WORLD, stage
 from lissajous_env.parameters.extensions import load_extension
-from lissajous_env.world.state import Clock, Robots
 
 SHORT = {"task.duration": 4.0}
 
@@ -21,13 +21,10 @@ def near_wall(world):
 
 
 @lissajous_env.reward_term(weight=-2.0)
-@wp.kernel
-def near_wall_kernel(first: int, lanes: int, robots: Robots, value_out: wp.array2d(dtype=float)):
+@stage(ROBOT, writes="value_out")
+def near_wall_kernel(w, i, clock, robots, value_out: wp.array2d(dtype=float)):
     """The same."""
-    tid, lane = wp.tid()
-    w = first + tid
-    for i in range(lane, robots.status.shape[1], lanes):
-        value_out[w, i] = wp.where(wp.abs(robots.position[w, i][0]) > 1.6, 1.0, 0.0)
+    value_out[w, i] = wp.where(wp.abs(robots.position[w, i][0]) > 1.6, 1.0, 0.0)
 
 
 @lissajous_env.score_column("mean")
@@ -37,10 +34,9 @@ def mean_speed(world):
 
 
 @lissajous_env.score_column("max")
-@wp.kernel
-def steps_max(first: int, clock: Clock, value_out: wp.array(dtype=wp.float64)):
+@stage(WORLD, writes="value_out")
+def steps_max(w, clock, value_out: wp.array(dtype=wp.float64)):
     """Largest number of steps."""
-    w = first + wp.tid()
     value_out[w] = wp.float64(clock.step[w])
 
 
@@ -209,18 +205,14 @@ def test_names_of_ours_are_taken(name):
 # Models of robots.
 
 
-@wp.kernel
-def slide(first: int, lanes: int, command: wp.array3d(dtype=float), clock: Clock, robots: Robots):
+@stage(ROBOT, writes="robots: position, track")
+def slide(w, i, command, clock, robots):
     """Move by a tenth of the action [m]."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 1:
-        for i in range(lane, robots.status.shape[1], lanes):
-            old = robots.position[w, i]
-            new = old + 0.1 * wp.vec3(command[w, i, 0], command[w, i, 1], 0.0)
-            for s in range(robots.track.shape[2]):
-                robots.track[w, i, s] = wp.lerp(old, new, float(s) / float(robots.track.shape[2] - 1))
-            robots.position[w, i] = new
+    old = robots.position[w, i]
+    new = old + 0.1 * wp.vec3(command[w, i, 0], command[w, i, 1], 0.0)
+    for s in range(robots.track.shape[2]):
+        robots.track[w, i, s] = wp.lerp(old, new, float(s) / float(robots.track.shape[2] - 1))
+    robots.position[w, i] = new
 
 
 @pytest.fixture

@@ -98,12 +98,12 @@ def test_a_rogue_acts_as_its_network_says():
     decide = as_rogue("mine", network, card).bind(scenario, simulation.rogues)
     still = np.zeros(simulation.action_shape, np.float32)
     for _ in range(5):
-        simulation.step(still, np.zeros(simulation.rogue_action.shape, np.float32))
+        simulation.step(still, np.zeros(simulation.rogues.action.shape, np.float32))
     decide()
-    rows = simulation.rogue_observation.numpy().astype(float)
+    rows = simulation.rogues.observation.numpy().astype(float)
     hidden = np.maximum(rows @ network.weights[0].T.astype(float) + network.biases[0], 0)
     wanted = np.clip(hidden @ network.weights[1].T.astype(float) + network.biases[1], -1, 1)
-    assert np.abs(simulation.rogue_action.numpy() - wanted).max() < 1e-4
+    assert np.abs(simulation.rogues.action.numpy() - wanted).max() < 1e-4
 
 
 def test_no_learned_rogue_outlasts_the_bound(trained, tmp_path):
@@ -203,4 +203,4 @@ def test_bad_input_is_refused_by_name(trained, capsys, tmp_path):
     with pytest.raises(ValueError, match="rounds must be a whole number from 1 to 10000, got 0"):
         RogueTraining(rounds=0)
     with pytest.raises(ValueError, match=r"targets.rogues must be omitted if rogues are trained"):
-        RogueTraining(overrides={"rogues": "hide"})
+        RogueTraining(overrides={"rogues": "flee"})

@@ -27,9 +27,9 @@ CASES = {
     "removed by the edge": ("intruders", {**SHORT, "task.boundary": "remove"}),
     "in space": ("knot", SHORT),
     "tracks": ("intruders", {**SHORT, "sensing.tracks_seen": 4, "sensing.teammates_seen": 2, "sensing.shared": "team"}),
-    "scripted rogues": ("evaders", {**SHORT, "rogues": "hide"}),
+    "scripted rogues": ("evaders", {**SHORT, "rogues": "follow-gap"}),
     "rogues as agents": ("evaders", {**SHORT, "rogues": "agents"}),
-    "a mixture of rogues": ("evaders", {**SHORT, "rogues": "flee+wander+follow-gap", "task.conservative": True}),
+    "a bound": ("evaders", {**SHORT, "rogues": "follow-gap", "task.conservative": True}),
     "bins": ("swarm", CROWD),
     "bins, targets enter and flee": ("swarm", {**CROWD, **ENTERING}),
     "bins, removed by collisions": ("swarm", {**CROWD, "task.on_collision": "remove", "faults.rate": 0.3}),
@@ -95,7 +95,7 @@ def actions(simulation, draws):
     """Return actions of the robots, and of the rogues where these are agents, that depend on the world alone."""
     of = [simulation.action_shape]
     if simulation.scenario.targets.rogues == "agents":
-        of.append(simulation.rogue_action.shape)
+        of.append(simulation.rogues.action.shape)
     return [np.float32([draw.uniform(-1, 1, shape[1:]) for draw in draws]) for shape in of]
 
 
@@ -117,7 +117,7 @@ def assert_same(got, expected):
     assert got[1] == expected[1]
     different = [name for name, array in got[2].items() if array.tobytes() != expected[2][name].tobytes()]
     # The rows of the episode before, and actions of rogues that are not there, which nobody reads.
-    assert set(different) <= {"final_observation", "Rogues.action"}
+    assert set(different) <= {"final_observation", "rogues.action"}
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -18,7 +18,7 @@ AGENTS = SMALL | {"rogues": "agents"}
 
 def actions(simulation, step, size=1.0):
     """Random actions of both sides that depend on world and step alone."""
-    shapes = simulation.action_shape[1:], tuple(simulation.rogue_action.shape)[1:]
+    shapes = simulation.action_shape[1:], tuple(simulation.rogues.action.shape)[1:]
     draws = [np.random.default_rng([k, step]) for k in range(simulation.num_worlds)]
     robots = np.stack([draw.uniform(-1, 1, shapes[0]) for draw in draws]).astype(np.float32)
     return robots, size * np.stack([draw.uniform(-1, 1, shapes[1]) for draw in draws]).astype(np.float32)
@@ -27,7 +27,7 @@ def actions(simulation, step, size=1.0):
 def row(simulation, names, world=0, slot=0):
     """Entries of a rogue's row, by name."""
     where = [rogue_layout(simulation.scenario).names.index(name) for name in names]
-    return simulation.rogue_observation.numpy()[world, slot, where]
+    return simulation.rogues.observation.numpy()[world, slot, where]
 
 
 def placed(places, robots, **settings):
@@ -43,7 +43,7 @@ def placed(places, robots, **settings):
     for array in (simulation.targets.position, simulation.targets.before):
         array.assign(np.array([places], dtype=np.float32))
     simulation.targets.stage.assign(np.full((1, len(places)), int(PRESENT), dtype=np.int32))
-    simulation.step(np.zeros(simulation.action_shape), np.zeros(simulation.rogue_action.shape))
+    simulation.step(np.zeros(simulation.action_shape), np.zeros(simulation.rogues.action.shape))
     return simulation
 
 
@@ -104,19 +104,19 @@ def test_sight_limits_which_robots_a_rogue_observes():
 def test_the_reward_is_the_time_undetected():
     # Oracle: the detection times of the score, which come from the targets' own records.
     simulation = Simulation("experiment", 4, **AGENTS)
-    returns = np.zeros(tuple(simulation.rogue_reward.shape))
+    returns = np.zeros(tuple(simulation.rogues.reward.shape))
     for step in range(simulation.scenario.task.steps):
         simulation.step(*actions(simulation, step))
-        returns += simulation.rogue_reward.numpy()
+        returns += simulation.rogues.reward.numpy()
     simulation.step(*actions(simulation, 0))
-    assert not simulation.rogue_reward.numpy().any()  # the episodes are over
+    assert not simulation.rogues.reward.numpy().any()  # the episodes are over
     some = 0
     for world in range(4):
         times, found = simulation.detection_times(world)
         assert returns[world, : len(times)] == pytest.approx(times, abs=1e-4)
         assert not returns[world, len(times) :].any()
-        assert np.array_equal(simulation.rogue_terminated.numpy()[world, : len(times)], found)
-        assert np.array_equal(simulation.rogue_truncated.numpy()[world, : len(times)], ~found)
+        assert np.array_equal(simulation.rogues.terminated.numpy()[world, : len(times)], found)
+        assert np.array_equal(simulation.rogues.truncated.numpy()[world, : len(times)], ~found)
         some += found.sum()
     assert some > 0
 
@@ -128,7 +128,7 @@ def test_the_row_of_a_rogue_that_is_not_there_is_zero():
         simulation.step(*actions(simulation, step))
         stage, found_at = simulation.targets.stage.numpy(), simulation.targets.found_at.numpy()
         is_new = (stage == int(FOUND)) & (found_at == step + 1)
-        rows = simulation.rogue_observation.numpy()
+        rows = simulation.rogues.observation.numpy()
         assert np.array_equal(rows.any(axis=-1), (stage == int(PRESENT)) | is_new)
         assert np.array_equal(rows[..., 0] == 1.0, stage == int(PRESENT))
         layout = rogue_layout(simulation.scenario)
@@ -138,21 +138,21 @@ def test_the_row_of_a_rogue_that_is_not_there_is_zero():
 def test_an_action_that_is_not_finite_counts_as_zero_and_is_flagged():
     # Story: a NaN for a present rogue flags its world; one for an empty slot does not.
     simulation = Simulation("experiment", 2, **AGENTS)
-    rogues = np.zeros(tuple(simulation.rogue_action.shape), dtype=np.float32)
+    rogues = np.zeros(tuple(simulation.rogues.action.shape), dtype=np.float32)
     rogues[0, 0] = np.nan
     rogues[1, -1] = np.nan
     before = simulation.targets.position.numpy().copy()
     simulation.step(np.zeros(simulation.action_shape), rogues)
     assert simulation.invalid.numpy().tolist() == [1, 0]
     assert np.array_equal(simulation.targets.position.numpy()[0, 0], before[0, 0])
-    assert np.isfinite(simulation.rogue_observation.numpy()).all()
+    assert np.isfinite(simulation.rogues.observation.numpy()).all()
 
 
 def test_without_rogues_nothing_is_there_and_the_digest_is_the_old_one():
     # Story: no stage, no array, no change of the scenario's digest, which results and checkpoints hold.
     plain = Simulation("experiment", **FEW)
     assert plain.rogues is None
-    assert plain.rogue_observation is None
+    assert plain.rogues is None
     assert "rogue" not in str(plain.stages)
     scenario = lissajous_env.scenario("experiment")
     assert lissajous_env.scenario("experiment", rogues="flee").digest() != scenario.digest()
@@ -163,7 +163,6 @@ def test_settings_without_sense_are_refused():
     wrong = {
         "targets.rogues must be one of agents, wander, .* got 'wonder'; did you mean wander": {"rogues": "wonder"},
         "targets.speed_limit must be above 0 if rogues move": {"rogues": "flee", "targets.wandering": 0.0},
-        "task.contamination must be given for the rogue hide, got None": {"rogues": "hide"},
         r"targets.sight must be from 1e-06 to 100000 \[m\], got 0": {"targets.sight": 0},
     }
     for words, overrides in wrong.items():

@@ -35,7 +35,7 @@ STORIES = {
     "targets that appear anew around hotspots": ("intruders", FEEDBACK),
     "tracks": ("intruders", TRACKS),
     "velocities": ("intruders", FIELD | {"task.action": "velocity"}),
-    "rogues": ("evaders", {"rogues": "wander+flee+shadow", "targets.count": 8}),
+    "rogues": ("evaders", {"rogues": "shadow", "targets.count": 8}),
 }
 UNITS = {"time": (0, 1), "idleness": (0, 1), "distance": (1, 0), "error_m": (1, 0), "min_": (1, 0), "speed": (1, -1)}
 
@@ -52,7 +52,7 @@ def observations(scenario, policy=None, steps=60, seed=3):
         sim.step(made.act(sim.observation) if made else drawn)
         seen.append(sim.observation.numpy().ravel())
         if sim.rogues is not None:
-            seen[-1] = np.concatenate([seen[-1], sim.rogue_observation.numpy().ravel()])
+            seen[-1] = np.concatenate([seen[-1], sim.rogues.observation.numpy().ravel()])
     return np.array(seen), sim.score()
 
 

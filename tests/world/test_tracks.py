@@ -127,4 +127,4 @@ def test_no_tracks_cost_nothing():
     assert not {"sighting", "tracking", "tracks"} & {stage.name for stage in plain.stages.stages}
     assert plain.tracks.sighted.size == plain.tracks.heard_at.size == 0
     assert not [name for name in plain.layout.names if name.startswith(("track", "teammate"))]
-    assert not [name for name in plain.save_state() if name.startswith("Tracks")]
+    assert not [name for name in plain.save_state() if name.startswith("tracks")]

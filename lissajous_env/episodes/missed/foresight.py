@@ -55,8 +55,8 @@ class Visits:
         robots = simulation.robots
         self.sensors.append(robots.position.numpy()[..., :2].copy())
         self.works.append(robots.sensor.numpy()[..., 0] < 0.5 * NOWHERE)
-        worlds, slots = np.nonzero(simulation.rogue_present.numpy())
-        self.rows.append(simulation.rogue_observation.numpy()[worlds, slots])
+        worlds, slots = np.nonzero(simulation.rogues.present.numpy())
+        self.rows.append(simulation.rogues.observation.numpy()[worlds, slots])
         self.worlds.append(worlds)
         self.places.append(simulation.targets.position.numpy()[worlds, slots])
 

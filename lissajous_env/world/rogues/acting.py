@@ -3,7 +3,6 @@
 import numpy as np
 import warp as wp
 
-from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import TARGET, part, stage
 from lissajous_env.device.trig import atan2
@@ -58,16 +57,6 @@ def move_rogues(w, t, curve, target, task, clock, targets, rogues):
         if wp.length_sq(moved) > 0.0:
             targets.heading[w, t] = atan2(moved[1], moved[0])
     rogues.velocity[w, t] = moved / task.step
-
-
-@stage(TARGET, writes="rogues: action")
-def choose_action(w, t, low: float, high: float, decided: wp.array3d(dtype=wp.float32), clock, rogues):
-    """Let a member of a mixture move the rogues whose draw, which depends on the world's seed alone, is its own."""
-    key = randomness.step_key(clock.seed[w], 0)
-    draw = randomness.uniform(key, t, randomness.MEMBER)
-    if draw >= low and draw < high:
-        for k in range(2):
-            rogues.action[w, t, k] = decided[w, t, k]
 
 
 @stage(TARGET, writes="rogues: present, reward, terminated, truncated", idle=True)
