@@ -34,10 +34,6 @@ def world(
         scenario: name of a scenario, .toml file, or module:attribute.
         out: file to write, as in `lissajous run`: .html, .mp4, .gif, .npz or .mcap.
     """
-<<<<<<< HEAD
-    from baselines.benchmark.shown import print_row
-    from baselines.ros.running import started
-=======
     play(named.scenario(scenario, **parse_overrides(overrides)), settings, out, output)
 
 
@@ -57,11 +53,10 @@ def play(
         output: Options of the output.
         robots: Settings of the robots' nodes, which are run in this process; None if they are run elsewhere.
     """
-    from baselines.benchmark import tables
+    from baselines.benchmark.shown import print_row
     from baselines.ros import library as ros
     from baselines.ros.robot import RobotNode
     from baselines.ros.running import alone, started
->>>>>>> main
     from baselines.ros.world import WorldNode
 
     check_file(out, *FORMATS)
