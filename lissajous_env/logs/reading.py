@@ -87,11 +87,11 @@ class _Reading:
 
     def _track(self, robot: int, poses: Table, origin: tuple[float, float, float]) -> Track:
         """Return a track in the frame of the rectangle."""
-        if len(poses) < FEWEST:
-            words = f"must have at least {FEWEST} poses in {self._name} whose stamps are set"
-            raise ValueError(f"{self._called([robot])} {words}, got {len(poses)}")
         poses = poses.take(np.argsort(poses.stamp, kind="stable"))
         poses = poses.take(np.append(np.diff(poses.stamp) > SAME, True))
+        if len(poses) < FEWEST:
+            rule = f"must have poses at {FEWEST} times at least in {self._name}"
+            raise ValueError(f"{self._called([robot])} {rule}, got {len(poses)}")
         position, (heading, speed, measured) = poses.numbers[:, :3], poses.numbers[:, 3:].T.copy()
         if any(origin):
             place = moved(position[:, :2] - origin[:2], (0.0, 0.0, -origin[2]))
