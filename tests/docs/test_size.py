@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 43_151
+LINES = 42_930
 """Lines of the packages."""
 MODULES = 283
 """Files of the packages."""
-TESTS = 25_734
+TESTS = 25_680
 """Lines of the tests."""
 
 
