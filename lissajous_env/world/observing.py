@@ -8,9 +8,7 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.trig import cos_sin
-from lissajous_env.world.observation import LINK, OWN
-from lissajous_env.world.observation import ROBOT as PER_ROBOT
-from lissajous_env.world.observation import TARGET as PER_TARGET
+from lissajous_env.world.observation import LINK_SIZE, OWN_SIZE, ROBOT_SIZE, TARGET_SIZE
 from lissajous_env.world.robots.bins import Bins, bin_of, column_of, row_of
 from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, planar
 
@@ -69,11 +67,11 @@ def observe_ring(w, i, now, curve, age_per_step, message_start, robots, links, m
     turn = robots.measured_turn[w, i]
     size = messages.heard.shape[3]
     for side in range(2):
-        start = OWN + LINK * side
+        start = OWN_SIZE + LINK_SIZE * side
         heard_at = links.heard_at[w, i, side]
         removed = robots.status[w, i] == REMOVED
         if heard_at < 0 or removed:
-            clear(w, i, start, start + LINK, observation_out)
+            clear(w, i, start, start + LINK_SIZE, observation_out)
         else:
             message = links.heard[w, i, side]
             observation_out[w, i, start] = 1.0
@@ -198,7 +196,7 @@ def nearest_targets(w, i, room: int, radius: float, robots, targets, bins) -> in
 @part
 def observe_robots(w, i, filled: int, sensing, speed_unit, robots, bins, observation_out):
     """List the nearest robots in the disc."""
-    entry = OWN + 2 * LINK
+    entry = OWN_SIZE + 2 * LINK_SIZE
     for k in range(filled):
         j = int(bins.nearest[w, i, k][1])
         offset = (planar(robots.position[w, j]) - planar(robots.position[w, i])) / sensing.sight
@@ -208,21 +206,21 @@ def observe_robots(w, i, filled: int, sensing, speed_unit, robots, bins, observa
         observation_out[w, i, entry + 2] = offset[1]
         observation_out[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
         observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
-        entry += PER_ROBOT
-    empty(w, i, entry, PER_ROBOT, sensing.robots_seen - filled, observation_out)
+        entry += ROBOT_SIZE
+    empty(w, i, entry, ROBOT_SIZE, sensing.robots_seen - filled, observation_out)
 
 
 @part
 def observe_targets(w, i, filled: int, sensing, robots, targets, bins, observation_out):
     """List the nearest targets in the disc."""
-    entry = OWN + 2 * LINK + PER_ROBOT * sensing.robots_seen
+    entry = OWN_SIZE + 2 * LINK_SIZE + ROBOT_SIZE * sensing.robots_seen
     for k in range(filled):
         offset = (targets.position[w, int(bins.nearest[w, i, k][1])] - robots.sensor[w, i]) / sensing.sight
         observation_out[w, i, entry] = 1.0
         observation_out[w, i, entry + 1] = offset[0]
         observation_out[w, i, entry + 2] = offset[1]
-        entry += PER_TARGET
-    empty(w, i, entry, PER_TARGET, sensing.targets_seen - filled, observation_out)
+        entry += TARGET_SIZE
+    empty(w, i, entry, TARGET_SIZE, sensing.targets_seen - filled, observation_out)
 
 
 @stage(ROBOT, writes="bins: nearest; observation_out")
