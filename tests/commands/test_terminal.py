@@ -76,12 +76,12 @@ LOAD = """
 import sys
 import warp as wp
 from lissajous_env.device import compilation
-from lissajous_env.world.robots import collisions
+from lissajous_env.world.robots import contacts
 from lissajous_env.device.devices import as_device, compile_quietly
 compilation.listener = print
 as_device("cpu")
 with compile_quietly():
-    compilation.load_together([collisions.find_collisions], wp.get_device("cpu"), 1)
+    compilation.load_together([contacts.find_collisions], wp.get_device("cpu"), 1)
 """
 
 
