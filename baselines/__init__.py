@@ -56,5 +56,5 @@ for _module in sorted(module.name for module in pkgutil.walk_packages(policies._
 
 # These import policies, and those above are to be the first in the registry.
 from baselines.onboard.robot import Onboard  # noqa: E402
-from baselines.planning.planner import plan  # noqa: E402
 from baselines.planning.portfolio import chosen  # noqa: E402
+from baselines.planning.search import plan  # noqa: E402

@@ -26,11 +26,9 @@ import numpy as np
 from patrol import geometric_mean, in_words
 from prior import FIRST_SEED, scenarios_of
 
-from baselines.planning.planner import Outcome
-from baselines.planning.portfolio import NAMES, chosen, ordered
-from baselines.planning.prior import Prior
-from baselines.planning.rehearse import GUARANTEE, result_of
+from baselines.planning.portfolio import GUARANTEE, NAMES, Prior, chosen, ordered, result_of
 from baselines.planning.request import Request
+from baselines.planning.search import Outcome
 from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario, scenario_space
 from lissajous_env.parameters.assumptions import AssumptionWarning

@@ -1,15 +1,14 @@
 """The best known plans of included scenarios: `python benchmarks/known.py NAME --seconds 120 --seed 0`.
 
 Searches for plans of each scenario, as a benchmark plays it, whose robots begin where the scenario places them. The
-candidates are the stored plans of all scenarios with the same start, partitions, lines, the patrols that the portfolios
-choose, and then free-form paths from the best of these. The seconds are processor time, so the result
-depends little on other programs. A plan with a shorter worst-case undetected time than the stored one, of whole
-episodes or of their second halves, replaces it in `baselines/benchmark/known`, together with this command and its
-figures. Plans with a collision, or without a bound, are not stored. `--again` first plays the stored plans of the
-scenario and stores their figures, which a change of the simulation or of the contamination grid alters. `--filtered`
-includes partitions and lines with the proved filter in the search, for scenarios in which they collide on the way from
-the start. `--store` also plays the default policies and puts a table of them and of all stored plans into
-docs/figures.json.
+candidates are the stored plans of all scenarios with the same start, partitions, lines, and the patrols that the
+portfolios choose. The seconds are processor time, so the result depends little on other programs. A plan with a shorter
+worst-case undetected time than the stored one, of whole episodes or of their second halves, replaces it in
+`baselines/benchmark/known`, together with this command and its figures. Plans with a collision, or without a bound, are
+not stored. `--again` first plays the stored plans of the scenario and stores their figures, which a change of the
+simulation or of the contamination grid alters. `--filtered` includes partitions and lines with the proved filter in the
+search, for scenarios in which they collide on the way from the start. `--store` also plays the default policies and
+puts a table of them and of all stored plans into docs/figures.json.
 """
 
 import contextlib
@@ -25,9 +24,8 @@ from baselines.benchmark import bounds
 from baselines.benchmark.bounds import GRIDS, as_played, bounds_of
 from baselines.benchmark.shown import number
 from baselines.planning import portfolio
-from baselines.planning.families.cars import lines, partitions, timed
-from baselines.planning.families.included import as_family, defaults
-from baselines.planning.plans import SETTLED, WHOLE, Family, Figures, Plan, Planned, Settings
+from baselines.planning.families import as_family, defaults, lines, partitions, timed
+from baselines.planning.plans import Family, Figures, Plan, Planned, Settings
 from baselines.planning.rehearse import Episodes, play, quietly
 from baselines.planning.search import Search
 from baselines.policies.base import UnsuitableScenarioError
@@ -35,6 +33,9 @@ from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import toml_value
 from lissajous_env.storage.files import write_atomically
+
+WHOLE, SETTLED = "whole", "settled"
+"""Goals: the worst case of whole episodes, and of their second halves, when all robots have reached their places."""
 
 
 def alike(task: Scenario) -> Family:
@@ -176,12 +177,13 @@ def main() -> None:
     for name in options.scenarios:
         if options.again:
             measure_again(name)
-        task, families = as_played(name, {}), [alike, partitions, lines, portfolios]
+        task = as_played(name, {})
+        families = [of(task) for of in (alike, partitions, lines, portfolios)]
         if options.filtered:
-            families += [lambda task, of=of: filtered(of(task), task) for of in (partitions, lines)]
+            families += [filtered(of(task), task) for of in (partitions, lines)]
         search = Search(task, Episodes(), families, options.seed, fixed_start=True, clock=time.process_time)
         with quietly():
-            search.run(seconds=options.seconds, free_paths=True)
+            search.run(seconds=options.seconds)
         command = f"python benchmarks/known.py {name} --seconds {options.seconds:g} --seed {options.seed}"
         command += " --filtered" if options.filtered else ""
         kept = keep(name, search.finals, command)

@@ -15,10 +15,10 @@ from typing import Any
 import figures
 import numpy as np
 
-from baselines.planning.families.included import defaults
-from baselines.planning.planner import Outcome
+from baselines.planning.families import defaults
 from baselines.planning.rehearse import play, quietly
 from baselines.planning.request import Request
+from baselines.planning.search import Outcome
 
 COLUMNS = ["request", "best plan", "worst [s]", "best default", "worst [s]", "wall [s]", "CPU [s]", "looks"]
 
@@ -58,8 +58,8 @@ def row_of(seed: int, **extent: Any) -> tuple[list[str], bool]:
     wall, processors = time.monotonic(), time.process_time()
     outcome.search()
     wall, processors = time.monotonic() - wall, time.process_time() - processors
-    (task,) = outcome.tasks.values()
-    family, worst_cases = defaults(task), {}
+    (scenario,) = outcome.scenarios.values()
+    family, worst_cases = defaults(scenario), {}
     with quietly():
         for settings in family.starts:
             try:
@@ -72,7 +72,7 @@ def row_of(seed: int, **extent: Any) -> tuple[list[str], bool]:
     found = outcome.plans[0] if outcome.plans else None
     worst = math.inf if found is None else found.figures.worst_case
     name = "none" if found is None else found.plan.settings.policy
-    row = [f"{seed}: {in_words(request)}, {task.task.steps} steps", name, f"{worst:.4g}", best,
+    row = [f"{seed}: {in_words(request)}, {scenario.task.steps} steps", name, f"{worst:.4g}", best,
            f"{worst_cases[best]:.4g}", f"{wall:.0f}", f"{processors:.0f}", str(outcome.looks)]  # fmt: skip
     return row, worst > worst_cases[best]
 

@@ -25,9 +25,19 @@ import torch
 from torch import nn
 
 from baselines.planning.plans import absolute
-from baselines.planning.portfolio import NAMES
-from baselines.planning.prior import FOLDER, Layer, Prior, costs_of, numbers_of
-from baselines.planning.rehearse import DETECTION, MOST_COLLISIONS, cost_of, quietly, result_of
+from baselines.planning.portfolio import (
+    DETECTION,
+    FOLDER,
+    MOST_COLLISIONS,
+    NAMES,
+    Layer,
+    Prior,
+    cost_of,
+    costs_of,
+    numbers_of,
+    result_of,
+)
+from baselines.planning.rehearse import quietly
 from lissajous_env import Scenario, ScenarioSpace, scenario, scenario_space
 
 FIRST_SEED = 900_000

@@ -43,10 +43,10 @@ from baselines.policies.base import Filtered, Policy, UnsuitableScenarioError
 from baselines.policies.coordinators import ArcParameters, ground_speed
 from baselines.policies.line_abreast import LineAbreast
 from baselines.policies.line_path import LineParameters, plans_of
+from baselines.policies.loops import SweepParameters, cruising_speed
 from baselines.policies.partition import Partition, PartitionRepair, RepairParameters
 from baselines.policies.partition_plan import PartitionParameters
 from baselines.policies.patrol import Laps, Sweep
-from baselines.policies.patrol_path import SweepParameters, cruising_speed
 from baselines.policies.safety.filter import Safe, SafetyParameters
 from baselines.policies.trackers import FieldParameters, WithVectorField
 from lissajous_env.parameters.scenario import Scenario

@@ -10,11 +10,12 @@ from rich import progress as bars
 from baselines.benchmark.progress import bar
 from baselines.commands.playing import progress_console
 from baselines.planning import report
-from baselines.planning.planner import Outcome
 from baselines.planning.plans import top_speed
 from baselines.planning.request import Request
+from baselines.planning.search import Outcome
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFolder, OutputOptions, print_line
 from lissajous_env.settings.checks import whole_number
+from lissajous_env.wording import counted
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ def plan(
         _print(output.console(), outcome, shown_ones)
         if folder is not None and shown_ones:
             report.write(folder, shown_ones, request.episodes)
-            output.print(f"wrote {len(shown_ones)} plans in {out}")
+            output.print(f"wrote {counted(len(shown_ones), 'plan')} in {out}")
             output.print(f"Watch one: lissajous run {out}/1 --out plan.html")
     output.print_json({
         "plans": report.as_rows(shown_ones),
@@ -85,7 +86,7 @@ def _search(outcome: Outcome, output: Any) -> None:
         def progress(share: float, outcome: Outcome) -> None:
             number, search = list(outcome.searches.items())[-1]
             finals = sum(len(entry.finals) for entry in outcome.searches.values())
-            name = f"planning {search.task.name}, N = {number}"
+            name = f"planning {search.scenario.name}, N = {number}"
             shown_bar.update(task, completed=min(share, 1.0), description=name, looks=outcome.looks, finals=finals)
 
         outcome.search(progress)
@@ -106,9 +107,10 @@ def _print(console: Any, outcome: Outcome, plans: list) -> None:
 
 def _asked(outcome: Outcome) -> str:
     """Return a phrase with the rectangle and the robots."""
-    numbers, (task, *_) = list(outcome.tasks), list(outcome.tasks.values())
+    numbers, (scenario, *_) = list(outcome.scenarios), list(outcome.scenarios.values())
     team = f"{numbers[0]} to {numbers[-1]}" if len(numbers) > 1 else f"{numbers[0]}"
+    curve, speed = scenario.curve, top_speed(scenario)
     return (
-        f"{2 * task.curve.half_width:g} m x {2 * task.curve.half_height:g} m, {team} robots of {task.robot.radius:g} m "
-        f"and {top_speed(task):.3g} m/s, sensors of {task.sensing_radius:.3g} m, targets of {task.rogue_speed:g} m/s"
+        f"{2 * curve.half_width:g} m x {2 * curve.half_height:g} m, {team} robots of {scenario.robot.radius:g} m and "
+        f"{speed:.3g} m/s, sensors of {scenario.sensing_radius:.3g} m, targets of {scenario.rogue_speed:g} m/s"
     )

@@ -1,6 +1,6 @@
 """Plans: a policy with its parameters on a scenario, the figures that its episodes have, and the families of plans.
 
-A family makes plans for a task from settings, which a search may change.
+A family makes plans for a scenario from settings, which a search may change.
 """
 
 import dataclasses
@@ -14,15 +14,13 @@ import numpy as np
 
 from baselines.benchmark.statistics import bootstrap_interval
 from baselines.policies.as_cars import like_cars
-from baselines.policies.patrol_path import SweepParameters, corner_radius, lookahead
+from baselines.policies.loops import SweepParameters, corner_radius, lookahead
 from baselines.policies.settings import PolicySettings
 from baselines.similarity import motion_scale
 from lissajous_env.episodes.limits import robot_speed_limit
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, OPEN, SEPARATION, WORST_CASE, Column
 
-WHOLE, SETTLED = "whole", "settled"
-"""Goals: the worst case of whole episodes, and of their second halves, when all robots have reached their places."""
 LOST, SETTLED_TIME, GROWN, BEYOND = "lost", "settled_time", "still_growing", "beyond_edge"
 """Entries of a score row of planning: the robots that are removed, the worst-case undetected time of the second half of
 the episode [s], whether the worst case is that of the last moment and longer than any before it, and the largest
@@ -33,8 +31,6 @@ Settings = Mapping[str, Any]
 """The settings of a plan within its family, by name."""
 Choices = tuple[float, float] | list[Any]
 """A range of positive numbers, or a list of values."""
-FILTERS = "", "-safe"
-"""Suffixes of a policy of cars: without and with the collision filter."""
 _ELITE = 4
 """Best plans of a family that are changed."""
 
@@ -114,43 +110,41 @@ class Planned:
 
     plan: Plan
     figures: Figures
-    limit: float
-    """Lower bound of the worst-case undetected time of every policy [s]; NaN if nothing is proved."""
     rows: list[dict[str, Any]]
     """Score rows of the episodes without failures."""
     failed_rows: list[dict[str, Any]]
     """Score rows of the episodes with failures."""
 
 
-def top_speed(task: Scenario) -> float:
-    """Return the top speed of the robots of a task [m/s]; NaN for models that do not define it."""
-    cars = like_cars(task)
-    return robot_speed_limit(task) if cars is None else cars.robot.top_speed
+def top_speed(scenario: Scenario) -> float:
+    """Return the top speed of the robots of a scenario [m/s]; NaN for models that do not define it."""
+    cars = like_cars(scenario)
+    return robot_speed_limit(scenario) if cars is None else cars.robot.top_speed
 
 
 UNITS: dict[str, Callable[[Scenario, float], float]] = {
-    **dict.fromkeys(("cruise", "speed", "slowest"), lambda task, cruise: top_speed(task)),
-    **dict.fromkeys(("inset", "bow", "settle"), lambda task, cruise: task.sensing_radius),
+    **dict.fromkeys(("cruise", "speed", "slowest"), lambda scenario, cruise: top_speed(scenario)),
+    **dict.fromkeys(("inset", "bow", "settle"), lambda scenario, cruise: scenario.sensing_radius),
     "corner": corner_radius,
-    "lookahead": lambda task, cruise: lookahead(task, cruise, SweepParameters()),
-    "gather": lambda task, cruise: motion_scale(task).time,
+    "lookahead": lambda scenario, cruise: lookahead(scenario, cruise, SweepParameters()),
+    "gather": lambda scenario, cruise: motion_scale(scenario).time,
 }
 """Units of relative parameters by name, from a scenario of cars and the patrol's speed [m/s]: the top speed, the
 sensing radius, the default of the parameter, or the time of the motion. Other parameters are used as they are."""
 
 
-def absolute(relative: PolicySettings, task: Scenario, digits: int | None = None) -> PolicySettings:
+def absolute(relative: PolicySettings, scenario: Scenario, digits: int | None = None) -> PolicySettings:
     """Return a policy for cars whose parameters are in the units `UNITS` with parameters in SI units.
 
     Args:
         relative: The policy with relative parameters.
-        task: The scenario.
+        scenario: The scenario.
         digits: Significant digits of the parameters; all by default.
     """
-    cruise = relative.parameters.get("cruise", 1.0) * top_speed(task)
+    cruise = relative.parameters.get("cruise", 1.0) * top_speed(scenario)
     given = dict(relative.parameters)
     for name in given.keys() & UNITS.keys():
-        value = given[name] * UNITS[name](task, cruise)
+        value = given[name] * UNITS[name](scenario, cruise)
         given[name] = value if digits is None else float(f"{value:.{digits}g}")
     return PolicySettings(relative.policy, given)
 
@@ -249,17 +243,17 @@ def _no_plan(settings: Mapping[str, Any]) -> Plan:
 
 @dataclass
 class Family:
-    """A family of plans for a task: each of its plans is made of settings, which a search may change."""
+    """A family of plans for a scenario: each of its plans is made of settings, which a search may change."""
 
     name: str
     plan: Callable[[Settings], Plan] = _no_plan
     """Function that returns the plan of some settings, or raises ValueError if there is no such plan."""
     starts: Sequence[Settings] = ()
-    """Settings that are tried first, the most promising ones first; none if the family does not fit the task."""
+    """Settings that are tried first, the most promising ones first; none if the family does not fit the scenario."""
     space: Mapping[str, Choices] = field(default_factory=dict)
     """Values that the settings may have; empty for a family whose plans are not changed."""
     refusal: str = ""
-    """Reason why the family has no plan for the task; "" if it may have some."""
+    """Reason why the family has no plan for the scenario; "" if it may have some."""
     looks: list[tuple[Settings, Planned]] = field(default_factory=list)
     """Plans that were looked at."""
     unmade: list[str] = field(default_factory=list)

@@ -1,26 +1,35 @@
 """Portfolios: policies that rehearse some classical patrols for their scenario, and drive the best one of them.
 
-A prior determines which patrols are rehearsed. All robots read the same numbers and play the same episodes, so they
-choose the same patrol without messages, on processors of one kind.
+A prior determines which patrols are rehearsed, those that are probably good on a scenario of cars. Its network reads
+dimensionless numbers of the scenario and predicts the cost of each patrol. Lengths are compared with the robots'
+spacing, which is the side of a square as large as a robot's share of the rectangle, and speeds with the robots' top
+speed. So the order of the patrols does not depend on the units of length and time. `benchmarks/prior.py` fits the
+included priors. All robots read the same numbers and play the same episodes, so they choose the same patrol without
+messages, on processors of one kind.
 """
 
 import math
-from collections.abc import Iterable, Sequence
-from functools import lru_cache, partial
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache, lru_cache, partial
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from baselines.planning.plans import absolute
-from baselines.planning.prior import Prior, complementary
-from baselines.planning.rehearse import DETECTION, GUARANTEE, cells, quietly, result_of
+from baselines.planning.rehearse import cells, quietly
 from baselines.policies import registry
 from baselines.policies.base import Policy, UnsuitableScenarioError
 from baselines.policies.settings import PolicySettings
+from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.episodes.guarantee import CELLS
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.storage.files import read_json
+from lissajous_env.theory.geometry import turning_radius
 from lissajous_env.wording import few_of, shown
+from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, OPEN, WORST_CASE
 
 NAMES = {
     "portfolio": "Rehearses patrols with the proved filter for a short detection time, and drives the best one.",
@@ -35,6 +44,233 @@ FEW, FIRST_SEED = 4, 800_000
 FINALISTS, MANY = 2, 16
 """Number of the best policies that are played again, and in how many episodes."""
 _CELLS_IN_A_SENSOR = 4.0
+FOLDER = Path(__file__).parent / "priors"
+DETECTION, GUARANTEE = "detection", "guarantee"
+"""Objectives of a portfolio: the mean detection time, and the worst-case undetected time."""
+_OPEN = 2.0
+"""Worst case that counts where the episodes show no bound [episodes]."""
+_COLLISION, MOST_COLLISIONS = 0.1, 20
+"""Cost of a collision in an episode, and the largest number of collisions that counts."""
+
+
+class Number(NamedTuple):
+    """A number of a scenario of cars, which is not negative."""
+
+    meaning: str
+    of: Callable[[Scenario], float]
+    as_logarithm: bool = False
+    """True if the network reads the logarithm of the number."""
+
+    def read(self, scenario: Scenario) -> float:
+        """Return what the network reads."""
+        value = float(self.of(scenario))
+        return math.log(value) if self.as_logarithm else value
+
+    def written(self, value: float) -> str:
+        """Return the number that the network reads as `value`, in words."""
+        return f"{math.exp(min(value, 700.0)) if self.as_logarithm else value:.4g}"
+
+
+def spacing(scenario: Scenario) -> float:
+    """Return the side of a square that is as large as a robot's share of the rectangle [m]."""
+    return math.sqrt(4 * scenario.curve.half_width * scenario.curve.half_height / scenario.num_robots)
+
+
+def _standstill(scenario: Scenario) -> float:
+    faults, duration = scenario.faults, scenario.task.duration
+    scheduled = sum(max(min(end, duration) - start, 0.0) for _, start, end in faults.schedule)
+    return min(faults.rate * faults.mean_duration + scheduled / (scenario.num_robots * duration), 1.0)
+
+
+NUMBERS = (
+    Number("1 over the number of robots", lambda scenario: 1 / scenario.num_robots),
+    Number(
+        "width of the rectangle over its height",
+        lambda scenario: scenario.curve.half_width / scenario.curve.half_height,
+        True,
+    ),
+    Number(
+        "sensing radius over the robots' spacing", lambda scenario: scenario.sensing_radius / spacing(scenario), True
+    ),
+    Number(
+        "sensing radius over half of the height",
+        lambda scenario: scenario.sensing_radius / scenario.curve.half_height,
+        True,
+    ),
+    Number(
+        "radius of a body over the robots' spacing", lambda scenario: scenario.robot.radius / spacing(scenario), True
+    ),
+    Number(
+        "turning radius over the robots' spacing",
+        lambda scenario: turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max) / spacing(scenario),
+        True,
+    ),
+    Number(
+        "distance that a robot can drive in an episode over the robots' spacing",
+        lambda scenario: scenario.robot.top_speed * scenario.task.duration / spacing(scenario),
+        True,
+    ),
+    Number(
+        "targets' top speed over that of the robots",
+        lambda scenario: min(scenario.rogue_speed / scenario.robot.top_speed, 2.0),
+    ),
+    Number("share of targets that wander", lambda scenario: scenario.targets.wandering),
+    Number("share of targets that flee", lambda scenario: scenario.targets.fleeing),
+    Number(
+        "distance at which targets flee over the sensing radius, times the share of those that do",
+        lambda scenario: scenario.targets.fleeing * scenario.targets.flee_radius / scenario.sensing_radius,
+    ),
+    Number("1 if targets enter at the boundary", lambda scenario: scenario.targets.entry == "boundary"),
+    Number("1 if targets enter where no robot senses them", lambda scenario: scenario.targets.entry == "unseen"),
+    Number("1 if robots do not start in the equilibrium", lambda scenario: scenario.formation.start != "equilibrium"),
+    Number(
+        "failures of a robot in an episode",
+        lambda scenario: (
+            scenario.faults.rate * scenario.task.duration + len(scenario.faults.schedule) / scenario.num_robots
+        ),
+    ),
+    Number("share of the time for which a robot has failed", _standstill),
+    Number(
+        "share of robots that fail for good",
+        lambda scenario: (scenario.faults.lost + len(scenario.faults.removed)) / scenario.num_robots,
+    ),
+    Number(
+        "noise of measured positions over the radius of a body",
+        lambda scenario: scenario.noise.position / scenario.robot.radius,
+    ),
+    Number("noise of measured headings [rad]", lambda scenario: scenario.noise.heading),
+    Number("share of messages that are lost", lambda scenario: scenario.noise.message_loss),
+)
+"""Numbers that a network reads, in its order."""
+
+
+def numbers_of(scenario: Scenario) -> np.ndarray:
+    """Return what a network reads (F,) of a scenario of cars, in the order of `NUMBERS`."""
+    return np.array([number.read(scenario) for number in NUMBERS])
+
+
+class Layer(NamedTuple):
+    """A layer of the network."""
+
+    weight: np.ndarray
+    """(outputs, inputs)."""
+    bias: np.ndarray
+    """(outputs,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """A network that predicts the cost of each patrol of a portfolio from the numbers of a scenario."""
+
+    about: Mapping[str, Any]
+    """The command that made it, with its seed, and the scenarios that it played."""
+    objective: str
+    """`DETECTION` or `GUARANTEE` of `baselines.planning.rehearse`."""
+    patrols: tuple[PolicySettings, ...]
+    """K policies with parameters relative to the scenario (`baselines.planning.plans.absolute`)."""
+    limits: np.ndarray
+    """(F, 2) smallest and largest value of each number that is accepted."""
+    seen: np.ndarray
+    """(F, 2) smallest and largest value of each number in the fit; the network reads the nearest one in this range."""
+    errors: np.ndarray
+    """(E, K) costs of the patrols less the predicted ones, in scenarios that a fit did not use."""
+    layers: tuple[Layer, Layer]
+    """The hidden layer of tanh units, and the linear one, whose output is the cost with the opposite sign."""
+
+    @staticmethod
+    @cache
+    def read(name: str) -> "Prior":
+        """Read the prior of an included portfolio."""
+        given = read_json(FOLDER / f"{name}.json")
+        given["patrols"] = tuple(PolicySettings(**patrol) for patrol in given["patrols"])
+        given |= {key: np.array(given[key]) for key in ("limits", "seen", "errors")}
+        parts = [
+            [np.array(layer[part], np.float32).astype(float) for part in Layer._fields] for layer in given["layers"]
+        ]
+        return Prior(**given | {"layers": tuple(Layer(*layer) for layer in parts)})
+
+    def predicted(self, scenario: Scenario) -> np.ndarray:
+        """Return the predicted cost (K,) of each patrol.
+
+        Raises:
+            UnsuitableScenarioError: the robots are not cars, or a number of the scenario is outside of the limits.
+        """
+        if scenario.robot.kind != "car":
+            raise UnsuitableScenarioError(f"robot.kind must be car, got {scenario.robot.kind}")
+        values = numbers_of(scenario)
+        for number, value, (low, high) in zip(NUMBERS, values, self.limits, strict=True):
+            if not low <= value <= high:
+                least = f"from {number.written(low)} to" if number.as_logarithm else "at most"
+                rule = f"must be {least} {number.written(high)}, for which patrols are chosen"
+                raise UnsuitableScenarioError(f"{number.meaning} {rule}, got {number.written(value)}")
+        return costs_of(self.layers, np.clip(values, *self.seen.T))
+
+    def has_seen(self, scenario: Scenario) -> bool:
+        """Return whether every number of a scenario is in the range of the fit."""
+        values = numbers_of(scenario)
+        return bool(np.all((self.seen[:, 0] <= values) & (values <= self.seen[:, 1])))
+
+
+def costs_of(layers: tuple[Layer, Layer], values: np.ndarray) -> np.ndarray:
+    """Return the costs (K,) that a network predicts for the numbers (F,) of a scenario, in float64."""
+    hidden, last = layers
+    return -(last.weight @ np.tanh(hidden.weight @ values + hidden.bias) + last.bias)
+
+
+def complementary(predicted: np.ndarray, errors: np.ndarray) -> list[int]:
+    """Return the order of patrols in which each next one lowers the expected smallest cost most.
+
+    Similar patrols are often predicted to be good together and fail together, so only one of them comes early.
+
+    Args:
+        predicted: Predicted cost (K,) of each patrol.
+        errors: Costs less predicted costs (E, K), which are taken as E possible errors of this prediction.
+    """
+    costs = predicted + errors
+    best, order = np.full(len(costs), np.inf), []
+    for _ in predicted:
+        expected = np.minimum(best[:, None], costs).mean(axis=0)
+        expected[order] = np.inf
+        order.append(int(expected.argmin()))
+        best = np.minimum(best, costs[:, order[-1]])
+    return order
+
+
+class Result(NamedTuple):
+    """The result of a policy in some episodes."""
+
+    time: float
+    """Mean detection time, or largest worst-case undetected time [s]; infinite if nothing was detected."""
+    collisions: float
+    """Collisions in an episode."""
+
+    def cost(self, step: float) -> float:
+        """Return the cost, with a time of at least a control step [s]: below, collisions alone decide."""
+        return float(cost_of(max(self.time, step), self.collisions))
+
+
+def cost_of(time: Any, collisions: Any) -> Any:
+    """Return the logarithm of a time, and a tenth for each collision in an episode."""
+    return np.log(time) + _COLLISION * np.minimum(collisions, MOST_COLLISIONS)
+
+
+def result_of(
+    settings: PolicySettings, scenario: Scenario, episodes: int, objective: str, first_seed: int
+) -> Result | None:
+    """Play a policy and return its result; None for a scenario that does not suit the policy."""
+    try:
+        policy = settings.make(scenario, episodes)
+    except UnsuitableScenarioError:
+        return None
+    rows = evaluate(policy, scenario, range(first_seed, first_seed + episodes))
+    collisions = sum(row[COLLISIONS.name] for row in rows) / episodes
+    if objective == GUARANTEE:
+        is_open = any(row[OPEN.name] for row in rows)
+        return Result(
+            _OPEN * scenario.task.duration if is_open else max(row[WORST_CASE.name] for row in rows), collisions
+        )
+    times = [row[DETECTION_TIME.name] for row in rows if math.isfinite(row[DETECTION_TIME.name])]
+    return Result(sum(times) / len(times) if times else math.inf, collisions)
 
 
 def chosen(name: str, scenario: str | Scenario) -> PolicySettings:
@@ -75,75 +311,57 @@ def ordered(prior: Prior, scenario: str | Scenario, count: int | None = None) ->
     Raises:
         UnsuitableScenarioError: the prior does not include the scenario.
     """
-    task = named.build(scenario).resolve()
-    predicted = prior.predicted(task)
-    patrols = [absolute(patrol, task) for patrol in prior.patrols]
-    order = np.argsort(predicted, kind="stable").tolist()
-    count = (REHEARSED if prior.has_seen(task) else 2 * REHEARSED) if count is None else count
-    if count > 0:
-        rehearsed = complementary(predicted, prior.errors)
-        given = tuple((patrols[k].policy, tuple(patrols[k].parameters.items())) for k in rehearsed)
-        best = _best(given, stage(task, prior.objective), prior.objective, count)
-        order = order if best is None else [rehearsed[best], *(k for k in order if k != rehearsed[best])]
-    return [patrols[k] for k in order]
+    scenario = named.build(scenario).resolve()
+    order = np.argsort(prior.predicted(scenario), kind="stable").tolist()
+    count = (REHEARSED if prior.has_seen(scenario) else 2 * REHEARSED) if count is None else count
+    best = best_rehearsed(prior, scenario, count) if count else None
+    if best is not None:
+        order = [best, *(k for k in order if k != best)]
+    return [absolute(prior.patrols[k], scenario) for k in order]
 
 
-@lru_cache(maxsize=256)
-def _best(given: tuple[tuple[str, tuple], ...], task: Scenario, objective: str, count: int) -> int | None:
-    return best_of([PolicySettings(policy, dict(parameters)) for policy, parameters in given], task, objective, count)
-
-
-def stage(scenario: Scenario, objective: str) -> Scenario:
+def rehearsal_of(scenario: Scenario, objective: str) -> Scenario:
     """Return the scenario of rehearsals: without extensions, with the rogues or the grid that the objective needs."""
-    task = scenario.without_extensions()
+    scenario = scenario.without_extensions()
     changes: dict[str, Any] = {"task.grid": None}
     if objective == DETECTION:
         changes["task.contamination"] = None
     else:
         changes["targets.rogues"] = None
-        if task.task.contamination is None:
-            changes["task.contamination"] = cells(task, CELLS, _CELLS_IN_A_SENSOR)
-    return named.build(task, **changes)
+        if scenario.task.contamination is None:
+            changes["task.contamination"] = cells(scenario, CELLS, _CELLS_IN_A_SENSOR)
+    return named.build(scenario, **changes)
 
 
-def best_of(candidates: Sequence[PolicySettings], task: Scenario, objective: str, count: int) -> int | None:
-    """Return the index of the best of the first `count` candidates that suit a scenario; None if none does.
+@lru_cache(maxsize=256)
+def best_rehearsed(prior: Prior, scenario: Scenario, count: int) -> int | None:
+    """Return the index of the best of the first `count` patrols that suit a scenario; None if none does.
 
     The `FINALISTS` best of `FEW` episodes are compared in `MANY`, of which a worst-case undetected time
     is the largest; so each further one follows that was better in its few episodes than these are in all. The episodes
     do not depend on the machine's load or on what ran before, so that all robots on machines of one kind choose the
     same.
     """
-    with quietly():
-        costs = _costs(candidates, range(len(candidates)), task, objective, FEW, count)
-        if len(costs) < 2:
-            return min(costs, default=None)
-        finals: dict[int, float] = {}
-        for k in sorted(costs, key=costs.__getitem__):
-            # The worst case of more episodes is at least that of some of them, so `costs` bounds it from below.
-            may_be_best = objective == GUARANTEE and costs[k] < min(finals.values(), default=math.inf)
-            if len(finals) < FINALISTS or may_be_best:
-                finals |= _costs(candidates, [k], task, objective, MANY, 1)
-    return min(finals, key=finals.__getitem__)
-
-
-def _costs(
-    candidates: Sequence[PolicySettings],
-    indices: Iterable[int],
-    task: Scenario,
-    objective: str,
-    episodes: int,
-    count: int,
-) -> dict[int, float]:
-    """Return the costs of the first `count` candidates that suit a scenario, by index."""
+    rehearsal, step = rehearsal_of(scenario, prior.objective), scenario.task.step
     costs: dict[int, float] = {}
-    for k in indices:
-        result = result_of(candidates[k], task, episodes, objective, FIRST_SEED)
-        if result is not None:
-            costs[k] = result.cost(task.task.step)
-        if len(costs) == count:
-            break
-    return costs
+    finals: dict[int, float] = {}
+
+    def result(k: int, episodes: int) -> Result | None:
+        return result_of(absolute(prior.patrols[k], scenario), rehearsal, episodes, prior.objective, FIRST_SEED)
+
+    with quietly():
+        for k in complementary(prior.predicted(scenario), prior.errors):
+            if (few := result(k, FEW)) is not None:
+                costs[k] = few.cost(step)
+            if len(costs) == count:
+                break
+        for k in sorted(costs, key=costs.__getitem__) if len(costs) > 1 else ():
+            # The worst case of more episodes is at least that of some of them, so `costs` bounds it from below.
+            may_be_best = prior.objective == GUARANTEE and costs[k] < min(finals.values(), default=math.inf)
+            if (len(finals) < FINALISTS or may_be_best) and (many := result(k, MANY)) is not None:
+                finals[k] = many.cost(step)
+    ranked = finals or costs
+    return min(ranked, key=ranked.__getitem__, default=None)
 
 
 for _name, _about in NAMES.items():

@@ -1,7 +1,6 @@
 """Rehearsals: how good a plan is, by playing it in simulation.
 
-A search looks at a plan in a few short episodes on a coarse grid, and plays the best ones to the end. A portfolio and a
-training compare policies by the cost of their results.
+A search looks at a plan in a few short episodes on a coarse grid, and plays the best ones to the end.
 """
 
 import dataclasses
@@ -10,19 +9,15 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from baselines.planning.plans import BEYOND, GROWN, LOST, SETTLED_TIME, Plan, Planned, figures_of
-from baselines.policies.base import UnsuitableScenarioError
-from baselines.policies.settings import PolicySettings
-from lissajous_env.episodes.evaluation import EpisodeRunner, evaluate
-from lissajous_env.episodes.limits import guaranteed_time_limit
+from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.parameters import named
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, OPEN, WORST_CASE
 from lissajous_env.world.robots.faults import removal_steps
 from lissajous_env.world.simulation import Simulation
 
@@ -44,12 +39,6 @@ _EVERY = 8
 """Steps between two looks at whether an episode may end early."""
 _COARSE, _COARSE_CELLS_IN_A_SENSOR = 40, 2.5
 """Cells of a first look along the longer side of the rectangle, if the sensors are not too short for them."""
-DETECTION, GUARANTEE = "detection", "guarantee"
-"""Objectives of a portfolio: the mean detection time, and the worst-case undetected time."""
-_OPEN = 2.0
-"""Worst case that counts where the episodes show no bound [episodes]."""
-_COLLISION, MOST_COLLISIONS = 0.1, 20
-"""Cost of a collision in an episode, and the largest number of collisions that counts."""
 
 
 @dataclass(frozen=True)
@@ -177,8 +166,7 @@ def play(plan: Plan, episodes: Episodes) -> Planned:
     """Play the final episodes of a plan, all of them to the end."""
     run = _Run(plan, plan.scenario, episodes.seed, [()] * episodes.count)
     run.play(plan.scenario.task.steps)
-    planned = _planned(run, episodes, [] if run.collisions else episodes.losses(plan.scenario))
-    return dataclasses.replace(planned, limit=guaranteed_time_limit(plan.scenario))
+    return _planned(run, episodes, [] if run.collisions else episodes.losses(plan.scenario))
 
 
 def _planned(run: _Run, episodes: Episodes, losses: Sequence[tuple[int, ...]] = ()) -> Planned:
@@ -189,7 +177,7 @@ def _planned(run: _Run, episodes: Episodes, losses: Sequence[tuple[int, ...]] = 
         lossy.play(scenario.task.steps)
         failed = lossy.rows()
     figures = figures_of(rows, failed, plan, run.policy.communicates, episodes.clearance)
-    return Planned(plan, figures, math.nan, rows, failed)
+    return Planned(plan, figures, rows, failed)
 
 
 def remove_early(simulation: Simulation, losses: Sequence[tuple[int, ...]]) -> None:
@@ -230,38 +218,3 @@ def on_coarse_grid(scenario: Scenario) -> Scenario:
 def quietly() -> warnings.catch_warnings:
     """Return a context without warnings about assumptions of the paper, which plans violate on purpose."""
     return warnings.catch_warnings(action="ignore", category=AssumptionWarning)
-
-
-class Result(NamedTuple):
-    """The result of a policy in some episodes."""
-
-    time: float
-    """Mean detection time, or largest worst-case undetected time [s]; infinite if nothing was detected."""
-    collisions: float
-    """Collisions in an episode."""
-
-    def cost(self, step: float) -> float:
-        """Return the cost, with a time of at least a control step [s]: below, collisions alone decide."""
-        return float(cost_of(max(self.time, step), self.collisions))
-
-
-def cost_of(time: Any, collisions: Any) -> Any:
-    """Return the logarithm of a time, and a tenth for each collision in an episode."""
-    return np.log(time) + _COLLISION * np.minimum(collisions, MOST_COLLISIONS)
-
-
-def result_of(
-    settings: PolicySettings, task: Scenario, episodes: int, objective: str, first_seed: int
-) -> Result | None:
-    """Play a policy and return its result; None for a scenario that does not suit the policy."""
-    try:
-        policy = settings.make(task, episodes)
-    except UnsuitableScenarioError:
-        return None
-    rows = evaluate(policy, task, range(first_seed, first_seed + episodes))
-    collisions = sum(row[COLLISIONS.name] for row in rows) / episodes
-    if objective == GUARANTEE:
-        is_open = any(row[OPEN.name] for row in rows)
-        return Result(_OPEN * task.task.duration if is_open else max(row[WORST_CASE.name] for row in rows), collisions)
-    times = [row[DETECTION_TIME.name] for row in rows if math.isfinite(row[DETECTION_TIME.name])]
-    return Result(sum(times) / len(times) if times else math.inf, collisions)

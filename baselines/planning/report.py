@@ -10,9 +10,9 @@ from typing import Any
 
 from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
 from baselines.benchmark.shown import between
-from baselines.planning.planner import Outcome
 from baselines.planning.plans import SETTLED_TIME, Figures, Planned, bounds_of
 from baselines.planning.rehearse import Episodes
+from baselines.planning.search import Outcome
 from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE
 from lissajous_env.console.terminal import Column, plain, print_table
 from lissajous_env.parameters.scenario_file import as_toml
@@ -25,33 +25,41 @@ FIGURES = "plans.json"
 
 def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> None:
     """Print a table of plans."""
-    failures, episodes = outcome.request.failures, f"{_played(plans)} episodes"
-    is_open = any(task.task.boundary != "wall" for task in outcome.tasks.values())
+    failures, limits, episodes = outcome.request.failures, outcome.limits, f"{_played(plans)} episodes"
+    is_open = any(scenario.task.boundary != "wall" for scenario in outcome.scenarios.values())
     columns: list[tuple[bool, Column, Callable[[Planned], str]]] = [
         (True, Column("plan", left=True), _name),
-        (len(outcome.tasks) > 1, Column("N"), lambda plan: str(plan.plan.scenario.num_robots)),
-        (True, Column(f"worst case [s]\n{episodes}"), lambda plan: worst_in_words(plan.figures.worst_case, plan.rows)),
+        (len(outcome.scenarios) > 1, Column("N"), lambda entry: str(entry.plan.scenario.num_robots)),
+        (
+            True,
+            Column(f"worst case [s]\n{episodes}"),
+            lambda entry: worst_in_words(entry.figures.worst_case, entry.rows),
+        ),
         (
             True,
             Column(f"second half [s]\n{episodes}"),
-            lambda plan: worst_in_words(plan.figures.settled, plan.rows, SETTLED_TIME),
+            lambda entry: worst_in_words(entry.figures.settled, entry.rows, SETTLED_TIME),
         ),
         (failures > 0, Column(f"with {failures} lost [s]\n{_losses(outcome)} episodes"), _failed),
-        (True, Column("lower\nbound [s]", rank=1), lambda plan: _number(plan.limit)),
-        (True, Column("mean detection\ntime [s]", rank=1), lambda plan: _detection(plan.figures)),
-        (True, Column("least gap\n[m]", rank=2), lambda plan: _number(plan.figures.clearance)),
-        (is_open, Column("outside\n[m]", rank=1), lambda plan: _number(plan.figures.outside)),
-        (True, Column("driven\n[m/min]", rank=2), lambda plan: _number(plan.figures.distance)),
-        (True, Column("messages", left=True, rank=3), lambda plan: plan.figures.messages),
-        (True, Column("details", prose=True, rank=4), lambda plan: plan.plan.about),
+        (
+            True,
+            Column("lower\nbound [s]", rank=1),
+            lambda entry: _number(limits.get(entry.plan.scenario.num_robots, math.nan)),
+        ),
+        (True, Column("mean detection\ntime [s]", rank=1), lambda entry: _detection(entry.figures)),
+        (True, Column("least gap\n[m]", rank=2), lambda entry: _number(entry.figures.clearance)),
+        (is_open, Column("outside\n[m]", rank=1), lambda entry: _number(entry.figures.outside)),
+        (True, Column("driven\n[m/min]", rank=2), lambda entry: _number(entry.figures.distance)),
+        (True, Column("messages", left=True, rank=3), lambda entry: entry.figures.messages),
+        (True, Column("details", prose=True, rank=4), lambda entry: entry.plan.about),
     ]
     shown = [(column, words) for is_shown, column, words in columns if is_shown]
-    rows = [[str(k), *(words(plan) for _, words in shown)] for k, plan in enumerate(plans, start=1)]
+    rows = [[str(k), *(words(planned) for _, words in shown)] for k, planned in enumerate(plans, start=1)]
     print_table(console, [Column("", name="number"), *(column for column, _ in shown)], rows)
 
 
-def _name(plan: Planned) -> str:
-    return f"{plan.plan.settings.policy} (close)" if plan.figures.too_close else plan.plan.settings.policy
+def _name(planned: Planned) -> str:
+    return f"{planned.plan.settings.policy} (close)" if planned.figures.too_close else planned.plan.settings.policy
 
 
 def untried_in_words(outcome: Outcome) -> str:
@@ -84,18 +92,18 @@ def sentences(outcome: Outcome) -> list[str]:
     words[0] += " A guarantee is the largest time of these episodes; the median is in brackets where it differs."
     if broken := [reason for search in outcome.searches.values() for reason in search.broken]:
         words.append(f"{len(broken)} plans failed when they were simulated to the end: {broken[0]}.")
-    if outcome.plans and all(math.isinf(plan.figures.worst_case) for plan in outcome.plans):
+    if outcome.plans and all(math.isinf(planned.figures.worst_case) for planned in outcome.plans):
         words.append("No plan has a bound on the time for which such a target can stay undetected.")
     elif outcome.plans and episodes.failures:
         words += _of_failures(outcome)
-    if any(plan.figures.too_close for plan in outcome.plans):
+    if any(planned.figures.too_close for planned in outcome.plans):
         least = outcome.request.least_gap
         words.append(f"Close: two bodies come closer than {least:.3g} m (--clearance); such plans come last.")
     words.append("Mean detection time: with its 95 % bootstrap interval over the episodes.")
     if outcome.request.guarantee is not None:
         words += _of_guarantee(outcome)
     for number, refusals in outcome.refusals.items():
-        at = f" ({number} robots)" if len(outcome.tasks) > 1 else ""
+        at = f" ({number} robots)" if len(outcome.scenarios) > 1 else ""
         refusals = {family: reason.removesuffix(".") for family, reason in refusals.items() if family != KNOWN}
         words += [f"No plan of {family}{at}: {reason}." for family, reason in refusals.items()]
     return words
@@ -103,9 +111,9 @@ def sentences(outcome: Outcome) -> list[str]:
 
 def _of_failures(outcome: Outcome) -> list[str]:
     """Return the reasons why no plan has a bound with removed robots, and a remedy; nothing if one has."""
-    if any(plan.figures.worst_case_failed < math.inf for plan in outcome.plans):
+    if any(planned.figures.worst_case_failed < math.inf for planned in outcome.plans):
         return []
-    lost, collide = outcome.request.failures, sum(plan.figures.collisions_failed > 0 for plan in outcome.plans)
+    lost, collide = outcome.request.failures, sum(planned.figures.collisions_failed > 0 for planned in outcome.plans)
     open_ones = len(outcome.plans) - collide
     words = (
         f"No plan has a bound with {lost} removed: {open_ones} of {len(outcome.plans)} leave a gap where a target can"
@@ -127,24 +135,25 @@ def _of_guarantee(outcome: Outcome) -> list[str]:
 
 def _played(plans: Sequence[Planned]) -> str:
     """Return the number of episodes without failures of some plans."""
-    counts = [len(plan.rows) for plan in plans]
+    counts = [len(planned.rows) for planned in plans]
     return " to ".join(dict.fromkeys([str(min(counts, default=0)), str(max(counts, default=0))]))
 
 
 def _losses(outcome: Outcome) -> str:
     """Return the number of episodes with failures, and the number of all combinations where these are a sample."""
     counts = []
-    for task in outcome.tasks.values():
-        played, all_of_them = len(outcome.request.episodes.losses(task)), outcome.request.episodes.combinations(task)
+    for scenario in outcome.scenarios.values():
+        episodes = outcome.request.episodes
+        played, all_of_them = len(episodes.losses(scenario)), episodes.combinations(scenario)
         counts.append(str(played) if played == all_of_them else f"{played} of {all_of_them}")
     return " to ".join(dict.fromkeys([counts[0], counts[-1]]))
 
 
-def _failed(plan: Planned) -> str:
-    if plan.figures.collisions_failed:
-        count = plan.figures.collisions_failed
+def _failed(planned: Planned) -> str:
+    if planned.figures.collisions_failed:
+        count = planned.figures.collisions_failed
         return "1 collision" if count == 1 else f"{count} collisions"
-    return worst_in_words(plan.figures.worst_case_failed, plan.failed_rows)
+    return worst_in_words(planned.figures.worst_case_failed, planned.failed_rows)
 
 
 def worst_in_words(worst: float, rows: Sequence[dict[str, Any]], name: str = WORST_CASE.name) -> str:
@@ -192,11 +201,11 @@ def write(folder: Folder, plans: Sequence[Planned], episodes: Episodes) -> None:
     for name in folder.written:
         if "/" in name and not name.endswith("/"):
             folder.remove(name)
-    for k, plan in enumerate(plans, start=1):
+    for k, planned in enumerate(plans, start=1):
         folder.make_folder(str(k))
-        copy = plan.plan.named(f"{plan.plan.scenario.name[:80]}-{k}")
+        copy = planned.plan.named(f"{planned.plan.scenario.name[:80]}-{k}")
         folder.write(f"{k}/{SCENARIO_FILE}", as_toml(copy.scenario))
-        folder.write(f"{k}/{POLICY_FILE}", plan.plan.settings.as_toml())
+        folder.write(f"{k}/{POLICY_FILE}", planned.plan.settings.as_toml())
     folder.write(FIGURES, json.dumps(plain({"episodes": episodes, "plans": as_rows(plans)}), indent=2) + "\n")
 
 
@@ -204,16 +213,13 @@ def as_rows(plans: Sequence[Planned]) -> list[dict[str, Any]]:
     """Return plans with their figures and their score rows as plain values."""
     return [
         {
-            "family": plan.plan.family,
-            "policy": plan.plan.settings.policy,
-            "about": plan.plan.about,
-            "robots": plan.plan.scenario.num_robots,
-            "figures": dataclasses.asdict(plan.figures),
-            "lower_bound": plan.limit,
-            "parameters": dict(plan.plan.settings.parameters),
-            "coordinator": dict(plan.plan.settings.coordinator),
-            "rows": plan.rows,
-            "failed_rows": plan.failed_rows,
+            "family": planned.plan.family,
+            **dataclasses.asdict(planned.plan.settings),
+            "about": planned.plan.about,
+            "robots": planned.plan.scenario.num_robots,
+            "figures": dataclasses.asdict(planned.figures),
+            "rows": planned.rows,
+            "failed_rows": planned.failed_rows,
         }
-        for plan in plans
+        for planned in plans
     ]

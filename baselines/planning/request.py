@@ -1,4 +1,4 @@
-"""The request of a user, and the scenario on which its plans are compared: the task."""
+"""The request of a user, and the scenario on which its plans are compared: the scenario."""
 
 import dataclasses
 import math
@@ -110,8 +110,6 @@ class Request:
     then simulated to the end. The result does not depend on the speed of the machine."""
     seconds: float | None = None
     """Duration of the search [s], in place of a number of plans."""
-    optimise: bool = False
-    """Also improve paths of any form by CMA-ES, from the best plans; requires the extra `plan` and a longer search."""
     fixed_start: bool = False
     """Include only plans whose robots begin where the scenario places them."""
     seed: int = 0
@@ -178,7 +176,7 @@ class Request:
             raise ValueError(f"robots must be a number or a range such as 3:8, from 2 to 64, got {shown(self.robots)}")
         return range(few, many + 1)
 
-    def task(self, num_robots: int) -> Scenario:
+    def scenario_of(self, num_robots: int) -> Scenario:
         """Return the scenario on which plans for a number of robots are compared.
 
         Raises:
@@ -207,9 +205,9 @@ class Request:
             num_robots: Number of robots.
             inset: Width of the strip along the edge in which nothing is driven [m], for the design.
         """
-        width, height, radius = self.width or 0.0, self.height or 0.0, self.sensor_radius or 0.0
+        half, radius = ((self.width or 0.0) / 2, (self.height or 0.0) / 2), self.sensor_radius or 0.0
         robot = _robot(Robot(kind="curve"), self)
-        chosen = paper_design(width / 2, height / 2, robot, radius, robot.top_speed, num_robots, inset)
+        chosen = paper_design(half, robot, radius, robot.top_speed, num_robots, inset)
         # Mean distance along the curve for a radian of the robots' phase [m/rad].
         unit = chosen.alpha * curve_length(chosen.curve.driven) / (2 * math.pi)
         moving = self.rogue_speed or 0.0
@@ -252,14 +250,14 @@ class Request:
             is_resized, inset = True, 0.0 if self.open else scenario.inset
             speed = robot.top_speed if robot.kind != "curve" else self.speed or top_speed(scenario)
             sensor = self.sensor_radius or scenario.sensing_radius
-            changed |= paper_design(*halves, robot, sensor, speed, num_robots, inset).overrides
+            changed |= paper_design(halves, robot, sensor, speed, num_robots, inset).overrides
             changed |= {f"faults.{name}": () for name in ("schedule", "removed")}
             changed |= {"robot.count": None, "sensing.radius": sensor, "task.contamination": None}
-        task = named.build(scenario, **changed)
-        more: dict[str, Any] = {"task.grid": cells(task, _GRID)} if is_resized else {}
-        if self.speed is not None and task.robot.kind == "curve":
-            more["robot.phase_rate_max"] = self.speed / (task.alpha * largest_speed(task.driven))
-        return named.build(task, **more)
+        scenario = named.build(scenario, **changed)
+        more: dict[str, Any] = {"task.grid": cells(scenario, _GRID)} if is_resized else {}
+        if self.speed is not None and scenario.robot.kind == "curve":
+            more["robot.phase_rate_max"] = self.speed / (scenario.alpha * largest_speed(scenario.driven))
+        return named.build(scenario, **more)
 
 
 def _robot(robot: Robot, request: Request) -> Robot:
@@ -279,14 +277,14 @@ def _robot(robot: Robot, request: Request) -> Robot:
 
 
 def paper_design(
-    half_width: float, half_height: float, robot: Robot, sensor: float, speed: float, num_robots: int, inset: float
+    half: tuple[float, float], robot: Robot, sensor: float, speed: float, num_robots: int, inset: float
 ) -> Design:
     """Return the design of the paper's formation that meets the bounds best, with a place for each robot at the start.
 
     Four and six robots share places in every stable equilibrium (2) (Lemma 1). They begin equally spaced instead.
     """
     turning, grip = turning_radius_of(robot), robot.lateral_acceleration_max
-    best = best_design(half_width, half_height, num_robots, robot.radius, sensor, speed, turning, grip, inset)
+    best = best_design(*half, num_robots, robot.radius, sensor, speed, turning, grip, inset)
     if closed_forms.cluster_size(num_robots, best.p, best.alpha) > 1:
         return dataclasses.replace(best, p=1, alpha=1)
     return best

@@ -1,24 +1,27 @@
-"""The search: looks at plans of all families, plays the best ones to the end, and the very best in more episodes."""
+"""Planning: a search that looks at plans of all families, plays the best ones to the end, and the very best more often.
+
+It is done for each number of robots, and its result has the plans that no other dominates.
+"""
 
 import dataclasses
+import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
-from baselines.planning.families import FAMILIES
-from baselines.planning.families.included import DEFAULTS
-from baselines.planning.free_paths import optimise
-from baselines.planning.plans import SETTLED, WHOLE, Family, Plan, Planned, Settings, best_of, in_turn
-from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at, play
-from baselines.planning.request import PLANS
-from baselines.policies.settings import PolicySettings
+from baselines.benchmark.bounds import BEST_KNOWN
+from baselines.planning.families import DEFAULTS, families_of
+from baselines.planning.plans import Family, Plan, Planned, Settings, best_of, in_turn
+from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at, play, quietly
+from baselines.planning.request import PLANS, Request
 from lissajous_env.device.devices import cores
+from lissajous_env.episodes.limits import guaranteed_time_limit
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import where_raised
 
@@ -30,50 +33,46 @@ _FINALS, _FEWEST_FINALS = 5, 3
 """Plans that are tried for one that is played to the end, and plans that are played to the end at least."""
 _LOOKING = 0.7
 """Share of the time after which no plan is looked at."""
-_LOOKING_LESS, _OPTIMISING = 0.25, 0.9
-"""The same if free-form paths are optimised, and the share after which these end."""
-_TIMED = DEFAULTS, KNOWN, "partition", "lines"
-"""Families that may have plans of timed paths."""
 _CUTOFF = 3.0
 """Looks end where the worst case is beyond that of the best plan by this factor, and worse defaults are not played."""
 _FRUITLESS = 200
 """Changed plans in a row that cannot be made or are known already, after which the search stops."""
+_LEAST = 1.0
+"""Shortest duration of a search [s]."""
 
 
 class Search:
-    """A search for plans on one task.
+    """A search for plans on one scenario.
 
     The plans of a budget in plans, and their figures, depend on the seed alone, not on the speed of the machine.
 
     Args:
-        task: The scenario on which plans are compared.
+        scenario: The scenario on which plans are compared.
         episodes: The episodes of every plan.
-        families: Functions that return the families of plans for a task.
+        families: The families of plans for the scenario.
         seed: Seed of the random changes.
-        fixed_start: True to accept only plans whose robots begin where the task places them.
+        fixed_start: True to accept only plans whose robots begin where the scenario places them.
         clock: Returns the time [s].
     """
 
     def __init__(
         self,
-        task: Scenario,
+        scenario: Scenario,
         episodes: Episodes,
-        families: Sequence[Callable[[Scenario], Family]] = FAMILIES,
+        families: Sequence[Family],
         seed: int = 0,
         fixed_start: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ):
-        self.task, self.episodes, self.fixed_start, self._seed = task, episodes, fixed_start, seed
-        self._time = clock
+        self.scenario, self.episodes, self.families = scenario, episodes, families
+        self.fixed_start, self._time = fixed_start, clock
         self._finals: dict[tuple, Planned] = {}
         self.interrupted = False
         self.broken: list[str] = []
         """Reasons of plans whose final episodes failed."""
-        self._make_families, self.families = families, []
         self._random = np.random.default_rng(seed)
         self._known: set[tuple] = set()
         """Plans of which the looks were begun."""
-        self._optimised: list[Plan] = []
 
     @property
     def looks(self) -> list[Planned]:
@@ -99,7 +98,6 @@ class Search:
         plans: int = PLANS,
         seconds: float | None = None,
         on_progress: Callable[[float], None] = lambda _: None,
-        free_paths: bool = False,
     ) -> None:
         """Search until a number of plans, or in its place a duration, is spent.
 
@@ -109,17 +107,14 @@ class Search:
             plans: Plans that are tried; a fifth as many of the best ones are then played to the end.
             seconds: Duration [s]; None for a search that ends with its number of plans.
             on_progress: Called with the share of the search that is done.
-            free_paths: True to improve free-form paths too.
         """
         self._plans_max, self._seconds, self._on_progress = plans, seconds, on_progress
         self._finals_max = max(_FEWEST_FINALS, plans // _FINALS)
         begin = self._time()
         self._clock = lambda: self._time() - begin
         self._ahead = AHEAD if seconds is None else cores()
-        self._optimises = free_paths and self.task.robot.kind == "car"
-        self.families = [family_of(self.task) for family_of in self._make_families]
         with ThreadPoolExecutor(min(cores(), AHEAD)) as threads:
-            for stage in (self._look, self._optimise, self._finish, self._confirm):
+            for stage in (self._look, self._finish, self._confirm):
                 if self.interrupted and stage != self._finish:
                     continue
                 try:
@@ -145,8 +140,7 @@ class Search:
             if self._seconds is None:
                 return len(self._known) >= self._plans_max
             # Without a plan that may be played to the end there is nothing to print.
-            share = _LOOKING_LESS if self._optimises else _LOOKING
-            return bool(self.looks) and self._is_late(share if self._alive() else 1.0)
+            return bool(self.looks) and self._is_late(_LOOKING if self._alive() else 1.0)
 
         calls = (
             ((family, settings), partial(look_at, plan, self.episodes, self._cutoff()))
@@ -192,33 +186,17 @@ class Search:
         except ValueError as error:
             family.unmade.append(str(error))
             return
-        if self.fixed_start and plan.scenario.digest() != self.task.digest():
+        if self.fixed_start and plan.scenario.digest() != self.scenario.digest():
             family.unmade.append("robots would begin elsewhere")
         elif plan.key not in self._known:
             self._known.add(plan.key)
             yield family, settings, plan
 
-    def _optimise(self, threads: ThreadPoolExecutor) -> None:
-        """Improve free-form paths, from the best plan of timed paths and the default, which has a reserve of speed."""
-        seconds = self._seconds
-        left = self._plans_max if seconds is None else _OPTIMISING * seconds - self._clock()
-        if not self._optimises or left <= 0:
-            return
-        timed = [look for look in self._alive() if look.plan.family in _TIMED]
-        orders = {
-            WHOLE: lambda look: look.figures.objectives,
-            SETTLED: lambda look: (look.figures.settled, *look.figures.objectives),
-        }
-        default, starts = Plan(DEFAULTS, self.task, PolicySettings("partition")), {}
-        for goal, order in orders.items():
-            starts[goal] = [default, *(look.plan for look in sorted(timed, key=order)[:1])]
-        self._optimised = optimise(starts, left, self._report, self._seed, None if seconds is None else self._time)
-
     def _finish(self, threads: ThreadPoolExecutor) -> None:
         """Play the best plans to the end, and all defaults that may be among them: no printed plan is worse."""
         looks, cutoff = self.ranked(), self._cutoff()
         defaults = [look.plan for look in looks if look.plan.family == DEFAULTS and look.figures.worst_case <= cutoff]
-        plans = [*self._optimised, *(look.plan for look in looks)]
+        plans = [look.plan for look in looks]
         if self.interrupted:
             plans, defaults = plans[:_FEWEST_FINALS], []
         elif self._seconds is None:
@@ -287,18 +265,136 @@ class Search:
         """
         alive = sorted(self._alive(), key=lambda look: look.figures.objectives)
         by_failed = sorted(alive, key=lambda look: look.figures.by_failures)
-        firsts = _first_of_each(alive, lambda look: look.plan.family)
-        known = [look for look in alive if look.plan.family == KNOWN]
-        policies = _first_of_each(alive, lambda look: look.plan.settings.policy)
-        order = [*alive[:1], *known, *alive[1:2], *by_failed[:2], *firsts, *in_turn([alive, by_failed, policies])]
+        known = [look for look in alive if look.plan.family == BEST_KNOWN]
+        families = {look.plan.family: look for look in reversed(alive)}
+        policies = {look.plan.settings.policy: look for look in reversed(alive)}
+        order = [*alive[:1], *known, *alive[1:2], *by_failed[:2], *reversed(families.values())]
+        order += in_turn([alive, by_failed, list(reversed(policies.values()))])
         return list({look.plan.key: look for look in order}.values())
-
-
-def _first_of_each(looks: Sequence[Planned], of: Callable[[Planned], Any]) -> list[Planned]:
-    """Return the first look of each group."""
-    return list({of(look): look for look in reversed(looks)}.values())[::-1]
 
 
 def _reason_of(error: Exception) -> str:
     """Return why a plan cannot be played."""
     return str(error) if isinstance(error, ValueError) else where_raised(error)
+
+
+@dataclass
+class Outcome:
+    """The result of a planning."""
+
+    request: Request
+    scenarios: dict[int, Scenario] = field(default_factory=dict)
+    """Scenarios on which plans were compared, by number of robots."""
+    limits: dict[int, float] = field(default_factory=dict)
+    """Lower bounds of the worst case of every policy [s], by number of robots; NaN if none is proved."""
+    searches: dict[int, Search] = field(default_factory=dict)
+    """Searches that were begun, by number of robots."""
+    finals: list[Planned] = field(default_factory=list)
+    """All plans that were played to the end by searches that have ended."""
+    seconds: float = 0.0
+    """Duration of the search [s]."""
+
+    @classmethod
+    def of(cls, request: Request) -> "Outcome":
+        """Return the outcome of a request before the search.
+
+        Raises:
+            ValueError: a value that a field of the scenario forbids.
+        """
+        with quietly():
+            scenarios = {number: request.scenario_of(number) for number in request.numbers}
+            limits = {number: guaranteed_time_limit(scenario) for number, scenario in scenarios.items()}
+        return cls(request, scenarios, limits)
+
+    @property
+    def plans(self) -> list[Planned]:
+        """Return the Pareto-optimal plans, the shortest worst case first; only those with a bound, if any."""
+        return best_of(self.finals)
+
+    @property
+    def looks(self) -> int:
+        """Return the number of plans that were looked at."""
+        return sum(len(search.looks) for search in self.searches.values())
+
+    @property
+    def interrupted(self) -> bool:
+        """Return whether Ctrl-C ended a search."""
+        return any(search.interrupted for search in self.searches.values())
+
+    @property
+    def refusals(self) -> dict[int, dict[str, str]]:
+        """Return the reasons why families have no plan without collisions, by number of robots."""
+        return {number: search.refusals() for number, search in self.searches.items()}
+
+    @property
+    def untried(self) -> list[str]:
+        """Return the families of which a search tried no plan, although they may have some."""
+        return list(dict.fromkeys(name for search in self.searches.values() for name in search.untried()))
+
+    @property
+    def fewest_robots(self) -> int | None:
+        """Return the fewest robots of a plan that guarantees the requested time; None if there is no such plan."""
+        return min((entry.plan.scenario.num_robots for entry in self.plans if self.guarantees(entry)), default=None)
+
+    def guarantees(self, planned: Planned) -> bool:
+        """Return whether a plan guarantees the requested time, also with failures if these were requested."""
+        figures = planned.figures
+        if self.request.guarantee is None or figures.collisions or figures.too_close:
+            return False
+        failed = figures.worst_case_failed if self.request.failures else 0.0
+        return max(figures.worst_case, failed) <= self.request.guarantee
+
+    def search(self, on_progress: Callable[[float, "Outcome"], None] = lambda _, __: None) -> None:
+        """Search for plans for each number of robots, and add them.
+
+        With a guarantee, the search begins with the fewest robots, and ends at the first number for which a plan meets
+        it.
+
+        Args:
+            on_progress: Called with the share that is done and the outcome so far.
+        """
+        request, begin = self.request, time.monotonic()
+        # A team whose lower bound is above the requested time cannot meet it.
+        numbers = [n for n, limit in self.limits.items() if not (request.guarantee and limit > request.guarantee)]
+        for k, number in enumerate(numbers):
+            seconds = None
+            if request.seconds is not None:
+                seconds = max((request.seconds - (time.monotonic() - begin)) / (len(numbers) - k), _LEAST)
+
+            def progress(share: float, before: int = k) -> None:
+                on_progress((before + min(share, 1.0)) / len(numbers), self)
+
+            with quietly():
+                scenario = self.scenarios[number]
+                families = families_of(scenario, request.clearance or 0.0)
+                search = Search(scenario, request.episodes, families, request.seed, request.fixed_start)
+                self.searches[number] = search
+                search.run(request.plans or PLANS, seconds, progress)
+            self.finals += search.finals
+            if search.interrupted or self.fewest_robots is not None:
+                break
+        self.seconds = time.monotonic() - begin
+
+
+def plan(
+    scenario: str | os.PathLike[str] | Scenario | None = None,
+    *,
+    on_progress: Callable[[float, Outcome], None] = lambda _, __: None,
+    **requested: Any,
+) -> Outcome:
+    """Search for patrols of a team, simulate them, and return the Pareto-optimal plans with their scores.
+
+    Args:
+        scenario: Scenario from which missing values are taken; without it, the rectangle and the robots must be given.
+        on_progress: Called with the share that is done and the outcome so far.
+        **requested: The other fields of `baselines.planning.request.Request`.
+
+    Returns:
+        The outcome; after Ctrl-C, with the plans that were simulated until then.
+
+    Raises:
+        ValueError: a value is invalid or missing.
+    """
+    outcome = Outcome.of(Request(scenario, **requested))
+    outcome.search(on_progress)
+    return outcome

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.driving import slowest_top_speed
-from baselines.policies.line_path import LineParameters, LinePlan, best_plan, loops_of
+from baselines.policies.line_path import LineParameters, Lines, best_plan, loops_of
 from baselines.policies.line_transit import Effort, Pace, angle_steps, transit_from_any_angle, transit_inside
 from baselines.policies.own_row import own_phase
 from baselines.policies.partition import plain_of
@@ -48,7 +48,7 @@ def choose_ways(
 
 
 @lru_cache(maxsize=16)
-def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[LinePlan, PathTables, Effort]:
+def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[Lines, PathTables, Effort]:
     """Return the lines of a scenario, the paths of its robots, and the angles.
 
     The tables have one plan for each angle of the formation (`Effort.angles`), or one plan alone within an inset.

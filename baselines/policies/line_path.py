@@ -20,7 +20,7 @@ import numpy as np
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.driving import SPREAD_MAX, slowest_top_speed
 from baselines.policies.ideal_motion import worst_undetected_time
-from baselines.policies.patrol_path import fastest_speed
+from baselines.policies.loops import fastest_speed
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.theory.geometry import turning_radius
@@ -86,7 +86,7 @@ class Turn(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LinePlan:
+class Lines:
     """The lines of a scenario."""
 
     speed: float
@@ -136,7 +136,7 @@ def speed_limit(spacing: float, radius: float, rogue_speed: float, step: float) 
     return 2 * math.sqrt(inside) / step - rogue_speed if inside > 0 else -math.inf
 
 
-def best_plan(scenario: Scenario, parameters: LineParameters) -> LinePlan:
+def best_plan(scenario: Scenario, parameters: LineParameters) -> Lines:
     """Return the plan with the best guarantee once the lines have formed, by their number and their speed.
 
     Raises:
@@ -162,7 +162,7 @@ def best_plan(scenario: Scenario, parameters: LineParameters) -> LinePlan:
     return plans[int(np.argmin(times))]
 
 
-def ideal_worst_case(scenario: Scenario, plan: LinePlan) -> float:
+def ideal_worst_case(scenario: Scenario, plan: Lines) -> float:
     """Return the worst-case undetected time [s] of lines that have formed and follow their path without error."""
     half = sorted((scenario.curve.half_width, scenario.curve.half_height), reverse=True)
     loop = loops_of(plan)[..., :2]
@@ -246,7 +246,7 @@ def turn_of(curvature_step: float) -> Turn:
 
 
 @lru_cache(maxsize=64)
-def plans_of(scenario: Scenario, parameters: LineParameters, lines: int) -> tuple[tuple[LinePlan, ...], str]:
+def plans_of(scenario: Scenario, parameters: LineParameters, lines: int) -> tuple[tuple[Lines, ...], str]:
     """Return the plans of so many lines, and why there are none: of several speeds for lines that turn inside."""
     if not turns_inside(scenario):
         failing = what_fails(scenario, lines)
@@ -259,7 +259,7 @@ def plans_of(scenario: Scenario, parameters: LineParameters, lines: int) -> tupl
     return tuple(plans), failing
 
 
-def _outer_plan(scenario: Scenario, parameters: LineParameters, lines: int) -> LinePlan:
+def _outer_plan(scenario: Scenario, parameters: LineParameters, lines: int) -> Lines:
     """Return the plan of so many lines that turn outside of the rectangle."""
     step = scenario.task.step
     _, lanes, line_of = lanes_of(scenario, lines)
@@ -268,10 +268,10 @@ def _outer_plan(scenario: Scenario, parameters: LineParameters, lines: int) -> L
     turn = turn_of(_largest_turn(scenario, parameters, speed))
     reach = max(scenario.curve.half_width, scenario.curve.half_height) + parameters.settle
     sweep = max(math.ceil(2 * reach / (speed * step) - 1e-9), 1)
-    return LinePlan(2 * reach / (sweep * step), step, sweep, turn, reach, lanes, line_of)
+    return Lines(2 * reach / (sweep * step), step, sweep, turn, reach, lanes, line_of)
 
 
-def _inner_plan(scenario: Scenario, parameters: LineParameters, lines: int, fastest: float) -> LinePlan:
+def _inner_plan(scenario: Scenario, parameters: LineParameters, lines: int, fastest: float) -> Lines:
     """Return the plan of lines that turn inside at about a speed [m/s]: whole steps of a sweep and of a half circle.
 
     A sweep of k steps and a half circle of n steps span the driven rectangle if v dt (k / 2 + n / pi) is half of it.
@@ -286,7 +286,7 @@ def _inner_plan(scenario: Scenario, parameters: LineParameters, lines: int, fast
         long += 1
     turn = Turn(0, long, 0.0)
     _, lanes, line_of = lanes_of(scenario, lines, speed * step * turn.aside)
-    return LinePlan(speed, step, sweep, turn, half - speed * step * turn.aside, lanes, line_of)
+    return Lines(speed, step, sweep, turn, half - speed * step * turn.aside, lanes, line_of)
 
 
 def _speed_of(scenario: Scenario, parameters: LineParameters) -> float:
@@ -304,7 +304,7 @@ def _largest_turn(scenario: Scenario, parameters: LineParameters, speed: float) 
     return parameters.grip * scenario.task.step * min(sharpest * speed, grip)
 
 
-def line_path(plan: LinePlan) -> np.ndarray:
+def line_path(plan: Lines) -> np.ndarray:
     """Return one period of the path of a car in the lane 0: (P, 3) along, across [m] and heading [rad].
 
     Step 0 is where the sweep to the right begins.
@@ -320,7 +320,7 @@ def line_path(plan: LinePlan) -> np.ndarray:
     return np.column_stack([places, headings[:-1]])
 
 
-def loops_of(plan: LinePlan) -> np.ndarray:
+def loops_of(plan: Lines) -> np.ndarray:
     """Return along, across [m] and heading [rad] (N, K, 3) of the cars in their lanes, a period of K steps."""
     at = line_path(plan)[(plan.starts[:, None] + np.arange(plan.period)) % plan.period]
     return np.stack([at[..., 0], at[..., 1] + plan.lanes[:, None], at[..., 2]], axis=-1)

@@ -154,8 +154,8 @@ def transit_from_any_angle(
     coarse = np.moveaxis(coarse[..., :2], -1, 0).astype(np.float32)
     noise = 3 * math.sqrt(2) * scenario.formation.start_noise * effort.angles / (2 * np.pi)
     effort = effort._replace(nearest=min(math.ceil(noise), effort.nearest))
-    taken = _Choice(coarse, faults.astype(np.float32), effort, _WANTED * scenario.robot.radius).run()
-    at = (*np.ogrid[: taken.shape[0], : taken.shape[1]], taken)
+    chosen = _Choice(coarse, faults.astype(np.float32), effort, _WANTED * scenario.robot.radius).run()
+    at = (*np.ogrid[: chosen.shape[0], : chosen.shape[1]], chosen)
     return dubins_poses(begin, pieces[at], turns[at], radii[at], gone[at])[:, :, :-1, :2]
 
 
@@ -254,27 +254,27 @@ class _Choice:
 
     def __init__(self, places: np.ndarray, faults: np.ndarray, effort: Effort, wanted: float):
         self.places, self.faults, self.effort, self.wanted = places, faults, effort, wanted
-        self.taken = faults.argmin(axis=2)
+        self.chosen = faults.argmin(axis=2)
 
     def run(self) -> np.ndarray:
         """Return the choices (P, N)."""
-        angles, cars = self.taken.shape
+        angles, cars = self.chosen.shape
         at = np.arange(angles)
         for i in range(cars):
             self.choose(at, i, range(i))
         for _ in range(self.effort.rounds):
             close = np.max([self.choose(at, i, set(range(cars)) - {i}) for i in range(cars)], axis=0)
             at = at[close > _CLOSE]
-        return self.taken
+        return self.chosen
 
     def choose(self, at: np.ndarray, i: int, others: Iterable[int]) -> np.ndarray:
         """Let car i choose for some angles, given the choices of others for adjacent angles, and return the costs."""
         cost = np.zeros(self.faults[at, i].shape, dtype=np.float32)
         for j in others:
             for shift in range(-self.effort.nearest, self.effort.nearest + 1):
-                nearby = (at + shift) % len(self.taken)
-                other = self.places[:, nearby, j, self.taken[nearby, j], None]
+                nearby = (at + shift) % len(self.chosen)
+                other = self.places[:, nearby, j, self.chosen[nearby, j], None]
                 cost += closeness(self.places[:, at, i], other, self.wanted)
         cost = self.faults[at, i] + cost
-        self.taken[at, i] = cost.argmin(axis=1)
+        self.chosen[at, i] = cost.argmin(axis=1)
         return cost.min(axis=1)

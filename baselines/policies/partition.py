@@ -24,8 +24,8 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import UnsuitableScenarioError
-from baselines.policies.cells import tour
-from baselines.policies.partition_plan import PartitionParameters, Plan, partition_plan, room_of
+from baselines.policies.loops import tour
+from baselines.policies.partition_plan import PartitionLoops, PartitionParameters, partition_plan, room_of
 from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.registry import register
 from baselines.policies.repair_plan import OFFSETS, SHAPES, Takeover, middle_of, slowed, takeover_of
@@ -93,7 +93,7 @@ def plain_of(scenario: Scenario) -> Scenario:
 
 
 @lru_cache(maxsize=64)
-def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tuple[Plan, PathTables, float]:
+def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tuple[PartitionLoops, PathTables, float]:
     """Return the plan of a scenario, its timed paths by robot, and how long the collision filter is needed [step]."""
     plan = partition_plan(scenario, parameters)
     for tried in (plan, mirrored(plan)) if scenario.inset else (plan,):
@@ -107,7 +107,7 @@ def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tupl
     return plan, path_tables(scenario, loop), float(arrival_steps(scenario, loop, plan.speed))
 
 
-def mirrored(plan: Plan) -> Plan:
+def mirrored(plan: PartitionLoops) -> PartitionLoops:
     """Return the mirror image of a plan, in which the cars go around the other way."""
     mirror = np.array([1.0, -1.0])
     cells = np.concatenate([plan.cells[:, :2] * mirror, plan.cells[:, 2:]], axis=1)
@@ -274,7 +274,7 @@ def _repair_of(scenario: Scenario, takeover: Takeover, tables: PathTables, drift
 @lru_cache(maxsize=64)
 def timed_repair(
     scenario: Scenario, parameters: PartitionParameters, reserve: float
-) -> tuple[Plan, Takeover, PathTables, float]:
+) -> tuple[PartitionLoops, Takeover, PathTables, float]:
     """Return the plan, the loops for takeovers, the timed paths, and how long the filter is needed [step]."""
     plan, ways = slowed(partition_plan(scenario, parameters), reserve), None
     order = tour(plan.cells)
@@ -287,9 +287,14 @@ def timed_repair(
         else:
             cell = ways.chosen
     room, unit = room_of(scenario, parameters), scenario.curve.half_height
-    taken = takeover_of(plan, cell, scenario.neighbours, room, unit, _offset(scenario))
+    takeover = takeover_of(plan, cell, scenario.neighbours, room, unit, _offset(scenario))
     if ways is None:
-        return plan, taken, path_tables(scenario, taken.loop), float(arrival_steps(scenario, plan.loop, plan.speed))
-    loop = np.roll(taken.loop, -ways.lead_in.shape[1], axis=2)
+        return (
+            plan,
+            takeover,
+            path_tables(scenario, takeover.loop),
+            float(arrival_steps(scenario, plan.loop, plan.speed)),
+        )
+    loop = np.roll(takeover.loop, -ways.lead_in.shape[1], axis=2)
     lead_in = np.repeat(ways.lead_in[None], len(loop), axis=0)
-    return plan, taken, path_tables(scenario, loop, lead_in), 0.0
+    return plan, takeover, path_tables(scenario, loop, lead_in), 0.0

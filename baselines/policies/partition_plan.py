@@ -14,8 +14,8 @@ from functools import lru_cache
 import numpy as np
 
 from baselines.policies.base import UnsuitableScenarioError
-from baselines.policies.cells import closed_loop, divisions, evenly_spaced, length_of
 from baselines.policies.ideal_motion import coverage, worst_undetected_time
+from baselines.policies.loops import closed_loop, divisions, evenly_spaced, length_of
 from baselines.policies.transit import RESERVE, TURN, required_distance, slowest_speed, turning_radius_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, flag, number, whole
@@ -199,7 +199,7 @@ def _timed(loops: list, room: Room, corner: float, members: int) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Plan:
+class PartitionLoops:
     """A division of the rectangle and the loops of its cells."""
 
     cells: np.ndarray
@@ -210,7 +210,7 @@ class Plan:
     """Speed on the longest loop [m/s]."""
 
 
-def partition_plan(scenario: Scenario, parameters: PartitionParameters | None = None) -> Plan:
+def partition_plan(scenario: Scenario, parameters: PartitionParameters | None = None) -> PartitionLoops:
     """Return the best partition of a scenario's rectangle.
 
     Raises:
@@ -232,7 +232,7 @@ def partition_plan(scenario: Scenario, parameters: PartitionParameters | None = 
         raise UnsuitableScenarioError(f"{rule}, got {2 * curve.half_width:g} m x {2 * curve.half_height:g} m")
     shape, loop = best
     speed = float(np.linalg.norm(np.diff(loop[:, :2], axis=1), axis=2).max()) * unit / step
-    return Plan(shape.cells * np.array([unit, unit, unit, unit, 1, 1]), loop * unit, speed)
+    return PartitionLoops(shape.cells * np.array([unit, unit, unit, unit, 1, 1]), loop * unit, speed)
 
 
 def _check_circle(scenario: Scenario, turning: float) -> None:

@@ -8,8 +8,7 @@ import warp as wp
 
 from baselines.policies.base import Policy
 from baselines.policies.driving import Driving, drive_towards, driving_of, steady_speed
-from baselines.policies.own_row import hears, lead, own_heading, own_key, own_phase, own_position, own_speed
-from baselines.policies.patrol_path import (
+from baselines.policies.loops import (
     SweepParameters,
     cruising_speed,
     fastest_speed,
@@ -18,6 +17,7 @@ from baselines.policies.patrol_path import (
     loop_spacing,
     patrol_loop,
 )
+from baselines.policies.own_row import hears, lead, own_heading, own_key, own_phase, own_position, own_speed
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_struct, point2, wrap

@@ -10,12 +10,11 @@ drive to them at once, under the collision filter if they do not know where the 
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from baselines.policies.path_tables import PathTables, path_tables
+from baselines.policies.path_tables import path_tables
 from baselines.policies.registry import register
 from baselines.policies.timed_paths import TimedPaths
 from baselines.policies.transit import arrival_steps, speed_of, start_is_known
@@ -53,37 +52,6 @@ def places_of(paths: np.ndarray, period: int) -> np.ndarray:
     return paths[..., None, :2] + cosines + np.einsum("...kc,kt->...tc", waves[..., 1], np.sin(turn))
 
 
-def derivative_of(paths: np.ndarray, duration: float) -> np.ndarray:
-    """Return the coefficients of the derivative of paths (..., 2 + 4 K) by time, for a period of a duration [s]."""
-    count = (paths.shape[-1] - 2) // 4
-    waves = paths[..., 2:].reshape(*paths.shape[:-1], count, 2, 2)
-    rate = 2 * np.pi / duration * np.arange(1, count + 1)[:, None]
-    turned = np.stack([rate * waves[..., 1], -rate * waves[..., 0]], axis=-1)
-    return np.concatenate([0 * paths[..., :2], turned.reshape(*paths.shape[:-1], 4 * count)], axis=-1)
-
-
-def coefficients_of(loop: np.ndarray, count: int) -> np.ndarray:
-    """Return the Fourier coefficients (..., 2 + 4 count) of loops (..., K, 2) of K control steps, up to a harmonic."""
-    steps = loop.shape[-2]
-    waves = np.fft.rfft(loop, axis=-2) * (2 / steps)
-    if waves.shape[-2] <= count:
-        waves = np.concatenate([waves, np.zeros((*waves.shape[:-2], count + 1 - waves.shape[-2], 2))], axis=-2)
-    pairs = np.stack([waves.real, -waves.imag], axis=-1)[..., 1 : count + 1, :, :]
-    return np.concatenate([loop.mean(axis=-2), pairs.reshape(*pairs.shape[:-3], 4 * count)], axis=-1)
-
-
-@lru_cache(maxsize=64)
-def timed_loops(scenario: Scenario, parameters: PathParameters) -> tuple[PathTables, float]:
-    """Return the timed paths of the robots, and how long the collision filter is needed [control step].
-
-    Raises:
-        ValueError: another number of paths than of robots.
-    """
-    loop = _loop(scenario, parameters)
-    arrival = arrival_steps(scenario, loop, speed_of(loop, scenario.task.step))
-    return path_tables(scenario, loop), 0.0 if start_is_known(scenario) else float(arrival)
-
-
 def _loop(scenario: Scenario, parameters: PathParameters) -> np.ndarray:
     """Return the places (N, K, 2) of the robots at the control steps of a period [m]."""
     lap = 2 * math.pi / scenario.formation.phase_rate / scenario.task.step
@@ -101,7 +69,11 @@ def _loop(scenario: Scenario, parameters: PathParameters) -> np.ndarray:
 
 @register("periodic-paths", on_request=True)
 class PeriodicPaths(TimedPaths):
-    """Cars on timed closed paths of any form, given by Fourier coefficients; by default those of the formation."""
+    """Cars on timed closed paths of any form, given by Fourier coefficients; by default those of the formation.
+
+    Raises:
+        ValueError: another number of paths than of robots.
+    """
 
     def __init__(
         self,
@@ -111,5 +83,8 @@ class PeriodicPaths(TimedPaths):
         parameters: PathParameters | None = None,
     ):
         self.parameters = parameters or PathParameters()
-        tables, until = timed_loops(scenario.resolve(), self.parameters)
-        super().__init__(scenario, num_worlds, device, tables=tables, filtered_until=until)
+        scenario = scenario.resolve()
+        loop = _loop(scenario, self.parameters)
+        arrival = arrival_steps(scenario, loop, speed_of(loop, scenario.task.step))
+        until = 0.0 if start_is_known(scenario) else float(arrival)
+        super().__init__(scenario, num_worlds, device, tables=path_tables(scenario, loop), filtered_until=until)

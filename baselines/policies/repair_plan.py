@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baselines.policies.cells import are_adjacent, closed_loop, evenly_spaced, length_of
 from baselines.policies.ideal_motion import coverage, worst_undetected_time
-from baselines.policies.partition_plan import Plan, Room, smallest_distance, speed_on
+from baselines.policies.loops import are_adjacent, closed_loop, evenly_spaced, length_of
+from baselines.policies.partition_plan import PartitionLoops, Room, smallest_distance, speed_on
 
 SHAPES = 4
 """Loops of different shapes for each case."""
@@ -61,7 +61,7 @@ class _Option(NamedTuple):
     """(OFFSETS, OFFSETS) cost by the distance from that place."""
 
 
-def slowed(plan: Plan, reserve: float) -> Plan:
+def slowed(plan: PartitionLoops, reserve: float) -> PartitionLoops:
     """Return a plan whose loops last longer by a factor, so that the cars can drive longer loops in the same time."""
     count = math.ceil(plan.loop.shape[1] * reserve - 1e-9)
     loop = np.stack([_at_even_distances(loop, count) for loop in plan.loop])
@@ -77,7 +77,7 @@ def _at_even_distances(loop: np.ndarray, count: int) -> np.ndarray:
 
 
 def takeover_of(
-    plan: Plan, cell: np.ndarray, neighbours: np.ndarray, room: Room, unit: float, offset: float
+    plan: PartitionLoops, cell: np.ndarray, neighbours: np.ndarray, room: Room, unit: float, offset: float
 ) -> Takeover:
     """Return the loops of robots that take over the cells of ring neighbours.
 
@@ -97,19 +97,19 @@ def takeover_of(
     corners = np.zeros((CASES * SHAPES, count), dtype=int)
     chosen = []
     for robot, case in itertools.product(range(count), range(CASES)):
-        taken = [neighbours[robot, side] for side in range(2) if case >> side & 1]
-        taken = [other for other in taken if other >= 0 and adjacent[robot, other]]
-        low = (cells[[robot, *taken], :2] - cells[[robot, *taken], 2:4]).min(axis=0)
-        high = (cells[[robot, *taken], :2] + cells[[robot, *taken], 2:4]).max(axis=0)
+        failed = [neighbours[robot, side] for side in range(2) if case >> side & 1]
+        failed = [other for other in failed if other >= 0 and adjacent[robot, other]]
+        low = (cells[[robot, *failed], :2] - cells[[robot, *failed], 2:4]).min(axis=0)
+        high = (cells[[robot, *failed], :2] + cells[[robot, *failed], 2:4]).max(axis=0)
         corners[SHAPES * case : SHAPES * (case + 1), robot] = _corners_of(low, high, room.half_width)
         half, unmoved = (high - low) / 2, _Option(own[robot], np.zeros(2), search.around(0.0))
         options = search.alone(half, (low + high) / 2)
-        if not taken:  # the loop of the plan comes first
+        if not failed:  # the loop of the plan comes first
             options = [unmoved, *options]
         elif not options or options[0].cost[:2, :2].max() >= _UNKNOWN:
-            towards = (cells[taken, :2] - cells[robot, :2]).sum(axis=0)
+            towards = (cells[failed, :2] - cells[robot, :2]).sum(axis=0)
             options = search.beside(half, middle_of(own[robot]) + _TOWARDS * towards, towards)
-        others = own[np.delete(np.arange(count), [robot, *taken])]
+        others = own[np.delete(np.arange(count), [robot, *failed])]
         options = [option for option in options if smallest_distance(option.loop[None], others) >= room.apart]
         chosen.append(options or [unmoved])
     rows = [  # of the first SHAPES of the options, the last of which is repeated

@@ -26,7 +26,6 @@ theory and examples", International Journal of Control 61 (1995).
 import math
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from baselines.policies.base import Policy
@@ -294,7 +293,6 @@ class TimedPaths(Policy):
         num_worlds: W.
         device: Warp device.
         tables: The timed paths, of `baselines.policies.path_tables.path_tables`.
-        by_world: True if world w follows plan w; otherwise all follow plan 0.
         filtered_until: Duration of the collision filter, for cars that do not know where the others start [control
             step].
         waits: True if a car that has stopped beside its loop waits until its reference passes, instead of following it.
@@ -305,7 +303,7 @@ class TimedPaths(Policy):
 
     kind = "car"
     arrays = "warp"
-    remembers = "_memory", "shift"
+    remembers = "_memory", "plan", "shift"
 
     def __init__(
         self,
@@ -314,7 +312,6 @@ class TimedPaths(Policy):
         device: Any = "cpu",
         *,
         tables: PathTables,
-        by_world: bool = False,
         filtered_until: float = 0.0,
         waits: bool = False,
     ):
@@ -327,10 +324,7 @@ class TimedPaths(Policy):
         self._tracking = tracking_of(self.scenario, tables, waits)
         self._pose = wp.array(tables.pose, dtype=wp.vec4, device=self.device)
         self._feedforward = wp.array(tables.feedforward, dtype=wp.vec2, device=self.device)
-        self._first_plan = np.zeros(self.shape, dtype=np.int32)
-        if by_world:
-            self._first_plan += np.arange(self.num_worlds, dtype=np.int32)[:, None]
-        self.plan = wp.array(self._first_plan, dtype=wp.int32, device=self.device)
+        self.plan = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self.shift = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
         self._memory = wp.zeros((*self.shape, MEMORY), dtype=wp.float32, device=self.device)
         self._filtered_until, self._tolerance, self._filter = filtered_until, math.inf, None
@@ -338,13 +332,6 @@ class TimedPaths(Policy):
             self._filter = Safe(self.scenario, num_worlds, self.device, ARRIVING.of(self.scenario))
             if self.communicates == "nothing":
                 self.communicates = self._filter.communicates
-
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the time, the progress and the cars' models of themselves; restore the plan."""
-        super().forget(mask)
-        plan = self.plan.numpy().copy()
-        plan[mask] = self._first_plan[mask]
-        self.plan.assign(plan)
 
     def decide(self, observation: wp.array) -> None:
         """Write the `action` that follows the paths of `plan`, or that of the collision filter."""

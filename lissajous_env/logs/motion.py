@@ -29,6 +29,8 @@ _STEEPEST = 3.0
 """Largest velocity in those of the straight line between two poses, up to which a cubic does not overshoot."""
 _FASTER = 2.0
 """Factor on the top speed of the scenario's robots, above which the way between two poses is a jump."""
+_JUMP = 6.0
+"""Standard deviations of a position by which a jump must exceed this way."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +47,6 @@ class Motion:
     """(J,) first poses of jumps."""
     derived: str = ""
     """Reason for which speeds are derived from the poses; "" if they are those of the log."""
-    turned: bool = False
-    """True if the robot does not drive along its headings."""
     headless: bool = False
     """True if headings are those of the direction of motion, because the log has none."""
 
@@ -86,6 +86,24 @@ class Motion:
         k = np.searchsorted(last, begin + SAME, side="right")
         return first[np.minimum(k, len(first) - 1)] < end - SAME
 
+    def remarks(self, first: float, last: float, was_removed: bool) -> list[str]:
+        """Return remarks for readers of a score from a first to a last time [s]: what is not known, and what is odd."""
+        time, words = self.track.time, []
+        unknown = np.flatnonzero(~self.known & (time[:-1] < last) & (time[1:] > first))
+        jumps = np.intersect1d(self.jumps, unknown)
+        gaps = [(max(float(time[k]), first), min(float(time[k + 1]), last)) for k in np.setdiff1d(unknown, jumps)]
+        if gaps:
+            total, (begin, end) = sum(end - begin for begin, end in gaps), gaps[0]
+            words.append(f"gaps of {total:.3g} s in all, the first from {begin:.3f} to {end:.3f} s, count as failures")
+        if len(jumps):
+            way, at = np.linalg.norm(np.diff(self.track.position, axis=0)[jumps[0]]), time[jumps[0]]
+            rule = "jumps that no robot of the scenario can drive count as failures"
+            words.append(f"{len(jumps)} {rule}, the first of {way:.3g} m at {at:.3f} s")
+        if time[-1] < last - SAME and not was_removed:
+            words.append(f"no pose after {time[-1]:.3f} s, which counts as a failure from then on")
+        words += [f"the speeds {self.derived}; they are computed from the poses"] if self.derived else []
+        return words + (["the headings are unknown; they are those of the motion"] if self.headless else [])
+
 
 def motion_of(track: Track, gap: float = math.inf, top_speed: float = math.inf, slack: float = 0.0) -> Motion:
     """Return the motion of a robot along its track.
@@ -97,35 +115,29 @@ def motion_of(track: Track, gap: float = math.inf, top_speed: float = math.inf, 
         slack: Distance that is no jump [m].
     """
     width, way = np.diff(track.time), np.linalg.norm(np.diff(track.position, axis=0), axis=1)
-    jumps = way > _FASTER * top_speed * width + slack + 6 * _roughness(track)
+    deviation = float(np.median(local_deviations(track.time, track.position[:, :2])))
+    jumps = way > _FASTER * top_speed * width + slack + _JUMP * deviation
     known = (width <= gap + SAME) & ~jumps
     edges = np.concatenate([[0], np.flatnonzero(~known) + 1, [len(track)]])
-    velocity, error, deviation = _derived(track, edges)
+    velocity, error = _derived(track, edges, deviation)
     heading, headless = _headings(track, velocity)
     along = np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
     length = np.linalg.norm(velocity[:, :2], axis=1)
     judged = np.repeat(np.diff(edges) >= _WINDOWS[0], np.diff(edges))
-    moving = judged & (length > np.maximum(0.1 * np.quantile(length, 0.9), 4 * error + 1e-3))
-    forwards = (along * velocity).sum(axis=1)
-    turned = not headless and _many(np.abs(forwards) < 0.7 * length, moving)
-    speed = length * np.where(forwards < -1e-9, -1.0, 1.0)
+    speed = length * np.where((along * velocity).sum(axis=1) < -1e-9, -1.0, 1.0)
     impossible = judged & (np.abs(track.speed) > 4 * length.max(initial=0) + 4 * error + 1e-3)
     reason = "" if track.measured else "were not logged"
     if not np.isfinite(track.speed).all():
         reason = "were not logged"
-    elif impossible.any() or _contradict(track, heading, known, deviation):
+    elif impossible.any() or _contradict(track, heading, known, deviation, length):
         reason = "do not match the poses"
     else:
         speed, velocity = track.speed, along * track.speed[:, None]
     whole = Track(track.time, track.position, heading, speed)
-    return Motion(whole, velocity, known, np.flatnonzero(jumps), reason, turned, headless)
+    return Motion(whole, velocity, known, np.flatnonzero(jumps), reason, headless)
 
 
-def _many(contradicting: np.ndarray, moving: np.ndarray) -> bool:
-    return bool(moving.any() and (contradicting & moving).sum() > _CONTRADICTING * moving.sum())
-
-
-def _contradict(track: Track, heading: np.ndarray, known: np.ndarray, deviation: float) -> bool:
+def _contradict(track: Track, heading: np.ndarray, known: np.ndarray, deviation: float, derived: np.ndarray) -> bool:
     """Return whether the logged speeds along the headings do not lead from pose to pose.
 
     Between two poses, speed and heading are interpolated, so that a car may turn as fast as it can. The ways that are
@@ -136,26 +148,25 @@ def _contradict(track: Track, heading: np.ndarray, known: np.ndarray, deviation:
         heading: (K,) headings [rad].
         known: (K - 1,) True where the motion from a pose to the next is known.
         deviation: Standard deviation of a pose [m].
+        derived: (K,) speeds that are derived from the poses [m/s].
     """
+    width, slack = np.diff(track.time), 4 * deviation + SAME
     speeds = np.stack([track.speed[:-1], (track.speed[:-1] + track.speed[1:]) / 2, track.speed[1:]])
     angles = np.stack([heading[:-1], (heading[:-1] + heading[1:]) / 2, heading[1:]])
     velocities = speeds[..., None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    driven = np.einsum("s,skx->kx", [1 / 6, 4 / 6, 1 / 6], velocities) * np.diff(track.time)[:, None]
+    driven = np.einsum("s,skx->kx", [1 / 6, 4 / 6, 1 / 6], velocities) * width[:, None]
     sums = np.concatenate([np.zeros((1, 2)), np.cumsum(driven, axis=0)])
     gaps = np.concatenate([[0], np.cumsum(~known)])
-    slack, contradict = 4 * deviation + SAME, False
-    for span in (1, *_WINDOWS):
-        if span >= len(track):
-            break
-        way = track.position[span:, :2] - track.position[:-span, :2]
-        length = np.linalg.norm(way, axis=1)
-        moving = (gaps[span:] == gaps[:-span]) & (length > np.maximum(0.1 * np.quantile(length, 0.9), slack))
-        typical = float(np.median(length[moving])) if moving.any() else 0.0
-        off = np.linalg.norm(sums[span:] - sums[:-span] - way, axis=1)
-        contradict = _many(off > np.maximum(0.5 * np.maximum(length, typical), slack), moving)
-        if typical > 2 * slack:
-            break
-    return contradict
+    step = float(np.quantile(derived, 0.75) * np.median(width))
+    span = int(min(np.ceil(2 * slack / max(step, SAME)), len(track) - 1))
+    way = track.position[span:, :2] - track.position[:-span, :2]
+    length = np.linalg.norm(way, axis=1)
+    moving = (gaps[span:] == gaps[:-span]) & (length > np.maximum(0.1 * np.quantile(length, 0.9), slack))
+    if not moving.any():
+        return False
+    off = np.linalg.norm(sums[span:] - sums[:-span] - way, axis=1)
+    contradicting = off > np.maximum(0.5 * np.maximum(length, np.median(length[moving])), slack)
+    return bool((contradicting & moving).sum() > _CONTRADICTING * moving.sum())
 
 
 def _headings(track: Track, velocity: np.ndarray) -> tuple[np.ndarray, bool]:
@@ -168,27 +179,13 @@ def _headings(track: Track, velocity: np.ndarray) -> tuple[np.ndarray, bool]:
     return np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0])), True
 
 
-def _roughness(track: Track) -> float:
-    """Return about the standard deviation of the positions from a line through their neighbours [m]."""
-    if len(track) < 3:
-        return 0.0
-    time, place = track.time, track.position
-    share = ((time[1:-1] - time[:-2]) / (time[2:] - time[:-2]))[:, None]
-    off = place[1:-1] - (1 - share) * place[:-2] - share * place[2:]
-    return float(np.median(np.linalg.norm(off, axis=1)))
-
-
-def _derived(track: Track, edges: np.ndarray) -> tuple[np.ndarray, float, float]:
-    """Return velocities (K, 3) from the positions of each stretch between two edges, and two standard deviations.
-
-    These are that of a velocity [m/s] and that of a position [m].
+def _derived(track: Track, edges: np.ndarray, deviation: float) -> tuple[np.ndarray, float]:
+    """Return velocities (K, 3) from the positions of each stretch between two edges, and their standard deviation.
 
     The number of poses of which each is computed is the least that is precise enough, for the whole track.
     """
     stretches = [slice(a, b) for a, b in pairwise(edges.tolist())]
     velocity, error = np.zeros_like(track.position), 0.0
-    noise = [local_deviations(track.time[s], track.position[s, :2]) for s in stretches if s.stop - s.start >= 7]
-    deviation = float(np.median(np.concatenate(noise))) if noise else 0.0
     period = float(np.median(np.diff(track.time)))
     for count in _WINDOWS:
         factors = []
@@ -199,7 +196,7 @@ def _derived(track: Track, edges: np.ndarray) -> tuple[np.ndarray, float, float]
         typical = float(np.quantile(np.linalg.norm(velocity, axis=1), 0.75))
         if error <= _PRECISE * typical or (count - 1) * period > _LONGEST:
             break
-    return velocity, error, deviation
+    return velocity, error
 
 
 def local_deviations(time: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -1,7 +1,6 @@
 """Terminal output: complete numbers and names at any width, closed streams, kernels, remaining time."""
 
 import math
-import os
 import re
 import subprocess
 import sys
@@ -11,9 +10,9 @@ from command_line import called
 
 import lissajous_env
 from baselines.planning import report
-from baselines.planning.planner import Outcome
 from baselines.planning.plans import Figures, Plan, Planned
 from baselines.planning.request import Request
+from baselines.planning.search import Outcome
 from baselines.policies.settings import PolicySettings
 from baselines.reproduce import claims
 from baselines.reproduce.claims import Claim
@@ -30,11 +29,11 @@ PLANS = [
     Planned(
         Plan("Lissajous", EVADERS, PolicySettings("kuramoto-mpcc-safe"), f"a:b = {k}:2, omega = 0.31{k} rad/s"),
         Figures(1.25 * k, 1.1, math.inf, 0.512, 0, 17, 0.0123, 0.0, False, 123.4, "phases of ring neighbours"),
-        0.105, [], [],
+        [], [],
     )
     for k in range(1, 4)
 ]  # fmt: skip
-OUTCOME = Outcome(Request(EVADERS, failures=1), tasks={5: EVADERS}, finals=PLANS)
+OUTCOME = Outcome(Request(EVADERS, failures=1), scenarios={5: EVADERS}, limits={5: 0.105}, finals=PLANS)
 
 
 @pytest.mark.parametrize("command", ["scenarios", "policies", "plan", "reproduce"])
@@ -70,27 +69,6 @@ def test_streams_that_are_closed_or_full_end_no_command_in_a_traceback(line, cod
     assert "Traceback" not in ended.stderr
     assert "Exception ignored" not in ended.stderr
     assert "\ufffd" not in ended.stdout
-
-
-LOAD = """
-import sys
-import warp as wp
-from lissajous_env.device import compilation
-from lissajous_env.world.robots import contacts
-from lissajous_env.device.devices import as_device, compile_quietly
-compilation.listener = print
-as_device("cpu")
-with compile_quietly():
-    compilation.load_together([contacts.find_collisions], wp.get_device("cpu"), 1)
-"""
-
-
-def loaded(**place):
-    """Return the output of a process that loads one module of kernels."""
-    environment = {name: value for name, value in os.environ.items() if name != "WARP_CACHE_PATH"} | place
-    ended = subprocess.run([sys.executable, "-c", LOAD], capture_output=True, text=True, env=environment, timeout=120)
-    assert ended.returncode == 0, ended.stderr
-    return ended.stdout.splitlines()
 
 
 def test_the_command_says_that_it_compiles_unless_quiet(monkeypatch, capsys):

@@ -85,7 +85,7 @@ def test_pictures_are_of_the_episode():
 @pytest.mark.filterwarnings("ignore:.*Not able to test alternative render modes.*")
 def test_gymnasiums_checker_passes():
     # Oracle: Gymnasium's contract checker.
-    env = gymnasium.make("lissajous/monitoring-v1-v0", disable_env_checker=True, flat_actions=True, **SHORT)
+    env = gymnasium.make("lissajous/monitoring-v1-v0", disable_env_checker=True, **SHORT)
     check_env(env.unwrapped, skip_render_check=True)
     assert env.observation_space.shape == (8, 42)
 

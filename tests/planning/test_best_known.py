@@ -13,8 +13,8 @@ from baselines.benchmark.bounds import Bounds, as_played, bounds_of
 from baselines.benchmark.shown import bounds_in_words, number
 from baselines.benchmark.table import Table
 from baselines.benchmark.written import latex, table_of
-from baselines.planning.families.included import best_known as known_family
-from baselines.planning.plans import SETTLED, WHOLE, Plan
+from baselines.planning.families import best_known as known_family
+from baselines.planning.plans import Plan
 from baselines.planning.rehearse import Episodes, play
 from baselines.policies.settings import PolicySettings
 
@@ -25,12 +25,12 @@ STORED = [each.name for each in bounds.all_known()]
 def test_the_stored_figures_are_those_of_the_episodes(name):
     """Oracle: the episodes, on the scenario as a benchmark plays it, with its own start."""
     (stored,) = (each for each in bounds.all_known() if each.name == name)
-    task = as_played(name.removesuffix(f"-{SETTLED}"), {})
+    task = as_played(name.removesuffix(f"-{known.SETTLED}"), {})
     assert task.digest() == stored.scenario.digest()
     figures = play(known_family(task).plan({"stored": name}), Episodes()).figures
     assert figures.collisions == 0
     assert (figures.worst_case, figures.settled) == (pytest.approx(stored.worst_case), pytest.approx(stored.settled))
-    assert stored.command.startswith(f"python benchmarks/known.py {name.removesuffix(f'-{SETTLED}')} --seconds ")
+    assert stored.command.startswith(f"python benchmarks/known.py {name.removesuffix(f'-{known.SETTLED}')} --seconds ")
 
 
 def test_the_best_known_plans_are_better_than_the_best_default():
@@ -74,7 +74,7 @@ def test_only_better_plans_are_stored(tmp_path, monkeypatch):
         assert known.keep("evaders", [planned(3.0, 2.0)], "c") == ["evaders"]
         assert known.keep("evaders", [planned(3.0, 2.0)], "c") == []
         assert known.keep("evaders", [planned(2.5, 2.2), planned(3.0, 2.0)], "d") == ["evaders", "evaders-settled"]
-        found = {each.name: known.ranked(each, WHOLE) for each in bounds.all_known()}
+        found = {each.name: known.ranked(each, known.WHOLE) for each in bounds.all_known()}
         assert found == {"evaders": (2.5, 2.2), "evaders-settled": (3.0, 2.0)}
     finally:
         bounds.all_known.cache_clear()

@@ -9,8 +9,7 @@ from test_plan import HALL
 
 import baselines
 import lissajous_env
-from baselines.planning.families import FAMILIES, families_apart
-from baselines.planning.families.lissajous import curves_of, formations
+from baselines.planning.families import curves_of, families_of, formations, partitions
 from baselines.planning.plans import Family, Plan
 from baselines.planning.request import Request
 from lissajous_env.theory import geometry
@@ -18,14 +17,14 @@ from lissajous_env.theory import geometry
 
 def test_a_family_without_a_plan_says_why(capsys):
     # Story: bodies that fill the rectangle: (6) allows less than 1.8 m, by its closed form.
-    task = Request(width=6.0, height=6.0, robots=5, robot_radius=1.8, sensor_radius=4.0, speed=1.0).task(5)
+    task = Request(width=6.0, height=6.0, robots=5, robot_radius=1.8, sensor_radius=4.0, speed=1.0).scenario_of(5)
     words = formations(task).refusal
     assert re.search(r"bodies of 1.8 m must be below [\d.]+ m by \(6\)", words)
     assert curves_of(task) == []
 
 
 def test_points_have_formations_alone():
-    families = [family_of(Request(**HALL, robots=5).task(5)) for family_of in FAMILIES]
+    families = families_of(Request(**HALL, robots=5).scenario_of(5))
     assert {family.name for family in families if family.starts} == {"defaults", "Lissajous"}
     words = "sweep and laps drive cars, and the robots are of kind curve (give a turning radius)"
     assert words in [family.refusal for family in families]
@@ -33,7 +32,7 @@ def test_points_have_formations_alone():
 
 def test_curves_of_a_formation_leave_room_and_no_gap():
     """Oracle: the distance and the coverage of the undisturbed formation, by measurement."""
-    task = Request(**HALL, robots=7, turning_radius=1.0).task(7)
+    task = Request(**HALL, robots=7, turning_radius=1.0).scenario_of(7)
     curves = curves_of(task)
     assert any(curve.a + curve.b != 7 for curve in curves)
     for curve in curves:
@@ -43,7 +42,7 @@ def test_curves_of_a_formation_leave_room_and_no_gap():
 
 @pytest.mark.parametrize("robots", [2, 3, 4, 6, 9])
 def test_every_start_of_a_formation_is_a_scenario_whose_robots_part(robots):
-    task = Request(**HALL, robots=robots, turning_radius=1.0).task(robots)
+    task = Request(**HALL, robots=robots, turning_radius=1.0).scenario_of(robots)
     family = formations(task)
     for start in family.starts:
         made = family.plan(start).scenario
@@ -64,9 +63,9 @@ def test_changed_settings_stay_within_their_space():
 
 def test_the_task_is_in_scale_with_its_motion():
     """The law of similarity: lengths times 3 and times times 2 give the same task in that scale, but for rounding."""
-    one = Request(**HALL, robots=5, turning_radius=1.0).task(5)
+    one = Request(**HALL, robots=5, turning_radius=1.0).scenario_of(5)
     scaled = {"width": 60.0, "height": 36.0, "robot_radius": 0.6, "sensor_radius": 15.0}
-    other = Request(**scaled, speed=2.25, rogue_speed=0.3, robots=5, turning_radius=3.0).task(5)
+    other = Request(**scaled, speed=2.25, rogue_speed=0.3, robots=5, turning_radius=3.0).scenario_of(5)
     assert other.task.contamination == one.task.contamination
     assert other.formation.phase_rate * 2 == pytest.approx(one.formation.phase_rate)
     assert other.task.step == pytest.approx(min(2 * one.task.step, 1 / other.robot.drag), rel=1e-2)
@@ -74,11 +73,11 @@ def test_the_task_is_in_scale_with_its_motion():
 
 def test_a_scenario_is_the_task_as_it_is():
     evaders = lissajous_env.scenario("evaders")
-    assert Request(evaders).task(5) == evaders
-    changed_ = Request(evaders, sensor_radius=0.7, rogue_speed=0.2).task(5)
+    assert Request(evaders).scenario_of(5) == evaders
+    changed_ = Request(evaders, sensor_radius=0.7, rogue_speed=0.2).scenario_of(5)
     assert (changed_.sensing_radius, changed_.rogue_speed) == (0.7, 0.2)
     assert changed_.curve == evaders.curve
-    seven = Request(evaders, robots=7).task(7)
+    seven = Request(evaders, robots=7).scenario_of(7)
     assert (seven.num_robots, seven.curve.half_width, seven.robot.wheelbase) == (7, 1.8, evaders.robot.wheelbase)
 
 
@@ -109,17 +108,17 @@ def test_bad_input(asked, message):
 
 def test_differential_drives_are_planned_for_with_their_acceleration():
     """Law: all families of cars fit them, and the task has their limits."""
-    task = Request(**HALL, robots=5, robot="differential", acceleration=0.8).task(5)
+    task = Request(**HALL, robots=5, robot="differential", acceleration=0.8).scenario_of(5)
     assert (task.robot.kind, task.robot.acceleration_max, task.robot.top_speed) == ("differential", 0.8, 1.5)
     assert task.task.boundary == "wall"
-    families = [family_of(task) for family_of in FAMILIES]
+    families = families_of(task)
     assert {family.name for family in families if family.starts} >= {"partition", "lines", "Lissajous", "loops"}
 
 
 @pytest.mark.parametrize("robots", [4, 6])
 def test_four_and_six_robots_begin_apart(robots):
     # Oracle: Lemma 1 gives them shared places in every stable equilibrium; no bodies may overlap at the start.
-    task = Request(**HALL, robots=robots, turning_radius=1.0).task(robots)
+    task = Request(**HALL, robots=robots, turning_radius=1.0).scenario_of(robots)
     places = lissajous_env.Simulation(task).robots.position.numpy()[0, :, :2]
     first, second = np.triu_indices(robots, 1)
     assert np.linalg.norm(places[first] - places[second], axis=1).min() > 2 * task.robot.radius
@@ -127,9 +126,8 @@ def test_four_and_six_robots_begin_apart(robots):
 
 def test_the_clearance_reaches_partitions():
     """Oracle: the distances between the loops of every start, which a default partition does not keep."""
-    task = Request(**HALL, robots=3, turning_radius=1.0).task(3)
-    plain, apart = (next(of(task) for of in families_apart(given) if of(task).name == "partition")
-                    for given in (0.1, 2.0))  # fmt: skip
+    task = Request(**HALL, robots=3, turning_radius=1.0).scenario_of(3)
+    plain, apart = (partitions(task, clearance) for clearance in (0.1, 2.0))
     first, second = np.triu_indices(3, 1)
     for family, least in ((plain, 0.2), (apart, 2.0)):
         places = family.plan(family.starts[0]).settings.make(task).partition.loop

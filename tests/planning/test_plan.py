@@ -14,12 +14,11 @@ from hypothesis import strategies as st
 import baselines
 import lissajous_env
 from baselines.planning import report
-from baselines.planning.families.included import default_policies, defaults
-from baselines.planning.planner import Outcome
+from baselines.planning.families import default_policies, defaults, families_of
 from baselines.planning.plans import Family, Figures, Plan, Planned, best_of, pareto_optimal
 from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at
 from baselines.planning.request import Request
-from baselines.planning.search import AHEAD, Search
+from baselines.planning.search import AHEAD, Outcome, Search
 from baselines.policies.settings import PolicySettings
 from lissajous_env.episodes.guarantee import worst_undetected_times
 
@@ -69,13 +68,13 @@ def planned(
 ):
     figures = Figures(worst, settled, failed, detection, collisions, 0, 0.1, 0.0, too_close, distance, messages)
     scenario = lissajous_env.scenario("evaders", **{"robot.count": robots})
-    return Planned(Plan("hand", scenario, PolicySettings("still")), figures, 1.0, [], [])
+    return Planned(Plan("hand", scenario, PolicySettings("still")), figures, [], [])
 
 
 def test_the_best_plan_is_no_worse_than_any_default(small):
     """Oracle: every included classical policy on the same scenario and seeds, evaluated apart."""
     task = lissajous_env.scenario(small)
-    search = Search(task, Episodes(), [defaults])
+    search = Search(task, Episodes(), [defaults(task)])
     search.run()  # it ends when the defaults have been played
     best = pareto_optimal(search.finals)[0].figures
     assert best.collisions == 0
@@ -248,7 +247,8 @@ def test_a_family_that_was_not_tried_is_named_in_the_first_line(small, capsys, h
 
 def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeypatch):
     """Law: when a plan is changed for the first time, every start of every family was begun."""
-    search, changed = Search(lissajous_env.scenario(small), Episodes()), []
+    scenario, changed = lissajous_env.scenario(small), []
+    search = Search(scenario, Episodes(), families_of(scenario))
 
     def recorded(family, *given):
         changed.append((search.untried(), sum(len(each.looks) + len(each.unmade) for each in search.families)))

@@ -13,11 +13,11 @@ from test_plan import planned
 
 import lissajous_env
 from baselines.planning import report
-from baselines.planning.families import FAMILIES
-from baselines.planning.planner import Outcome
+from baselines.planning.families import families_of
 from baselines.planning.plans import Plan, worst_case
 from baselines.planning.rehearse import Episodes, play, remove_early
 from baselines.planning.request import Request
+from baselines.planning.search import Outcome
 from baselines.policies.settings import PolicySettings
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import REMOVED
@@ -42,7 +42,7 @@ def test_each_combination_of_robots_is_lost_once_or_a_sample_of_them(robots, fai
     assert all(len(set(lost)) == failures and set(lost) <= set(range(robots)) for lost in losses)
     if math.comb(robots, failures) <= 64:
         assert set(losses) == set(itertools.combinations(range(robots), failures))
-    outcome = Outcome(Request(made, failures=failures), tasks={robots: made}, finals=[planned(1.0)])
+    outcome = Outcome(Request(made, failures=failures), scenarios={robots: made}, finals=[planned(1.0)])
     is_sample = f"64 of {math.comb(robots, failures)}" in report.sentences(outcome)[0]
     assert is_sample == (math.comb(robots, failures) > 64)
 
@@ -94,13 +94,13 @@ CARS = ROOM | {"turning_radius": 0.5, "rogue_speed": 0.1}
 
 def hall(**changes):
     """The task of a small hall."""
-    return Request(**CARS | changes).task(3)
+    return Request(**CARS | changes).scenario_of(3)
 
 
 def test_the_worst_case_is_that_of_brute_force_and_the_largest_of_the_episodes():
     """Oracle: exact discs on fine cells in float64, from the tracks of the robots, for the worst of the episodes."""
     room = {"width": 4.0, "height": 3.0, "robots": 2, "robot_radius": 0.1, "sensor_radius": 1.2, "speed": 0.8}
-    task = Request(**room, turning_radius=0.3, rogue_speed=0.3).task(2)
+    task = Request(**room, turning_radius=0.3, rogue_speed=0.3).scenario_of(2)
     best = play(Plan("hand", task, PolicySettings("partition")), Episodes(count=4))
     scenario, times = best.plan.scenario, [row["guaranteed_detection_time"] for row in best.rows]
     assert best.figures.worst_case == max(times) < math.inf
@@ -138,7 +138,7 @@ def test_a_rectangle_has_walls_and_open_ground_needs_space_outside(open_ground):
     assert task.task.boundary == ("open" if open_ground else "wall")
     assert best.figures.outside == pytest.approx(max(beyond, 0.0), abs=1e-6)
     assert (beyond > 0.1) == open_ground
-    outcome = Outcome(Request(**CARS, open=open_ground), tasks={3: task})
+    outcome = Outcome(Request(**CARS, open=open_ground), scenarios={3: task})
     assert ("outside" in printed(outcome, [best])) == open_ground
 
 
@@ -151,14 +151,14 @@ def printed(outcome, plans):
 
 def test_a_scenario_has_its_own_boundary_unless_the_ground_is_open():
     walls = lissajous_env.scenario("evaders", **{"task.boundary": "wall"})
-    assert Request("evaders").task(5).task.boundary == "open"
-    assert Request(walls).task(5).task.boundary == "wall"
-    assert Request(walls, open=True).task(5) == lissajous_env.scenario("evaders")
+    assert Request("evaders").scenario_of(5).task.boundary == "open"
+    assert Request(walls).scenario_of(5).task.boundary == "wall"
+    assert Request(walls, open=True).scenario_of(5) == lissajous_env.scenario("evaders")
 
 
 def test_every_family_of_a_hall_has_walls():
     """Law: each start of each family is a scenario with walls whose curve leaves room for the bodies."""
-    families = [family_of(hall()) for family_of in FAMILIES]
+    families = families_of(hall())
     made = [family.plan(start).scenario for family in families for start in family.starts]
     assert len({family.name for family in families if family.starts}) == 5
     for scenario in made:
@@ -175,7 +175,7 @@ def test_a_plan_whose_bodies_come_closer_than_the_clearance_is_marked():
     near, far = (play(plan, Episodes(count=2, clearance=gap + more)) for more in (-0.05, 0.05))
     assert far.figures.clearance == pytest.approx(gap, abs=0.02)  # between two steps they may be closer
     assert [each.figures.too_close for each in (near, far)] == [False, True]
-    outcome = Outcome(Request(**CARS, clearance=2.0), tasks={3: hall()}, finals=[far])
+    outcome = Outcome(Request(**CARS, clearance=2.0), scenarios={3: hall()}, finals=[far])
     assert printed(outcome, [near, far]).count("(close)") == 1
     assert any("come closer than 2 m" in each for each in report.sentences(outcome))
     assert Request(**ROOM).least_gap == pytest.approx(0.04)

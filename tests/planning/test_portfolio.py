@@ -8,8 +8,7 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.planning import plans, portfolio
-from baselines.planning.prior import NUMBERS, Layer, Prior, numbers_of
-from baselines.planning.rehearse import DETECTION, GUARANTEE, Result
+from baselines.planning.portfolio import DETECTION, GUARANTEE, NUMBERS, Layer, Prior, Result, numbers_of
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.settings import PolicySettings
 
@@ -67,14 +66,14 @@ def test_the_best_of_the_rehearsed_patrols_is_chosen(objective):
 
 def test_rehearsals_for_detection_play_the_rogues_of_the_scenario():
     hunted = lissajous_env.scenario(SCENARIO, **{"targets.rogues": "flee", "targets.speed_limit": 9.0})
-    stages = [portfolio.stage(hunted, objective) for objective in (DETECTION, GUARANTEE)]
+    stages = [portfolio.rehearsal_of(hunted, objective) for objective in (DETECTION, GUARANTEE)]
     assert [each.targets.rogues for each in stages] == ["flee", None]
     assert [each.task.contamination is None for each in stages] == [True, False]
 
 
 def test_more_patrols_are_rehearsed_outside_of_the_fit(monkeypatch):
     counts = []
-    monkeypatch.setattr(portfolio, "_best", lambda given, task, objective, count: counts.append(count))
+    monkeypatch.setattr(portfolio, "best_rehearsed", lambda prior, scenario, count: counts.append(count))
     seen = prior()
     for each in (seen, dataclasses.replace(seen, seen=seen.seen + 1.5)):
         portfolio.ordered(each, SCENARIO)

@@ -13,7 +13,7 @@ from baselines.policies.line_path import ideal_worst_case
 from baselines.policies.partition_plan import PartitionParameters, partition_plan
 
 HALL = Request(width=40, height=25, robots=5, robot_radius=0.5, sensor_radius=6, speed=1.5, turning_radius=2,
-               rogue_speed=1.0).task(5)  # fmt: skip
+               rogue_speed=1.0).scenario_of(5)  # fmt: skip
 
 
 def play(policy, scenario, worlds, steps=None):
@@ -47,7 +47,7 @@ def test_a_partition_stays_inside_and_detects_as_fast_as_without_walls(scenario,
 def test_differential_drives_keep_to_their_loops_and_detect_sooner_than_cars():
     """Oracle: the planned places; a drive whose yaw rate lags behind its command weaves along straight ways."""
     drives = Request(width=40, height=25, robots=5, robot_radius=0.5, sensor_radius=6, speed=1.5, robot="differential",
-                     acceleration=0.8, rogue_speed=1.0).task(5)  # fmt: skip
+                     acceleration=0.8, rogue_speed=1.0).scenario_of(5)  # fmt: skip
     policy = baselines.make("partition", drives)
     places, (row,) = play(policy, drives, 1)
     planned = policy.policy.tables.places(drives.task.steps - 1)[0].swapaxes(0, 1)
@@ -80,7 +80,7 @@ def random_hall(seed):
         sensor_radius=height * draw.uniform(0.3, 0.8), speed=speed, turning_radius=height * draw.uniform(0.02, 0.2),
         rogue_speed=speed * draw.uniform(0.1, 0.9),
     )  # fmt: skip
-    return lissajous_env.scenario(request.task(int(request.robots)), **{"task.boundary": "wall"})
+    return lissajous_env.scenario(request.scenario_of(int(request.robots)), **{"task.boundary": "wall"})
 
 
 @pytest.mark.parametrize(("policy", "seed"), [("partition", 3), ("line-abreast", 2)])

@@ -9,8 +9,8 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.policies import partition_plan as partition_module
-from baselines.policies.cells import are_adjacent, closed_loop, divisions, evenly_spaced, length_of, tour
 from baselines.policies.ideal_motion import worst_undetected_time
+from baselines.policies.loops import are_adjacent, closed_loop, divisions, evenly_spaced, length_of, tour
 from baselines.policies.partition import PartitionRepair, RepairParameters, in_ring_order, loops_lie_apart, plain_of
 from baselines.policies.partition_plan import PartitionParameters, partition_plan, room_of, smallest_distance
 from baselines.policies.transit import TURNS, dubins_lengths, dubins_poses, turning_radius_of

@@ -10,14 +10,14 @@ import baselines
 import lissajous_env
 from baselines.mpcc.solver import MpccParameters
 from baselines.policies.coordinators import Consensus, Kuramoto
-from baselines.policies.patrol import Sweep
-from baselines.policies.patrol_path import (
+from baselines.policies.loops import (
     SweepParameters,
     corner_radius,
     cruising_speed,
     fastest_speed,
     patrol_loop,
 )
+from baselines.policies.patrol import Sweep
 from baselines.policies.trackers import FieldParameters, WithMpcc, WithVectorField
 
 

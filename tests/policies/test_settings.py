@@ -10,8 +10,8 @@ import baselines
 import lissajous_env
 from baselines.policies.base import Filtered
 from baselines.policies.coordinators import ArcParameters, KuramotoByArc
+from baselines.policies.loops import SweepParameters
 from baselines.policies.patrol import Sweep
-from baselines.policies.patrol_path import SweepParameters
 from baselines.policies.safety.filter import Safe
 from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE, PolicySettings
 from baselines.policies.trackers import FieldParameters, WithMpcc

@@ -15,10 +15,10 @@ from lissajous_env.world.observation import layout
 EVADERS = lissajous_env.scenario("evaders")
 
 
-def circles(scenario, radius=0.6, steps=22, turn=0.0):
-    """(N, steps, 2) a circle for each robot, side by side, started at an angle [rad]."""
+def circles(scenario, radius=0.6, steps=22):
+    """(N, steps, 2) a circle for each robot, side by side."""
     n, half = scenario.num_robots, scenario.curve.half_width
-    angle = 2 * np.pi * np.arange(steps) / steps + turn
+    angle = 2 * np.pi * np.arange(steps) / steps
     centre = half * ((2 * np.arange(n) + 1) / n - 1)
     x = centre[:, None] + radius * np.cos(angle)
     return np.stack([x, np.broadcast_to(radius * np.sin(angle), x.shape)], axis=-1)
@@ -34,15 +34,14 @@ def ellipse(scenario, half_width=1.2, half_height=0.8, steps=37):
     return np.repeat(loop[None], scenario.num_robots, axis=0)
 
 
-def errors(scenario, tables, worlds=8, steps=200, seed=3, **settings):
+def errors(scenario, tables, worlds=8, steps=200, seed=3):
     """(steps, W, N) distances from the reference [m]."""
-    policy = TimedPaths(scenario, worlds, tables=tables, **settings)
+    policy = TimedPaths(scenario, worlds, tables=tables)
     simulation = lissajous_env.Simulation(scenario, worlds, seed=seed)
     wanted, found = tables.places(steps), []
-    plans = policy.plan.numpy()[:, 0]
     for k in range(steps):
         simulation.step(policy.act(simulation.observation))
-        found.append(simulation.robots.position.numpy()[:, :, :2] - wanted[plans, :, k + 1])
+        found.append(simulation.robots.position.numpy()[:, :, :2] - wanted[0, :, k + 1])
     return np.linalg.norm(found, axis=-1)
 
 
@@ -123,19 +122,6 @@ def test_a_robot_that_resumes_catches_up():
     assert found[134, :, 2].min() > 0.2
     assert found[250:, :, 2].max() < 1e-3
     assert found[100:, :, [0, 1, 3, 4]].max() < 1e-3, "the others do not react"
-
-
-def test_worlds_follow_plans_of_their_own():
-    """Oracle: each plan alone, bit for bit."""
-    loops = np.stack([circles(EVADERS, turn=turn) for turn in (0.0, 1.0, 2.0)])
-    together = TimedPaths(EVADERS, 3, tables=path_tables(EVADERS, loops), by_world=True)
-    simulation = lissajous_env.Simulation(EVADERS, 3, seed=3)
-    alone = [TimedPaths(EVADERS, tables=path_tables(EVADERS, loop)) for loop in loops]
-    for _ in range(30):
-        seen = simulation.observation.numpy().copy()
-        action = together.act(seen)
-        np.testing.assert_array_equal(action, np.concatenate([each.act(seen[[w]]) for w, each in enumerate(alone)]))
-        simulation.step(action)
 
 
 @pytest.mark.parametrize(("make", "words"), [

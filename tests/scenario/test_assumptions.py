@@ -115,7 +115,7 @@ def test_one_of_ones_own_warns_once(tmp_path):
 def plan_of_partition(tmp_path):
     """A folder of a plan for four robots, which have no stable formation, and which does not need one."""
     sizes = {"robot_radius": 0.2, "sensor_radius": 3.0, "speed": 1.5, "turning_radius": 0.5}
-    task = Request(width=12.0, height=8.0, robots=4, **sizes).task(4)
+    task = Request(width=12.0, height=8.0, robots=4, **sizes).scenario_of(4)
     task = named.build(task, **{"task.duration": 10 * task.task.step})
     (tmp_path / "scenario.toml").write_text(as_toml(task), encoding="utf-8")
     (tmp_path / "policy.toml").write_text(PolicySettings("partition").as_toml(), encoding="utf-8")

@@ -1,6 +1,5 @@
 """Wrappers and algorithms of Stable-Baselines3 over the batch of worlds, as their users write them."""
 
-import gymnasium
 import numpy as np
 import pytest
 
@@ -8,89 +7,13 @@ import lissajous_env
 
 pytest.importorskip("stable_baselines3")
 
-from stable_baselines3 import DQN, PPO
-from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize, VecVideoRecorder
-from stable_baselines3.common.vec_env.dummy_vec_env import DummyVecEnv
+from stable_baselines3 import DQN
+from stable_baselines3.common.vec_env import VecVideoRecorder
 
 from lissajous_env.envs.sides import action_table
 from training.sb3 import ModelPolicy, RobotVecEnv, RogueVecEnv
 
 SHORT = lissajous_env.scenario("experiment", **{"task.duration": 0.8})
-FAST = {"n_steps": 8, "batch_size": 20, "n_epochs": 1}
-
-
-def team(flat_actions, discrete_actions=False):
-    def make():
-        env = lissajous_env.LissajousEnv(SHORT, flat_actions=flat_actions, discrete_actions=discrete_actions)
-        return gymnasium.wrappers.FlattenObservation(env) if flat_actions else env
-
-    return DummyVecEnv([make])
-
-
-def played_by_hand(model, env, worlds, steps=8):
-    """Actions (steps, worlds, N, size) of the model where it was trained."""
-    env.seed(3)
-    rows, actions = env.reset(), []
-    for _ in range(steps):
-        chosen, _ = model.predict(rows, deterministic=True)
-        actions.append(chosen)
-        rows, *_ = env.step(chosen)
-    return np.reshape(actions, (steps, worlds, 5, -1))
-
-
-STACKS = {
-    "as many rows as robots": lambda: VecFrameStack(RobotVecEnv(SHORT, 2), 5),
-    "normalized before": lambda: VecFrameStack(VecNormalize(RobotVecEnv(SHORT, 2)), 3),
-    "discrete": lambda: VecFrameStack(RobotVecEnv(SHORT, 2, discrete_actions=True), 4),
-    "flat team": lambda: VecFrameStack(team(True), 3),
-}
-
-
-@pytest.mark.parametrize("name", STACKS)
-def test_a_model_of_stacked_rows_acts_as_where_it_was_trained(name):
-    # Oracle: the wrapper itself, over two episodes; the policy is reset between them.
-    env = STACKS[name]()
-    model = PPO("MlpPolicy", env, seed=1, **FAST).learn(80)
-    normalizer = model.get_vec_normalize_env()
-    if normalizer is not None:
-        normalizer.training = False
-    worlds = 1 if "team" in name else 2
-    env = model.get_env()
-    expected = played_by_hand(model, env, worlds, steps=8)
-    policy = ModelPolicy(model, SHORT, worlds, normalizer=normalizer)
-    simulation = lissajous_env.Simulation(SHORT, worlds)
-    for _ in range(2):
-        # The rows of a world share the seed of the first of them.
-        rows = simulation.reset(seeds=[3] if worlds == 1 else [3, 8])
-        policy.reset()
-        for actions in expected:
-            acted = policy.act(rows.numpy())
-            table = action_table(SHORT)
-            wanted = table[actions[..., 0]] if name == "discrete" else np.clip(actions, -1, 1)
-            np.testing.assert_allclose(acted, wanted, atol=1e-6)
-            rows = simulation.step(acted)[0]
-
-
-def test_stacked_teams_are_told_from_stacked_rows():
-    # Story: five rows of one robot are as long as a row of the team of five; the size of the actions decides.
-    def model(rows, actions):
-        box = gymnasium.spaces.Box
-        spaces = {"observation_space": box(-1, 1, rows), "action_space": box(-1, 1, actions)}
-        return type(
-            "Model", (), spaces | {"predict": lambda self, seen, **more: (np.zeros((len(seen), *actions)), None)}
-        )()
-
-    inputs = RobotVecEnv(SHORT).observation_space.shape[0]
-    seen = np.zeros((2, 5, inputs), np.float32)
-    for rows, actions in [
-        ((5 * inputs,), (2,)),
-        ((5 * inputs,), (10,)),
-        ((5, 3 * inputs), (5, 2)),
-        ((15, inputs), (10,)),
-    ]:
-        assert ModelPolicy(model(rows, actions), SHORT, 2).act(seen).shape == (2, 5, 2)
-    with pytest.raises(ValueError, match="or of several of them stacked"):
-        ModelPolicy(model((inputs + 1,), (2,)), SHORT)
 
 
 def test_dqn_learns_on_the_rows_of_a_batch():

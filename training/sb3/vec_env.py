@@ -60,7 +60,7 @@ class BatchVecEnv(VecEnv):
         self._acts, self._returns = np.zeros(count, dtype=bool), np.zeros(count)
         self._lengths = np.zeros(count, dtype=np.int64)
         self._table = self._side.table
-        super().__init__(count, self._side.row_space(), self._side.action_space())
+        super().__init__(count, *self._side.spaces())
         self.metadata["render_fps"] = METADATA["render_fps"]
 
     def close(self) -> None:
@@ -105,8 +105,7 @@ class BatchVecEnv(VecEnv):
         self._reset_options()
         self.batch.reset()
         self._returns[:], self._lengths[:] = 0.0, 0
-        self._acts = self._side.acting(self.simulation).reshape(-1)
-        return self._rows()
+        return self._begun()
 
     def step_async(self, actions: np.ndarray) -> None:
         """Store the actions of the next step: (W N, action_size), clipped to [-1, 1], or (W N,) indices of the table.
@@ -120,24 +119,20 @@ class BatchVecEnv(VecEnv):
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Take the step with the stored actions; begin new episodes in the worlds whose episode is over."""
         self.batch.step({self._side.agent: self._actions})
-        side, simulation = self._side, self.simulation
-        arrays = side.arrays(simulation)
-        rewards = arrays.reward.numpy().reshape(-1).copy()
-        terminated = arrays.terminated.numpy().astype(bool).reshape(-1)
-        over = self.batch.over
-        ended_worlds = np.repeat(over, side.places)
-        dones = self._acts & terminated | ended_worlds
+        rows, over = self.batch.rows(self._side), self.batch.over
+        rewards, terminated = rows.reward.reshape(-1).copy(), rows.terminated.reshape(-1)
+        dones = self._acts & terminated | np.repeat(over, self._side.places)
         truncated = dones & self._acts & ~terminated
         infos: list[dict[str, Any]] = [{"TimeLimit.truncated": late} for late in truncated.tolist()]
         if dones.any():
-            for k, row in zip(np.flatnonzero(dones), self._rows()[dones], strict=True):
+            last = rows.observation.reshape(self.num_envs, -1)[dones]
+            for k, row in zip(np.flatnonzero(dones), last, strict=True):
                 infos[k]["terminal_observation"] = row
         self._report(rewards, dones, infos)
         if over.any():
             self.scores.extend(self.batch.score(over))
             self.batch.reset(over)
-        self._acts = side.acting(simulation).reshape(-1)
-        return self._rows(), rewards, dones, infos
+        return self._begun(), rewards, dones, infos
 
     def _report(self, rewards: np.ndarray, dones: np.ndarray, infos: list[dict[str, Any]]) -> None:
         """Count a step, and report the episodes that ended with it: return, length [steps], time since the start [s].
@@ -151,9 +146,11 @@ class BatchVecEnv(VecEnv):
             infos[k]["episode"] = {"r": float(self._returns[k]), "l": int(self._lengths[k]), "t": at}
         self._returns[dones], self._lengths[dones] = 0.0, 0
 
-    def _rows(self) -> np.ndarray:
-        """Return a copy of the rows (W N, inputs)."""
-        return self._side.arrays(self.simulation).observation.numpy().reshape(self.num_envs, -1).copy()
+    def _begun(self) -> np.ndarray:
+        """Note which agents act in the next step, and return a copy of their rows (W N, inputs)."""
+        rows = self.batch.rows(self._side)
+        self._acts = (rows.mask & ~rows.terminated).reshape(-1)
+        return rows.observation.reshape(self.num_envs, -1).copy()
 
 
 class RogueVecEnv(BatchVecEnv):

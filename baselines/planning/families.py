@@ -1,0 +1,302 @@
+"""The families of plans: the included policies, the best known plans, partitions, lines, loops, and formations.
+
+The included policies with their defaults and the best known plans are played on the scenario as it is, so no plan is
+printed that is worse. Of formations, curves with a + b = N are the paper's, with its bounds (6), (7) and (8). Other
+curves are tried too where N equally spaced robots of the undisturbed formation neither collide nor leave a gap, by
+`lissajous_env.theory.geometry`.
+"""
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+
+from baselines.benchmark.bounds import BEST_KNOWN, BestKnown, known_plans
+from baselines.planning.plans import Choices, Family, Plan, Settings, absolute, top_speed
+from baselines.planning.request import paper_design, turning_radius_of
+from baselines.policies import registry
+from baselines.policies.as_cars import like_cars
+from baselines.policies.settings import PolicySettings
+from lissajous_env.parameters import named
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.parts import Curve
+from lissajous_env.theory import closed_forms, geometry
+from lissajous_env.theory.design import HEADROOM, best_formation, largest_phase_rate
+
+DEFAULTS, FORMATIONS = "defaults", "Lissajous"
+"""Names of the families of the included policies and of formations."""
+_FIRST = "partition", "line-abreast", "kuramoto-mpcc"
+"""Policies that are usually the best: the others are played only until they are known to be worse."""
+_FILTERED = "kuramoto-mpcc"
+"""The policy that is also played with the collision filters."""
+_FILTERS = "", "-safe"
+"""Suffixes of a policy of cars: without and with the collision filter."""
+_STARTS = [0.0, 0.5, 0.7, 0.9]
+"""Speeds of a start on an ellipse where it is fastest, over the top speed; 0 for the start of the scenario."""
+_LATE = 1.2
+"""Clearance for which a partition is planned, over the one that is asked for: cars are not exactly on their loops."""
+_STABLE = "kuramoto", "arc"
+"""Coordinators that require a stable equilibrium (2) with a place for each robot, which 4 and 6 robots do not have."""
+_COORDINATORS = *_STABLE, "consensus", "open-loop", "tracked-reference"
+_MOST_CURVES = 12
+"""Curves that are tried."""
+_MORE = 6
+"""Largest a + b that is tried, less the number of robots."""
+_TIGHT = 0.35
+"""Largest share of the arc of a curve that may turn tighter than the cars can."""
+_ROOM = 1.05
+"""Least distance of robots in formation, over the sum of their radii; least sensing radius, over what a lap needs."""
+
+
+def families_of(scenario: Scenario, clearance: float = 0.0) -> list[Family]:
+    """Return the families of plans for a scenario, with partitions whose bodies are a clearance apart [m]."""
+    of_cars = partitions(scenario, clearance), lines(scenario), patrols(scenario)
+    return [defaults(scenario), best_known(scenario), *of_cars[:2], formations(scenario), of_cars[2]]
+
+
+def defaults(scenario: Scenario) -> Family:
+    """Return the policies that drive the robots, first those that are usually the best."""
+    names = sorted(default_policies(scenario), key=lambda name: not name.startswith(_FIRST))
+    starts = [{"policy": name} for name in names]
+    return Family(DEFAULTS, lambda given: Plan(DEFAULTS, scenario, PolicySettings(given["policy"]), "defaults"), starts)
+
+
+def default_policies(scenario: Scenario) -> list[str]:
+    """Return the names of the included classical policies that drive the robots of a scenario.
+
+    Of those with a collision filter, the paper's method alone. Policies that are played on request alone are left out.
+    """
+    names = [name for name in registry.names(scenario) if registry.is_classical(name) and registry.ships(name)]
+    names = [name for name in names if registry.made_for(name, scenario.name)]
+    return [name for name in names if not registry.unwrapped(name)[1] or registry.unwrapped(name)[0] == _FILTERED]
+
+
+def best_known(scenario: Scenario) -> Family:
+    """Return the stored plans of a scenario as a family of plans, unless something was changed in it."""
+    return as_family(scenario, known_plans(scenario))
+
+
+def as_family(scenario: Scenario, plans: Sequence[BestKnown]) -> Family:
+    """Return stored plans as a family of plans on a scenario."""
+    if not plans:
+        return Family(BEST_KNOWN, refusal="none is stored for this scenario")
+    settings = {plan.name: plan.settings for plan in plans}
+    starts = [{"stored": name} for name in settings]
+    return Family(BEST_KNOWN, lambda given: Plan(BEST_KNOWN, scenario, settings[given["stored"]], "best known"), starts)
+
+
+def partitions(scenario: Scenario, clearance: float = 0.0) -> Family:
+    """Return partitions, by the speed and the division of the rectangle.
+
+    Args:
+        scenario: The scenario.
+        clearance: Least distance of two bodies [m]; partitions have a body's radius between them in any case.
+    """
+    apart = {"clearance": float(f"{_LATE * clearance:.4g}")} if _LATE * clearance > scenario.robot.radius else {}
+    first = {"speed": 0.9}, {"speed": 0.9, "start": 0.7}, {"speed": 0.6}, {"speed": 0.97}, {"speed": 0.8}
+    extents: list[Any] = [0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9]
+    return timed(scenario, "partition", ("partition", "partition-repair"), [apart | settings for settings in first], {
+        "speed": (0.3, 1.0),
+        "rows": list(range(1, scenario.num_robots + 1)),
+        "extent_x": extents,
+        "extent_y": extents,
+        "lanes": [2, 4, 6],
+    })  # fmt: skip
+
+
+def lines(scenario: Scenario) -> Family:
+    """Return lines of cars side by side, by the speed, the number of lines and their turns."""
+    first = ({"lines": 1}, {"lines": 2}, {"speed": 0.6}, {"lines": 3}, {"speed": 0.8})
+    return timed(scenario, "lines", ("line-abreast",), first, {
+        "speed": (0.3, 0.98),
+        "lines": list(range(1, min(scenario.num_robots, 4) + 1)),
+        "grip": (0.4, 1.0),
+        "settle": [0.0, 0.1, 0.25, 0.5],
+    })  # fmt: skip
+
+
+def patrols(scenario: Scenario) -> Family:
+    """Return loops of cars in file or for themselves, by their speed, number of lanes and inset."""
+    first = [
+        {"cruise": 0.8, "lanes": lanes, "inset": inset, "start": start}
+        for lanes, inset, start in ((2, 0.5, 0.9), (4, 0.5, 0.9), (2, 0.1, 0.9), (6, 0.5, 0.9), (2, 0.5, 0.0))
+    ]
+    return timed(scenario, "loops", ("sweep", "laps"), first, {
+        "policy": [policy + suffix for policy in ("sweep", "laps") for suffix in _FILTERS],
+        "cruise": (0.3, 1.0),
+        "lanes": [2, 4, 6, 8],
+        "inset": (0.02, 1.5),
+    })  # fmt: skip
+
+
+def timed(
+    scenario: Scenario,
+    name: str,
+    policies: Sequence[str],
+    first: Sequence[Settings],
+    parameters: Mapping[str, Choices],
+) -> Family:
+    """Return a family of policies by their parameters, in the units of `baselines.planning.plans.UNITS`.
+
+    Args:
+        scenario: The scenario.
+        name: Name of the family.
+        policies: Policies of cars.
+        first: Parameters that are tried first with each policy, the defaults aside.
+        parameters: Values that the parameters may have, and those of `policy` if there are more than the first ones.
+    """
+    if like_cars(scenario) is None:
+        kind = f"the robots are of kind {scenario.robot.kind} (give a turning radius)"
+        return Family(name, refusal=f"{' and '.join(policies)} drive cars, and {kind}")
+    starts = [{"policy": policy, **settings} for settings in first for policy in policies]
+    space = {"policy": list(policies), "start": _STARTS, **parameters}
+    return Family(name, partial(_changed, scenario, name), starts, space)
+
+
+def _changed(scenario: Scenario, name: str, settings: Settings) -> Plan:
+    """Return the policy with the parameters, on the scenario with another start if one is given."""
+    shares = {key: value for key, value in settings.items() if key not in ("policy", "start")}
+    start = settings.get("start", 0.0) * top_speed(scenario)
+    policy = absolute(PolicySettings(settings["policy"], shares), scenario, digits=4)
+    about = ", ".join(f"{key.replace('_', ' ')} {_short(value)}" for key, value in policy.parameters.items())
+    about += f", start on an ellipse at {start:.3g} m/s" if start else ""
+    return Plan(name, on_ellipse(scenario, start) if start else scenario, policy, about)
+
+
+def _short(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def formations(scenario: Scenario) -> Family:
+    """Return formations by curve, coordinator, and shares of the largest phase rate and of the default coupling."""
+    policies = _policies(scenario)
+    if not policies:
+        return Family(FORMATIONS, refusal=f"no coordinator drives robots of kind {scenario.robot.kind}")
+    curves, (paper, *others) = curves_of(scenario), policies
+    if not curves:
+        return Family(FORMATIONS, refusal=_violation(scenario))
+    # Every curve with the paper's method, then the best ones with other coordinators.
+    starts = [{"curve": k, "policy": paper, "rate": 1.0} for k in range(len(curves))]
+    starts += [{"curve": k, "policy": policy, "rate": 1.0} for k in range(len(curves))[:2] for policy in others]
+    space = {
+        "curve": list(range(len(curves))),
+        "policy": policies,
+        "rate": (0.3, 1.3),
+        "coupling": (0.2, 5.0),
+        "ring": list(range(4)),
+    }
+    return Family(FORMATIONS, partial(_formation, scenario), starts, space)
+
+
+def _violation(scenario: Scenario) -> str:
+    """Return the conditions that the best curve with a + b = N violates."""
+    half, sensor = (scenario.curve.half_width, scenario.curve.half_height), scenario.sensing_radius
+    best = paper_design(half, scenario.robot, sensor, top_speed(scenario), scenario.num_robots, scenario.inset)
+    violated = best.violations(scenario.robot.radius, sensor) or ["robots collide or leave a gap on every curve"]
+    return f"the paper's best curve is a = {best.curve.a}, b = {best.curve.b}: {'; '.join(violated)}"
+
+
+def _formation(scenario: Scenario, settings: Settings) -> Plan:
+    """Return the formation at a share of the largest phase rate that its robots can drive, less the headroom."""
+    curve, policy = curves_of(scenario)[settings["curve"]], settings["policy"]
+    rate = float(f"{settings['rate'] * _largest_rate(scenario, curve):.6g}")
+    fields = formation_overrides(scenario, curve, rate, settings.get("ring", 0))
+    if "coupling" in settings:
+        fields["formation.coupling"] = settings["coupling"] * rate / (0.3 * fields["formation.alpha"])
+    coordinator, pace = {}, f"omega = {rate:.3g} rad/s"
+    if policy.startswith("arc"):
+        cruise = min(settings["rate"] * (1 - HEADROOM), 1.0) * top_speed(scenario)
+        coordinator = {"speed": float(f"{cruise:.6g}")}
+        pace = f"{coordinator['speed']:.3g} m/s"
+    about = f"a:b = {curve.a}:{curve.b}, p = {fields['formation.p']}, {pace}"
+    return Plan(FORMATIONS, named.build(scenario, **fields), PolicySettings(policy, {}, coordinator), about)
+
+
+def _policies(scenario: Scenario) -> list[str]:
+    """Return the policies, the paper's method first if the robots have a stable formation."""
+    has_stable = closed_forms.has_unclustered_equilibrium(scenario.num_robots)
+    fitting = [name for name in _COORDINATORS if has_stable or name not in _STABLE]
+    if scenario.robot.kind == "curve":
+        return fitting
+    drivers = _FILTERS if like_cars(scenario) is not None else ()
+    return [f"{name}-mpcc{suffix}" for suffix in drivers for name in fitting]
+
+
+@lru_cache(maxsize=64)
+def curves_of(scenario: Scenario) -> list[Curve]:
+    """Return the driven curves on which the formation of a scenario may work, those with the shortest laps first."""
+    n = scenario.num_robots
+    half = scenario.driven.half_width, scenario.driven.half_height
+    ratios = ((a, b) for a in range(1, n + _MORE + 1, 2) for b in range(1, n + _MORE + 1 - a) if math.gcd(a, b) == 1)
+    lap = {curve: 1 / _largest_rate(scenario, curve) for curve in (Curve(*half, a, b) for a, b in ratios)}
+    first = sorted(lap, key=lambda curve: (curve.a + curve.b != n, lap[curve]))
+    usable = itertools.islice((curve for curve in first if _may_work(scenario, curve)), _MOST_CURVES)
+    return sorted(usable, key=lap.__getitem__)
+
+
+def _may_work(scenario: Scenario, curve: Curve) -> bool:
+    """Return whether the undisturbed formation neither collides nor leaves a gap, and cars can follow most of it."""
+    n, robot = scenario.num_robots, (like_cars(scenario) or scenario).robot
+    apart, halves = 2 * robot.radius * _ROOM, np.pi * np.arange(1, n // 2 + 1) / n
+    # The distances at some phases refuse most curves, long before the smallest of all phases is known.
+    if geometry.chord_length(curve, geometry.lap_phases(curve, 1)[:, None], halves).min(initial=math.inf) < apart:
+        return False
+    if geometry.smallest_distance(curve, n) < apart:
+        return False
+    if geometry.tight_share(curve, turning_radius_of(robot)) > _TIGHT:
+        return False
+    gap = geometry.measured_coverage_radius(curve, 1e-2) + math.sqrt(2) * scenario.inset
+    return gap * _ROOM < scenario.sensing_radius
+
+
+def _largest_rate(scenario: Scenario, curve: Curve) -> float:
+    """Return the largest phase rate at which the robots can drive a curve, less the headroom [rad/s]."""
+    robot = (like_cars(scenario) or scenario).robot
+    grip = robot.lateral_acceleration_max if robot.kind == "car" else math.inf
+    return largest_phase_rate(curve, top_speed(scenario), turning_radius_of(robot), grip)
+
+
+def formation_overrides(scenario: Scenario, curve: Curve, rate: float, ring: int = 0) -> dict[str, Any]:
+    """Return the fields that put the robots of a scenario in formation on a curve.
+
+    Args:
+        scenario: The scenario.
+        curve: The curve, as it is driven.
+        rate: Phase rate omega [rad/s].
+        ring: Index of the equilibrium, and thereby of the order of the robots; 0 for the one that recovers fastest.
+    """
+    n = scenario.num_robots
+    p, alpha = best_formation(curve, n)
+    if closed_forms.cluster_size(n, p, alpha) > 1:
+        p, alpha = 1, 1  # equally spaced, though no stable equilibrium of (1)
+    others = [other for other in closed_forms.stable_equilibria(n) if math.gcd(other, n) == 1 and other != p]
+    if 0 < ring <= len(others):
+        p = others[ring - 1]
+        alpha = closed_forms.default_alpha(curve, n, p)
+    if closed_forms.cluster_size(n, p, alpha) > 1:
+        raise ValueError(f"p and alpha must give every robot a place of its own, got {p} and {alpha}")
+    there = scenario.alpha * geometry.curve_length(scenario.driven)
+    noise = scenario.formation.start_noise * there / (alpha * geometry.curve_length(curve))
+    point = {"robot.phase_rate_max": top_speed(scenario) / (alpha * geometry.largest_speed(curve))}
+    return {
+        "curve.a": curve.a, "curve.b": curve.b, "curve.harmonics": (), "curve.half_depth": 0.0,
+        "formation.phase_rate": rate, "formation.coupling": rate / (0.3 * alpha),
+        "formation.p": p, "formation.alpha": alpha, "formation.ring": tuple(range(n)), "formation.displaced": (),
+        "formation.start_noise": noise, "robot.count": n,
+        **(point if scenario.robot.kind == "curve" else {}),
+    }  # fmt: skip
+
+
+def on_ellipse(scenario: Scenario, fastest: float) -> Scenario:
+    """Return a scenario whose robots begin evenly spaced on the ellipse in its rectangle, all in the same sense.
+
+    Args:
+        scenario: The scenario.
+        fastest: Speed of the start where the ellipse is fastest [m/s].
+    """
+    ellipse = Curve(scenario.driven.half_width, scenario.driven.half_height, 1, 1)
+    rate = float(f"{fastest / geometry.largest_speed(ellipse):.6g}")
+    return named.build(scenario, **formation_overrides(scenario, ellipse, rate))
