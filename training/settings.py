@@ -124,7 +124,7 @@ class TrainingSettings(Checked):
             return self.base
         if task.task.action == "velocity":
             return scenarios.rule_of(task)
-        return {"car": "arc-gvf" if task.curve.harmonics else "arc-mpcc", "curve": "kuramoto"}.get(task.robot.kind)
+        return {"car": "arc-mpcc", "curve": "kuramoto"}.get(task.robot.kind)
 
     def make_scenario(self) -> Scenario:
         """Return the scenario, or the first one of the validations."""

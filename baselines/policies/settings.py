@@ -74,16 +74,6 @@ class PolicySettings:
         given = {ARGUMENT: _made(self.policy, ARGUMENT, factory, self.parameters, scenario)} if self.parameters else {}
         return registry.build(self.policy, partial(factory, **given), scenario, num_worlds, device)
 
-    def scaled(self, length: float, time: float) -> "PolicySettings":
-        """Return the settings with the parameters of the policy multiplied by the powers of two factors in their units.
-
-        Raises:
-            ValueError: the policy has no parameters, or no such one.
-        """
-        entry: Any = registry.entry_of(self.policy)
-        parameters = _made(self.policy, ARGUMENT, entry.factory, self.parameters).scaled(length, time)
-        return dataclasses.replace(self, parameters={name: getattr(parameters, name) for name in self.parameters})
-
     @classmethod
     def read(cls, folder: str | os.PathLike[str]) -> "PolicySettings":
         """Read the settings in a folder.

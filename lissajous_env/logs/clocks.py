@@ -38,30 +38,30 @@ class Clock:
 
     Attributes:
         poses: The poses, in the order of their recording, all with stamps on this clock.
-        notes: Remarks on what was left out or seems wrong.
+        notes: Remarks on what is not known or seems wrong.
 
     Raises:
         ValueError: a clock was set while the log was recorded.
     """
 
     def __init__(self, poses: Sequence[Table], log: Log):
-        self.notes: list[str] = []
-        self.poses = [own.take(np.lexsort((own.stamp, own.logged, own.bag))) for own in poses]
-        self._log, robots = log, range(len(poses))
-        without = [k for k in robots if not np.ptp(poses[k].stamp) > 0]
-        if without:
-            self.notes.append(f"the poses of {log.called(without)} have no stamps; their times are the recorder's")
-        if len(without) == len(poses):
-            self.poses, without = [dataclasses.replace(own, stamp=own.logged) for own in self.poses], []
-        stamped = [k for k in robots if k not in without]
-        self._leave_out_strays()
-        for k in stamped:
-            self._refuse_breaks(k)
+        self._log, self.poses = log, [own.take(np.lexsort((own.stamp, own.logged, own.bag))) for own in poses]
+        lacks = [_lacks_stamps(own.stamp) for own in self.poses]
+        self.notes = log.grouped([
+            (k, f"{int(lack.sum())} poses have no stamps; their times are the recorder's")
+            for k, lack in enumerate(lacks) if lack.any()
+        ])  # fmt: skip
+        if np.concatenate(lacks).all():
+            self.poses = [dataclasses.replace(own, stamp=own.logged) for own in self.poses]
+            lacks = [~lack for lack in lacks]
+        stamped = {k: own.take(~lacks[k]) for k, own in enumerate(self.poses) if not lacks[k].all()}
+        for k, own in stamped.items():
+            self._refuse_breaks(k, own)
         deviating = self._deviating(stamped)
-        self._pairs = _pairs_of([self.poses[k] for k in stamped if k not in deviating])
-        for k in without:
-            own = self.poses[k]
-            self.poses[k] = dataclasses.replace(own, stamp=self.times(own.bag, own.logged))
+        self._pairs = _pairs_of([own for k, own in stamped.items() if k not in deviating])
+        for k, own in enumerate(self.poses):
+            stamp = np.where(lacks[k], self.times(own.bag, own.logged), own.stamp)
+            self.poses[k] = dataclasses.replace(own, stamp=stamp)
 
     def times(self, bag: np.ndarray, logged: np.ndarray) -> np.ndarray:
         """Return times of the recorder of some files [s] as times of this clock [s]."""
@@ -77,24 +77,13 @@ class Clock:
         ahead = float(np.median(stamp - self.times(bag, logged)))
         return ahead if abs(ahead) > _LAG else 0.0
 
-    def _leave_out_strays(self) -> None:
-        """Leave out poses whose stamps were not set, as before the first message of a simulator's clock."""
-        words = []
-        for robot, own in enumerate(self.poses):
-            stray = np.abs(own.stamp - np.median(own.stamp)) > _DAY
-            if stray.any():
-                got = f"more than a day from the others ({own.stamp[stray][0]:.3f} s)"
-                words.append((robot, f"{int(stray.sum())} poses with stamps that are {got} are left out"))
-                self.poses[robot] = own.take(~stray)
-        self.notes += self._log.grouped(words)
-
-    def _refuse_breaks(self, robot: int) -> None:
+    def _refuse_breaks(self, robot: int, stamped: Table) -> None:
         """Refuse a log in which the clock of a robot's poses is set.
 
         Raises:
             ValueError: the stamps go back, or ahead without the recorder's times.
         """
-        for poses in _by_file(self.poses[robot]).values():
+        for poses in _by_file(stamped).values():
             row = _first_break(poses)
             if row is not None:
                 jump = float(poses.stamp[row] - poses.stamp[row - 1])
@@ -105,11 +94,11 @@ class Clock:
                     f"{got}: was a clock set, or a simulation reset? Cut the log there"
                 )
 
-    def _deviating(self, robots: Sequence[int]) -> set[int]:
+    def _deviating(self, stamped: dict[int, Table]) -> set[int]:
         """Return the robots whose clocks differ from those of the others by the recorder's times, and note them."""
         files: dict[int, dict[int, Table]] = {}
-        for k in robots:
-            for bag, own in _by_file(self.poses[k]).items():
+        for k, poses in stamped.items():
+            for bag, own in _by_file(poses).items():
                 files.setdefault(bag, {})[k] = own
         deviating: set[int] = set()
         for own in files.values():
@@ -124,6 +113,11 @@ class Clock:
                     words = f"by the recorder's times, the clock of {self._log.called([k])} is {ahead}"
                     self.notes.append(f"{words} those of the others")
         return deviating
+
+
+def _lacks_stamps(stamp: np.ndarray) -> np.ndarray:
+    """Return True for stamps of a robot that were never set, or not before the first message of a simulator's clock."""
+    return (np.abs(stamp - np.median(stamp)) > _DAY) | (np.ptp(stamp) == 0)
 
 
 def _by_file(poses: Table) -> dict[int, Table]:
