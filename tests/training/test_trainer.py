@@ -44,7 +44,6 @@ def arrays_of(folder):
         ({"scenario": "intercept", "memory": 8, "heads": 0}, "lead-pursuit"),
         ({"scenario": "hotspots"}, "index-learned"),
         ({"scenario": "experiment", "overrides": {"task.duration": 2.0}}, "arc-mpcc"),
-        ({"scenario": "failure", "overrides": {"task.duration": 2.0}}, "kuramoto"),
         ({"scenario": "watch-v1", "groups": 2, "episodes": 16}, "greedy-cover"),
     ],
     ids=lambda value: value.get("scenario", "watch") if isinstance(value, dict) else value,
@@ -103,11 +102,10 @@ def test_the_actor_stops_where_it_has_moved_too_far(tmp_path):
     for divergence in (1e-6, 1e6):
         state = Training(dataclasses.replace(settings, divergence=divergence))
         state.numbers["rollouts"] = 100.0
-        before = [parameter.clone() for parameter in state.actor.parameters()]
+        before = torch.nn.utils.parameters_to_vector(state.actor.parameters()).detach()
         state.update(state.collect())
-        moved[divergence] = max(
-            (a - b).abs().max().item() for a, b in zip(before, state.actor.parameters(), strict=True)
-        )
+        after = torch.nn.utils.parameters_to_vector(state.actor.parameters())
+        moved[divergence] = (after - before).abs().max().item()
     # The first step of Adam is the learning rate at most, and the only one.
     assert 0 < moved[1e-6] < 1.001 * settings.learning_rate < moved[1e6]
 
@@ -216,7 +214,6 @@ def test_what_the_critic_reads_is_the_true_state(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"steps": 0}, "training.steps must be a whole number from 1"),
         ({"collisions": -1.0}, "training.collisions must be from 0"),
         ({"base": "sweep"}, "sweep"),
         ({"scenario": "watch-v1", "groups": 3}, r"training.worlds must be a multiple of groups \(3\), got 8"),
