@@ -12,7 +12,6 @@ it on the other. `what_fails` has the conditions.
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -245,7 +244,6 @@ def turn_of(curvature_step: float) -> Turn:
     raise AssertionError("a long turn fits")
 
 
-@lru_cache(maxsize=64)
 def plans_of(scenario: Scenario, parameters: LineParameters, lines: int) -> tuple[tuple[Lines, ...], str]:
     """Return the plans of so many lines, and why there are none: of several speeds for lines that turn inside."""
     if not turns_inside(scenario):

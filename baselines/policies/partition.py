@@ -96,10 +96,9 @@ def plain_of(scenario: Scenario) -> Scenario:
 def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tuple[PartitionLoops, PathTables, float]:
     """Return the plan of a scenario, its timed paths by robot, and how long the collision filter is needed [step]."""
     plan = partition_plan(scenario, parameters)
-    for tried in (plan, mirrored(plan)) if scenario.inset else (plan,):
-        ways = None
-        if start_is_known(scenario):
-            ways = planned_transit(scenario, tried.loop, parameters.speed, parameters.clearance)
+    plans = (plan, mirrored(plan)) if scenario.inset else (plan,)
+    for tried in plans if start_is_known(scenario) else ():
+        ways = planned_transit(scenario, tried.loop, parameters.speed, parameters.clearance)
         if ways is not None:
             return tried, path_tables(scenario, ways.loop, ways.lead_in), 0.0
     check_loops_apart(scenario, plan.loop, parameters.clearance, "partition")
