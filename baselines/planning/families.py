@@ -108,13 +108,11 @@ def partitions(scenario: Scenario, clearance: float = 0.0) -> Family:
 
 
 def lines(scenario: Scenario) -> Family:
-    """Return lines of cars side by side, by the speed, the number of lines and their turns."""
+    """Return lines of cars side by side, by the speed and the number of lines."""
     first = ({"lines": 1}, {"lines": 2}, {"speed": 0.6}, {"lines": 3}, {"speed": 0.8})
     return timed(scenario, "lines", ("line-abreast",), first, {
         "speed": (0.3, 0.98),
         "lines": list(range(1, min(scenario.num_robots, 4) + 1)),
-        "grip": (0.4, 1.0),
-        "settle": [0.0, 0.1, 0.25, 0.5],
     })  # fmt: skip
 
 

@@ -118,7 +118,7 @@ def top_speed(scenario: Scenario) -> float:
 
 UNITS: dict[str, Callable[[Scenario, float], float]] = {
     **dict.fromkeys(("cruise", "speed", "slowest"), lambda scenario, cruise: top_speed(scenario)),
-    **dict.fromkeys(("inset", "bow", "settle"), lambda scenario, cruise: scenario.sensing_radius),
+    **dict.fromkeys(("inset", "bow"), lambda scenario, cruise: scenario.sensing_radius),
     "corner": corner_radius,
     "lookahead": lambda scenario, cruise: lookahead(scenario, cruise, SweepParameters()),
     "gather": lambda scenario, cruise: motion_scale(scenario).time,

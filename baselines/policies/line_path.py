@@ -46,10 +46,6 @@ class LineParameters(Checked):
     less, so that a sweep lasts whole steps."""
     lines: int | None = whole(None, 1, 1024)
     """Number of lines; None means the number with the best guarantee."""
-    grip: float = number(_GRIP, 0.05, 1)
-    """Share of the cars' grip and of their largest curvature that turns use."""
-    settle: float = number(0.0, 0, 1e4, "m")
-    """Distance outside of the rectangle at which turns begin and end [m]; without effect on lines that turn inside."""
 
 
 class Turn(NamedTuple):
@@ -263,8 +259,8 @@ def _outer_plan(scenario: Scenario, parameters: LineParameters, lines: int) -> L
     _, lanes, line_of = lanes_of(scenario, lines)
     limit = speed_limit(spacing_of(scenario, lines), scenario.sensing_radius, scenario.rogue_speed, step)
     speed = min(_speed_of(scenario, parameters), limit)
-    turn = turn_of(_largest_turn(scenario, parameters, speed))
-    reach = max(scenario.curve.half_width, scenario.curve.half_height) + parameters.settle
+    turn = turn_of(_largest_turn(scenario, speed))
+    reach = max(scenario.curve.half_width, scenario.curve.half_height)
     sweep = max(math.ceil(2 * reach / (speed * step) - 1e-9), 1)
     return Lines(2 * reach / (sweep * step), step, sweep, turn, reach, lanes, line_of)
 
@@ -279,7 +275,7 @@ def _inner_plan(scenario: Scenario, parameters: LineParameters, lines: int, fast
     while True:
         sweep = max(math.ceil(2 * (half / (fastest * step) - long / math.pi) - 1e-9), 1)
         speed = half / (step * (sweep / 2 + long / math.pi))
-        if math.pi <= _largest_turn(scenario, parameters, speed) * long * (1 + 1e-9):
+        if math.pi <= _largest_turn(scenario, speed) * long * (1 + 1e-9):
             break
         long += 1
     turn = Turn(0, long, 0.0)
@@ -293,13 +289,13 @@ def _speed_of(scenario: Scenario, parameters: LineParameters) -> float:
     return min(parameters.speed or fastest, _FASTEST * slowest_top_speed(scenario))
 
 
-def _largest_turn(scenario: Scenario, parameters: LineParameters, speed: float) -> float:
+def _largest_turn(scenario: Scenario, speed: float) -> float:
     """Return the largest turn at a speed that steering and grip allow [rad/step]."""
     robot = scenario.robot
     base = robot.wheelbase * (1 + SPREAD_MAX * scenario.noise.wheelbase_spread)
     sharpest = 1 / turning_radius(base, robot.steering_max)
     grip = robot.lateral_acceleration_max / speed
-    return parameters.grip * scenario.task.step * min(sharpest * speed, grip)
+    return _GRIP * scenario.task.step * min(sharpest * speed, grip)
 
 
 def line_path(plan: Lines) -> np.ndarray:

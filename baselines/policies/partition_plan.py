@@ -148,8 +148,7 @@ def _with_middles(placed: np.ndarray) -> np.ndarray:
 
 def shapes_of(room: Room, parameters: PartitionParameters, half: tuple[float, float]):
     """Yield the shapes of loops that cars can drive: in own cells, and within an inset also in shared ones."""
-    yield from _loops_in_cells(room, parameters, half, 1)
-    for members in range(2, room.robots + 1 if room.inside and not parameters.in_phase else 2):
+    for members in range(1, room.robots + 1 if room.inside and not parameters.in_phase else 2):
         if room.robots % members == 0:
             yield from _loops_in_cells(room, parameters, half, members)
 

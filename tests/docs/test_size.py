@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 43_609
+LINES = 43_566
 """Lines of the packages."""
 MODULES = 287
 """Files of the packages."""
-TESTS = 25_867
+TESTS = 25_872
 """Lines of the tests."""
 
 
