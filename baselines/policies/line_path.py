@@ -135,26 +135,19 @@ def best_plan(scenario: Scenario, parameters: LineParameters) -> Lines:
     """Return the plan with the best guarantee once the lines have formed, by their number and their speed.
 
     Raises:
-        UnsuitableScenarioError: no lines span the rectangle, or rogues pass them while they turn inside.
+        UnsuitableScenarioError: no lines span the rectangle.
     """
     n, radius = scenario.num_robots, scenario.sensing_radius
-    span = 2 * min(scenario.curve.half_width, scenario.curve.half_height)
-    if n * 2 * radius < span:
-        rule = "line-abreast requires N * 2 * sensing radius >= the shorter side"
-        raise UnsuitableScenarioError(f"{rule}: {n} * 2 * {radius:g} < {span:g} [m]")
     counts = [parameters.lines] if parameters.lines else range(1, min(n, _LINES_MAX) + 1)
     options = [plans_of(scenario, parameters, lines) for lines in counts]
     plans = [plan for of_count, _ in options for plan in of_count]
     if not plans:
+        span = 2 * min(scenario.curve.half_width, scenario.curve.half_height)
         rule = f"line-abreast requires {counts[0]} line(s) of {n} cars to span {span:g} m with discs of {radius:g} m"
         raise UnsuitableScenarioError(f"{rule}: {options[0][1]}")
-    if len(plans) == 1 and not turns_inside(scenario):
+    if len(plans) == 1:
         return plans[0]
-    times = [ideal_worst_case(scenario, plan) for plan in plans]
-    if turns_inside(scenario) and not math.isfinite(min(times)):
-        rule = "line-abreast requires lines that no rogue passes while they turn inside"
-        raise UnsuitableScenarioError(f"{rule}, and rogues of {scenario.rogue_speed:g} m/s pass every one")
-    return plans[int(np.argmin(times))]
+    return min(plans, key=lambda plan: ideal_worst_case(scenario, plan))
 
 
 def ideal_worst_case(scenario: Scenario, plan: Lines) -> float:
