@@ -1,6 +1,6 @@
 """Compare runs over ROS 2 with the simulation: `python benchmarks/ros.py --seeds 0 1 2 3 --loss 0 0.1`.
 
-Each run over ROS 2 is of a world and all robots as processes on this machine. Beside its scores are those of the
+Each run over ROS 2 is of a world and all robots as nodes on this machine. Beside its scores are those of the
 simulation of the same seed, and of the simulation with actions disturbed by 1e-6: where cars cannot follow the curve,
 as in `experiment`, such a disturbance grows until the episode is another one, and only means over seeds can be
 compared. `--set robot.steering_max=0.8` makes cars that can. With losses, all sides lose this fraction of the messages,

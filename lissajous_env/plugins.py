@@ -100,11 +100,6 @@ def beside(name: Any, suffix: str) -> list[str]:
     return [str(path) for path in _entries(name) if path.suffix == suffix and path.is_file()]
 
 
-def folders_beside(name: Any, file: str) -> list[str]:
-    """Return the folders beside a path that contain a file of some name."""
-    return [str(path) for path in _entries(name) if (path / file).is_file()]
-
-
 def _entries(name: Any = "") -> list[Path]:
     try:
         return sorted(Path(name).parent.iterdir())

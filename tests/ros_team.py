@@ -7,16 +7,12 @@ import contextlib
 import os
 import subprocess
 import sys
-import tempfile
 import time
-
-from rclpy.parameter import Parameter
 
 from baselines.ros import library as ros
 from baselines.ros.robot import RobotNode
 from baselines.ros.settings import RobotSettings, WorldSettings
 from baselines.ros.world import WorldNode
-from lissajous_env.parameters.scenario_file import as_toml
 
 AGILE = {"robot.steering_max": 0.8, "robot.model_offset": None, "formation.start_noise": 0.0, "faults.schedule": ()}
 """Cars whose turning circle is smaller than the curve's tightest bend, without failures."""
@@ -64,10 +60,7 @@ class Team:
     """A world and robots in one process; `world.play()` runs all of them, as fast as the robots decide."""
 
     def __init__(self, scenario, policy, robots=None, options_of=lambda k: {}, world=None, **more):
-        self._folder = tempfile.TemporaryDirectory()
-        self.file = os.path.join(self._folder.name, "lab.toml")
-        with open(self.file, "w", encoding="utf-8") as file:
-            file.write(as_toml(scenario))
+        self._scenario = scenario
         settings: dict = {"pace": 1000.0, "wait": PATIENCE} | (world or {})
         self.world = WorldNode(scenario, WorldSettings(**settings))
         self.world.discovery = 0.0  # within one process, everyone is known at once
@@ -80,9 +73,9 @@ class Team:
 
     def robot(self, k, **more):
         """The node of a robot, whose clock is that of the world."""
-        simulated = {"parameter_overrides": [Parameter("use_sim_time", value=True)]}
-        settings = RobotSettings(robot=k, scenario=self.file, **self._settings | more)
-        return node_of(settings, **simulated, **self._options_of(k))
+        settings = RobotSettings(robot=k, **self._settings | more)
+        options = {"use_global_arguments": False} | self._options_of(k)
+        return RobotNode.simulated(settings, self._scenario, **options)
 
     def add(self, node):
         self.others.append(node)
@@ -98,4 +91,3 @@ class Team:
     def __exit__(self, *_):
         for node in (*self.robots, *self.others, self.world):
             node.destroy_node()
-        self._folder.cleanup()

@@ -1,19 +1,14 @@
-"""The command `lissajous ros launch`: the simulated world and all robots, each as a process."""
+"""The command `lissajous ros launch`: the simulated world and all robots over ROS 2, in one process."""
 
-import contextlib
 import os
-import tempfile
-from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from baselines.commands.playing import FORMATS, check_file
-from baselines.onboard import Onboard
-from baselines.ros.settings import CommandKind, WorldSettings, check_command
+from baselines.commands.ros_world import play
+from baselines.ros.settings import CommandKind, RobotSettings, WorldSettings
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, Overrides, parse_overrides
 from lissajous_env.parameters import named
-from lissajous_env.parameters.scenario_file import as_toml
 
 _Duration = Annotated[float | None, tyro.conf.arg(metavar="FLOAT")]
 
@@ -29,10 +24,9 @@ def launch(
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
-    """Run a simulated world and all robots over ROS 2, each as a process, and print the score.
+    """Run a simulated world and all robots as nodes of ROS 2, and print the score.
 
-    The processes communicate on this machine alone, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set. All of them are
-    stopped at Ctrl-C, or when one of them ends.
+    The nodes communicate on this machine alone, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set.
 
     Example:
         lissajous ros launch --scenario experiment --policy kuramoto-mpcc --duration 20
@@ -47,25 +41,7 @@ def launch(
         out: file to write, as in `lissajous ros world`.
     """
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    from baselines.ros import library  # noqa: F401 - the extra is named before anything is started
-    from baselines.ros.launching import run_team
-
-    check_file(out, *FORMATS)
-    WorldSettings(pace=pace)  # for its checks, before anything is started
     changes = parse_overrides(overrides) | ({} if duration is None else {"task.duration": duration})
     setup = named.scenario(scenario, **changes)
-    check_command(setup, command)
-    Onboard(policy, setup, 0)  # a wrong policy is reported once, and the kernels are compiled once
-    with contextlib.ExitStack() as stack:
-        given = scenario
-        if changes:
-            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="lissajous-"))
-            file = Path(folder, "scenario.toml")
-            file.write_text(as_toml(setup), encoding="utf-8")
-            given = str(file)
-        shared = ["--scenario", given, "--command", command]
-        world = ["--seed", str(seed), "--pace", str(pace), *(["--out", str(out.resolve())] if out is not None else [])]
-        world += [flag for flag, given in (("--json", output.json), ("--quiet", output.quiet)) if given]
-        robots = ["--policy", policy, "--message-loss", str(setup.noise.message_loss), "--quiet"]
-        robots += ["--ros-args", "-p", "use_sim_time:=true", *(["--log-level", "warn"] if output.quiet else [])]
-        run_team(setup.num_robots, [*shared, *world], [*shared, *robots])
+    robots = RobotSettings(policy=policy, command=command, message_loss=setup.noise.message_loss)
+    play(setup, WorldSettings(command=command, seed=seed, pace=pace), out, output, robots)

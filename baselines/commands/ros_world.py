@@ -1,15 +1,17 @@
 """The command `lissajous ros world`: the simulation in place of the robots' hardware, over ROS 2."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import tyro
 from rich import progress as bars
 
 from baselines.benchmark.progress import bar
 from baselines.commands.playing import FORMATS, check_file, progress_console, show
-from baselines.ros.settings import WorldSettings
+from baselines.ros.settings import RobotSettings, WorldSettings
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, Overrides, parse_overrides
 from lissajous_env.parameters import named
+from lissajous_env.parameters.scenario import Scenario
 
 
 def world(
@@ -32,19 +34,46 @@ def world(
         scenario: name of a scenario, .toml file, or module:attribute.
         out: file to write, as in `lissajous run`: .html, .mp4, .gif, .npz or .mcap.
     """
+    play(named.scenario(scenario, **parse_overrides(overrides)), settings, out, output)
+
+
+def play(
+    scenario: Scenario,
+    settings: WorldSettings,
+    out: Path | None,
+    output: OutputOptions,
+    robots: RobotSettings | None = None,
+) -> None:
+    """Play an episode over ROS 2, print the score, and write a file.
+
+    Args:
+        scenario: The scenario.
+        settings: Settings of the simulation's node.
+        out: File to write; None for none.
+        output: Options of the output.
+        robots: Settings of the robots' nodes, which are run in this process; None if they are run elsewhere.
+    """
     from baselines.benchmark import tables
-    from baselines.ros.running import started
+    from baselines.ros import library as ros
+    from baselines.ros.robot import RobotNode
+    from baselines.ros.running import alone, started
     from baselines.ros.world import WorldNode
 
     check_file(out, *FORMATS)
-    setup = named.scenario(scenario, **parse_overrides(overrides))
     console = output.console()
     shown = bar(progress_console(output), bars.TextColumn("{task.description}"))
-    with started() as process, shown as shown_bar:
-        node = WorldNode(setup, settings)
-        process.nodes.append(node)
-        task = shown_bar.add_task(f"{setup.name} over ROS 2", total=setup.task.steps)
-        recording = node.play(lambda: shown_bar.advance(task), process.check)
+    with alone(), started() as process, shown as shown_bar:
+        world = WorldNode(scenario, settings)
+        if robots is not None:
+            for k in range(scenario.num_robots):
+                robot = RobotNode.simulated(replace(robots, robot=k), scenario)
+                if output.quiet:
+                    robot.get_logger().set_level(ros.LoggingSeverity.WARN)
+                process.nodes.append(robot)
+                world.loop.add_node(robot)
+        process.nodes.append(world)
+        task = shown_bar.add_task(f"{scenario.name} over ROS 2", total=scenario.task.steps)
+        recording = world.play(lambda: shown_bar.advance(task), process.check)
     recording = replace(recording, score=recording.score | {"policy": "ros"})
     tables.print_row(console, recording.score)
     output.print_json(recording.score)

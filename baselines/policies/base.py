@@ -74,32 +74,34 @@ class Filter(Copyable, Remembering):
     A subclass implements `__call__`. A policy with a filter is `Filtered`.
 
     Args:
-        scenario: The scenario.
+        scenario: The scenario, of cars.
         num_worlds: W.
         device: Warp device.
+        parameters: Parameters of the filter; by default its `defaults`, scaled to the scenario.
 
     Raises:
-        ValueError: the robots are of another kind.
+        ValueError: the robots are no cars.
     """
 
+    defaults: Any
+    """Parameters for the paper's experiment, which have a method `of(scenario)`."""
     suffix: str = ""
     """Suffix that adds the filter to the name of a policy."""
     about: str = ""
     """End of the description of a policy with the filter, after the name of the policy."""
-    kind: str = "car"
-    """Kind of robot whose actions the filter changes."""
     as_car: bool = False
-    """True if a filter of cars also serves robots of other models that move like cars."""
+    """True if the filter also serves robots of other models that move like cars."""
     communicates: str = "nothing"
     """Content of the messages that the filter uses."""
     stays_inside: bool = False
     """True if the filter itself prevents contacts with walls; after others, the rule of `baselines.policies.inside`
     decides, as it does before all of them."""
 
-    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
-        if scenario.actuation != self.kind:
-            raise ValueError(f"policy of a filter must drive robots of kind {self.kind}, got {scenario.actuation}")
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
+        if scenario.actuation != "car":
+            raise ValueError(f"policy of a filter must drive robots of kind car, got {scenario.actuation}")
         self.scenario = scenario.resolve()
+        self.parameters = parameters or self.defaults.of(self.scenario)
         self.num_worlds = num_worlds
         self.device = as_device(device)
         self.shape = (num_worlds, self.scenario.num_robots)
@@ -283,7 +285,7 @@ class Filtered(Policy):
         parameters: Parameters of the filter; by default those that it has for the scenario.
 
     Raises:
-        ValueError: the filter is for robots of another kind.
+        ValueError: the robots are no cars.
     """
 
     arrays = "warp"
@@ -291,10 +293,9 @@ class Filtered(Policy):
     def __init__(self, policy: Policy, filter: type[Filter], parameters: Any = None):
         self.stays_inside = not filter.stays_inside
         super().__init__(policy.scenario, policy.num_worlds, policy.device)
-        given = {} if parameters is None else {"parameters": parameters}
         self.policy = policy
-        self.filter = filter(self.scenario, self.num_worlds, self.device, **given)
-        self.kind, self.communicates = filter.kind, filter.communicates
+        self.filter = filter(self.scenario, self.num_worlds, self.device, parameters)
+        self.kind, self.communicates = "car", filter.communicates
         self.name = policy.name + filter.suffix
 
     def decide(self, observation: wp.array) -> None:

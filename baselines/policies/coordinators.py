@@ -36,12 +36,13 @@ from baselines.policies.loops import cruising_speed
 from baselines.policies.own_row import Observation, Rows, hears, lead, message_age, own_phase, own_works, sine_ahead
 from baselines.similarity import motion_scale
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import TWO_PI, wrap
+from lissajous_env.device.curve import wrap
 from lissajous_env.device.devices import copy_in
 from lissajous_env.device.program import launcher
-from lissajous_env.parameters.scenario import Curve, Scenario
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, flag, number
-from lissajous_env.theory import closed_forms
+from lissajous_env.theory.closed_forms import curve_speed
+from lissajous_env.theory.geometry import curve_length, lap_phases
 from lissajous_env.world.extended import read_only
 
 wp.set_module_options(OPTIONS)
@@ -283,89 +284,34 @@ class ArcParameters(Checked):
     """Time over which the phase rate is averaged [s]."""
 
 
-@wp.func
-def interpolate(table: wp.array(dtype=float), angle: float) -> float:
-    """Return a function of period 2 pi at an angle [rad], from a table at equal distances over one turn."""
-    n = table.shape[0]
-    x = angle / TWO_PI * float(n)
-    cell = wp.floor(x)
-    k = ((int(cell) % n) + n) % n
-    return table[k] + (x - cell) * (table[(k + 1) % n] - table[k])
-
-
-@wp.kernel
-def kuramoto_by_arc(
-    alpha: float,
-    rate: float,
-    coupling: float,
-    preview: float,
-    age_unit: float,
-    gain: wp.array(dtype=float),
-    loss: wp.array(dtype=float),
-    observation: Observation,
-    phase_rate_out: PhaseRates,
-):
-    """Return psi_i' = rate - coupling sum_j sin(psi_j - psi_i), as the mean theta_i' over `preview` [s].
-
-    `gain` and `loss` are the two tables of `arc_tables`, `rate` is that of psi [rad/s].
-    """
-    w, i = wp.tid()
-    theta = own_phase(w, i, observation)
-    gamma = alpha * theta
-    arc = gamma + interpolate(gain, gamma)
-    pull = float(0.0)
-    for side in range(2):
-        if hears(w, i, side, observation):
-            other = alpha * (theta + lead(w, i, side, observation))
-            ahead = (other + interpolate(gain, other) - arc) / alpha
-            pull += wp.sin(ahead + rate * message_age(w, i, side, age_unit, observation))
-    soon = arc + preview * alpha * (rate - coupling * pull)
-    phase_rate_out[w, i] = (soon + interpolate(loss, soon) - gamma) / (preview * alpha)
-
-
-class KuramotoByArc(Coordinator):
+class KuramotoByArc(NumpyCoordinator):
     """Coordinator: phase rates (W, N) [rad/s] by (1) on arc phases."""
-
-    kernel = kuramoto_by_arc
 
     def __init__(self, scenario: Scenario, num_worlds: int, device: Any, parameters: ArcParameters | None = None):
         super().__init__(scenario, num_worlds, device)
-        parameters = parameters or ArcParameters()
-        preview = parameters.preview or PREVIEW * motion_scale(scenario).time
+        parameters, curve = parameters or ArcParameters(), self.scenario.driven
+        self._preview = parameters.preview or PREVIEW * motion_scale(scenario).time
         speed = parameters.speed or ground_speed(scenario)
-        rate = 2 * math.pi * speed / (lap_length(scenario.driven) * scenario.alpha)
-        tables = [wp.array(table, dtype=wp.float32, device=device) for table in arc_tables(scenario.driven)]
-        self.inputs = [float(scenario.alpha), rate, scenario.coupling, preview, scenario.time_unit, *tables]
+        self._rate = 2 * math.pi * speed / (curve_length(curve) * self.scenario.alpha)
+        gamma = np.append(lap_phases(curve), 2 * math.pi)
+        ends, middles = curve_speed(curve, gamma), curve_speed(curve, gamma[:-1] + 0.5 * gamma[1])
+        cells = (ends[:-1] + 4 * middles + ends[1:]) / 6  # Simpson's rule
+        arc = np.concatenate([[0.0], np.cumsum(cells)]) * 2 * math.pi / cells.sum()
+        self._gain, self._loss = (gamma, arc - gamma), (arc, gamma - arc)
 
+    def rates(self, rows: Rows) -> np.ndarray:
+        """Return psi_i' = rate - K sum_j sin(psi_j - psi_i) as the mean theta_i' over the preview."""
+        alpha, theta = self.scenario.alpha, rows.phase.astype(float)
+        arc = self._arc_of(alpha * theta)
+        ahead = (self._arc_of(alpha * (theta[..., None] + rows.lead)) - arc[..., None]) / alpha
+        pull = (rows.heard * np.sin(ahead + self._rate * rows.age)).sum(axis=-1)
+        soon = arc + self._preview * alpha * (self._rate - self.scenario.coupling * pull)
+        gamma = soon + np.interp(soon % (2 * math.pi), *self._loss)
+        return (gamma - alpha * theta) / (self._preview * alpha)
 
-def arc_tables(curve: Curve) -> tuple[np.ndarray, np.ndarray]:
-    """2 pi s(gamma) / L - gamma at gamma = 2 pi k / n, and gamma(s) - 2 pi s / L at s = L k / n [rad].
-
-    Both are periodic, so float32 keeps them to about 1e-7 rad; between entries they are interpolated to 1e-5 rad.
-    """
-    gamma = _phases(curve)
-    ends, middles = _speed(curve, gamma), _speed(curve, gamma[:-1] + 0.5 * gamma[1])
-    cells = (ends[:-1] + 4 * middles + ends[1:]) / 6  # Simpson's rule
-    arc = np.concatenate([[0.0], np.cumsum(cells)]) * 2 * math.pi / cells.sum()
-    return (arc - gamma)[:-1], (np.interp(gamma, arc, gamma) - gamma)[:-1]
-
-
-def lap_length(curve: Curve) -> float:
-    """Return L, the length of one lap [m]; of a knot (10), in space."""
-    return 2 * math.pi * float(np.mean(_speed(curve, _phases(curve)[:-1])))
-
-
-def _speed(curve: Curve, gamma: np.ndarray) -> np.ndarray:
-    """Return ||r'(gamma)|| in the plane or in space [m/rad]."""
-    climb = curve.half_depth * curve.c * np.cos(curve.c * gamma)
-    return np.hypot(closed_forms.curve_speed(curve, gamma), climb)
-
-
-def _phases(curve: Curve) -> np.ndarray:
-    """Return evenly spaced gamma over a lap, including both ends [rad]."""
-    fastest = max(curve.a, curve.b, curve.c if curve.half_depth > 0 else 1)
-    count = 1024 << (fastest - 1).bit_length()
-    return 2 * math.pi * np.arange(count + 1) / count
+    def _arc_of(self, gamma: np.ndarray) -> np.ndarray:
+        """Return 2 pi s(gamma) / L [rad] for gamma [rad], which may be beyond a lap."""
+        return gamma + np.interp(gamma % (2 * math.pi), *self._gain)
 
 
 def ground_speed(scenario: Scenario) -> float:
@@ -374,7 +320,7 @@ def ground_speed(scenario: Scenario) -> float:
     Grip must let it turn round in half of the rectangle's height, v^2 <= a_lat B / 2. The speed is never below the
     formation's mean, omega L / (2 pi), and equal to it if the scenario has no grip.
     """
-    mean = scenario.formation.phase_rate * lap_length(scenario.driven) / (2 * math.pi)
+    mean = scenario.formation.phase_rate * curve_length(scenario.driven) / (2 * math.pi)
     grip = scenario.robot.lateral_acceleration_max
     if math.isinf(grip):
         return mean

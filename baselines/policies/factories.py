@@ -83,11 +83,11 @@ def named(name: str) -> Factory:
     """
     if is_imported(name):
         return as_factory(import_attribute(name, "policy must be module:factory"), name)
-    return functools.partial(_registered, name, registry.entry_of(name))
+    return functools.partial(_registered, name, registry.entry_of(registry.unwrapped(name)[0]))
 
 
 def _registered(name: str, sent: Any, scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
-    registry.remember(name, sent)
+    registry.remember(sent)
     return registry.make(name, scenario, num_worlds, device)
 
 

@@ -1,6 +1,6 @@
 """The entries of a robot's observation row, decoded: in kernels, and in NumPy and SI units by `Rows`."""
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import warp as wp
@@ -121,15 +121,6 @@ def offset_heard(w: int, i: int, side: int, curve: CurveStruct, observation: Obs
 
 
 @wp.func
-def message_heard(w: int, i: int, side: int, m: int, start: int, size: int, observation: Observation) -> float:
-    """Return component `m` of a ring neighbour's last message of `size` numbers; 0 if none was received.
-
-    `start` is `lissajous_env.world.observation.message_start` of the scenario.
-    """
-    return observation[w, i, start + size * side + m]
-
-
-@wp.func
 def sees(w: int, i: int, k: int, observation: Observation) -> bool:
     """Return whether there is a k-th nearest robot in the sensing disc."""
     return observation[w, i, OWN + 2 * LINK + ROBOT * k + PRESENT] > 0.5
@@ -162,20 +153,16 @@ class Rows:
     """
 
     def __init__(self, observation: np.ndarray, scenario: str | Scenario):
-        self.scenario = named.build(scenario).resolve()
+        self.scenario, self._places, self._speed_unit = _decoded(named.build(scenario))
         self.values = np.asarray(observation)
-        self._layout = layout(self.scenario)
-        curve, robot = self.scenario.curve, self.scenario.robot
-        self._half = np.array([curve.half_width, curve.half_height])
-        self._speed_unit = model_of(robot.kind).speed_unit(self.scenario.driven, self.scenario.formation, robot)
+        self._half = np.array([self.scenario.curve.half_width, self.scenario.curve.half_height])
 
     def entry(self, name: str) -> np.ndarray:
         """Return the raw values (W, N) of an entry, by its name in the layout of the observation."""
-        names = self._layout.names
-        if name not in names:
-            rule = f"entry must be one of the {len(names)} of the layout of the observation of {self.scenario.name}"
-            raise ValueError(f"{rule}, got {shown(name)}{nearest(name, names)}")
-        return self.values[..., names.index(name)]
+        if name not in self._places:
+            rule = f"entry must be one of the {len(self._places)} of the layout of the observation"
+            raise ValueError(f"{rule} of {self.scenario.name}, got {shown(name)}{nearest(name, self._places)}")
+        return self.values[..., self._places[name]]
 
     @cached_property
     def position(self) -> np.ndarray:
@@ -302,8 +289,16 @@ class Rows:
         sensing = self.scenario.sensing
         counts = {"neighbour": 2, "robot": sensing.robots_seen, "target": sensing.targets_seen}
         count = (counts | {"track": sensing.tracks_seen, "teammate": sensing.teammates_seen})[kind]
-        entries = [self.entry(f"{kind}_{k}_{name}") for k in range(count)]
-        return np.stack(entries, axis=-1) if entries else np.zeros((*self.values.shape[:-1], 0), self.values.dtype)
+        places = np.array([self._places[f"{kind}_{k}_{name}"] for k in range(count)], dtype=int)
+        return self.values.take(places, axis=-1)
 
     def _pairs(self, kind: str, x: str = "x", y: str = "y") -> np.ndarray:
         return np.stack([self._of(kind, x), self._of(kind, y)], axis=-1)
+
+
+@lru_cache(maxsize=64)
+def _decoded(scenario: Scenario) -> tuple[Scenario, dict[str, int], float]:
+    """Return a scenario with every field filled in, the places of its entries, and its unit of speed [m/s]."""
+    scenario = scenario.resolve()
+    speed_unit = model_of(scenario.robot.kind).speed_unit(scenario.driven, scenario.formation, scenario.robot)
+    return scenario, {name: k for k, name in enumerate(layout(scenario).names)}, speed_unit

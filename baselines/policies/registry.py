@@ -6,7 +6,7 @@ makes another policy of a policy.
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +15,6 @@ from baselines.policies.as_cars import AsCars
 from baselines.policies.base import Filter, Filtered, Policy
 from baselines.policies.safety.filter import Safe
 from baselines.policies.safety.proved import Proved
-from lissajous_env import plugins
 from lissajous_env.identity import OURS, parts_of
 from lissajous_env.parameters.named import build as build_scenario
 from lissajous_env.parameters.robot_models import model_of, robot_kinds
@@ -27,17 +26,35 @@ from lissajous_env.wording import few_of, nearest, shown
 
 @dataclass(frozen=True)
 class Entry:
-    """A registered policy; `register` describes the fields."""
+    """A registered policy, with or without a filter; `register` describes the other fields."""
 
+    name: str
     kind: str | None
     factory: Callable[..., Any]
     made_for: tuple[str, ...]
     about: str
     learned: bool
     on_request: bool
+    filter: type[Filter] | None = None
+    """Class of its filter; None for none."""
 
     def __reduce__(self) -> tuple:
-        return Entry, (self.kind, ByValue(self.factory), *list(vars(self).values())[2:])
+        return Entry, (self.name, self.kind, ByValue(self.factory), *list(vars(self).values())[3:])
+
+    def filtered(self, suffix: str) -> "Entry":
+        """Return the policy with the filter of a suffix, which of a policy for all robots drives cars."""
+        filter = _FILTERS[suffix]
+        about = f"{self.name} {filter.about}."
+        return replace(self, name=self.name + suffix, kind=self.kind or "car", about=about, filter=filter)
+
+    def drives(self, kind: str | None) -> bool:
+        """Return whether it suits its filter and drives robots of a kind (None: any), maybe as if they were cars."""
+        if self.filter is not None and self.kind != "car":
+            return False
+        if kind is None or self.kind in (None, kind):
+            return True
+        as_cars = self.kind == "car" and kind != _VELOCITY and model_of(kind).as_car is not None
+        return as_cars and not self.learned and (self.filter is None or self.filter.as_car)
 
 
 class Loader(NamedTuple):
@@ -59,11 +76,6 @@ LOADERS: dict[str, Loader] = {}
 _BROUGHT = EntryPoints("lissajous_env.policies", "policies", lambda register_theirs: register_theirs())
 _VELOCITY = "velocity"
 """Kind of policies whose actions are velocities, as in `Scenario.actuation`."""
-_PLAYERS = {
-    ".zip": "training.sb3.ModelPolicy(PPO.load(file), scenario, num_worlds, device) for a model of Stable-Baselines3",
-    ".onnx": "a baselines.Policy that runs the model in `decide`",
-}
-"""Results of a function that plays a file which is no policy by itself, by its suffix."""
 
 
 def register(
@@ -114,7 +126,7 @@ def register(
     if not same:
         raise ValueError(f"name of a policy must be new, got {name}, which {_REGISTRY[name].factory!r} has")
     about = about or ("" if isinstance(factory, partial) else factory.__doc__ or "")
-    _REGISTRY[name] = Entry(kind, factory, tuple(made_for), about.partition("\n")[0], learned, on_request)
+    _REGISTRY[name] = Entry(name, kind, factory, tuple(made_for), about.partition("\n")[0], learned, on_request)
     return factory
 
 
@@ -144,34 +156,17 @@ def _entries() -> dict[str, Entry]:
 
 def entry_of(name: str) -> Entry | None:
     """Return the entry of a registered policy, with or without the suffix of a filter; None if there is none."""
-    return _entries().get(unwrapped(name)[0])
+    plain, suffix = unwrapped(name)
+    entry = _entries().get(plain)
+    return entry.filtered(suffix) if entry is not None and suffix else entry
 
 
 def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
     """Return the names of the policies, or of those that can drive the robots of a scenario; with filters come last."""
     kind = None if scenario is None else build_scenario(scenario).actuation
-    every = [name + suffix for suffix in ("", *_FILTERS) for name in _entries()]
-    return tuple(name for name in every if _drives(name, kind))
-
-
-def _kind_of(name: str) -> str | None:
-    """Return the kind of robots that a registered policy drives, that of its filter if it drives any; None for any."""
-    entry, suffix = entry_of(name), unwrapped(name)[1]
-    if entry is not None and entry.kind is None and suffix:
-        return _FILTERS[suffix].kind
-    return None if entry is None else entry.kind
-
-
-def _drives(name: str, kind: str | None) -> bool:
-    """Return whether a registered policy suits its filter and drives robots of a kind (None: any), maybe as cars."""
-    own, wrapped = _kind_of(name), _FILTERS.get(unwrapped(name)[1])
-    if wrapped is not None and own != wrapped.kind:
-        return False
-    if kind is None or own in (None, kind):
-        return True
-    as_cars = own == "car" and kind != _VELOCITY and model_of(kind).as_car is not None
-    entry = entry_of(name)
-    return as_cars and entry is not None and not entry.learned and (wrapped is None or wrapped.as_car)
+    plain = [*_entries().values()]
+    every = [*plain, *(entry.filtered(suffix) for suffix in _FILTERS for entry in plain)]
+    return tuple(entry.name for entry in every if entry.drives(kind))
 
 
 def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
@@ -197,18 +192,16 @@ def check(name: str, scenario: Scenario) -> Entry:
     Raises:
         ValueError: the name is unknown, or the policy is for another kind of robot.
     """
-    entry, suffix = entry_of(name), unwrapped(name)[1]
+    entry = entry_of(name)
     if entry is None:
         known = names()
-        here = [folder for file in LOADERS for folder in plugins.folders_beside(name, file)]
-        hint = _player_of(name) or nearest(name, [*known, *here])
-        words = f"policy must be one of the {len(known)} that `lissajous policies` lists, got {shown(name)}{hint}"
-        raise ValueError("; ".join([words, *_BROUGHT.broken]))
-    if not _drives(name, scenario.actuation):
+        words = f"policy must be one of the {len(known)} that `lissajous policies` lists, got {shown(name)}"
+        raise ValueError("; ".join([words + nearest(name, known), *_BROUGHT.broken]))
+    if not entry.drives(scenario.actuation):
         rule = f"policy for {scenario.name} must drive robots of kind {scenario.actuation}"
-        if not _drives(name, None):
-            rule = f"policy must drive robots of kind {_FILTERS[suffix].kind} to be wrapped by {suffix}"
-        raise ValueError(f"{rule}, got {name}, which drives kind {_kind_of(name)}{nearest(name, names(scenario))}")
+        if not entry.drives(None):
+            rule = f"policy must drive robots of kind car to be wrapped by {unwrapped(name)[1]}"
+        raise ValueError(f"{rule}, got {name}, which drives kind {entry.kind}{nearest(name, names(scenario))}")
     return entry
 
 
@@ -218,7 +211,8 @@ def build(name: str, factory: Callable[..., Policy], scenario: Scenario, num_wor
     A policy of cars drives the robots of another model as if they were cars.
     """
     plain, suffix = unwrapped(name)
-    if _kind_of(name) not in (None, scenario.actuation):
+    entry = entry_of(name)
+    if entry is not None and entry.kind not in (None, scenario.actuation):
         policy: Policy = AsCars(partial(build, name, factory), scenario, num_worlds, device)
     else:
         policy = factory(scenario, num_worlds, device)
@@ -259,12 +253,10 @@ def parts(name: str) -> dict[str, str]:
 
 def describe(name: str) -> dict[str, Any]:
     """Return a registered policy in plain values: name, robot kind (None: any), made_for, learned, description."""
-    plain, suffix = unwrapped(name)
-    entry = _entries()[plain]
-    about = f"{plain} {_FILTERS[suffix].about}." if suffix else entry.about
-    made_for = list(entry.made_for)
+    entry: Any = entry_of(name)
     return {
-        "name": name, "kind": _kind_of(name), "made_for": made_for, "learned": entry.learned, "description": about
+        "name": name, "kind": entry.kind, "made_for": list(entry.made_for), "learned": entry.learned,
+        "description": entry.about,
     }  # fmt: skip
 
 
@@ -287,16 +279,7 @@ def is_classical(name: str) -> bool:
     return entry is not None and not entry.learned
 
 
-def remember(name: str, entry: Entry | None) -> None:
-    """Register the `entry_of` a policy in another process, unless this process has a policy of the name."""
+def remember(entry: Entry | None) -> None:
+    """Register the entry of a policy in another process, unless this process has a policy of the name."""
     if entry is not None:
-        _entries().setdefault(unwrapped(name)[0], entry)
-
-
-def _player_of(name: str) -> str:
-    """Return a hint for the file of a model, which a function of a module has to load; "" for any other name."""
-    suffix = ".zip" if os.path.isfile(f"{name}.zip") else Path(name).suffix.lower()
-    words = (
-        "; write a function(scenario, num_worlds, device) in a module that returns {}, and name it as module:function"
-    )
-    return words.format(_PLAYERS[suffix]) if suffix in _PLAYERS else ""
+        _entries().setdefault(entry.name, entry)

@@ -42,7 +42,7 @@ import warp as wp
 
 from baselines.mpcc.model import MpccParameters
 from baselines.mpcc.solver import Mpcc
-from baselines.policies.base import Policy, Remembering
+from baselines.policies.base import Policy
 from baselines.policies.coordinators import PHASES, Coordinator, PhaseRates
 from baselines.policies.driving import motor_rate, steady_speed, throttle_for
 from baselines.policies.own_row import Actions, Observation, own_heading, own_phase, own_position, own_speed, own_works
@@ -86,12 +86,6 @@ class Coordinated(Policy):
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._alpha = float(self.scenario.alpha)
-
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the memory of these worlds, also that of a coordinator of another base class."""
-        super().forget(mask)
-        if not isinstance(self.coordinator, Remembering) and hasattr(self.coordinator, "forget"):
-            self.coordinator.forget(mask)
 
 
 @wp.kernel
@@ -148,23 +142,16 @@ def scale_controls(robot: RobotStruct, control: Actions, action_out: Actions):
 class WithMpcc(Coordinated):
     """Cars that follow a coordinator by model predictive contouring control.
 
-    `parameters` are the controller's; None is `MpccParameters.of` the scenario.
+    The arguments before `parameters`, by default `MpccParameters.of` the scenario, are those of `Coordinated`.
     """
 
     kind = "car"
 
-    def __init__(
-        self,
-        coordinator: Callable[[Scenario, int, Any], Coordinator],
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: MpccParameters | None = None,
-    ):
-        super().__init__(coordinator, scenario, num_worlds, device)
+    def __init__(self, *given: Any, parameters: MpccParameters | None = None):
+        super().__init__(*given)
         self._speed_unit = self.scenario.robot.top_speed
         parameters = parameters or MpccParameters.of(self.scenario)
-        self.mpcc = Mpcc(self.scenario.curve, parameters, batch=num_worlds * self.num_robots, device=self.device)
+        self.mpcc = Mpcc(self.scenario.curve, parameters, batch=self.num_worlds * self.num_robots, device=self.device)
 
     def restrict(self, robot: int) -> None:
         """Solve the problem of one robot alone."""
@@ -279,20 +266,16 @@ def follow_field(
 
 
 class WithVectorField(Coordinated):
-    """Cars that follow a coordinator by a guiding vector field."""
+    """Cars that follow a coordinator by a guiding vector field.
+
+    The arguments before `parameters`, by default `FieldParameters.of` the scenario, are those of `Coordinated`.
+    """
 
     kind = "car"
     remembers = ("_memory",)
 
-    def __init__(
-        self,
-        coordinator: Callable[[Scenario, int, Any], Coordinator],
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: FieldParameters | None = None,
-    ):
-        super().__init__(coordinator, scenario, num_worlds, device)
+    def __init__(self, *given: Any, parameters: FieldParameters | None = None):
+        super().__init__(*given)
         self._field = field_of(self.scenario, parameters)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 

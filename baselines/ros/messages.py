@@ -8,8 +8,8 @@ import numpy as np
 
 from baselines.onboard import Command, Message, Odometry, Onboard, Twist
 from baselines.ros import library as ros
-from lissajous_env.logs.filling import seconds, set_odometry, set_pose, set_stamp
-from lissajous_env.logs.poses import heading_of
+from lissajous_env.logs.messages import seconds, set_odometry, set_pose, set_stamp
+from lissajous_env.logs.samples import heading_of
 
 RING = ("cos_phase", "sin_phase", "x", "y")
 """Names in a message to the ring neighbours, before `number_0`, `number_1` ... of the policy."""

@@ -1,11 +1,82 @@
-"""The order of a robot's steps: a pose arrives, the message goes out, the neighbours' messages arrive, it decides."""
+"""A robot in a laboratory: what it measures, in the frame of the scenario, and the order of its steps.
+
+A pose arrives, the message goes out, the neighbours' messages arrive, the robot decides.
+"""
 
 import math
+from collections import deque
 from collections.abc import Callable
 from time import monotonic
 from typing import Any
 
+import numpy as np
+
 from baselines.onboard import Message, Odometry, Onboard, Output
+from lissajous_env.logs.samples import moved
+
+Origin = tuple[float, float, float]
+"""x, y [m] and heading [rad] of the middle of the rectangle in the frame of the laboratory."""
+
+
+def inside(origin: Origin, x: float, y: float, heading: float) -> tuple[float, float, float]:
+    """Return a pose of the laboratory in the frame of the scenario."""
+    if origin == (0.0, 0.0, 0.0):
+        return x, y, heading
+    place = moved(np.array([x - origin[0], y - origin[1]]), (0.0, 0.0, -origin[2]))
+    return (*place.tolist(), math.remainder(heading - origin[2], 2 * math.pi))
+
+
+def relative(rows: np.ndarray, frame: str, own: str, pose: Odometry | None, origin: Origin) -> np.ndarray:
+    """Return a sensor's detections (K, 2 or 4) relative to the robot, in the directions of the scenario's axes.
+
+    Args:
+        rows: x, y [m], and velocities [m/s] if there are two more.
+        frame: Frame of the rows: one that ends in `base_link` is the robot's own, one that ends in `aligned` has the
+            origin in the robot and the axes of the scenario; `own` is that of the laboratory, in which the places are
+            absolute.
+        own: Frame of the laboratory.
+        pose: The robot's pose, in the frame of the scenario; None for a frame that ends in `aligned`.
+        origin: The middle of the rectangle in the frame of the laboratory.
+
+    Raises:
+        ValueError: the frame is none of these.
+    """
+    if frame.endswith("aligned") or pose is None:
+        return rows
+    vectors = rows.reshape(len(rows), rows.shape[1] // 2, 2).astype(np.float64)
+    if frame.endswith("base_link"):
+        return moved(vectors, (0.0, 0.0, pose.heading)).reshape(rows.shape)
+    if frame != own:
+        raise ValueError(f"frame of a sensor's data must be {own}, or end in base_link or aligned, got {frame!r}")
+    vectors[:, 0] -= origin[:2]
+    vectors = moved(vectors, (0.0, 0.0, -origin[2]))
+    vectors[:, 0] -= (pose.x, pose.y)
+    vectors[:, 1:] -= pose.speed * np.array([math.cos(pose.heading), math.sin(pose.heading)])
+    return vectors.reshape(rows.shape)
+
+
+class SpeedOfPoses:
+    """Speed over the ground, forwards, of the poses of the latest `window` seconds."""
+
+    def __init__(self, window: float):
+        self._window = window
+        self._poses: deque[tuple[float, float, float]] = deque(maxlen=1000)
+
+    def add(self, x: float, y: float, heading: float, stamp: float) -> Odometry | None:
+        """Return the pose with its speed; None for the first one, after a gap of four windows, and for a repetition."""
+        poses = self._poses
+        if poses and stamp == poses[-1][2]:
+            return None
+        if poses and not 0 < stamp - poses[-1][2] < 4 * self._window:
+            poses.clear()
+        poses.append((x, y, stamp))
+        while len(poses) > 2 and stamp - poses[1][2] >= 0.99 * self._window:
+            poses.popleft()
+        if len(poses) < 2:
+            return None
+        before_x, before_y, before = poses[0]
+        along = math.cos(heading) * (x - before_x) + math.sin(heading) * (y - before_y)
+        return Odometry(x, y, heading, along / (stamp - before), stamp)
 
 
 class Pilot:

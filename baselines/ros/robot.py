@@ -16,11 +16,11 @@ import numpy as np
 from baselines.onboard import Odometry, Onboard, Output
 from baselines.ros import library as ros
 from baselines.ros import messages
-from baselines.ros.frames import Origin, SpeedOfPoses, relative
 from baselines.ros.messages import named_numbers, ring_message, yaw
-from baselines.ros.pilot import Pilot
+from baselines.ros.pilot import Pilot, SpeedOfPoses, inside, relative
 from baselines.ros.settings import RobotSettings, check_command
-from lissajous_env.logs.filling import seconds
+from lissajous_env.logs.messages import seconds
+from lissajous_env.parameters.scenario import Scenario
 
 NAME = "policy"
 _WAITS = "waits for the service start"
@@ -37,6 +37,7 @@ class RobotNode(ros.Node):
     Args:
         settings: Defaults of the parameters.
         namespace: Namespace; None means `robot_K`.
+        scenario: The scenario; None means that of the settings.
         **options: Further arguments of `rclpy.node.Node`.
 
     Raises:
@@ -45,12 +46,18 @@ class RobotNode(ros.Node):
 
     _publishing: threading.Thread | None = None
 
-    def __init__(self, settings: RobotSettings, namespace: str | None = None, **options: Any):
+    def __init__(
+        self,
+        settings: RobotSettings,
+        namespace: str | None = None,
+        scenario: Scenario | None = None,
+        **options: Any,
+    ):
         super().__init__(NAME, namespace=f"robot_{settings.robot}" if namespace is None else namespace, **options)
         self.settings = settings = self._declared(settings)
-        self.onboard = Onboard(settings.policy, settings.scenario, settings.robot, settings)
+        self.onboard = Onboard(settings.policy, scenario or settings.scenario, settings.robot, settings)
         check_command(self.onboard.scenario, settings.command)
-        self.scenario, self._origin = self.onboard.scenario, Origin(*settings.origin)
+        self.scenario = self.onboard.scenario
         self._pilot = Pilot(self.onboard, settings.message_wait)
         self._speed = SpeedOfPoses(self.scenario.task.step)
         self._random = random.Random(settings.robot)
@@ -60,6 +67,12 @@ class RobotNode(ros.Node):
         self._warm_up()
         self._starts = settings.autostart
         self._connect()
+
+    @classmethod
+    def simulated(cls, settings: RobotSettings, scenario: Scenario, **options: Any) -> "RobotNode":
+        """Return a node whose clock is that of a simulated world."""
+        clock = ros.Parameter("use_sim_time", value=True)
+        return cls(settings, scenario=scenario, parameter_overrides=[clock], **options)
 
     @property
     def now(self) -> float:
@@ -146,7 +159,7 @@ class RobotNode(ros.Node):
     def _take(self, header: Any, pose: Any, speed: float | None = None) -> None:
         """Take a pose, with a measured speed [m/s] or with that of the poses before."""
         place, stamp = (pose.position.x, pose.position.y, yaw(pose.orientation)), seconds(header.stamp)
-        place = self._origin.inside(*place)
+        place = inside(self.settings.origin, *place)
         odometry = self._speed.add(*place, stamp) if speed is None else Odometry(*place, speed, stamp)
         if header.frame_id not in ("", self.settings.frame):
             self._wrong_frame = f"the pose is in frame {header.frame_id}, it must be {self.settings.frame}"
@@ -169,7 +182,7 @@ class RobotNode(ros.Node):
         try:
             rows = messages.cloud_rows(message, width)
             if pose is not None or frame.endswith("aligned"):
-                rows = relative(rows, frame, self.settings.frame, pose, self._origin)
+                rows = relative(rows, frame, self.settings.frame, pose, self.settings.origin)
                 self._pilot.see(name, rows, seconds(message.header.stamp))
         except ValueError as error:
             self.get_logger().warning(f"{name}: {error}", throttle_duration_sec=5.0)

@@ -1,14 +1,18 @@
 """Run nodes until they are requested to end."""
 
 import faulthandler
+import fcntl
 import os
 import signal
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from baselines.ros import library as ros
+from lissajous_env.console.terminal import CommandError
 
 GRACE = 3.0
 """Time in which ROS 2 must end [s]."""
@@ -89,3 +93,19 @@ def _ended_in_time() -> Iterator[None]:
             yield
         finally:
             faulthandler.cancel_dump_traceback_later()
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """Refuse to run a world beside another one of this user in the same domain, whose nodes would have the same names.
+
+    Raises:
+        CommandError: there is another one.
+    """
+    domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    with open(Path(tempfile.gettempdir(), f"lissajous-ros-{os.getuid()}-{domain}.lock"), "a") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise CommandError(f"ROS_DOMAIN_ID must be one in which no other world runs, got {domain}") from error
+        yield

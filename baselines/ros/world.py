@@ -15,7 +15,7 @@ from baselines.ros.settings import WorldSettings, check_command
 from baselines.ros.vehicle import Vehicle
 from lissajous_env.console.terminal import CommandError
 from lissajous_env.episodes.recording import Recorder, Recording
-from lissajous_env.logs.filling import seconds
+from lissajous_env.logs.messages import seconds
 from lissajous_env.logs.reading import EPISODE
 from lissajous_env.logs.writing import FRAME, START, episode_text
 from lissajous_env.parameters.scenario import Scenario

@@ -1,32 +1,24 @@
-"""Messages of rosbag2 files (MCAP) or folders, by topic."""
+"""Messages of ROS 2: those of rosbag2 files (MCAP) by topic, and fields that are filled alike in any library's."""
 
 import contextlib
 import functools
+import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from lissajous_env.plugins import missing
+from lissajous_env.wording import few_of
+
+Place = tuple[float, float, float, float]
+"""x, y, z [m] and heading [rad]."""
 
 
-class Message(NamedTuple):
-    """A message as it was recorded."""
-
-    bag: int
-    """Number of its file among those of the log."""
-    logged: float
-    """Time of the recorder [s]."""
-    kind: str
-    """Its type."""
-    content: Any
-    """The message."""
-
-
-class Bags:
-    """The files of a log, open while this is entered.
+class Bags(contextlib.ExitStack):
+    """The files of a log, open until this is left.
 
     Args:
         paths: Files (.mcap) or folders of rosbag2.
@@ -34,7 +26,7 @@ class Bags:
     Attributes:
         kinds: Types of each topic's messages; a topic may have several. A type of another encoding than that of ROS 2
             has it in its name.
-        ignored: Number of messages that were passed over, by topic and reason.
+        remarks: Number of messages of which something is to be said, by remark and topic.
 
     Raises:
         MissingExtraError: rosbags, of the extra `logs`, is not installed.
@@ -43,62 +35,63 @@ class Bags:
     """
 
     def __init__(self, paths: Sequence[Path]):
-        self._library, self.paths = rosbags(), tuple(paths)
+        super().__init__()
+        self.paths = tuple(paths)
         self._store = type_store()  # of ROS alone: the types that a file defines are not compiled
-        self._readers: list[list[Any]] = []
         self.kinds: dict[str, set[str]] = {}
-        self.ignored: Counter[tuple[str, str]] = Counter()
-        self._open = contextlib.ExitStack()
-
-    def __enter__(self) -> "Bags":
-        for path in self.paths:
-            if not path.exists():
-                raise FileNotFoundError(2, "there is no such log", str(path))
-            with _undamaged(path), _any_encoding():
-                self._readers.append(self._opened(path))
-            for connection in self._connections(-1):
-                kind = _kind_of(connection)
-                self.kinds.setdefault(connection.topic, set()).add(kind)
-                if kind != connection.msgtype and connection.msgcount:
-                    self.ignored[connection.topic, f"type {kind} is not understood"] += connection.msgcount
-        return self
-
-    def __exit__(self, *_: Any) -> None:
-        self._open.close()
+        self.remarks: Counter[tuple[str, str]] = Counter()
+        self._readers = [(bag, reader) for bag, path in enumerate(paths) for reader in self._opened(path)]
+        for connection in (connection for _, reader in self._readers for connection in reader.connections):
+            kind = _kind_of(connection)
+            self.kinds.setdefault(connection.topic, set()).add(kind)
+            if kind != connection.msgtype and connection.msgcount:
+                self.ignore(connection.topic, f"type {kind} is not understood", connection.msgcount)
 
     def _opened(self, path: Path) -> list[Any]:
         """Return the readers of a file, or of those of a folder: its list of topics may have types that are refused."""
+        if not path.exists():
+            raise FileNotFoundError(2, "there is no such log", str(path))
         files = sorted(path.glob("*.mcap")) if path.is_dir() else []
-        return [self._open.enter_context(self._library.Reader(file)) for file in files or [path]]
+        with _undamaged(path), _any_encoding():
+            return [self.enter_context(rosbags().Reader(file)) for file in files or [path]]
 
-    def _connections(self, bag: int) -> list[Any]:
-        return [connection for reader in self._readers[bag] for connection in reader.connections]
+    def ignore(self, topic: str, reason: str, count: int = 1) -> None:
+        """Remark that messages of a topic are ignored."""
+        self.remarks[f"are ignored: {reason}", topic] += count
 
-    def of(self, topic: str, kinds: Sequence[str]) -> Iterator[Message]:
+    def notes(self) -> list[str]:
+        """Return the remarks, one for all topics of which the same is said."""
+        remarks: dict[str, Counter[str]] = {}
+        for (remark, topic), count in sorted(self.remarks.items()):
+            remarks.setdefault(remark, Counter())[topic] += count
+        return [f"{topics.total()} messages of {few_of(topics)} {remark}" for remark, topics in remarks.items()]
+
+    def of(self, topic: str, kinds: Container[str]) -> Iterator[tuple[int, float, Any]]:
         """Read the messages of a topic that are of some types, file by file in the order of their recording.
 
-        Messages of other types, and those that are cut off or damaged, are counted in `ignored`.
+        Messages of other types, and those that are cut off or damaged, are counted in `remarks`.
+
+        Yields:
+            The number of the file, the time of the recorder [s], and the message.
         """
-        for bag, readers in enumerate(self._readers):
-            for connection in self._connections(bag):
-                unknown = connection.msgtype not in kinds and _kind_of(connection) == connection.msgtype
-                if connection.topic == topic and connection.msgcount and unknown:
-                    self.ignored[topic, f"type {connection.msgtype} is not understood there"] += connection.msgcount
-            for reader in readers:
-                known = [c for c in reader.connections if c.topic == topic and _kind_of(c) in kinds]
-                with _undamaged(self.paths[bag]):
-                    for connection, logged, raw in reader.messages(known) if known else ():
-                        kind = connection.msgtype
-                        try:
-                            content = self._store.deserialize_cdr(raw, kind)
-                        except Exception:  # damaged bytes make the library raise almost any
-                            self.ignored[topic, f"they are cut off or damaged messages of type {kind}"] += 1
-                        else:
-                            yield Message(bag, logged / 1e9, kind, content)
+        for bag, reader in self._readers:
+            channels = [c for c in reader.connections if c.topic == topic and _kind_of(c) == c.msgtype and c.msgcount]
+            for connection in channels:
+                if connection.msgtype not in kinds:
+                    self.ignore(topic, f"type {connection.msgtype} is not understood there", connection.msgcount)
+            known = [connection for connection in channels if connection.msgtype in kinds]
+            with _undamaged(self.paths[bag]):
+                for connection, logged, raw in reader.messages(known) if known else ():
+                    try:
+                        content = self._store.deserialize_cdr(raw, connection.msgtype)
+                    except Exception:  # damaged bytes make the library raise almost any
+                        self.ignore(topic, f"they are cut off or damaged messages of type {connection.msgtype}")
+                    else:
+                        yield bag, logged / 1e9, content
 
     def holders(self, topic: str) -> list[int]:
         """Return the numbers of the files that contain a topic."""
-        return [bag for bag in range(len(self.paths)) if any(c.topic == topic for c in self._connections(bag))]
+        return sorted({bag for bag, reader in self._readers if any(c.topic == topic for c in reader.connections)})
 
 
 def _kind_of(connection: Any) -> str:
@@ -173,3 +166,31 @@ def _any_encoding() -> Iterator[None]:
         yield
     finally:
         storage.read_string, storage.get_msgdef = before
+
+
+def set_stamp(header: Any, time: float, frame: str) -> None:
+    """Write a time [s] and a frame into a header."""
+    header.stamp.sec, header.stamp.nanosec = divmod(round(time * 1e9), 10**9)
+    header.frame_id = frame
+
+
+def seconds(stamp: Any) -> float:
+    """Return a time stamp in seconds."""
+    return (stamp.sec * 10**9 + stamp.nanosec) / 1e9
+
+
+def set_pose(pose: Any, place: Place) -> None:
+    """Write a place into a pose."""
+    pose.position.x, pose.position.y, pose.position.z, heading = place
+    pose.orientation.z, pose.orientation.w = math.sin(heading / 2), math.cos(heading / 2)
+
+
+def set_odometry(message: Any, time: float, frames: tuple[str, str], place: Place, speed: float) -> None:
+    """Write the place and the speed [m/s] of a robot into a nav_msgs/Odometry.
+
+    The frames are those of the place and of the robot.
+    """
+    set_stamp(message.header, time, frames[0])
+    message.child_frame_id = frames[1]
+    set_pose(message.pose.pose, place)
+    message.twist.twist.linear.x = speed

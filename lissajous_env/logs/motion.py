@@ -29,6 +29,8 @@ _STEEPEST = 3.0
 """Largest velocity in those of the straight line between two poses, up to which a cubic does not overshoot."""
 _FASTER = 2.0
 """Factor on the top speed of the scenario's robots, above which the way between two poses is a jump."""
+_JUMP = 6.0
+"""Standard deviations of a position by which a jump must exceed this way."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,25 @@ class Motion:
         k = np.searchsorted(last, begin + SAME, side="right")
         return first[np.minimum(k, len(first) - 1)] < end - SAME
 
+    def remarks(self, first: float, last: float, was_removed: bool) -> list[str]:
+        """Return remarks for readers of a score from a first to a last time [s]: what is not known, and what is odd."""
+        time, words = self.track.time, []
+        unknown = np.flatnonzero(~self.known & (time[:-1] < last) & (time[1:] > first))
+        jumps = np.intersect1d(self.jumps, unknown)
+        gaps = [(max(float(time[k]), first), min(float(time[k + 1]), last)) for k in np.setdiff1d(unknown, jumps)]
+        if gaps:
+            total, (begin, end) = sum(end - begin for begin, end in gaps), gaps[0]
+            words.append(f"gaps of {total:.3g} s in all, the first from {begin:.3f} to {end:.3f} s, count as failures")
+        if len(jumps):
+            way, at = np.linalg.norm(np.diff(self.track.position, axis=0)[jumps[0]]), time[jumps[0]]
+            rule = "jumps that no robot of the scenario can drive count as failures"
+            words.append(f"{len(jumps)} {rule}, the first of {way:.3g} m at {at:.3f} s")
+        if time[-1] < last - SAME and not was_removed:
+            words.append(f"no pose after {time[-1]:.3f} s, which counts as a failure from then on")
+        words += [f"the speeds {self.derived}; they are computed from the poses"] if self.derived else []
+        words += ["the headings are unknown; they are those of the motion"] if self.headless else []
+        return words + (["it does not drive along its heading"] if self.turned else [])
+
 
 def motion_of(track: Track, gap: float = math.inf, top_speed: float = math.inf, slack: float = 0.0) -> Motion:
     """Return the motion of a robot along its track.
@@ -97,10 +118,11 @@ def motion_of(track: Track, gap: float = math.inf, top_speed: float = math.inf, 
         slack: Distance that is no jump [m].
     """
     width, way = np.diff(track.time), np.linalg.norm(np.diff(track.position, axis=0), axis=1)
-    jumps = way > _FASTER * top_speed * width + slack + 6 * _roughness(track)
+    deviation = float(np.median(local_deviations(track.time, track.position[:, :2])))
+    jumps = way > _FASTER * top_speed * width + slack + _JUMP * deviation
     known = (width <= gap + SAME) & ~jumps
     edges = np.concatenate([[0], np.flatnonzero(~known) + 1, [len(track)]])
-    velocity, error, deviation = _derived(track, edges)
+    velocity, error = _derived(track, edges, deviation)
     heading, headless = _headings(track, velocity)
     along = np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
     length = np.linalg.norm(velocity[:, :2], axis=1)
@@ -168,27 +190,13 @@ def _headings(track: Track, velocity: np.ndarray) -> tuple[np.ndarray, bool]:
     return np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0])), True
 
 
-def _roughness(track: Track) -> float:
-    """Return about the standard deviation of the positions from a line through their neighbours [m]."""
-    if len(track) < 3:
-        return 0.0
-    time, place = track.time, track.position
-    share = ((time[1:-1] - time[:-2]) / (time[2:] - time[:-2]))[:, None]
-    off = place[1:-1] - (1 - share) * place[:-2] - share * place[2:]
-    return float(np.median(np.linalg.norm(off, axis=1)))
-
-
-def _derived(track: Track, edges: np.ndarray) -> tuple[np.ndarray, float, float]:
-    """Return velocities (K, 3) from the positions of each stretch between two edges, and two standard deviations.
-
-    These are that of a velocity [m/s] and that of a position [m].
+def _derived(track: Track, edges: np.ndarray, deviation: float) -> tuple[np.ndarray, float]:
+    """Return velocities (K, 3) from the positions of each stretch between two edges, and their standard deviation.
 
     The number of poses of which each is computed is the least that is precise enough, for the whole track.
     """
     stretches = [slice(a, b) for a, b in pairwise(edges.tolist())]
     velocity, error = np.zeros_like(track.position), 0.0
-    noise = [local_deviations(track.time[s], track.position[s, :2]) for s in stretches if s.stop - s.start >= 7]
-    deviation = float(np.median(np.concatenate(noise))) if noise else 0.0
     period = float(np.median(np.diff(track.time)))
     for count in _WINDOWS:
         factors = []
@@ -199,7 +207,7 @@ def _derived(track: Track, edges: np.ndarray) -> tuple[np.ndarray, float, float]
         typical = float(np.quantile(np.linalg.norm(velocity, axis=1), 0.75))
         if error <= _PRECISE * typical or (count - 1) * period > _LONGEST:
             break
-    return velocity, error, deviation
+    return velocity, error
 
 
 def local_deviations(time: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -12,13 +12,11 @@ from lissajous_env.episodes.recording import Recorder, Recording, Unknown
 from lissajous_env.logs.inputs import INPUTS, LARGEST_STEERING, actions_of
 from lissajous_env.logs.log import Log
 from lissajous_env.logs.motion import Motion, motion_of
-from lissajous_env.logs.notes import remarks
 from lissajous_env.logs.prescribed import PrescribedSimulation
 from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of
-from lissajous_env.theory.closed_forms import curve_derivatives
 from lissajous_env.theory.geometry import locate
 from lissajous_env.wording import few_of, shown
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
@@ -27,6 +25,8 @@ GAP = 0.5
 """Longest time between two poses of a robot during which it counts as working, by default [s]."""
 MOST_STEPS = 200_000
 """Largest number of control steps of a log."""
+_FAR = 5.0
+"""Distance from the origin in sizes of the rectangle, from which on the log is in another frame."""
 _SAME = 1e-6
 """Share of a step by which a log may be shorter than a number of them."""
 _LATE_STATUS = 0.2
@@ -111,7 +111,7 @@ def score(
     simulation = PrescribedSimulation(scenario, _paths(log, scenario, motions, times, hidden), len(seeds))
     simulation.reset(seeds=np.array(list(seeds)))
     actions, refused = _actions(log, scenario, times)
-    notes = [*log.notes, *remarks(log, scenario, motions, times, status), *refused]
+    notes = [*log.notes, *_remarks(log, scenario, motions, times, status), *refused]
     recorder = Recorder(simulation)
     recorder.take()
     for moment in range(1, len(times)):
@@ -161,39 +161,36 @@ def _moments(log: Log, step: float, gap: float) -> np.ndarray:
             f"log {log.name} must have poses of all robots for at least a control step of {step:g} s, "
             f"got {max(float(lasts[0]) - log.start, 0):.3g} s"
         )
-    _check_length(log, step, steps)
+    if steps > MOST_STEPS:
+        longest, robot = max((float(np.diff(track.time).max()), k) for k, track in enumerate(log.tracks))
+        raise ValueError(
+            f"log {log.name} must last at most {MOST_STEPS:,} control steps of {step:g} s, got {steps:,}; the longest "
+            f"time without a pose is {longest:.6g} s, of {log.called([robot])}"
+        )
     return log.start + step * np.arange(steps + 1)
-
-
-def _check_length(log: Log, step: float, steps: int) -> None:
-    """Refuse a log of too many control steps, and name its longest gap, which is where a clock may have jumped."""
-    if steps <= MOST_STEPS:
-        return
-    widest = [int(np.argmax(np.diff(track.time))) for track in log.tracks]
-    robot = int(np.argmax([np.diff(track.time)[k] for track, k in zip(log.tracks, widest, strict=True)]))
-    before, after = log.tracks[robot].time[widest[robot] : widest[robot] + 2].tolist()
-    raise ValueError(
-        f"log {log.name} must last at most {MOST_STEPS:,} control steps of {step:g} s, got {steps:,}; the "
-        f"longest time without a pose is that of {log.called([robot])}, from {before:.3f} to {after:.3f} s"
-    )
 
 
 def _motions(log: Log, scenario: Scenario, gap: float) -> list[Motion]:
     """Return the motion of each robot, in the plane if the scenario is flat."""
     flat, motions = scenario.curve.half_depth == 0, []
-    for track, speed in zip(log.tracks, _top_speeds(scenario), strict=True):
+    for track, speed in zip(log.tracks, scenario.top_speeds, strict=True):
         place = track.position * (1, 1, 0) if flat else track.position
         motions.append(motion_of(dataclasses.replace(track, position=place), gap, speed, scenario.robot.radius))
     return motions
 
 
-def _top_speeds(scenario: Scenario) -> np.ndarray:
-    """Return the top speed of each robot [m/s]: of a point, on the curve at its highest phase rate."""
-    if not model_of(scenario.robot.kind).keeps_to_curve:
-        return scenario.top_speeds
-    along = curve_derivatives(scenario.driven, np.linspace(0, 2 * np.pi, 4096))[0]
-    rate = scenario.resolve().robot.phase_rate_max or np.inf
-    return np.full(scenario.num_robots, np.linalg.norm(along, axis=-1).max() * scenario.alpha * rate)
+def _remarks(
+    log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.ndarray, status: np.ndarray
+) -> list[str]:
+    """Return remarks on the motion of the robots."""
+    removed = (status == int(REMOVED)).any(axis=0)
+    words = [motion.remarks(times[0], times[-1], gone) for motion, gone in zip(motions, removed, strict=True)]
+    notes = log.grouped([(robot, word) for robot, own in enumerate(words) for word in own])
+    x, y = np.median([np.median(motion.track.position[:, :2], axis=0) for motion in motions], axis=0)
+    if np.hypot(x, y) > _FAR * (scenario.curve.half_width + scenario.curve.half_height):
+        far = f"the robots are around x = {x:.6g} m, y = {y:.6g} m, far from the rectangle"
+        notes.append(f"{far}: give the pose of its middle in the frame of the log by --origin X Y HEADING")
+    return notes
 
 
 def _statuses(log: Log, times: np.ndarray, hidden: np.ndarray) -> np.ndarray:
@@ -236,7 +233,8 @@ def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.nd
             lines = [np.interp(within, times[seen], places[seen, -1, axis]) for axis in range(3)]
             places = np.where(hidden[:, robot, None, None], np.stack(lines, axis=-1), places)
         _, heading, speed = motion.at(times)
-        phase = _phases(log, scenario, robot, times, places[:, -1], heading, hidden[:, robot])
+        pose = np.column_stack([places[:, -1, :2], heading])
+        phase = _phases(log, scenario, robot, times, pose, hidden[:, robot])
         columns.append((places, heading, speed, phase, hidden[:, robot].astype(int)))
     names = ("track", "heading", "speed", "phase", "hidden")
     return {
@@ -244,30 +242,21 @@ def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.nd
     }
 
 
-def _phases(
-    log: Log,
-    scenario: Scenario,
-    robot: int,
-    times: np.ndarray,
-    place: np.ndarray,
-    heading: np.ndarray,
-    hidden: np.ndarray,
-) -> np.ndarray:
-    """Return the phases (M,) of a robot; NaN where they follow from its path, which they do between gaps.
+def _phases(log: Log, scenario: Scenario, robot: int, times: np.ndarray, pose: np.ndarray, hidden: np.ndarray) -> Any:
+    """Return the phases (M,) of a robot with poses (M, 3); NaN where they follow from its path, as between gaps.
 
-    The phase of a point is its place; that of a car follows from its path.
+    The phase of a point is its place, so that all of its logged phases count.
     """
-    phase = np.full(len(times), np.nan)
-    logged = log.phases.get(robot)
-    if logged is not None:
-        phase = logged.before(times, _LATE_STATUS * scenario.task.step).copy()
-        if model_of(scenario.robot.kind).keeps_to_curve and len(log.phases) == len(log.tracks):
-            return phase
-    begins = np.append(True, hidden[:-1] & ~hidden[1:])
-    phase[~begins] = np.nan
-    for k in np.flatnonzero(begins & np.isnan(phase)).tolist():
-        x, y, near = float(place[k, 0]), float(place[k, 1]), float(scenario.equilibrium[robot])
-        phase[k] = locate(scenario.driven, scenario.alpha, x, y, float(heading[k]), near)
+    phase, logged = np.full(len(times), np.nan), log.phases.get(robot)
+    if logged is not None and model_of(scenario.robot.kind).keeps_to_curve:
+        return logged.before(times, _LATE_STATUS * scenario.task.step)
+    for k in np.flatnonzero(np.append(True, hidden[:-1] & ~hidden[1:])):
+        if logged is None:
+            x, y, heading = pose[k].tolist()
+            near = float(scenario.equilibrium[robot])
+            phase[k] = locate(scenario.driven, scenario.alpha, x, y, heading, near)
+        else:
+            phase[k] = logged.before(times[k], _LATE_STATUS * scenario.task.step)
     return phase
 
 

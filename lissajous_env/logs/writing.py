@@ -23,10 +23,9 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.episodes.recording import Recording
-from lissajous_env.logs.filling import set_odometry, set_stamp
 from lissajous_env.logs.inputs import INPUTS, inputs_of
-from lissajous_env.logs.messages import blank, rosbags, type_store
-from lissajous_env.logs.poses import ODOMETRY, TOPICS
+from lissajous_env.logs.messages import blank, rosbags, set_odometry, set_stamp, type_store
+from lissajous_env.logs.poses import TOPICS
 from lissajous_env.logs.reading import COMMAND, EPISODE, PHASE, STATUS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import replacing
@@ -114,7 +113,7 @@ def _write_robot(
 ) -> None:
     heading = float(recording.heading[moment, robot])
     x, y, z = recording.position[moment, robot].tolist()
-    odometry, speed = blank(ODOMETRY), float(recording.speed[moment, robot])
+    odometry, speed = blank("nav_msgs/msg/Odometry"), float(recording.speed[moment, robot])
     set_odometry(odometry, time, (FRAME, f"robot_{robot}"), (x, y, z, heading), speed)
     odometry.twist.covariance[0] = -1.0 if without_speed else 0.0
     topics.write(TOPICS[0].format(robot), time, odometry)

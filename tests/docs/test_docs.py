@@ -143,7 +143,7 @@ def check_site(line):
 def run_lissajous(line):
     """Run a command of this package, shortened and without a cluster."""
     _, command, *given = shlex.split(re.sub(r"--engine ray( --address \S+)?", "", line))
-    if command == "ros":  # it runs for as long as its processes; test_ros_launch.py runs them
+    if command == "ros":  # it waits for other nodes; test_ros_recorded.py runs them
         assert {word for word in given if word.startswith("--")} <= options_of(f"ros {given[0]}"), line
         return
     if command == "train" or any(word.startswith("runs/") for word in given):

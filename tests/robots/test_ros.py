@@ -19,7 +19,7 @@ from baselines.ros.running import RosProcess
 from baselines.ros.settings import RobotSettings
 from lissajous_env.console.terminal import CommandError
 from lissajous_env.episodes.recording import record
-from lissajous_env.logs.filling import seconds
+from lissajous_env.logs.messages import seconds
 
 
 @pytest.fixture(autouse=True)

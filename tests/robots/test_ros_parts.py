@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 import baselines.ros
 import lissajous_env
 from baselines.onboard import Command, Limits, Odometry, Twist, inputs_of
-from baselines.ros.frames import Origin, SpeedOfPoses, relative
-from baselines.ros.pilot import Pilot
+from baselines.ros.pilot import Pilot, SpeedOfPoses, inside, relative
 from baselines.ros.settings import RobotSettings
 from baselines.ros.vehicle import Vehicle
+from lissajous_env.logs.samples import moved
 
 EXPERIMENT = lissajous_env.scenario("experiment").resolve()
 STEP = EXPERIMENT.task.step
@@ -25,8 +25,8 @@ ANGLES = st.floats(-3.1, 3.1)
 
 @given(PLACES, PLACES, ANGLES, PLACES, PLACES, ANGLES)
 def test_a_pose_of_the_laboratory_comes_back(x, y, heading, own_x, own_y, own_heading):
-    origin = Origin(x, y, heading)
-    back = origin.inside(*origin.outside(own_x, own_y, own_heading))
+    outside = moved(np.array([own_x, own_y]), (x, y, heading))
+    back = inside((x, y, heading), *outside, own_heading + heading)
     np.testing.assert_allclose(back[:2], (own_x, own_y), atol=1e-9)
     assert math.cos(back[2] - own_heading) == pytest.approx(1)
 
@@ -34,7 +34,7 @@ def test_a_pose_of_the_laboratory_comes_back(x, y, heading, own_x, own_y, own_he
 @given(ANGLES, ANGLES, PLACES, PLACES)
 def test_a_sensor_reports_the_same_in_each_frame(heading, origin_heading, x, y):
     # Oracle: the same robot and target, written in the frame of the robot, of the laboratory, and of the axes.
-    origin, pose = Origin(2.0, -1.0, origin_heading), Odometry(x, y, heading, 0.7, 0.0)
+    origin, pose = (2.0, -1.0, origin_heading), Odometry(x, y, heading, 0.7, 0.0)
     away, velocity = np.array([0.6, -0.3]), np.array([0.2, 0.5])  # relative, along the scenario's axes
 
     def turned(vector, angle):
@@ -44,7 +44,7 @@ def test_a_sensor_reports_the_same_in_each_frame(heading, origin_heading, x, y):
         ]
 
     moves = velocity + 0.7 * np.array([math.cos(heading), math.sin(heading)])
-    absolute = [*origin.outside(x + away[0], y + away[1])[:2], *turned(moves, origin_heading)]
+    absolute = [*moved(np.array([x, y]) + away, origin), *turned(moves, origin_heading)]
     body = [*turned(away, -heading), *turned(velocity, -heading)]
     for row, frame in ((absolute, "map"), (body, "car/base_link"), ([*away, *velocity], "car/aligned")):
         rows = relative(np.array([row], dtype=np.float64), frame, "map", pose, origin)

@@ -11,7 +11,6 @@ pytest.importorskip("torch")
 from publish import publish
 from test_trainer import QUIET, SMALL
 
-import baselines
 import lissajous_env
 import training
 from lissajous_env.console import cli
@@ -156,11 +155,3 @@ def test_a_file_may_begin_with_a_byte_order_mark_and_have_any_name(tmp_path):
     marked.write_text("[task]\nduration = 2.0\n")
     with pytest.raises(ValueError, match=r"got 'lab 2'; the file may contain another name, as in name ="):
         lissajous_env.scenario(marked)
-
-
-@pytest.mark.parametrize(("file", "word"), [("mine.zip", "ModelPolicy"), ("mine", "ModelPolicy"), ("a.onnx", "decide")])
-def test_a_file_of_a_model_is_played_by_a_module(file, word, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.zip").touch()
-    with pytest.raises(ValueError, match=rf"policy must be one of .* got '{file}'; write a function.*{word}"):
-        baselines.make(file, "experiment")

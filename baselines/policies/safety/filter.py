@@ -64,33 +64,17 @@ formation, and with it the bound on the detection time, is lost."""
 
 
 class Safe(Filter):
-    """The collision filter, which stores the positions of ring neighbours.
+    """The collision filter, which stores the positions of ring neighbours; its parameters are `SafetyParameters`."""
 
-    Args:
-        scenario: The scenario, of cars.
-        num_worlds: W.
-        device: Warp device.
-        parameters: Parameters of the filter; by default those of the paper's experiment, scaled to the scenario.
-
-    Raises:
-        ValueError: the robots are no cars.
-    """
-
+    defaults = SafetyParameters()
     suffix = "-safe"
     about = "with a collision filter that intervenes late and gently"
     as_car = True
     communicates = "positions of ring neighbours"
     remembers = ("_memory",)
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: SafetyParameters | None = None,
-    ):
-        super().__init__(scenario, num_worlds, device)
-        self.parameters = parameters or SafetyParameters().of(self.scenario)
+    def __init__(self, *given: Any, **named: Any):
+        super().__init__(*given, **named)
         if self.parameters.speed_max is None:
             limit = speed_limit(self.scenario, self.parameters)
             self.parameters = dataclasses.replace(self.parameters, speed_max=limit)

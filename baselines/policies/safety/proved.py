@@ -70,35 +70,23 @@ class ProvedParameters(Checked):
 
 
 class Proved(Filter):
-    """The proved filter of cars.
-
-    Args:
-        scenario: The scenario, of cars.
-        num_worlds: W.
-        device: Warp device.
-        parameters: Parameters of the filter; by default those of the paper's experiment, scaled to the scenario.
+    """The proved filter of cars; its parameters are `ProvedParameters`.
 
     Raises:
         ValueError: the robots are no cars, or cars that reverse.
     """
 
+    defaults = ProvedParameters()
     suffix = "-proved"
     about = "with a filter that is proved, under conditions, to prevent collisions"
     stays_inside = True
     communicates = "committed tails, from every robot to every other within the step"
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: ProvedParameters | None = None,
-    ):
-        super().__init__(scenario, num_worlds, device)
+    def __init__(self, *given: Any, **named: Any):
+        super().__init__(*given, **named)
         if self.scenario.robot.reverses:
             rule = f"must be 0 for cars behind {self.suffix}, whose tails end at rest [m/s]"
             raise ValueError(f"robot.speed_min {rule}, got {self.scenario.robot.lowest_speed:g}")
-        self.parameters = parameters or ProvedParameters().of(self.scenario)
         self._bounds = bounds_of(self.scenario, self.parameters, self.device)
         self._curve = curve_struct(self.scenario.curve, self.device)
         worlds = (self.num_worlds,)
