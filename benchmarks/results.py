@@ -14,7 +14,8 @@ from rich.console import Console
 
 import lissajous_env
 from baselines.benchmark.running import measure
-from baselines.benchmark.shown import SHOWN, lines_of, with_numbers
+from baselines.benchmark.shown import lines_of
+from baselines.benchmark.statistics import SHOWN, with_numbers
 from baselines.benchmark.table import Table
 from baselines.benchmark.types import Benchmark, Outcome
 from lissajous_env.console.terminal import make_console

@@ -133,7 +133,7 @@ def _play(packed: bytes, numbers: list[int], wanted: dict[str, str]) -> Rows | F
             f"every node must have the same {', '.join(differing)}; {ray.util.get_node_ip_address()} has not"
         )
     # A failure is words: the error itself may be of a class that the driver cannot load.
-    return next(results(cell, settings, numbers, lambda _: None))
+    return next(results(cell, settings, numbers))
 
 
 def _sources(cell: Cell) -> dict[str, str]:

@@ -1,14 +1,16 @@
 """The episodes of a cell played, and the engine of a benchmark on this machine: as many cells at a time as cores.
 
-An included policy may be played on any thread. What a user brings is played by the main thread, one cell after the
-other: such code may share data between its policies, and Ctrl-C reaches it there. The rows do not depend on it.
+An included policy may be played on any thread. What a user brings is played afterwards by the main thread, one cell
+after the other: such code may share data between its policies, and Ctrl-C reaches it there. The rows do not depend on
+it.
 """
 
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import partial
+from typing import Any
 
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import refusal_of
@@ -38,49 +40,31 @@ def play_all(settings: Benchmark, work: Work, progress: Progress, finish: Finish
     """
 
     def play_cell(cell: Cell, numbers: list[int], stopped: threading.Event) -> None:
-        def on_step(worlds: int) -> None:
-            if stopped.is_set():
-                raise _Stopped
-            progress.step(cell, worlds)
-
         progress.begin(cell)
-        for result in results(cell, settings, numbers, on_step):
+        for result in results(cell, settings, numbers, stopped):
             finish(cell, result)
 
     on_cores([(partial(play_cell, cell, numbers), may_be_shared(cell, settings.device)) for cell, numbers in work])
 
 
 def on_cores(jobs: Sequence[tuple[Callable[[threading.Event], None], bool]]) -> None:
-    """Do some jobs: the shared ones on as many threads as there are cores, the others one by one on this thread.
+    """Do some jobs: the shared ones on as many threads as there are cores, then the others one by one on this thread.
 
     The first error, or Ctrl-C, sets the event that every job receives, cancels the jobs that have not begun, and is
     raised when the running ones have ended.
     """
     stopped = threading.Event()
-
-    def run(job: Callable[[threading.Event], None]) -> None:
+    with ThreadPoolExecutor(cores()) as pool:
         try:
-            job(stopped)
+            for shared in as_completed([pool.submit(job, stopped) for job, is_shared in jobs if is_shared]):
+                shared.result()
         except BaseException:
             stopped.set()
-            raise
-
-    with ThreadPoolExecutor(cores()) as pool:
-        helpers = [pool.submit(run, job) for job, is_shared in jobs if is_shared]
-        try:
-            for job, is_shared in jobs:
-                if not is_shared:
-                    run(job)
-            wait(helpers, return_when=FIRST_EXCEPTION)
-        except _Stopped:  # the error of the thread that stopped this one is raised below
-            pass
-        finally:
-            if not all(helper.done() for helper in helpers):
-                stopped.set()
             pool.shutdown(cancel_futures=True)
-    for helper in helpers:
-        if not helper.cancelled() and not isinstance(helper.exception(), _Stopped):
-            helper.result()
+            raise
+    for job, is_shared in jobs:
+        if not is_shared:
+            job(stopped)
 
 
 def may_be_shared(cell: Cell, device: str) -> bool:
@@ -90,10 +74,10 @@ def may_be_shared(cell: Cell, device: str) -> bool:
 
 
 def results(
-    cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[[int], None]
+    cell: Cell, settings: Benchmark, numbers: list[int], stopped: threading.Event | None = None
 ) -> Iterator[Rows | Failure]:
     """Play some episodes of a cell, and yield each batch; if the policy raises, the failure is the last."""
-    batches = play(cell, settings, numbers, on_step)
+    batches = play(cell, settings, numbers, stopped)
     while True:
         try:
             result = next(batches, None)
@@ -104,10 +88,8 @@ def results(
         yield result
 
 
-def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[[int], None]) -> Iterator[Rows]:
-    """Play some episodes of a cell, given by number, and yield the rows of each batch.
-
-    After each step, `on_step` is called with the number of worlds that took it.
+def play(cell: Cell, settings: Benchmark, numbers: list[int], stopped: threading.Event | None = None) -> Iterator[Rows]:
+    """Play some episodes of a cell, given by number, and yield the rows of each batch; `stopped` ends it at a step.
 
     Raises:
         ValueError: a score that is none, as one of a return that is infinite.
@@ -116,7 +98,12 @@ def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[
     numbers_left = iter(numbers)
     seeds = [settings.seed + number for number in numbers]
     brought = brought_columns(cell.scenario)
-    for batch in episodes(policy, cell.scenario, seeds, settings.device, lambda _: on_step(settings.worlds)):
+
+    def check(_: Any) -> None:
+        if stopped is not None and stopped.is_set():
+            raise _Stopped
+
+    for batch in episodes(policy, cell.scenario, seeds, settings.device, check):
         rows = [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
         for row in rows:
             if wrong := refusal_of(plain(row), brought):

@@ -17,8 +17,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from baselines.benchmark.plot_styles import STYLE, PlotStyle, saved, styles_of
-from baselines.benchmark.shown import DERIVED, IMPROVEMENT, OVERALL, brought_in, with_numbers
-from baselines.benchmark.statistics import SHARE_OF_SEEDS, Estimate
+from baselines.benchmark.statistics import (
+    DERIVED,
+    IMPROVEMENT,
+    OVERALL,
+    SHARE_OF_SEEDS,
+    Estimate,
+    brought_in,
+    with_numbers,
+)
 from baselines.benchmark.table import Policies, Rows, Table, grouped, numbers
 from baselines.policies.registry import unwrapped
 from lissajous_env.world.columns import COLLISIONS, LARGEST, OPEN, SENSED, SHARE, WHOLE, WORST_CASE, Column, task_score

@@ -36,40 +36,28 @@ class Progress:
     """
 
     def __init__(self, work: list[tuple[Any, list[int]]], console: Console):
-        self._console, self._done = console, 0
+        self._console = console
         self._left = {id(cell): len(numbers) for cell, numbers in work}
-        self._steps = dict.fromkeys(self._left, 0)
-        """Steps of the episodes of a cell that are being played."""
         self._began: dict[int, float] = {}
-        counted = bars.TextColumn("{task.fields[done]}/{task.fields[episodes]} episodes")
+        counted = bars.TextColumn("{task.completed}/{task.total} episodes")
         self._bar = bar(console, bars.TextColumn("{task.description}"), counted)
-        steps = sum(len(numbers) * cell.scenario.task.steps for cell, numbers in work)
-        self._task = self._bar.add_task("", total=max(steps, 1), done=0, episodes=sum(self._left.values()))
+        self._task = self._bar.add_task("", total=sum(self._left.values()))
 
     def begin(self, cell: Any) -> None:
         """Show that a cell begins."""
         self._began.setdefault(id(cell), time.monotonic())
         self._bar.update(self._task, description=_name_of(cell))
 
-    def step(self, cell: Any, worlds: int) -> None:
-        """Show that a batch of some worlds took a step."""
-        taken = min(worlds, self._left[id(cell)])
-        self._steps[id(cell)] += taken
-        self._bar.advance(self._task, taken)
-
     def finished(self, cell: Any, episodes: int) -> None:
         """Show that some episodes have ended; with the last of a cell, the cell is over."""
-        self._done += episodes
         self._left[id(cell)] -= episodes
-        self._bar.advance(self._task, episodes * cell.scenario.task.steps - self._steps[id(cell)])
-        self._steps[id(cell)] = 0
-        self._bar.update(self._task, description=_name_of(cell), done=self._done)
+        self._bar.update(self._task, description=_name_of(cell), advance=episodes)
         if not self._left[id(cell)]:
             self._print(cell, "played")
 
     def failed(self, cell: Any, word: str) -> None:
         """Show that a cell is over before its last episode; the word states how it ended."""
-        self._bar.advance(self._task, self._left[id(cell)] * cell.scenario.task.steps - self._steps[id(cell)])
+        self._bar.advance(self._task, self._left[id(cell)])
         self._print(cell, word)
 
     def _print(self, cell: Any, words: str) -> None:

@@ -13,11 +13,9 @@ from rich.console import Console
 from baselines.benchmark import written
 from baselines.benchmark.local import may_be_shared, on_cores
 from baselines.benchmark.progress import bar
-from baselines.benchmark.report_page import Key, Played, Report
+from baselines.benchmark.report_page import Key, Played, Report, worst_first
 from baselines.benchmark.table import Row
 from baselines.benchmark.types import Cell, Outcome
-from baselines.policies import registry
-from baselines.policies.factories import named
 from lissajous_env.episodes.recording import record_all
 from lissajous_env.identity import provenance
 from lissajous_env.replay.contents import BRIEF, contents
@@ -29,34 +27,18 @@ _TOGETHER = 4
 
 
 def write_report(folder: Folder, outcome: Outcome, progress: Console) -> str:
-    """Write `report.html` of all episodes of the folder, and return a line about its replays.
+    """Write `report.html` of all episodes of the folder, with replays of those of this call; return a line about these.
 
     It depends only on the score rows and their seeds, so that a benchmark that was interrupted has the same report.
     """
-    report = Report(outcome.table, provenance(outcome.stored["device"]), outcome.failures, outcome.theorem)
-    ranked, cells = report.ranked(), playable(outcome)
-    folder.write(written.REPORT, report.html(ranked, {}))
-    wanted = with_references(chosen(outcome.settings.replays, ranked, cells), ranked, cells, outcome.table.references)
-    if not wanted:
-        return ""
-    played, failed = _played_again(wanted, cells, ranked, outcome.device, progress)
+    table, cells = outcome.table, outcome.playable
+    ranked = worst_first(table.rows, table.scenarios)
+    wanted = with_references(chosen(outcome.settings.replays, ranked, cells), ranked, cells, table.references)
+    played, failed = _played_again(wanted, cells, ranked, outcome.device, progress) if wanted else ({}, [])
+    report = Report(table, provenance(outcome.stored["device"]), outcome.failures, outcome.theorem)
     folder.write(written.REPORT, report.html(ranked, played))
     said = f"{written.REPORT} plays {len(played):,} of the episodes; --replays NUMBER adds more"
-    return "\n".join([said, *(f"not replayed: {words}" for words in failed)])
-
-
-def playable(outcome: Outcome) -> dict[tuple[str, str], Cell]:
-    """Return the cells of this call, and those of earlier calls whose policy and scenario are unchanged."""
-    cells = {(cell.scenario.name, cell.policy): cell for cell in outcome.cells}
-    for name, policies in outcome.stored["policies"].items():
-        scenario = outcome.table.scenarios[name]
-        for policy in policies:
-            whole = scenario.digest() == outcome.stored["digests"][name]  # no extension is missing
-            known = (name, policy) not in cells and whole and policy in registry.names(scenario)
-            if known and registry.parts(policy) == outcome.stored["played"][policy]:
-                cells[name, policy] = Cell(scenario, policy, named(policy))
-    failed = {(failure.scenario, failure.policy) for failure in outcome.failures}
-    return {place: cell for place, cell in cells.items() if place not in failed}
+    return "\n".join([said, *(f"not replayed: {words}" for words in failed)]) if wanted else ""
 
 
 def chosen(count: int, ranked: Iterable[Row], cells: Container[tuple[str, str]]) -> list[Key]:

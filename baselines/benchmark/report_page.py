@@ -9,30 +9,32 @@ import numpy as np
 
 from baselines.benchmark.bounds import Bounds
 from baselines.benchmark.plot_styles import COLOURS, styles_of
-from baselines.benchmark.shown import (
+from baselines.benchmark.shown import bounds_in_words, in_words
+from baselines.benchmark.statistics import (
     DERIVED,
     MAIN,
     OVERALL,
     SHOWN,
-    bounds_in_words,
+    Estimate,
     brought_in,
-    in_words,
     shown_columns,
-    values_of_theory,
     with_numbers,
 )
-from baselines.benchmark.statistics import Estimate
 from baselines.benchmark.table import Overall, Row, Rows, Table, grouped, numbers
 from baselines.benchmark.types import Failure
 from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.report import report
+from lissajous_env.wording import counted
 from lissajous_env.world.columns import (
     COLLISIONS,
     COLUMNS,
+    COVERAGE,
     DETECTED,
+    DETECTION_TIME,
     OPEN,
     SENSED,
+    SEPARATION,
     WHOLE,
     WORST_CASE,
     Column,
@@ -105,9 +107,9 @@ def badness(row: Row, scenario: Scenario) -> tuple[float, ...]:
     return sum(failed(row)), *parts
 
 
-def worst_first(rows: Sequence[Row], scenarios: Mapping[str, Scenario]) -> list[int]:
-    """Return the indices of some rows, the worst episode first; of equal ones the earlier first."""
-    return sorted(range(len(rows)), key=lambda k: badness(rows[k], scenarios[rows[k]["scenario"]]), reverse=True)
+def worst_first(rows: Rows, scenarios: Mapping[str, Scenario]) -> Rows:
+    """Return score rows with the worst episode first; of equal ones the earlier first."""
+    return sorted(rows, key=lambda row: badness(row, scenarios[row["scenario"]]), reverse=True)
 
 
 @dataclass(frozen=True)
@@ -131,15 +133,11 @@ class Report:
     notes: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Sentences about a scenario, by its name."""
 
-    def ranked(self) -> list[dict[str, Any]]:
-        """Return all score rows, the worst first."""
-        return [self.table.rows[k] for k in worst_first(self.table.rows, self.table.scenarios)]
-
     def html(self, ranked: Rows, replays: Mapping[Key, Played]) -> str:
         """Make the page.
 
         Args:
-            ranked: result of `ranked`.
+            ranked: all score rows of the table, the worst first.
             replays: episodes that can be played in it.
         """
         policies = list(dict.fromkeys(row["policy"] for row in self.table.rows))
@@ -163,9 +161,8 @@ class Report:
                 for name, ((s, p, seed), played) in replayed.items()
             },
         }
-        counts = ((len(policies), "policy", "policies"), (len(scenario_of), "scenario", "scenarios"))
-        of, on = (f"{count} {one if count == 1 else many}" for count, one, many in counts)
-        words = {"title": "Benchmark", "counted": f"{len(ranked):,} episodes of {of} on {on}"}
+        of, on = counted(len(policies), "policy", "policies"), counted(len(scenario_of), "scenario")
+        words = {"title": "Benchmark", "counted": f"{counted(len(ranked), 'episode')} of {of} on {on}"}
         contents = {name: played.contents for name, (_, played) in replayed.items()}
         return report(data, words, contents)
 
@@ -197,7 +194,7 @@ class Report:
             "tradeoff": [task_score(scenario).name, COLLISIONS.name],
             "measures": [
                 _described(column)
-                | {"lines": [[_rounded(value), words] for value, words in values_of_theory(column, scenario, bounds)]}
+                | {"lines": [[_rounded(value), words] for value, words in _values_of_theory(column, scenario, bounds)]}
                 for column in shown
             ],
             "policies": [
@@ -265,6 +262,18 @@ def _facts(scenario: Scenario, bounds: Bounds, reference: str | None) -> list[tu
     )
     words = bounds_in_words(bounds).removeprefix(", ")
     return [*known, *((("bounds", words),) if words else ())]
+
+
+def _values_of_theory(column: Column, scenario: Scenario, bounds: Bounds) -> list[tuple[float, str]]:
+    """Return the values that theory names for a column of a scenario, each with its label."""
+    bound = scenario.detection_time_bound, scenario.detection_time_label
+    lines = {
+        WORST_CASE: [(bounds.in_formation, "in formation"), (bounds.best_known, "best known")],
+        DETECTION_TIME: [(bounds.mean_time, "least"), bound],
+        COVERAGE: [bound],
+        SEPARATION: [(2 * scenario.robot.radius, "collision")],
+    }.get(column, [])
+    return [(value, words) for value, words in lines if math.isfinite(value)]
 
 
 def _words(of: Estimate) -> dict[str, Any]:

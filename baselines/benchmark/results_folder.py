@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from baselines.benchmark.shown import column_of
+from baselines.benchmark.statistics import column_of
 from baselines.benchmark.types import Benchmark, Cell, Rows
 from baselines.policies import registry
 from baselines.policies.factories import parts
@@ -116,7 +116,6 @@ class Results:
             },
             "episodes": max(there["episodes"], now["episodes"]),
             **{name: there[name] for name in _FIXED},
-            "digests": now["digests"] | there["digests"],
             "scenarios": now["scenarios"] | there["scenarios"],
             "played": there["played"] | {name: of for name, of in now["played"].items() if name not in code},
         }
@@ -161,7 +160,6 @@ def as_settings(settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
         "seed": settings.seed,
         "device": settings.device,
         "versions": versions(),
-        "digests": {name: scenario.digest() for name, scenario in scenarios.items()},
         "scenarios": {name: scenario.to_dict() for name, scenario in scenarios.items()},
         "played": _played(cells),
     })  # fmt: skip

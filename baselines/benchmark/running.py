@@ -11,25 +11,18 @@ from typing import Any
 
 from rich.console import Console
 
-from baselines.benchmark import cluster, local, replays, results_folder, tables, written
+from baselines.benchmark import cluster, local, replays, results_folder, shown, written
 from baselines.benchmark.bounds import as_played
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import Results
 from baselines.benchmark.table import Table
 from baselines.benchmark.theorem import about_theorem
-from baselines.benchmark.types import POLICIES, Benchmark, Cell, Failure, Outcome, Rows
-from baselines.policies import registry
-from baselines.policies.factories import Factory, as_factory, is_ones_own, named
+from baselines.benchmark.types import Benchmark, Cell, Failure, Outcome, Rows, cells_of
+from baselines.policies.factories import Factory
 from lissajous_env.console.terminal import make_console
-from lissajous_env.device.devices import as_device
 from lissajous_env.episodes.evaluation import ActingPolicy
-from lissajous_env.parameters.named import build
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.folder import Folder
-from lissajous_env.wording import few_of
-
-ALL = "all"
-"""Word that names every policy."""
 
 
 def run(
@@ -64,7 +57,9 @@ def measure(
     """Do the same as `run`, and also return the policies that failed; `progress` is shown on a console of its own."""
     if scenarios is None:
         scenarios = [as_played(name, settings.overrides) for name in settings.scenarios]
-    cells = plan(settings, policies, scenarios)
+    cells = cells_of(settings, policies, scenarios)
+    if settings.engine == "ray":
+        cluster.check(settings.device)
     console = console or make_console()
     progress = progress or make_console(stderr=True, quiet=console.quiet)
     started = time.monotonic()
@@ -76,89 +71,16 @@ def measure(
         raised = _play_all(settings, cells, results, progress)
         rows, stored_rows = results.of(cells, settings.episodes), results.rows()
         table = Table.of(stored_rows, results.scenarios, settings.against)
-        outcome = Outcome(
-            settings, cells, rows, table, results.stored, resumed=resumed, elapsed=time.monotonic() - started
-        )
+        elapsed = time.monotonic() - started
+        outcome = Outcome(settings, cells, rows, table, results.stored, resumed=resumed, elapsed=elapsed)
         for failure in raised:
             is_wanted = not failure.is_refusal or failure.policy in settings.policies
             (outcome.failures if is_wanted else outcome.left_out).append(failure)
-        outcome.theorem = about_theorem(replays.playable(outcome).values(), stored_rows, outcome.device)
+        outcome.theorem = about_theorem(outcome.playable.values(), stored_rows, outcome.device)
         written.write_files(folder, outcome, stored_rows)
         said = replays.write_report(folder, outcome, progress)
-    if len(rows) < len(stored_rows):
-        table = Table.of(rows, outcome.scenarios, settings.against)
-    tables.print_tables(console, outcome, table, said)
+    shown.print_outcome(console, outcome, said)
     return outcome
-
-
-def plan(
-    settings: Benchmark,
-    policies: Mapping[str, Factory | ActingPolicy] | None = None,
-    scenarios: Iterable[Scenario] | None = None,
-) -> list[Cell]:
-    """Check the settings and list what is to be played.
-
-    Raises:
-        ValueError: a value that a rule forbids, an unknown name, or a policy or scenario that has no partner.
-    """
-    settings.check()
-    own = {name: named(name) for name in settings.policies if is_ones_own(name)}
-    own |= {name: as_factory(policy, name) for name, policy in (policies or {}).items()}
-    kinds = {name: _kind_of(name) for name in own if registry.is_folder(name)}
-    others = [name for name in settings.policies if name not in own and settings.policies != (ALL,)]
-    played = [
-        build(scenario, **settings.overrides) for scenario in (settings.scenarios if scenarios is None else scenarios)
-    ]
-    for name in others:
-        if not any(name in registry.names(scenario) for scenario in played):
-            registry.make(name, played[0])  # names the defect
-    cells = []
-    for scenario in played:
-        chosen = [name for name in others if name in registry.names(scenario)]
-        if not own and not others:
-            chosen = _default(scenario, settings.policies == (ALL,))
-        before = len(cells)
-        cells += [Cell(scenario, name, named(name)) for name in chosen]
-        cells += [Cell(scenario, name, of) for name, of in own.items() if kinds.get(name) in (None, scenario.actuation)]
-        if len(cells) == before and not (own and len(played) > 1):
-            kind, got = f"robots of kind {scenario.actuation}", few_of((*others, *own))
-            raise ValueError(f"policies must contain one for {scenario.name}, which has {kind}; got {got}")
-    if not cells:
-        raise ValueError(f"policies must contain one for the scenarios, got {few_of(own)}")
-    if settings.against is not None and settings.against not in {cell.policy for cell in cells}:
-        names = few_of((cell.policy for cell in cells), settings.against)
-        raise ValueError(f"against must be one of the policies ({names}), got {settings.against}")
-    if len({(cell.scenario.name, cell.policy) for cell in cells}) < len(cells):
-        raise ValueError(f"scenarios must differ in name, got {few_of(scenario.name for scenario in played)}")
-    if settings.engine == "ray":
-        cluster.check(settings.device)
-    else:
-        as_device(settings.device)
-    return cells
-
-
-def _kind_of(folder: str) -> str | None:
-    """Return the kind of robot of a folder's policy; None if only playing the policy shows it."""
-    try:
-        return registry.home(folder).actuation
-    except ValueError:
-        return None
-
-
-def _default(scenario: Scenario, everything: bool) -> list[str]:
-    """Return the policies that are played where none is named: the standard ones and those that users registered.
-
-    `everything` adds all other registered ones; of those with a filter, the paper's method alone and what was made for
-    this very scenario.
-    """
-    fitting = registry.names(scenario)
-    chosen = [name for name in POLICIES if name in fitting]
-    for name in fitting:
-        is_added = registry.made_for(name, scenario.name) and (everything or not registry.ships(name))
-        is_plain = not registry.unwrapped(name)[1] or (everything and registry.describe(name)["made_for"])
-        if is_added and is_plain and name not in chosen:
-            chosen.append(name)
-    return chosen
 
 
 def _play_all(settings: Benchmark, cells: list[Cell], results: Results, console: Console) -> list[Failure]:

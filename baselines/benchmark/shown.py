@@ -1,124 +1,37 @@
-"""Contents of tables, report and figures: columns of scores, numbers derived from them, and numbers in words."""
+"""The results table in words, and in the terminal."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rich.console import Console
+from rich.text import Text
 
 from baselines.benchmark.bounds import BEST_KNOWN, Bounds
-from baselines.benchmark.statistics import SHARE_OF_SEEDS, Estimate
-from lissajous_env.parameters.scenario import Faults, Scenario
-from lissajous_env.world.columns import (
-    COLLISIONS,
-    COLUMNS,
-    COVERAGE,
-    DETECTION_TIME,
-    FINITE,
-    IDENTITY,
-    LARGEST,
-    MEAN,
-    NAMES,
-    RECOVERY,
-    SEPARATION,
-    WORST_CASE,
-    Column,
-    task_score,
+from baselines.benchmark.statistics import (
+    OVER_LOWER_BOUND,
+    OVERALL,
+    SCORE_OVER_BEST,
+    SHARE_OF_SEEDS,
+    WORST_CASE_OVER_BEST,
+    Estimate,
+    numbers_of,
+    shown_columns,
+    with_numbers,
 )
+from baselines.benchmark.table import Table
+from lissajous_env.console import terminal
+from lissajous_env.console.terminal import print_line, print_table
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import counted
+from lissajous_env.world.columns import LARGEST, WORST_CASE, Column, task_score
 
-OVER_LOWER_BOUND = Column(
-    "over_lower_bound",
-    "ratio of the mean detection time to a lower bound for every policy without long-range sensing",
-    better=-1,
-    summary=MEAN,
-    place=2,
-    main=True,
-)
-"""Derived column; the bound is one of an expectation, so that the mean counts."""
-SCORE_OVER_BEST = Column(
-    "score_over_best",
-    "score of the task over that of the best policy on the same scenario and seed; where larger scores are better, its "
-    "inverse, so that no policy is below 1",
-    title="score / best",
-    better=-1,
-)
-"""Derived column."""
-WORST_CASE_OVER_BEST = Column(
-    "worst_case_over_best",
-    "worst-case undetected time over the shortest of a policy on the same scenario and seed",
-    title="guarantee / best",
-    better=-1,
-    summary=LARGEST,
-)
-"""Derived column."""
-IMPROVEMENT = Column(
-    "score_improvement",
-    "share of the seeds on which the policy has a better score of the task than the reference; ties count half",
-    title="better",
-    better=1,
-    summary=SHARE_OF_SEEDS,
-    place=6,
-    main=True,
-)
-"""Derived column: the probability of improvement."""
-OVERALL = (SCORE_OVER_BEST, WORST_CASE_OVER_BEST, OVER_LOWER_BOUND, COLLISIONS, IMPROVEMENT)
-"""Columns with the same meaning on every scenario, so that scenarios can be combined."""
-DERIVED = {column.name: column for column in OVERALL if column is not COLLISIONS}
-"""Columns that `baselines.benchmark.table` adds to score rows, by name."""
-SHOWN = tuple(
-    sorted(
-        (column for column in (*COLUMNS.values(), *DERIVED.values()) if column.place), key=lambda column: column.place
-    )
-)
-"""Columns of tables of policies, the most important first."""
-MAIN = tuple(column for column in SHOWN if column.main)
+if TYPE_CHECKING:
+    from baselines.benchmark.types import Outcome
 
 DASH, _TO = "\N{EM DASH}", "\N{EN DASH}"
-
-
-def column_of(name: str) -> Column:
-    """Return the column of a score row with this name, or one that describes a column of a scenario's own."""
-    about = "a score column that the scenario adds"
-    return COLUMNS.get(name) or DERIVED.get(name) or Column(name, about, rule=FINITE, empty="none")
-
-
-def numbers_of(row: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the names of the numbers of a score row, those that its scenario adds among them."""
-    return tuple(name for name in row if name not in IDENTITY)
-
-
-def brought_in(rows: Iterable[Mapping[str, Any]]) -> list[Column]:
-    """Return the columns that scenarios add, from score rows or from estimates by column.
-
-    A scenario that was read from a folder no longer has its extensions, but their columns are in its rows.
-    """
-    known = dict.fromkeys(name for row in rows for name in row)
-    return [column_of(name) for name in known if name not in (*NAMES, *DERIVED)]
-
-
-def main_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Estimate]]) -> list[Column]:
-    """Return the columns with numbers that every table of a scenario shows: its score, the main ones, those it adds.
-
-    `policies` has estimates by policy and column.
-    """
-    columns = dict.fromkeys((task_score(scenario), *MAIN, *brought_in(policies.values())))
-    return with_numbers(policies, columns)
-
-
-def shown_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Estimate]]) -> list[Column]:
-    """Return the main columns and all others with numbers; the recovery time is left out without a fault."""
-    others = [column for column in SHOWN if column is not RECOVERY or scenario.faults != Faults()]
-    return list(dict.fromkeys([*main_columns(scenario, policies), *with_numbers(policies, others)]))
-
-
-def values_of_theory(column: Column, scenario: Scenario, bounds: Bounds) -> list[tuple[float, str]]:
-    """Return the values that theory names for a column of a scenario, each with its label."""
-    bound = scenario.detection_time_bound, scenario.detection_time_label
-    lines = {
-        WORST_CASE: [(bounds.in_formation, "in formation"), (bounds.best_known, "best known")],
-        DETECTION_TIME: [(bounds.mean_time, "least"), bound],
-        COVERAGE: [bound],
-        SEPARATION: [(2 * scenario.robot.radius, "collision")],
-    }.get(column, [])
-    return [(value, words) for value, words in lines if math.isfinite(value)]
+_MOST_NAMED = 12
+"""Limit on the scenarios that the heading of a table names."""
 
 
 class Entry(NamedTuple):
@@ -189,13 +102,6 @@ def best_of(policies: Sequence[Mapping[str, Estimate]], column: Column) -> str:
     return in_words(max(fit, key=lambda of: column.better * of.value))[0] if fit else ""
 
 
-def with_numbers(policies: Mapping[Any, Mapping[str, Estimate]], columns: Iterable[Column]) -> list[Column]:
-    """Return the columns of which some policy has a number."""
-    return [
-        column for column in columns if any(column.name in of and of[column.name].known for of in policies.values())
-    ]
-
-
 def number(value: float) -> str:
     """Format a number with three significant digits and at most three decimals; an em dash for NaN."""
     if value != value:
@@ -256,3 +162,141 @@ def bounds_in_words(bounds: Bounds) -> str:
     return f"{words}, in formation " + (
         f"{number(bounds.in_formation)} s" if bounds.in_formation < math.inf else "never"
     )
+
+
+def print_outcome(console: Console, outcome: "Outcome", said: str = "") -> None:
+    """Print tables of each scenario and over all scenarios of a robot kind, failures, and a line about replays."""
+    out, table = outcome.settings.out, outcome.table
+    where = f"They are in {out}/summary.json"
+    for name, scenario in table.scenarios.items():
+        policies, bounds = table.estimates.get(name, {}), table.bounds[name]
+        shown = shown_columns(scenario, policies)
+        failed = [failure.policy for failure in outcome.failures if failure.scenario == name]
+        words = f"  N = {scenario.num_robots}, {scenario.detection_time_label} = {scenario.detection_time_bound:.3g} s"
+        title = Text.assemble((name, "bold"), words, bounds_in_words(bounds))
+        print_lines(console, title, shown, lines_of(policies, shown, bounds.best_known, failed), where)
+    for of in table.overall:
+        count, shown = len(of.scenarios), with_numbers(of.policies, OVERALL)
+        title = Text(f"over {', '.join(of.scenarios) if count <= _MOST_NAMED else f'all {count} scenarios'}", "bold")
+        print_lines(console, title, shown, lines_of(of.policies, shown), where)
+    for words in legend(table, outcome.stored["episodes"]):
+        print_line(console, words, "dim")
+    print_theorem(console, outcome.theorem)
+    for refusal in outcome.left_out:
+        print_line(console, f"{refusal.policy} is left out on {refusal.scenario}: {refusal.error}", "dim")
+    for failure in outcome.failures:
+        print_line(console, f"{failure.policy} failed on {failure.scenario}: {failure.error}", "bold red")
+    if outcome.failures:
+        print_line(console, "Tracebacks are in summary.json.", "red")
+    if outcome.resumed:
+        words = (
+            f"{outcome.resumed} of {len(outcome.rows)} episodes were already in {out} and were not played again; "
+            "to replay them all, delete that folder or choose another --out."
+        )
+        print_line(console, words, "yellow")
+    files = "report.html, table.md, episodes.csv, summary.json"
+    print_line(console, f"{counted(len(table.rows), 'episode')} in {out} ({files}), {outcome.elapsed:.1f} s")
+    if said:
+        print_line(console, said)
+
+
+def print_lines(
+    console: Console, title: Text, columns: Sequence[Column], lines: Sequence[Line], where: str = "--json has them"
+) -> None:
+    """Print a table, the references below a rule; `where` tells the place of columns for which there is no room."""
+    rows = []
+    for line in lines:
+        label = Text(line.name, "italic" if line.is_reference else "")
+        label = Text.assemble(label, ("\nfailed", "red")) if line.has_failed else label
+        rows.append([label, *(_in_two_lines(entry) for entry in line.entries)])
+    head = [terminal.Column("policy", left=True, style="cyan")]
+    head += [terminal.Column(_broken(column.heading), name=column.name) for column in columns]
+    rivals = sum(not line.is_reference for line in lines)
+    _print_title(console, title)
+    print_table(console, head, rows, [rivals - 1] if 0 < rivals < len(rows) else [], where)
+    console.print()
+
+
+def _in_two_lines(entry: Entry) -> Text:
+    value = (f"{entry.value}{'*' if entry.is_best else ' '}", "bold green" if entry.is_best else "")
+    return Text.assemble(value, (f"\n{entry.beside} ", "dim") if entry.beside else "")
+
+
+def print_scores(console: Console, policy: str, scenario: Scenario, columns: Mapping[str, Estimate]) -> None:
+    """Print a row for every column of one policy on one scenario that has numbers, the score of the task first."""
+    _print_title(console, Text.assemble((policy, "bold"), " on ", (scenario.name, "bold")))
+    names = ("summary", "value", "95 % interval", "n", "worst seed", "median", "min", "max")
+    rows = []
+    # A policy that is alone is the best one.
+    alone = {SCORE_OVER_BEST.name, WORST_CASE_OVER_BEST.name}
+    for name in dict.fromkeys((task_score(scenario).name, *columns)):
+        of = columns[name]
+        if not of.known or name in alone:
+            continue
+        counted = str(of.n) if of.known == of.n else f"{of.known}/{of.n}"
+        counted += f", {of.open} open" if of.open else ""
+        worst = DASH if of.worst is None else str(of.worst)
+        others = (between(of.low, of.high) or DASH, counted, worst, *map(number, (of.median, of.min, of.max)))
+        rows.append([name, of.summary, Text(in_words(of)[0], "bold"), *others])
+    print_table(console, [terminal.Column("score", left=True, style="cyan"), *map(terminal.Column, names)], rows)
+    console.print()
+
+
+def print_row(console: Console, row: dict[str, Any], scenario: Scenario) -> None:
+    """Print the numbers of one score row as a table, the score of the task first."""
+    _print_title(
+        console, Text.assemble((row["policy"], "bold"), " on ", (row["scenario"], "bold"), f", seed {row['seed']}")
+    )
+    names = dict.fromkeys((task_score(scenario).name, *numbers_of(row)))
+    rows = [[name, number(row[name])] for name in names if row[name] == row[name]]
+    print_table(console, [terminal.Column("score", left=True, style="cyan"), terminal.Column("value")], rows)
+
+
+def print_theorem(console: Console, sentences: Mapping[str, Sequence[str]]) -> None:
+    """Print by scenario whether the theorem of the proved filter applies: the result of `about_theorem`."""
+    for scenario, said in sentences.items():
+        for words in said:
+            print_line(console, f"{scenario}: {words}", "dim" if "not apply" not in words else "yellow")
+
+
+def _broken(title: str) -> str:
+    """Break a title where the longer of its two lines is shortest."""
+    breaks = [k for k, letter in enumerate(title) if letter == " "]
+    if not breaks:
+        return title
+    at = min(breaks, key=lambda k: max(k, len(title) - k - 1))
+    return f"{title[:at]}\n{title[at + 1 :]}"
+
+
+def legend(table: Table, episodes: int) -> list[str]:
+    """Return sentences that explain the numbers of a table."""
+    of = [of for policies in table.estimates.values() for of in policies.values()]
+    words = [
+        f"Interquartile mean over {counted(episodes, 'episode')}, below it the 95 % bootstrap interval; for collisions "
+        "and over lower bound, the mean. * best; k/n: k of n episodes had a number."
+    ]
+    if table.references:
+        names = ", ".join(dict.fromkeys(table.references.values()))
+        words.append(f"Better: share of seeds on which the first column is better than with {names}; ties count half.")
+    if any(estimates[WORST_CASE.name].known for estimates in of):
+        words.append(
+            "Guaranteed: worst-case undetected time, the largest of n episodes; >: a lower bound, because the worst "
+            "case was still growing at the end of open episodes."
+        )
+    if any(estimates[OVER_LOWER_BOUND.name].known for estimates in of):
+        words.append(f"Over lower bound: {OVER_LOWER_BOUND.meaning}.")
+    if table.overall:
+        words.append(
+            "Over scenarios: a scenario counts once, with the mean of its episodes or its largest guarantee; score and "
+            "guarantee / best: over the best policy on the same scenario and seed."
+        )
+    if any(math.isfinite(bounds.best_known) for bounds in table.bounds.values()):
+        words.append(
+            "Best known: the shortest worst-case undetected time of a stored plan without collisions, of 4 episodes; "
+            "`lissajous plan` plays these plans."
+        )
+    return words
+
+
+def _print_title(console: Console, title: Text) -> None:
+    console.print(title, soft_wrap=True, highlight=False)

@@ -1,17 +1,31 @@
-"""Estimates of scores: one number for many episodes, with its bootstrap interval.
+"""The columns of tables of policies, and their estimates: one number for many episodes, with its bootstrap interval.
 
 R. Agarwal, M. Schwarzer, P. S. Castro, A. Courville, M. G. Bellemare, "Deep Reinforcement Learning at the Edge of the
 Statistical Precipice" (NeurIPS 2021) gives the reasons for interquartile means: the mean follows outliers, the median
 wastes half of the runs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
-from lissajous_env.world.columns import INTERQUARTILE_MEAN, LARGEST
+from lissajous_env.parameters.scenario import Faults, Scenario
+from lissajous_env.world.columns import (
+    COLLISIONS,
+    COLUMNS,
+    FINITE,
+    IDENTITY,
+    INTERQUARTILE_MEAN,
+    LARGEST,
+    MEAN,
+    NAMES,
+    RECOVERY,
+    Column,
+    task_score,
+)
 
 RESAMPLES = 2000
 """Bootstrap resamples: the ends of the interval then vary by about 2 % of its width from seed to seed."""
@@ -157,3 +171,93 @@ def draws(size: int, resamples: int, seed: int) -> np.ndarray:
     """Return (resamples, size) how often each of `size` values is drawn, with replacement."""
     generator = np.random.default_rng([seed, size])
     return generator.multinomial(size, np.full(size, 1 / size), size=resamples).astype(np.int32)
+
+
+OVER_LOWER_BOUND = Column(
+    "over_lower_bound",
+    "ratio of the mean detection time to a lower bound for every policy without long-range sensing",
+    better=-1,
+    summary=MEAN,
+    place=2,
+    main=True,
+)
+"""Derived column; the bound is one of an expectation, so that the mean counts."""
+SCORE_OVER_BEST = Column(
+    "score_over_best",
+    "score of the task over that of the best policy on the same scenario and seed; where larger scores are better, its "
+    "inverse, so that no policy is below 1",
+    title="score / best",
+    better=-1,
+)
+"""Derived column."""
+WORST_CASE_OVER_BEST = Column(
+    "worst_case_over_best",
+    "worst-case undetected time over the shortest of a policy on the same scenario and seed",
+    title="guarantee / best",
+    better=-1,
+    summary=LARGEST,
+)
+"""Derived column."""
+IMPROVEMENT = Column(
+    "score_improvement",
+    "share of the seeds on which the policy has a better score of the task than the reference; ties count half",
+    title="better",
+    better=1,
+    summary=SHARE_OF_SEEDS,
+    place=6,
+    main=True,
+)
+"""Derived column: the probability of improvement."""
+OVERALL = (SCORE_OVER_BEST, WORST_CASE_OVER_BEST, OVER_LOWER_BOUND, COLLISIONS, IMPROVEMENT)
+"""Columns with the same meaning on every scenario, so that scenarios can be combined."""
+DERIVED = {column.name: column for column in OVERALL if column is not COLLISIONS}
+"""Columns that `baselines.benchmark.table` adds to score rows, by name."""
+SHOWN = tuple(
+    sorted(
+        (column for column in (*COLUMNS.values(), *DERIVED.values()) if column.place), key=lambda column: column.place
+    )
+)
+"""Columns of tables of policies, the most important first."""
+MAIN = tuple(column for column in SHOWN if column.main)
+
+
+def column_of(name: str) -> Column:
+    """Return the column of a score row with this name, or one that describes a column of a scenario's own."""
+    about = "a score column that the scenario adds"
+    return COLUMNS.get(name) or DERIVED.get(name) or Column(name, about, rule=FINITE, empty="none")
+
+
+def numbers_of(row: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the names of the numbers of a score row, those that its scenario adds among them."""
+    return tuple(name for name in row if name not in IDENTITY)
+
+
+def brought_in(rows: Iterable[Mapping[str, Any]]) -> list[Column]:
+    """Return the columns that scenarios add, from score rows or from estimates by column.
+
+    A scenario that was read from a folder no longer has its extensions, but their columns are in its rows.
+    """
+    known = dict.fromkeys(name for row in rows for name in row)
+    return [column_of(name) for name in known if name not in (*NAMES, *DERIVED)]
+
+
+def main_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Estimate]]) -> list[Column]:
+    """Return the columns with numbers that every table of a scenario shows: its score, the main ones, those it adds.
+
+    `policies` has estimates by policy and column.
+    """
+    columns = dict.fromkeys((task_score(scenario), *MAIN, *brought_in(policies.values())))
+    return with_numbers(policies, columns)
+
+
+def shown_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Estimate]]) -> list[Column]:
+    """Return the main columns and all others with numbers; the recovery time is left out without a fault."""
+    others = [column for column in SHOWN if column is not RECOVERY or scenario.faults != Faults()]
+    return list(dict.fromkeys([*main_columns(scenario, policies), *with_numbers(policies, others)]))
+
+
+def with_numbers(policies: Mapping[Any, Mapping[str, Estimate]], columns: Iterable[Column]) -> list[Column]:
+    """Return the columns of which some policy has a number."""
+    return [
+        column for column in columns if any(column.name in of and of[column.name].known for of in policies.values())
+    ]

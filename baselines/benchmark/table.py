@@ -11,17 +11,20 @@ from typing import Any
 import numpy as np
 
 from baselines.benchmark.bounds import Bounds, bounds_of
-from baselines.benchmark.shown import (
+from baselines.benchmark.statistics import (
     IMPROVEMENT,
     OVER_LOWER_BOUND,
     OVERALL,
     SCORE_OVER_BEST,
     WORST_CASE_OVER_BEST,
+    Estimate,
     column_of,
     numbers_of,
+    summarize,
+    summarize_largest,
+    wins,
     with_numbers,
 )
-from baselines.benchmark.statistics import Estimate, summarize, summarize_largest, wins
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import AT_END, DETECTION_TIME, LARGEST, OPEN, WORST_CASE, Column, task_score
 

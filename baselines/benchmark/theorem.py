@@ -12,6 +12,7 @@ from baselines.policies.base import Filtered
 from baselines.policies.safety.proved import Proved, ProvedParameters, unmet_conditions
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import counted
 from lissajous_env.world.simulation import Simulation
 
 SUFFIX = "-proved"
@@ -61,11 +62,11 @@ def _theorem_of(cell: Cell, seeds: Sequence[int], device: Any) -> str:
     if unmet := unmet_conditions(scenario):
         return f"does not apply: {'; '.join(unmet)}"
     apart = compatible_starts(scenario, parameters, seeds, device)
-    counted = "1 episode" if len(seeds) == 1 else f"{len(seeds):,} episodes"
+    episodes = counted(len(seeds), "episode")
     if apart.all():
-        return f"applies from the start of {counted}: no robots collide"
+        return f"applies from the start of {episodes}: no robots collide"
     rule = "robots start too close in the others, and may collide until all can come to rest apart"
-    return f"applies from the start of {apart.sum():,} of {counted} only; 6: {rule}"
+    return f"applies from the start of {apart.sum():,} of {episodes} only; 6: {rule}"
 
 
 def compatible_starts(

@@ -1,6 +1,6 @@
-"""The settings of a benchmark, its standard scenarios and policies, its cells, failures and outcome."""
+"""The settings of a benchmark, its standard scenarios and policies, the cells that they name, and its outcome."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -8,7 +8,10 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from baselines.benchmark.table import Table
+from baselines.policies import factories, registry
 from baselines.policies.factories import Factory
+from lissajous_env.device.devices import as_device
+from lissajous_env.episodes.evaluation import ActingPolicy
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
@@ -34,6 +37,8 @@ A policy is played where it drives the robots, also where it was not made for; f
 are velocities.
 """
 
+ALL = "all"
+"""Word that names every policy."""
 _MOST_EPISODES = 1_000_000
 _MOST_WORLDS = 65_536
 
@@ -162,6 +167,80 @@ class Outcome:
         return {cell.scenario.name: cell.scenario for cell in self.cells}
 
     @property
+    def playable(self) -> dict[tuple[str, str], Cell]:
+        """Return the cells of this call that did not fail, by scenario and policy."""
+        failed = {(failure.scenario, failure.policy) for failure in (*self.failures, *self.left_out)}
+        cells = {(cell.scenario.name, cell.policy): cell for cell in self.cells}
+        return {place: cell for place, cell in cells.items() if place not in failed}
+
+    @property
     def device(self) -> str:
         """Return the device on which episodes can be played again here; that of a cluster's node may be elsewhere."""
         return self.settings.device if self.settings.engine == "local" else "cpu"
+
+
+def cells_of(
+    settings: Benchmark,
+    policies: Mapping[str, Factory | ActingPolicy] | None = None,
+    scenarios: Iterable[Scenario] | None = None,
+) -> list[Cell]:
+    """Check the settings and list what is to be played.
+
+    Raises:
+        ValueError: a value that a rule forbids, an unknown name, or a policy or scenario that has no partner.
+    """
+    settings.check()
+    own = {name: factories.named(name) for name in settings.policies if factories.is_ones_own(name)}
+    own |= {name: factories.as_factory(policy, name) for name, policy in (policies or {}).items()}
+    kinds = {name: _kind_of(name) for name in own if registry.is_folder(name)}
+    others = [name for name in settings.policies if name not in own and settings.policies != (ALL,)]
+    given = settings.scenarios if scenarios is None else scenarios
+    played = [named.build(scenario, **settings.overrides) for scenario in given]
+    for name in others:
+        if not any(name in registry.names(scenario) for scenario in played):
+            registry.make(name, played[0])  # names the defect
+    cells = []
+    for scenario in played:
+        chosen = [name for name in others if name in registry.names(scenario)]
+        if not own and not others:
+            chosen = _default(scenario, settings.policies == (ALL,))
+        before = len(cells)
+        cells += [Cell(scenario, name, factories.named(name)) for name in chosen]
+        cells += [Cell(scenario, name, of) for name, of in own.items() if kinds.get(name) in (None, scenario.actuation)]
+        if len(cells) == before and not (own and len(played) > 1):
+            kind, got = f"robots of kind {scenario.actuation}", few_of((*others, *own))
+            raise ValueError(f"policies must contain one for {scenario.name}, which has {kind}; got {got}")
+    if not cells:
+        raise ValueError(f"policies must contain one for the scenarios, got {few_of(own)}")
+    if settings.against is not None and settings.against not in {cell.policy for cell in cells}:
+        names = few_of((cell.policy for cell in cells), settings.against)
+        raise ValueError(f"against must be one of the policies ({names}), got {settings.against}")
+    if len({(cell.scenario.name, cell.policy) for cell in cells}) < len(cells):
+        raise ValueError(f"scenarios must differ in name, got {few_of(scenario.name for scenario in played)}")
+    if settings.engine == "local":
+        as_device(settings.device)
+    return cells
+
+
+def _kind_of(folder: str) -> str | None:
+    """Return the kind of robot of a folder's policy; None if only playing the policy shows it."""
+    try:
+        return registry.home(folder).actuation
+    except ValueError:
+        return None
+
+
+def _default(scenario: Scenario, everything: bool) -> list[str]:
+    """Return the policies that are played where none is named: the standard ones and those that users registered.
+
+    `everything` adds all other registered ones; of those with a filter, the paper's method alone and what was made for
+    this very scenario.
+    """
+    fitting = registry.names(scenario)
+    chosen = [name for name in POLICIES if name in fitting]
+    for name in fitting:
+        is_added = registry.made_for(name, scenario.name) and (everything or not registry.ships(name))
+        is_plain = not registry.unwrapped(name)[1] or (everything and registry.describe(name)["made_for"])
+        if is_added and is_plain and name not in chosen:
+            chosen.append(name)
+    return chosen

@@ -9,14 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from baselines.benchmark.shown import (
-    MAIN,
-    Entry,
-    bounds_in_words,
-    lines_of,
-    main_columns,
-    with_numbers,
-)
+from baselines.benchmark.shown import Entry, bounds_in_words, lines_of
+from baselines.benchmark.statistics import MAIN, main_columns, with_numbers
 from baselines.benchmark.table import Table
 from baselines.benchmark.types import Outcome
 from lissajous_env.console.terminal import plain
@@ -39,18 +33,17 @@ _SPECIAL = {
 def write_files(folder: Folder, outcome: Outcome, rows: Sequence[dict[str, Any]]) -> None:
     """Write episodes.csv, summary.json and table.md of all episodes in the folder, of which `rows` are the scores."""
     folder.write(CSV, as_csv(rows))
-    summary = summarized(outcome, outcome.table)
-    folder.write(SUMMARY, json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
+    folder.write(SUMMARY, json.dumps(plain(summarized(outcome)), indent=2, allow_nan=False) + "\n")
     folder.write(MARKDOWN, markdown(table_of(outcome.table)))
 
 
-def summarized(outcome: Outcome, table: Table) -> dict[str, Any]:
-    """Return the content of summary.json for a table of some of an outcome's rows; the failures are those of this call.
+def summarized(outcome: Outcome) -> dict[str, Any]:
+    """Return the content of summary.json; the failures are those of this call.
 
     `statistics` has the estimates by scenario, policy and column, `overall` those over the scenarios of a kind of
     robots, and `references` the policy of each scenario with which the others are compared.
     """
-    stored = outcome.stored
+    stored, table = outcome.stored, outcome.table
     return {
         "machine": machine(stored["device"]),
         "versions": versions(),

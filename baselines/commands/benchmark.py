@@ -4,7 +4,8 @@ import dataclasses
 
 import tyro
 
-from baselines.benchmark.running import Benchmark, measure
+from baselines.benchmark.running import measure
+from baselines.benchmark.types import Benchmark
 from baselines.commands.playing import progress_console
 from lissajous_env.console.terminal import (
     DEFAULT_OUTPUT,
@@ -33,7 +34,6 @@ def benchmark(
         settings: Episodes to play, and the folder of the results.
     """
     from baselines.benchmark import written
-    from baselines.benchmark.table import Table
 
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides, rogues))
     try:
@@ -42,8 +42,7 @@ def benchmark(
         words = f"finished episodes are stored in {settings.out}; run the same command again to resume"
         raise KeyboardInterrupt(words) from None
     if output.json:
-        table = Table.of(outcome.rows, outcome.scenarios, settings.against)
-        output.print_json({**written.summarized(outcome, table), "episodes": outcome.rows})
+        output.print_json({**written.summarized(outcome), "episodes": outcome.rows})
     if outcome.failures:
         names = dict.fromkeys(f"{failure.policy} on {failure.scenario}" for failure in outcome.failures)
         raise CommandError(f"{', '.join(names)} failed; {settings.out / 'summary.json'} has the tracebacks")

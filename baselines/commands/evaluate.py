@@ -1,13 +1,12 @@
 """The command `lissajous evaluate`: statistics of every score of one policy."""
 
-from functools import partial
 from typing import Annotated, Any
 
 import tyro
 
 from baselines.benchmark.local import play
 from baselines.benchmark.progress import Progress
-from baselines.benchmark.running import Benchmark, plan
+from baselines.benchmark.types import Benchmark, cells_of
 from baselines.commands.playing import check_file, made, naming, progress_console, scenarios_and_policy
 from lissajous_env.console.terminal import (
     DEFAULT_OUTPUT,
@@ -51,7 +50,7 @@ def evaluate(
         batch: number of episodes that are played together; it changes the speed, not the results.
         out: CSV file to which the score rows are written; without it they are only summarized.
     """
-    from baselines.benchmark import tables, written
+    from baselines.benchmark import shown, written
     from baselines.benchmark.table import Table
     from baselines.benchmark.theorem import about_theorem
 
@@ -59,7 +58,7 @@ def evaluate(
     check_file(out, ".csv")
     changed = parse_overrides(overrides, rogues)
     settings = Benchmark(scenarios, (policy,), episodes, seed, batch, device, overrides=changed)
-    cells = plan(settings, scenarios=None if home is None else [home])
+    cells = cells_of(settings, scenarios=None if home is None else [home])
     rows: list[dict[str, Any]] = []
     numbers = list(range(episodes))
     with Progress([(cell, numbers) for cell in cells], progress_console(output)) as progress:
@@ -67,14 +66,14 @@ def evaluate(
             progress.begin(cell)
             cells[k] = made(cell, settings)
             with naming(cell):
-                for finished in play(cells[k], settings, numbers, partial(progress.step, cell)):
+                for finished in play(cells[k], settings, numbers):
                     rows += finished
                     progress.finished(cell, len(finished))
     table = Table.of(rows, {cell.scenario.name: cell.scenario for cell in cells}, simulates=False)
     console = output.console()
     for name, policies in table.estimates.items():
-        tables.print_scores(console, policy, table.scenarios[name], policies[policy])
-    tables.print_theorem(console, about_theorem(cells, rows, device))
+        shown.print_scores(console, policy, table.scenarios[name], policies[policy])
+    shown.print_theorem(console, about_theorem(cells, rows, device))
     if out is not None:
         written.write_csv(out, rows)
         output.print(f"wrote {out}")

@@ -7,6 +7,7 @@ import tyro
 
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFolder, OutputOptions
 from lissajous_env.storage.folder import Folder
+from lissajous_env.wording import counted
 
 TABLE = "table.tex"
 _Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
@@ -60,7 +61,7 @@ def figures(
         written.write(TABLE, latex(table))
         for name, content in drawn:
             written.write(name, content)
-    output.print(f"{len(drawn)} figures and {TABLE} are in {place}")
+    output.print(f"{counted(len(drawn), 'figure')} and {TABLE} are in {place}")
     paths = [place / name for name in (TABLE, *(name for name, _ in drawn))]
     output.print_json([str(path) for path in paths])
     return paths

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from rich.console import Console
 from rich.text import Text
 
-from baselines.reproduce.drawing import DARK, GREY, SERIES, Format, Picture, Sheet
+from baselines.reproduce.drawing import DARK, GREY, SERIES, Format, Picture, sheet
 from lissajous_env.console.terminal import (
     DEFAULT_OUTPUT,
     Column,
@@ -86,8 +85,9 @@ def reaches(scenario: Scenario, radii: int, cells: int) -> list[Reach]:
 def picture_of_speeds(scenarios: Sequence[Scenario], known: Mapping[str, Sequence[Reach]]) -> Picture:
     """Draw the critical speed against the sensing radius, a panel for each formation."""
     width = max(3.4 * len(scenarios), 4.5)
-    with Sheet("critical_speed", "Speed from which a target can stay undetected for ever", width, 3.3) as sheet:
-        for place, (scenario, axes) in enumerate(zip(scenarios, _row(sheet, len(scenarios)), strict=True)):
+    with sheet("critical_speed", "Speed from which a target can stay undetected for ever", width, 3.3) as picture:
+        panels = picture.figure.subplots(1, len(scenarios), squeeze=False)[0]
+        for place, (scenario, axes) in enumerate(zip(scenarios, panels, strict=True)):
             curve, rows = scenario.curve, known[scenario.name]
             top = fastest_rogue(scenario) * 1.02
             radius = [row.radius for row in rows]
@@ -107,14 +107,11 @@ def picture_of_speeds(scenarios: Sequence[Scenario], known: Mapping[str, Sequenc
             place_of: dict[str, Any] = {"transform": axes.transAxes, "va": "top"}
             axes.text(0.98, 0.95, "every target\nis detected", ha="right", color=SERIES[0], **place_of)
             axes.text(0.03, 0.95, "it can evade\nfor ever", color=SERIES[1], **place_of)
-        return sheet.picture(
+        picture.caption = (
             "Robots stay in the equilibrium (2) on the curve; targets may be anywhere at any time and know the robots' "
             "future. Dashed: the sensing radius of Eq. (8). Dotted: speed of the fastest robot on the curve."
         )
-
-
-def _row(sheet: Sheet, count: int) -> list[Axes]:
-    return [sheet.figure.add_subplot(1, count, place + 1) for place in range(count)]
+    return picture
 
 
 def _print(console: Console, scenario: Scenario, rows: Sequence[Reach]) -> None:

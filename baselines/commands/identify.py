@@ -1,4 +1,4 @@
-"""The command `lissajous identify`: the constants of cars, fitted to a log."""
+"""The command `lissajous identify`: the constants of cars or differential drives, fitted to a log."""
 
 import math
 from dataclasses import replace
@@ -29,7 +29,7 @@ def identify(
     out: OutFile = None,
     output: OutputOptions = DEFAULT_OUTPUT,
 ) -> None:
-    """Fit the model of a car to a log, and print its constants with standard errors.
+    """Fit the model of a car or differential drive to a log, and print its constants with standard errors.
 
     Example:
         lissajous identify lab.mcap --out lab-cars.toml
@@ -37,16 +37,17 @@ def identify(
     Args:
         logs: rosbag2 file (.mcap) or folder, with poses and commands of one or more robots, or several that
             belong together.
-        scenario: name of a scenario, .toml file, or module:attribute, from whose cars the fit starts; by default that
-            of the log, or the paper's experiment.
+        scenario: name of a scenario, .toml file, or module:attribute, from whose robots the fit starts; by default that
+            of the log, or the paper's experiment. Its robot.kind, car or differential, selects the model.
         topics: topics of the robots' poses in their order, or one name in which {} stands for their numbers; for /tf
             and arrays of poses also with a part, as in /tf:car_{}.
         commands: topic of the commands with {}: sensor_msgs/JointState with the joints steering [rad] and throttle, or
-            std_msgs/Float64MultiArray of the two.
+            std_msgs/Float64MultiArray of the two; of drives geometry_msgs/Twist, TwistStamped, or speed and yaw rate.
         out: .toml file to write: a scenario with these robots.
     """
     from lissajous_env.logs.identification import identify as fit
     from lissajous_env.logs.reading import read
+    from lissajous_env.logs.rollouts import MODELS
     from lissajous_env.logs.scoring import own_scenario
     from lissajous_env.parameters import named
     from lissajous_env.storage.files import write_atomically
@@ -54,8 +55,9 @@ def identify(
     check_file(out, ".toml")
     log = read(logs, topics, commands)
     given = named.scenario(scenario) if scenario is not None else own_scenario(log) or named.scenario("experiment")
-    if given.robot.kind != "car":
-        raise ValueError(f"scenario must be of robots of kind car, got {given.robot.kind}")
+    if given.robot.kind not in MODELS:
+        raise ValueError(f"scenario must be of robots of kind {' or '.join(MODELS)}, got {given.robot.kind}")
+    units = MODELS[given.robot.kind].constants
     if not log.commands:
         raise ValueError(f"log {log.name} must have commands on a topic {commands}, got none")
     cars = {}
@@ -64,11 +66,11 @@ def identify(
             cars[log.label(robot)] = fit(log.tracks[robot], series, given.robot, log.statuses.get(robot))
         except ValueError as error:
             raise ValueError(f"{log.called([robot])} of {log.name}: {error}") from error
-    _print(output, cars)
+    _print(output, cars, units)
     for note in log.notes:
         output.print(f"note: {note}", "yellow")
     if out is not None:
-        write_atomically(out, _as_toml(cars, given, log.name))
+        write_atomically(out, _as_toml(cars, given, log.name, units))
         output.print(f"wrote {out}")
     output.print_json({
         robot: {"values": car.values, "errors": car.errors, "residual": car.residual, "samples": car.samples}
@@ -80,16 +82,18 @@ def identify(
 _RESIDUALS = {"position": "m", "heading": "rad", "speed": "m/s"}
 
 
-def _print(output: OutputOptions, cars: "dict[str, Identified]") -> None:
-    from lissajous_env.logs.identification import CONSTANTS
-
-    titles = [f"{name.replace('_', ' ')}\n[{unit}]" if unit else f"{name}\n" for name, unit in CONSTANTS.items()]
+def _print(output: OutputOptions, cars: "dict[str, Identified]", units: dict[str, str]) -> None:
+    titles = [f"{name.replace('_', ' ')}\n[{unit}]" if unit else f"{name}\n" for name, unit in units.items()]
+    columns = [Column("robot"), *map(Column, titles)]
     rows = [
-        [robot, *(_with_error(car.values[name], car.errors[name]) for name in CONSTANTS)] for robot, car in cars.items()
+        [robot, *(_with_error(car.values[name], car.errors[name]) for name in units)] for robot, car in cars.items()
     ]
-    print_table(output.console(), [Column("robot"), *map(Column, titles)], rows)
-    if any(math.isnan(car.errors["dead_zone"]) for car in cars.values()):
-        output.print("(given): the log does not determine the dead zone; no throttle in it lies within the dead zone.")
+    print_table(output.console(), columns, rows)
+    if any(math.isnan(error) for car in cars.values() for error in car.errors.values()):
+        why = (
+            "no throttle in it lies within the dead zone" if "dead_zone" in units else "no command is beyond the limit"
+        )
+        output.print(f"(given): the log does not determine this constant; {why}.")
     for robot, car in cars.items():
         sizes = [
             f"{name} {car.residual[name]:.3g} {unit}" if car.residual[name] >= 0 else f"{name} not measured"
@@ -111,16 +115,18 @@ def _with_error(value: float, error: float) -> str:
     return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
-def _as_toml(cars: "dict[str, Identified]", scenario: "Scenario", log: str) -> str:
-    """Return the file of a scenario with the mean of the cars, the standard errors in comments."""
-    from lissajous_env.logs.identification import CONSTANTS
-
+def _as_toml(cars: "dict[str, Identified]", scenario: "Scenario", log: str, units: dict[str, str]) -> str:
+    """Return the file of a scenario with the mean of the robots, the standard errors in comments."""
     mean, lines = {}, [f"# Robots identified from {log}: means with standard errors."]
-    for name, unit in CONSTANTS.items():
-        mean[name] = float(f"{sum(car.values[name] for car in cars.values()) / len(cars):.6g}")
+    for name, unit in units.items():
+        values = [car.values[name] for car in cars.values()]
+        mean[name] = float(f"{sum(values) / len(values):.6g}")
         error = math.sqrt(sum(car.errors[name] ** 2 for car in cars.values())) / len(cars)
         lines.append(f"# {name} = {_with_error(mean[name], error)} {unit}".rstrip())
-    lines.append("# A scenario has no delay of the commands.")
-    del mean["delay"]
-    limits = {"drive_factors": (), "speed_max": None, "throttle_max": scenario.robot.full_throttle}
-    return "\n".join([*lines, as_toml(replace(scenario, robot=replace(scenario.robot, **limits, **mean)))])
+    lines.append("# A scenario has no delay of the commands, nor factors of speeds.")
+    robot, limits = scenario.robot, {"drive_factors": ()}
+    if robot.kind == "car":
+        limits |= {"speed_max": None, "throttle_max": robot.full_throttle}
+    mean = {name: value for name, value in mean.items() if hasattr(robot, name)}
+    mean_scenario = replace(scenario, robot=replace(robot, **limits, **mean))
+    return "\n".join([*lines, as_toml(mean_scenario)])

@@ -15,6 +15,7 @@ from baselines.planning.request import Request
 from baselines.planning.search import Outcome
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFolder, OutputOptions, print_line
 from lissajous_env.settings.checks import whole_number
+from lissajous_env.wording import counted
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ def plan(
         _print(output.console(), outcome, shown_ones)
         if folder is not None and shown_ones:
             report.write(folder, shown_ones, request.episodes)
-            output.print(f"wrote {len(shown_ones)} plans in {out}")
+            output.print(f"wrote {counted(len(shown_ones), 'plan')} in {out}")
             output.print(f"Watch one: lissajous run {out}/1 --out plan.html")
     output.print_json({
         "plans": report.as_rows(shown_ones),

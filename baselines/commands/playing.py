@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from baselines.benchmark.progress import Progress
-from baselines.benchmark.running import Benchmark, Cell, plan
+from baselines.benchmark.types import Benchmark, Cell, cells_of
 from baselines.policies import registry
 from baselines.policies.factories import as_factory, is_imported, split_scenarios_and_policy
 from lissajous_env.console.terminal import CommandError, Output, make_console
@@ -43,12 +43,12 @@ def record_one(settings: Benchmark, output: Output, scenario: Scenario | None = 
 
     if len(settings.scenarios) > 1:
         raise ValueError(f"exactly one scenario must be given, got {few_of(settings.scenarios)}")
-    (cell,) = plan(settings, scenarios=None if scenario is None else [scenario])
+    (cell,) = cells_of(settings, scenarios=None if scenario is None else [scenario])
     with Progress([(cell, [0])], progress_console(output)) as progress:
         progress.begin(cell)
         acting = made(cell, settings).factory(cell.scenario, 1, settings.device)
         with naming(cell):
-            recording = record(acting, cell.scenario, settings.seed, settings.device, lambda: progress.step(cell, 1))
+            recording = record(acting, cell.scenario, settings.seed, settings.device)
         progress.finished(cell, 1)
     return replace(recording, score=recording.score | {"policy": cell.policy})
 

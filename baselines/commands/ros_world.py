@@ -53,7 +53,7 @@ def play(
         output: Options of the output.
         robots: Settings of the robots' nodes, which are run in this process; None if they are run elsewhere.
     """
-    from baselines.benchmark import tables
+    from baselines.benchmark.shown import print_row
     from baselines.ros import library as ros
     from baselines.ros.robot import RobotNode
     from baselines.ros.running import alone, started
@@ -75,7 +75,7 @@ def play(
         task = shown_bar.add_task(f"{scenario.name} over ROS 2", total=scenario.task.steps)
         recording = world.play(lambda: shown_bar.advance(task), process.check)
     recording = replace(recording, score=recording.score | {"policy": "ros"})
-    tables.print_row(console, recording.score)
+    print_row(console, recording.score, recording.scenario)
     output.print_json(recording.score)
     if out is not None:
         show(recording, out, output)

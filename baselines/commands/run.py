@@ -53,7 +53,7 @@ def run(
         out: file to write, ending in .html, .mp4, .gif, .npz (a recording) or .mcap (a log of
             ROS); without it, a window opens if there is a display.
     """
-    from baselines.benchmark import tables
+    from baselines.benchmark import shown
     from baselines.benchmark.theorem import about_theorem
 
     scenarios, name, home = scenarios_and_policy((scenario,) if policy is None else (scenario, policy))
@@ -61,8 +61,8 @@ def run(
     settings = Benchmark(scenarios, (name,), 1, seed, 1, device, overrides=parse_overrides(overrides, rogues))
     recording = record_one(settings, output, home)
     row = recording.score
-    tables.print_row(output.console(), row, recording.scenario)
-    tables.print_theorem(output.console(), about_theorem([Cell(recording.scenario, name, named(name))], [row], device))
+    shown.print_row(output.console(), row, recording.scenario)
+    shown.print_theorem(output.console(), about_theorem([Cell(recording.scenario, name, named(name))], [row], device))
     output.print_json(row)
     if out is not None or has_display():
         show(recording, out, output)

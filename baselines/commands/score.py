@@ -48,7 +48,7 @@ def score(
         seed: seed of the first draw; by default that of the log, or 0.
         out: files to write: .csv (score rows), .html (page of the episode), or any other that `lissajous run` writes.
     """
-    from baselines.benchmark import tables, written
+    from baselines.benchmark import shown, written
     from baselines.benchmark.table import Table
     from lissajous_env.logs.reading import read
 
@@ -69,11 +69,11 @@ def score(
     words = f"{log.name}: {len(log.tracks)} robots, {lasts:g} s from {scored.start:.3f} s on"
     output.print(words)
     if episodes == 1:
-        tables.print_row(console, scored.rows[0], scored.scenario)
+        shown.print_row(console, scored.rows[0], scored.scenario)
     else:
         table = Table.of(scored.rows, {scored.scenario.name: scored.scenario}, simulates=False)
         for policies in table.estimates.values():
-            tables.print_scores(console, name, scored.scenario, policies[name])
+            shown.print_scores(console, name, scored.scenario, policies[name])
     for note in scored.notes:
         output.print(f"note: {note}", "yellow")
     for file in out:

@@ -1,6 +1,6 @@
 """The table of the claims: the number in the paper, ours, and whether the two agree."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,8 +31,6 @@ class Claim:
     """None where the paper has nothing to compare with."""
     why: str = ""
     """Choices where the paper states no value, or the reason for a difference."""
-    numbers: Mapping[str, float] = field(default_factory=dict)
-    """Numbers behind `ours` and `why`, by name; the helpers below document their names."""
     part: str = ""
     """Name of the part of the paper, filled in by `lissajous reproduce`."""
 
@@ -49,41 +47,36 @@ def near(
     claim: str, paper: float, result: float, tolerance: float, unit: str = "", why: str = "", digits: str = ".4g"
 ) -> Claim:
     """Claim a number: `result` may be off `paper` by the tolerance, in the same unit."""
-    agrees, numbers = bool(abs(result - paper) <= tolerance), {"paper": float(paper), "ours": float(result)}
-    rule = f"\N{PLUS-MINUS SIGN} {tolerance:g}{_of(unit)}"
-    return Claim(claim, f"{paper:g}{_of(unit)}", f"{result:{digits}}{_of(unit)}", rule, agrees, why, numbers)
+    rule, agrees = f"\N{PLUS-MINUS SIGN} {tolerance:g}{_of(unit)}", bool(abs(result - paper) <= tolerance)
+    return Claim(claim, f"{paper:g}{_of(unit)}", f"{result:{digits}}{_of(unit)}", rule, agrees, why)
 
 
 def within_range(
     claim: str, paper: float, result: np.ndarray, unit: str = "", why: str = "", digits: str = ".3f"
 ) -> Claim:
-    """Claim that the paper's number is in our range: it must be between our `low`est and our `high`est."""
+    """Claim that the paper's number is between our lowest and our highest."""
     low, high = float(result.min()), float(result.max())
     words, rule = f"{low:{digits}} to {high:{digits}}{_of(unit)}", f"inside the range of {len(result)} seeds"
-    numbers = {"paper": paper, "low": low, "high": high}
-    return Claim(claim, f"{paper:g}{_of(unit)}", words, rule, low <= paper <= high, why, numbers)
+    return Claim(claim, f"{paper:g}{_of(unit)}", words, rule, low <= paper <= high, why)
 
 
-def all_of(
-    claim: str, paper: str, holds: Iterable[Any], what: str, why: str = "", numbers: Mapping[str, float] | None = None
-) -> Claim:
-    """Claim that something is true every time: `holds` of `of` times; `numbers` are further ones, in `why`."""
+def all_of(claim: str, paper: str, holds: Iterable[Any], what: str, why: str = "") -> Claim:
+    """Claim that something is true every time."""
     values = [bool(value) for value in holds]
-    counted = {"holds": sum(values), "of": len(values), **(numbers or {})}
-    return Claim(claim, paper, f"{sum(values)} of {len(values)} {what}", "all", all(values), why, counted)
+    return Claim(claim, paper, f"{sum(values)} of {len(values)} {what}", "all", all(values), why)
 
 
 def at_most(
     claim: str, paper: str, result: float, bound: float, unit: str = "", why: str = "", digits: str = ".3g"
 ) -> Claim:
     """Claim that a number, `result`, does not exceed a bound."""
-    rule, numbers = f"at most {bound:g}{_of(unit)}", {"ours": float(result), "bound": bound}
-    return Claim(claim, paper, f"{result:{digits}}{_of(unit)}", rule, bool(result <= bound), why, numbers)
+    rule = f"at most {bound:g}{_of(unit)}"
+    return Claim(claim, paper, f"{result:{digits}}{_of(unit)}", rule, bool(result <= bound), why)
 
 
-def reported(claim: str, paper: str, result: str, why: str = "", numbers: Mapping[str, float] | None = None) -> Claim:
+def reported(claim: str, paper: str, result: str, why: str = "") -> Claim:
     """Report a quantity for which the paper states no number."""
-    return Claim(claim, paper, result, "reported only", None, why, numbers or {})
+    return Claim(claim, paper, result, "reported only", None, why)
 
 
 def _of(unit: str) -> str:

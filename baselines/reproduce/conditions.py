@@ -4,11 +4,10 @@ Closed forms beside what is measured and simulated.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from baselines.reproduce.claims import SILENT, Claim, Part, all_of, at_most, near, reported
+from baselines.reproduce.claims import SILENT, Part, all_of, at_most, near, reported
 from baselines.reproduce.episodes import Player
 from lissajous_env import scenario
 from lissajous_env.episodes.guarantee import critical_speed, fastest_rogue, guaranteed_time
@@ -26,34 +25,8 @@ _SHARES = (0.9, 0.8, 0.6)
 """Sensing radii, in that of (8)."""
 
 
-@dataclass(frozen=True)
-class _Ratios:
-    """Measured values of some curves over those of the closed forms, each (K,)."""
-
-    curves: list[Curve]
-    bodies: np.ndarray
-    """Half of the smallest measured distance in formation, over r_max of (6)."""
-    sensors: np.ndarray
-    """Radius with which one lap covers the rectangle, over that of (7)."""
-    links: np.ndarray
-    """Half of the largest distance of ring neighbours, over r_s of (8)."""
-
-    @property
-    def robots(self) -> np.ndarray:
-        """Return N = a + b (K,)."""
-        return np.array([curve.a + curve.b for curve in self.curves])
-
-
 def bounds(player: Player) -> Part:
-    """Compare conditions (6), (7), (8) and T_max with measurements."""
-    paper = scenario("experiment")
-    name = f"T_max of the experiment, N = {paper.num_robots}, omega = {paper.formation.phase_rate:g} rad/s"
-    time = near(name, 4.189, paper.detection_time_bound, 5e-4, "s", "by the formula")
-    return Part([time, *_on_every_curve(_measured())])
-
-
-def _measured() -> _Ratios:
-    """Measure every curve with a odd, a + b = N and no common factor, in every rectangle."""
+    """Compare conditions (6), (7), (8) and T_max with measurements, on curves with a odd, a + b = N and co-prime."""
     curves = [
         Curve(A, B, a, n - a)
         for A, B in _SHAPES
@@ -61,50 +34,48 @@ def _measured() -> _Ratios:
         for a in range(1, n, 2)
         if n not in _LEFT_OUT and math.gcd(a, n) == 1
     ]
-    bodies, sensors, links = [], [], []
+    ratios: list[tuple[float, float, float]] = []
     for curve in curves:
         n = curve.a + curve.b
         p = closed_forms.default_p(n)
-        alpha = closed_forms.default_alpha(curve, n, p)
-        bodies.append(geometry.smallest_distance(curve, n) / 2 / closed_forms.robot_radius_bound(curve, n))
-        sensors.append(geometry.measured_coverage_radius(curve, precision=2e-3) / closed_forms.coverage_radius(curve))
-        reach = geometry.largest_neighbour_distance(curve, n, p, alpha)
-        links.append(reach / 2 / closed_forms.detection_radius(curve, n))
-    return _Ratios(curves, np.array(bodies), np.array(sensors), np.array(links))
-
-
-def _on_every_curve(ratios: _Ratios) -> tuple[Claim, Claim, Claim]:
-    """Claim (6), (7) and (8) of the measured curves."""
-    bodies, sensors, links = ratios.bodies, ratios.sensors, ratios.links
-    fewest, odd = ratios.robots == _FEWEST, ratios.robots % 2 == 1
-    larger = bodies[~fewest]
-    count = f"{len(ratios.curves)} curves, N = {_FEWEST} ... {_MOST}"
-    body = all_of(
-        "(6): bodies below r_max never collide in formation",
-        "always",
-        bodies >= 1,
-        "curves",
-        f"conservative: the measured radius is {larger.min():.2f} to {larger.max():.2f} times r_max for N >= "
-        f"{ratios.robots[~fewest].min()}, from {bodies[fewest].min():.2f} times on for N = {_FEWEST}",
-        {"low": larger.min(), "high": larger.max(), "low of fewest": bodies[fewest].min()},
-    )
-    sensor = all_of(
-        "(7): a sensor of that radius covers in one lap",
-        "always",
-        sensors <= 1,
-        "curves",
-        f"the radius that is needed is {sensors.min():.2f} to {sensors.max():.2f} times that of (7); {count}",
-        {"low": sensors.min(), "high": sensors.max()},
-    )
-    link = at_most(
-        "(8): largest distance of ring neighbours / 2 r_s, alpha by the rule",
-        "at most 1",
-        links.max(),
-        1 + 1e-9,
-        digits=".6f",
-        why=f"exactly 1 for odd N (smallest {links[odd].min():.6f}); {count}",
-    )
-    return body, sensor, link
+        reach = geometry.largest_neighbour_distance(curve, n, p, closed_forms.default_alpha(curve, n, p))
+        ratios.append((
+            geometry.smallest_distance(curve, n) / 2 / closed_forms.robot_radius_bound(curve, n),
+            geometry.measured_coverage_radius(curve, precision=2e-3) / closed_forms.coverage_radius(curve),
+            reach / 2 / closed_forms.detection_radius(curve, n),
+        ))  # fmt: skip
+    bodies, sensors, links = np.array(ratios).T
+    robots = np.array([curve.a + curve.b for curve in curves])
+    fewest, count = robots == _FEWEST, f"{len(curves)} curves, N = {_FEWEST} ... {_MOST}"
+    larger, paper = bodies[~fewest], scenario("experiment")
+    name = f"T_max of the experiment, N = {paper.num_robots}, omega = {paper.formation.phase_rate:g} rad/s"
+    claims = [
+        near(name, 4.189, paper.detection_time_bound, 5e-4, "s", "by the formula"),
+        all_of(
+            "(6): bodies below r_max never collide in formation",
+            "always",
+            bodies >= 1,
+            "curves",
+            f"conservative: the measured radius is {larger.min():.2f} to {larger.max():.2f} times r_max for N >= "
+            f"{robots[~fewest].min()}, from {bodies[fewest].min():.2f} times on for N = {_FEWEST}",
+        ),
+        all_of(
+            "(7): a sensor of that radius covers in one lap",
+            "always",
+            sensors <= 1,
+            "curves",
+            f"the radius that is needed is {sensors.min():.2f} to {sensors.max():.2f} times that of (7); {count}",
+        ),
+        at_most(
+            "(8): largest distance of ring neighbours / 2 r_s, alpha by the rule",
+            "at most 1",
+            links.max(),
+            1 + 1e-9,
+            digits=".6f",
+            why=f"exactly 1 for odd N (smallest {links[robots % 2 == 1].min():.6f}); {count}",
+        ),
+    ]
+    return Part(claims)
 
 
 def rogues(player: Player) -> Part:
@@ -137,7 +108,6 @@ def rogues(player: Player) -> Part:
                 SILENT,
                 shown,
                 why="below (8) the discs separate, but the formation still detects every rogue up to a speed",
-                numbers={f"critical speed at {share:g}": min(speed, fastest) for share, speed in slowest.items()},
             )
         )
     return Part(claims)

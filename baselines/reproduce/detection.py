@@ -13,11 +13,11 @@ from baselines.reproduce.drawing import (
     GREEN,
     GREY,
     RED,
-    Sheet,
     draw_plane,
     draw_ring,
     mark_time,
     panel_name,
+    sheet,
 )
 from baselines.reproduce.episodes import BARE, Player
 from lissajous_env import scenario
@@ -40,10 +40,10 @@ def fig2(player: Player) -> Part:
     gamma = ideal.alpha * played.phase[:, 0, 0]
     residual = closed_forms.ellipse_residual(curve, played.position[:, 0, :, :2], gamma[:, None])
 
-    with Sheet("fig2", "Fig. 2   Formation on the Lissajous curve, and ellipse (5)", 7.2, 4.55) as sheet:
+    with sheet("fig2", "Fig. 2   Formation on the Lissajous curve, and ellipse (5)", 7.2, 4.55) as picture:
         across = np.linspace(-1.02, 1.02, 300)
         for k in range(8):
-            axes = sheet.figure.add_subplot(2, 4, k + 1)
+            axes = picture.figure.add_subplot(2, 4, k + 1)
             panel_name(axes, f"t = {played.time[8 * k]:.2f} s")
             draw_plane(axes, curve)
             position = played.position[8 * k, 0, :, :2]
@@ -56,7 +56,7 @@ def fig2(player: Player) -> Part:
             axes.plot(*position.T, "o", color=BLUE, ms=3.6, zorder=4)
             axes.set_xlim(-1.3 * curve.half_width, 1.3 * curve.half_width)
             axes.set_ylim(-1.3 * curve.half_height, 1.3 * curve.half_height)
-        picture = sheet.picture(
+        picture.caption = (
             f"Robots blue, with their sensing discs of {ideal.detection_radius:.2f} m, the smallest by (8); edges of "
             "the ring "
             f"orange; ellipse (5) green, dashed. The ellipse passes over every point of the rectangle within T_max = "
@@ -90,8 +90,8 @@ def fig3(player: Player) -> Part:
     last, last_turned = float(waited.max()), np.array([times.max() for times in turned.waited])
     bound = ideal.detection_time_bound
 
-    with Sheet("fig3", "Fig. 3   Detection of 10,000 moving targets", 7.2, 3.1) as sheet:
-        left, right = sheet.figure.subplots(1, 2, sharex=True)
+    with sheet("fig3", "Fig. 3   Detection of 10,000 moving targets", 7.2, 3.1) as picture:
+        left, right = picture.figure.subplots(1, 2, sharex=True)
         counts = np.bincount(
             np.ceil(waited[played.found[0]] / step - 1e-6).astype(int), minlength=round(bound / step) + 1
         )
@@ -121,7 +121,7 @@ def fig3(player: Player) -> Part:
             axes.set_xlim(-0.15, 8.95)
             mark_time(axes, 4.5, "4.5 s\n(paper)", 0.97 if axes is left else 0.22, RED)
             mark_time(axes, bound, "$T_{max}$", 0.97 if axes is left else 0.22, side="right")
-        picture = sheet.picture(
+        picture.caption = (
             f"{_CHOSEN}; the paper does not state the targets' motion either: here they wander "
             f"at {ideal.targets.speed} m/s, their "
             f"heading changing by {ideal.targets.turn_rate:g} rad in one second. theta_0 = 0 is a slow start: two "
@@ -148,7 +148,6 @@ def fig3(player: Player) -> Part:
             SILENT,
             f"{in_sight:.1f} %",
             "56 % in an independent simulation",
-            {"ours": in_sight},
         ),
     ]
     return Part(claims, [picture])

@@ -1,6 +1,8 @@
 """The style of the paper's pictures: `baselines.benchmark.plot_styles` in the paper's colours, with a footnote."""
 
 import textwrap
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -27,21 +29,19 @@ _SMALLER: dict[Any, Any] = {
     "savefig.dpi": 180,
     "svg.hashsalt": "lissajous",  # the same picture makes the same file
 }
-
-
 _STYLES = ["default", STYLE | _SMALLER]
 
 
-@dataclass(frozen=True)
+@dataclass
 class Picture:
     """A picture of the paper, made again."""
 
     name: str
     """Name of its file, without the suffix."""
     title: str
-    caption: str
-    """Description, with the choices where the paper states no value."""
     figure: Figure
+    caption: str = ""
+    """Description, with the choices where the paper states no value."""
 
     def content(self, format: Format = "png") -> bytes:
         """Return the content of the file in a format."""
@@ -49,28 +49,15 @@ class Picture:
             return saved(self.figure, format)
 
 
-class Sheet:
-    """A figure under work, in the style; `picture` ends it. Use as a context."""
-
-    def __init__(self, name: str, title: str, width: float = 7.2, height: float = 3.2):
-        self.name, self.title = name, title
-        self._style = style.context(_STYLES)
-        self._size = (width, height)
-
-    def __enter__(self) -> "Sheet":
-        self._style.__enter__()
-        self.figure = Figure(figsize=self._size, layout="constrained")
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        self._style.__exit__(*error)
-
-    def picture(self, caption: str) -> Picture:
-        """Put title and caption around the figure and return it."""
-        self.figure.suptitle(self.title, x=0.008, ha="left", fontsize=10.5, fontweight="bold")
-        wrapped = textwrap.fill(" ".join(caption.split()), int(self._size[0] * 19))
-        self.figure.supxlabel(wrapped, x=0.008, ha="left", fontsize=7.4, color="#555555", linespacing=1.35)
-        return Picture(self.name, self.title, " ".join(caption.split()), self.figure)
+@contextmanager
+def sheet(name: str, title: str, width: float = 7.2, height: float = 3.2) -> Iterator[Picture]:
+    """Yield a picture to draw on and to caption, in the style; title and caption are put around it at the end."""
+    with style.context(_STYLES):
+        picture = Picture(name, title, Figure(figsize=(width, height), layout="constrained"))
+        yield picture
+        picture.figure.suptitle(title, x=0.008, ha="left", fontsize=10.5, fontweight="bold")
+        wrapped = textwrap.fill(picture.caption, int(width * 19))
+        picture.figure.supxlabel(wrapped, x=0.008, ha="left", fontsize=7.4, color="#555555", linespacing=1.35)
 
 
 def panel_name(axes: Axes, name: str) -> None:

@@ -30,7 +30,6 @@ def theorem1(player: Player) -> Part:
                 inside,
                 "starts",
                 ", ".join(f"p = {p} {100 * share[p]:.2g} %" for p in reached_p),
-                {f"p = {p} [%]": float(100 * share[p]) for p in reached_p},
             )
         )
     return Part(claims)

@@ -13,12 +13,12 @@ from baselines.reproduce.drawing import (
     GREY,
     ORANGE,
     PINK,
-    Sheet,
     draw_plane,
     draw_ring,
     mark_time,
     name_line,
     panel_name,
+    sheet,
 )
 from baselines.reproduce.episodes import SEEDS, Played, Player, spread_of_cars
 from lissajous_env.world.columns import COLLISIONS
@@ -33,11 +33,11 @@ def fig7(player: Player) -> Part:
     """Reproduce Fig. 7: stills of the experiment."""
     played = player.play("kuramoto-mpcc", "experiment", worlds=SEEDS)
     scenario, step = played.scenario, played.scenario.task.step
-    with Sheet(
+    with sheet(
         "fig7", "Fig. 7   The experiment: five cars on curve (16), robots 1 and 5 fail at (d)", 9.0, 4.0
-    ) as sheet:
+    ) as picture:
         for k, time in enumerate(_STILLS):
-            axes = sheet.figure.add_subplot(2, 4, k + 1)
+            axes = picture.figure.add_subplot(2, 4, k + 1)
             moment = round(time / step)
             panel_name(axes, f"({'abcdefgh'[k]})  t = {time:.1f} s")
             draw_plane(axes, scenario.curve, lw=0.7, ls="--")
@@ -46,7 +46,7 @@ def fig7(player: Player) -> Part:
                 _draw_car(axes, played, robot, moment)
             axes.set_xlim(-2.35, 2.35)
             axes.set_ylim(-1.5, 1.5)
-        picture = sheet.picture(
+        picture.caption = (
             "Simulated agents pink, physical ones blue, as in the paper, with the way of the last 1.5 s; a thick "
             f"orange rim marks a robot that has failed; edges of the ring orange. {_chosen(played)}."
         )
@@ -81,8 +81,8 @@ def fig8(player: Player) -> Part:
     """Reproduce Fig. 8: the phases in the same experiment."""
     played = player.play("kuramoto-mpcc", "experiment", worlds=SEEDS)
     first, last = played.scenario.faults.schedule[0][1:]
-    with Sheet("fig8", "Fig. 8   States of the agents in the experiment of Fig. 7", 7.2, 4.3) as sheet:
-        upper, lower = sheet.figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    with sheet("fig8", "Fig. 8   States of the agents in the experiment of Fig. 7", 7.2, 4.3) as picture:
+        upper, lower = picture.figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
         phase = np.unwrap(played.phase[:, 0], axis=0)
         for robot in range(played.scenario.num_robots):
             colour = PINK if robot in _SIMULATED else BLUE
@@ -103,7 +103,7 @@ def fig8(player: Player) -> Part:
         lower.set_ylabel("deviation\nfrom (2) [rad]")
         lower.set_xlabel("time t [s]")
         lower.set_ylim(bottom=0)
-        picture = sheet.picture(
+        picture.caption = (
             f"Above: one run, seed {player.seed}; below: its largest deviation from the equilibrium (blue) and "
             f"that of {SEEDS - 1} further seeds (grey). {_chosen(played)}."
         )

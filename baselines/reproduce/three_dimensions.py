@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import generate_binary_structure, minimum_filter
 
 from baselines.reproduce.claims import Claim, Part, all_of, at_most
-from baselines.reproduce.drawing import DARK, SERIES, Sheet, panel_name
+from baselines.reproduce.drawing import DARK, SERIES, panel_name, sheet
 from baselines.reproduce.episodes import SEEDS, Player
 from lissajous_env import scenario
 from lissajous_env.parameters.scenario import Curve
@@ -54,10 +54,10 @@ def fig5(player: Player) -> Part:
         branches[c] = np.array([branch_radius(curve) for curve in curves])
     flat, bound = geometry.smallest_distance(plane, n) / 2, closed_forms.robot_radius_bound(plane, n)
 
-    with Sheet(
+    with sheet(
         "fig5", "Fig. 5   Largest body that never collides, against c and C of the curve in space", 7.2, 3.6
-    ) as sheet:
-        left, right = sheet.figure.subplots(1, 2, sharex=True, sharey=True)
+    ) as picture:
+        left, right = picture.figure.subplots(1, 2, sharex=True, sharey=True)
         for c, colour in zip(_SHOWN, SERIES, strict=False):
             line = {"color": colour, "lw": 1.6, "ls": "--" if c == 3 else "-"}
             left.plot(depths, formation[c], label=f"{c}", **line)
@@ -79,7 +79,7 @@ def fig5(player: Player) -> Part:
         ]
         left.legend(handles=in_plane, ncols=2, loc="lower left", fontsize=7.5,
                     handlelength=1.6, columnspacing=1, borderaxespad=0.1)  # fmt: skip
-        picture = sheet.picture(
+        picture.caption = (
             f"A = {plane.half_width:g} m, B = {plane.half_height:g} m, a = {plane.a}, b = {plane.b}, N = {n} (curve "
             "(16)); the paper does not state its curve. Left: half of the smallest distance that robots of the "
             "formation ever have. Right: half of the smallest distance between two branches of the curve, a bound for "

@@ -3,7 +3,7 @@
 import dataclasses
 import json
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -49,7 +49,7 @@ class Recording:
     observation_names: tuple[str, ...]
     """Names of the D entries, from `lissajous_env.world.observation.layout`."""
     reward_names: tuple[str, ...]
-    """Names of the K terms: `lissajous_env.world.reward.TERMS`, then those of extensions."""
+    """Names of the K terms: `lissajous_env.world.tally.TERMS`, then those of extensions."""
     position: np.ndarray
     """(F, N, 3) float32 x, y, z of the robots [m]."""
     heading: np.ndarray
@@ -243,7 +243,6 @@ def record(
     scenario: str | Scenario,
     seed: int = 0,
     device: Any = "cpu",
-    on_step: Callable[[], None] | None = None,
     **overrides: Any,
 ) -> Recording:
     """Play one episode and record it; a policy for a batch of worlds is recorded in the first world.
@@ -253,13 +252,12 @@ def record(
         scenario: Name of a scenario, or a `Scenario`.
         seed: Seed of the episode.
         device: Warp device.
-        on_step: Called after each step.
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
 
     Raises:
         InvalidActionError: the policy returned actions that have a wrong shape or are not finite (a ValueError).
     """
-    return record_all(policy, named.build(scenario, **overrides), [seed], device, on_step)[0]
+    return record_all(policy, named.build(scenario, **overrides), [seed], device)[0]
 
 
 def record_all(
@@ -267,7 +265,6 @@ def record_all(
     scenario: str | Scenario,
     seeds: Sequence[int],
     device: Any = "cpu",
-    on_step: Callable[[], None] | None = None,
 ) -> list[Recording]:
     """Play and record an episode for each seed, `policy.num_worlds` at a time; the rest is as for `record`."""
     simulation = Simulation(scenario, policy.num_worlds, device=device)
@@ -281,8 +278,6 @@ def record_all(
             for recorder in recorders:
                 if steps[recorder.world] == taken:  # the episode may end early
                     recorder.take()
-            if on_step is not None and taken > 0:
-                on_step()
 
         runner.play(batch + batch[-1:] * (policy.num_worlds - len(batch)), take)
         recordings += [recorder.recording(runner.name) for recorder in recorders]

@@ -3,7 +3,7 @@
 import matplotlib
 import pytest
 
-from baselines.reproduce.drawing import Sheet
+from baselines.reproduce.drawing import sheet
 
 HOSTILE = {
     "text.usetex": True, "savefig.bbox": "tight", "savefig.dpi": 37, "savefig.format": "svg",
@@ -14,11 +14,12 @@ HOSTILE = {
 
 
 def drawn(suffix):
-    with Sheet("name", "Title with a $ sign", 5.0, 3.0) as sheet:
-        axes = sheet.figure.subplots()
+    with sheet("name", "Title with a $ sign", 5.0, 3.0) as picture:
+        axes = picture.figure.subplots()
         axes.plot([0, 1, 2], [0, 1, -1], label="a line")
         axes.legend()
-        return sheet.picture("A caption.").content(suffix)
+        picture.caption = "A caption."
+    return picture.content(suffix)
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])

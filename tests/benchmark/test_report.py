@@ -108,7 +108,7 @@ def test_the_worst_comes_first():
     blind = lost | {"collisions": 3, "sensed_fraction": 0.4}
     empty = good | dict.fromkeys(("guaranteed_detection_time", "detection_time_mean", "detected_fraction"), math.nan)
     rows = [good, both, slow, blind, empty, lost]
-    assert report_page.worst_first(rows, {"evaders": scenario}) == [3, 1, 5, 2, 0, 4]
+    assert report_page.worst_first(rows, {"evaders": scenario}) == [blind, both, lost, slow, good, empty]
     assert [report_page.failed(row) for row in rows[:4]] == [
         [False, False, False], [False, True, True], [False, False, False], [True, True, True],
     ]  # fmt: skip
@@ -128,7 +128,7 @@ def test_a_replay_is_the_episode_as_it_was_scored(small_one):
     _, rows, blocks = small_one
     data = blocks["data"]
     scenario = lissajous_env.scenario("evaders", **SHORT)
-    ranked = [rows[k] for k in report_page.worst_first(rows, {"evaders": scenario, "failure": scenario})]
+    ranked = report_page.worst_first(rows, {"evaders": scenario, "failure": scenario})
     worst = next(row["seed"] for row in ranked if row["policy"] == "laps")
     assert all(same for *_, same in data["replays"].values())
     keys = {

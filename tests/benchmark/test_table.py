@@ -16,13 +16,13 @@ from rich.text import Text
 
 import baselines
 import lissajous_env
-from baselines.benchmark import bounds, tables, types
+from baselines.benchmark import bounds, shown, types
 from baselines.benchmark.bounds import Bounds, as_played, bounds_of
 from baselines.benchmark.report_page import Report
-from baselines.benchmark.running import plan
-from baselines.benchmark.shown import MAIN, OVER_LOWER_BOUND, SHOWN, in_words, lines_of, number, with_numbers
+from baselines.benchmark.shown import in_words, lines_of, number
+from baselines.benchmark.statistics import MAIN, OVER_LOWER_BOUND, SHOWN, with_numbers
 from baselines.benchmark.table import Table, with_derived
-from baselines.benchmark.types import Benchmark, Outcome
+from baselines.benchmark.types import Benchmark, Outcome, cells_of
 from baselines.benchmark.written import latex, markdown, summarized, table_of
 from baselines.policies.base import UnsuitableScenarioError
 from lissajous_env.console.terminal import plain
@@ -53,7 +53,7 @@ def printed(table, width=200, scenario="intruders"):
     """Return the text of a table of the scenario, and the columns that do not fit."""
     console = Console(width=width, record=True, file=io.StringIO())
     columns = with_numbers(table.estimates[scenario], SHOWN)
-    tables.print_lines(console, Text("t"), columns, lines_of(table.estimates[scenario], columns))
+    shown.print_lines(console, Text("t"), columns, lines_of(table.estimates[scenario], columns))
     return without_names(console.export_text())
 
 
@@ -105,7 +105,7 @@ def test_a_task_with_another_score_is_ranked_and_compared_by_it():
     assert table_of(table)["columns"][2:4] == ["observed", "detection [s]"]
     assert estimates["a"][OVER_LOWER_BOUND.name].known == 0
     console = Console(width=60, record=True, file=io.StringIO())
-    tables.print_scores(console, "a", table.scenarios["watch"], estimates["a"])
+    shown.print_scores(console, "a", table.scenarios["watch"], estimates["a"])
     text = console.export_text()
     assert text.index("observed_fraction") < text.index("targets")
     assert "detection_rate" not in text
@@ -173,15 +173,15 @@ def views_of(episodes):
     of = table.estimates["intruders"]
     outcome = Outcome(Benchmark(("intruders",), ("ours", "other")), [], played, table, {"device": "cpu"})
     wide = Console(width=400, record=True, file=io.StringIO())
-    tables.print_lines(wide, Text("t"), SHOWN, lines_of({"ours": of["ours"]}, SHOWN))
+    shown.print_lines(wide, Text("t"), SHOWN, lines_of({"ours": of["ours"]}, SHOWN))
     terminal = re.sub(r"[^\x21-\x7e]+", " ", wide.export_text())
     wide = Console(width=400, record=True, file=io.StringIO())
-    tables.print_scores(wide, "ours", SCENARIOS["intruders"], of["ours"])
+    shown.print_scores(wide, "ours", SCENARIOS["intruders"], of["ours"])
     (scores,) = [line for line in wide.export_text().splitlines() if line.split()[:1] == [GUARANTEE]]
     page = Report(table, {}).html(table.rows, {})
     data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[1])
     cell = data["scenarios"][0]["policies"][0]["cells"][GUARANTEE]
-    summary = json.loads(json.dumps(plain(summarized(outcome, table))))
+    summary = json.loads(json.dumps(plain(summarized(outcome))))
     return {
         "terminal": terminal,
         "scores": scores,
@@ -224,7 +224,7 @@ def test_a_lower_bound_is_never_best_and_what_nobody_follows_has_no_column():
     assert text.split()[text.split().index(">") + 1] == "5.70"
     assert "2 of 4 open" in text
     assert "9*" in text.split()
-    assert any("a lower bound" in words for words in tables.legend(table, 4))
+    assert any("a lower bound" in words for words in shown.legend(table, 4))
     nothing = worst_cases("a", [(math.nan, math.nan, math.nan)] * 2)
     assert "guaranteed" not in printed(Table.of(nothing, INTRUDERS))[0]
 
@@ -249,14 +249,14 @@ def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
               for row in rows(name, detection_time_mean=[1.0] * 4)]  # fmt: skip
     of = Table.of(played, INTRUDERS).estimates["intruders"]
 
-    def shown(columns):
+    def text_at(columns):
         console = Console(width=columns, record=True, file=io.StringIO())
-        tables.print_lines(console, Text("title"), SHOWN, lines_of(of, SHOWN))
-        tables.print_scores(console, "runs/x[/b]", SCENARIOS["intruders"], of["runs/x[/b]"])
+        shown.print_lines(console, Text("title"), SHOWN, lines_of(of, SHOWN))
+        shown.print_scores(console, "runs/x[/b]", SCENARIOS["intruders"], of["runs/x[/b]"])
         return without_names(console.export_text())
 
-    whole, nothing = shown(500)
-    text, left_out = shown(width)
+    whole, nothing = text_at(500)
+    text, left_out = text_at(width)
     assert nothing == []
     assert bool(left_out) == (width < 280)
     assert {word.strip("\N{BOX DRAWINGS LIGHT HORIZONTAL}") for word in text.split()} <= {"", *whole.split()}
@@ -307,12 +307,12 @@ def test_the_command_makes_the_table_of_the_docs():
     assert stored.splitlines()[0] == f"| scenario | policy | {' | '.join(column.heading for column in MAIN)} |"
     known = {each.name for each in bounds.all_known()} & set(types.SCENARIOS)
     assert {name for name, of in policies_of(stored).items() if "*best known*" in of} == known
-    cells = plan(Benchmark(), scenarios=[as_played(name, {}) for name in types.SCENARIOS])
-    shown = {(name, policy.strip("`")) for name, of in policies_of(stored).items() for policy in of - {"*best known*"}}
-    assert shown <= {(cell.scenario.name, cell.policy) for cell in cells}
+    cells = cells_of(Benchmark(), scenarios=[as_played(name, {}) for name in types.SCENARIOS])
+    listed = {(name, policy.strip("`")) for name, of in policies_of(stored).items() for policy in of - {"*best known*"}}
+    assert listed <= {(cell.scenario.name, cell.policy) for cell in cells}
     for cell in cells:
         assert cell.scenario.task.contamination is not None  # every one of them has a guarantee
-        if (cell.scenario.name, cell.policy) not in shown:
+        if (cell.scenario.name, cell.policy) not in listed:
             with pytest.raises(UnsuitableScenarioError):
                 cell.factory(cell.scenario, 1, "cpu")
     readme = (figures.ROOT / "README.md").read_text(encoding="utf-8")

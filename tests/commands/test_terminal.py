@@ -1,7 +1,6 @@
 """Terminal output: complete numbers and names at any width, closed streams, kernels, remaining time."""
 
 import math
-import os
 import re
 import subprocess
 import sys
@@ -70,27 +69,6 @@ def test_streams_that_are_closed_or_full_end_no_command_in_a_traceback(line, cod
     assert "Traceback" not in ended.stderr
     assert "Exception ignored" not in ended.stderr
     assert "\ufffd" not in ended.stdout
-
-
-LOAD = """
-import sys
-import warp as wp
-from lissajous_env.device import compilation
-from lissajous_env.world.robots import collisions
-from lissajous_env.device.devices import as_device, compile_quietly
-compilation.listener = print
-as_device("cpu")
-with compile_quietly():
-    compilation.load_together([collisions.find_collisions], wp.get_device("cpu"), 1)
-"""
-
-
-def loaded(**place):
-    """Return the output of a process that loads one module of kernels."""
-    environment = {name: value for name, value in os.environ.items() if name != "WARP_CACHE_PATH"} | place
-    ended = subprocess.run([sys.executable, "-c", LOAD], capture_output=True, text=True, env=environment, timeout=120)
-    assert ended.returncode == 0, ended.stderr
-    return ended.stdout.splitlines()
 
 
 def test_the_command_says_that_it_compiles_unless_quiet(monkeypatch, capsys):

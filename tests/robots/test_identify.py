@@ -5,15 +5,15 @@ import pytest
 from log_messages import EPOCH, KINDS, circles, header, moments, write
 
 import lissajous_env
-from lissajous_env.logs.identification import CONSTANTS as UNITS
 from lissajous_env.logs.identification import identify
 from lissajous_env.logs.inputs import INPUTS, actions_of, inputs_of
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import motion_of
 from lissajous_env.logs.reading import read
+from lissajous_env.logs.rollouts import MODELS
 from lissajous_env.settings.parts import Robot
 
-CONSTANTS = tuple(UNITS)
+CONSTANTS = tuple(MODELS["car"].constants)
 NOISE = {"noise.position": 0.01, "noise.heading": 0.02, "noise.speed": 0.02, "faults.schedule": ()}
 
 
@@ -141,7 +141,30 @@ def test_logged_speeds_count_exactly_if_they_lead_from_pose_to_pose(seed, noise)
             assert motion_of(changed).derived == "do not match the poses"
 
 
+DRIVE_CONSTANTS = tuple(MODELS["differential"].constants)
+DRIVE = Robot(kind="differential")
 LIMITS = {"robot.kind": "differential", "robot.speed_max": 1.2, "robot.yaw_rate_max": 3.0, "robot.speed_min": -0.6}
+RATES = LIMITS | {"robot.acceleration_max": 0.8, "robot.yaw_acceleration_max": 5.0}
+
+
+def test_the_constants_of_a_drive_are_recovered_from_half_a_minute_of_noisy_odometry():
+    # Oracle: the constants with which the drive was simulated, those of its own body included.
+    ((track, commands, true),) = logs([3], late=2, same=8, **RATES, **{"task.duration": 30.0})
+    found = identify(track, commands, DRIVE)
+    for name in DRIVE_CONSTANTS:
+        assert found.values[name] == pytest.approx(true[name], rel=0.02, abs=0.01), name
+    assert found.values["delay"] == pytest.approx(0.2, abs=0.01)
+    assert found.residual["heading"] == pytest.approx(0.02, rel=0.2)
+    assert found.misfits == ()
+
+
+def test_a_limit_that_no_command_reaches_is_given():
+    # Story: with steps of 0.1 m/s and 0.3 rad/s, a tenth of a second is long enough for any acceleration.
+    fast = LIMITS | {"robot.acceleration_max": 50.0, "robot.yaw_acceleration_max": 500.0}
+    ((track, commands, _),) = logs([1], same=8, share=0.1, **fast, **{"task.duration": 20.0})
+    found = identify(track, commands, DRIVE)
+    assert np.isnan(found.errors["acceleration_max"])
+    assert np.isfinite(found.errors["speed_factor"])
 
 
 @pytest.mark.parametrize("fields", [{}, LIMITS])

@@ -97,7 +97,7 @@ FIXED = {
     "a twist is never filled": (of_robots(lambda k, t: odometry(EPOCH + t, *circle(k, t), 0.0)), ("computed from",)),
     "robots reverse": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h + math.pi, -SPEED)), ()),
     "speeds without a sign": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h + math.pi)), ("do not match",)),
-    "headings are never set": (shrunk(make=lambda t, x, y, h: stamped(t, x, y, 0)), ("along its heading",)),
+    "headings are never set": (shrunk(make=lambda t, x, y, h: stamped(t, x, y, 0)), ("were not logged",)),
     "quaternions are zero": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h, length=0.0)), ("not of length 1",)),
     "quaternions are long": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h, length=2.0)), ("not of length 1",)),
     "poses without speeds": (shrunk(make=stamped), ("were not logged",)),
@@ -224,7 +224,7 @@ def test_the_begin_of_an_episode_counts_rather_than_the_time_of_its_message(tmp_
 
     assert log(EPOCH + 0.51).begin == pytest.approx(EPOCH + 0.5)
     assert log(1.0).begin == pytest.approx(EPOCH + 0.7)
-    with pytest.raises(ValueError, match=r"begin that must be a finite number \[s\], got 'soon'"):
+    with pytest.raises(ValueError, match=r"and a finite begin \[s\] on /lissajous/episode, got .*soon"):
         log("soon")
 
 

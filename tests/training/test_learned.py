@@ -77,12 +77,11 @@ def test_a_policy_of_a_folder_is_for_the_scenario_it_was_trained_on(tmp_path):
 
 
 def test_the_commands_take_a_folder_for_a_name(tmp_path):
-    from baselines.benchmark.running import plan
-    from baselines.benchmark.types import Benchmark
+    from baselines.benchmark.types import Benchmark, cells_of
 
     checkpoint.save(tmp_path, make_team(), Card.of(lissajous_env.scenario("intruders")))
     assert isinstance(baselines.make(str(tmp_path), "rough"), LearnedTeam)
-    cells = plan(Benchmark(("intruders",), (str(tmp_path), "still")))
+    cells = cells_of(Benchmark(("intruders",), (str(tmp_path), "still")))
     assert {cell.policy for cell in cells} == {str(tmp_path), "still"}
     assert isinstance(cells[-1].factory(cells[-1].scenario, 2, "cpu"), LearnedTeam)
     (tmp_path / "nothing").mkdir()
