@@ -9,7 +9,7 @@ LINES = 42_834
 """Lines of the packages."""
 MODULES = 280
 """Files of the packages."""
-TESTS = 25_639
+TESTS = 25_641
 """Lines of the tests."""
 
 
