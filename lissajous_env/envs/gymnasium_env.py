@@ -18,7 +18,7 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
     """One world as a `gymnasium.Env`; the agent is the team of robots, as in `LissajousVectorEnv`.
 
     The observation is (N, D), the reward the mean over the robots. The info contains `robot_reward` (N,),
-    `reward_terms` (N, terms) in the order of `lissajous_env.world.reward.TERMS`, and `score`, the numbers that
+    `reward_terms` (N, terms) in the order of `lissajous_env.world.tally.TERMS`, and `score`, the numbers that
     `score_names` names, infinite until the episode ends. The episode is terminated when all robots are removed.
 
     **With `robots`**, a policy, the agent is the team of rogues. The observation is (N, D), a row of

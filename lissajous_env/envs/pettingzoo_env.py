@@ -26,7 +26,7 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
     without effect. Robots are terminated only if `task.on_collision` or `task.boundary` is `remove`. Every episode is
     truncated after `task.duration`. Without a seed, every run starts with a different random episode.
     `lissajous_env.world.observation` describes the observation. The reward is the sum of the terms in `reward_terms` of
-    the info, in the order of `lissajous_env.world.reward.TERMS`.
+    the info, in the order of `lissajous_env.world.tally.TERMS`.
 
     **Rogues** `rogue_0` ... are agents if `targets.rogues` is `agents`, one for each target that an episode can have.
     Only live agents are in `agents`: a rogue from the step in which it appears until it is detected, which terminates
