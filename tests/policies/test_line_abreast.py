@@ -9,6 +9,7 @@ import lissajous_env
 from baselines.policies.line_abreast import LineAbreast, line_tables
 from baselines.policies.line_path import (
     LineParameters,
+    best_plan,
     ideal_worst_case,
     line_path,
     plans_of,
@@ -151,6 +152,7 @@ def test_more_lines_guarantee_more():
     one, two = (plans_of(scenario, LineParameters(), count)[0][0] for count in (1, 2))
     assert ideal_worst_case(scenario, two) == pytest.approx(0.5 * two.period * two.step, rel=0.1)
     assert ideal_worst_case(scenario, two) < 0.7 * ideal_worst_case(scenario, one)
+    assert best_plan(scenario, LineParameters()).line_of.max() == 1
 
 
 def test_lines_stand_upright_in_an_upright_rectangle():
