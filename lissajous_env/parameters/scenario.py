@@ -212,8 +212,8 @@ class Scenario(BringsRogues):
     def _followed(self) -> Curve:
         """The curve with its inset, rounded where walls leave cars no way round its bends.
 
-        These are bends of less than half of `start_turning`. Of some curves there is no rounded form. Cars whose actions
-        are velocities do not follow it, they only start on it.
+        These are bends of less than half of `start_turning`. Of some curves there is no rounded form, and cars whose
+        actions are velocities do not follow it.
         """
         curve = dataclasses.replace(self.curve, inset=self.inset)
         if self.start_turning == 0 or curve.harmonics or self.task.action == "velocity":
