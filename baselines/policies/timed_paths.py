@@ -26,6 +26,7 @@ theory and examples", International Journal of Control 61 (1995).
 import math
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from baselines.policies.base import Policy
@@ -76,6 +77,8 @@ class Tracking:
     """Length of the lead-in [control steps]."""
     loop: int
     """Length of the loop [control steps]."""
+    lead: int
+    """Samples by which a curvature is commanded early: half of the time in which a drive gains the largest yaw rate."""
     waits: int
     """1 if a car that has stopped beside its loop waits until its reference passes."""
 
@@ -87,6 +90,8 @@ def tracking_of(scenario: Scenario, tables: PathTables, waits: bool) -> Any:
     settling = max(_SETTLING * motion_scale(scenario).time, least)
     tracking.step, tracking.pole = step, math.exp(-step / settling)
     tracking.room, tracking.waits = manoeuvring_length(scenario.robot), int(waits)
+    gained = float(np.abs(tables.feedforward[..., 0] * tables.pose[..., 3]).max()) / scenario.robot.top_yaw_acceleration
+    tracking.lead = round(FINE * min(gained / (2 * step), 1.0))
     tracking.lead_in, tracking.loop = tables.lead_in, tables.loop
     return tracking
 
@@ -207,7 +212,8 @@ def follow_paths(
     gains = integrator_gains(tracking.pole)
     way = wp.max(speed, wp.max(0.25 * at[3], least_speed)) * tracking.step
     aside = wp.clamp(wp.atan(gains[0] / gains[1] * left / way), -_APPROACH, _APPROACH)
-    curvature = ahead[0] - gains[1] / way * (turned + aside)
+    bend = feedforward[plan[w, i], i, on_table(sample + tracking.lead, tracking)][0]
+    curvature = bend - gains[1] / way * (turned + aside)
 
     grip = wp.sqrt(robot.lateral_acceleration_max / wp.max(wp.abs(curvature), 1.0e-3 / tracking.room))
     more = wp.max(wp.min(_CATCH_UP * at[3], grip - at[3]), 0.0)
