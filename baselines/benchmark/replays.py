@@ -1,6 +1,5 @@
 """The report of a benchmark with episodes that it can play: the worst of each policy, played again from their seeds."""
 
-import math
 import threading
 from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
@@ -13,7 +12,7 @@ from rich.console import Console
 from baselines.benchmark import written
 from baselines.benchmark.local import may_be_shared, on_cores
 from baselines.benchmark.progress import bar
-from baselines.benchmark.report_page import Key, Played, Report, worst_first
+from baselines.benchmark.report_page import Key, Report, worst_first
 from baselines.benchmark.table import Row
 from baselines.benchmark.types import Cell, Outcome
 from lissajous_env.episodes.recording import record_all
@@ -34,7 +33,7 @@ def write_report(folder: Folder, outcome: Outcome, progress: Console) -> str:
     table, cells = outcome.table, outcome.playable
     ranked = worst_first(table.rows, table.scenarios)
     wanted = with_references(chosen(outcome.settings.replays, ranked, cells), ranked, cells, table.references)
-    played, failed = _played_again(wanted, cells, ranked, outcome.device, progress) if wanted else ({}, [])
+    played, failed = _played_again(wanted, cells, outcome.device, progress) if wanted else ({}, [])
     report = Report(table, provenance(outcome.stored["device"]), outcome.failures, outcome.theorem)
     folder.write(written.REPORT, report.html(ranked, played))
     said = f"{written.REPORT} plays {len(played):,} of the episodes; --replays NUMBER adds more"
@@ -75,32 +74,29 @@ def with_references(
 
 
 def _played_again(
-    keys: Sequence[Key], cells: Mapping[tuple[str, str], Cell], ranked: Iterable[Row], device: Any, progress: Console
-) -> tuple[dict[Key, Played], list[str]]:
-    """Play episodes again, some of a cell at a time; return them, and in words what policies raised."""
-    rows = {(row["scenario"], row["policy"], row["seed"]): row for row in ranked}
+    keys: Sequence[Key], cells: Mapping[tuple[str, str], Cell], device: Any, progress: Console
+) -> tuple[dict[Key, dict[str, Any]], list[str]]:
+    """Play episodes again; return what the page needs to show them, and in words what policies raised."""
     seeds_of: dict[tuple[str, str], list[int]] = {}
     for scenario, policy, seed in keys:
         seeds_of.setdefault((scenario, policy), []).append(seed)
-    played: dict[Key, Played] = {}
+    played: dict[Key, dict[str, Any]] = {}
     failed: list[str] = []
 
     def play(cell: Cell, seeds: list[int], stopped: threading.Event) -> None:
+        if stopped.is_set():
+            return
         shown.update(task, description=f"{cell.scenario.name} {cell.policy}")
-        for first in range(0, len(seeds), _TOGETHER):
-            batch = seeds[first : first + _TOGETHER]
-            if stopped.is_set():
-                return
-            try:
-                recordings = record_all(cell.factory(cell.scenario, len(batch), device), cell.scenario, batch, device)
-            except (Exception, SystemExit) as error:
-                failed.append(f"{cell.policy} on {cell.scenario.name}: {where_raised(error)}")
-                return
-            for seed, recording in zip(batch, recordings, strict=True):
-                key = (cell.scenario.name, cell.policy, seed)
-                recording.score["policy"] = cell.policy
-                played[key] = Played(contents(recording, BRIEF), _agree(recording.score, rows[key]))
-            shown.advance(task, len(batch))
+        try:
+            policy = cell.factory(cell.scenario, min(len(seeds), _TOGETHER), device)
+            recordings = record_all(policy, cell.scenario, seeds, device)
+        except (Exception, SystemExit) as error:
+            failed.append(f"{cell.policy} on {cell.scenario.name}: {where_raised(error)}")
+            return
+        for seed, recording in zip(seeds, recordings, strict=True):
+            recording.score["policy"] = cell.policy
+            played[cell.scenario.name, cell.policy, seed] = contents(recording, BRIEF)
+        shown.advance(task, len(seeds))
 
     counted = bars.TextColumn("{task.completed} replays")
     with bar(progress, bars.TextColumn("{task.description}"), counted) as shown:
@@ -108,9 +104,3 @@ def _played_again(
         work = [(cells[place], seeds) for place, seeds in seeds_of.items()]
         on_cores([(partial(play, cell, seeds), may_be_shared(cell, device)) for cell, seeds in work])
     return {key: played[key] for key in keys if key in played}, failed
-
-
-def _agree(score: Mapping[str, Any], row: Mapping[str, Any]) -> bool:
-    """Return whether two score rows have the same numbers."""
-    numbers = [(row[c], score[c]) for c in row if c in score and isinstance(row[c], (int, float)) and c != "episode"]
-    return all(a == b or math.isclose(a, b, rel_tol=1e-9) or (a != a and b != b) for a, b in numbers)

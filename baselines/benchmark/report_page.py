@@ -113,16 +113,6 @@ def worst_first(rows: Rows, scenarios: Mapping[str, Scenario]) -> Rows:
 
 
 @dataclass(frozen=True)
-class Played:
-    """An episode that was played again."""
-
-    contents: dict[str, Any] = field(repr=False)
-    """Content that the page needs to play it."""
-    same: bool
-    """True if it had the same scores as in the benchmark; a policy may draw its own numbers, or round differently."""
-
-
-@dataclass(frozen=True)
 class Report:
     """The content of the page."""
 
@@ -133,18 +123,18 @@ class Report:
     notes: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Sentences about a scenario, by its name."""
 
-    def html(self, ranked: Rows, replays: Mapping[Key, Played]) -> str:
+    def html(self, ranked: Rows, replays: Mapping[Key, dict[str, Any]]) -> str:
         """Make the page.
 
         Args:
             ranked: all score rows of the table, the worst first.
-            replays: episodes that can be played in it.
+            replays: what it needs to play some episodes.
         """
         policies = list(dict.fromkeys(row["policy"] for row in self.table.rows))
         number_of = {name: k for k, name in enumerate(policies)}
         scenario_of = {name: k for k, name in enumerate(self.table.estimates)}
         columns, by = self._columns(), grouped(ranked)
-        replayed = {f"replay-{k}": (key, played) for k, (key, played) in enumerate(replays.items())}
+        replayed = {f"replay-{k}": key for k, key in enumerate(replays)}
         data = {
             "format": FORMAT,
             "made": dict(self.provenance),
@@ -156,14 +146,11 @@ class Report:
             "columns": columns,
             "total": len(ranked),
             "episodes": _episodes(ranked[:MOST_EPISODES], columns, scenario_of, number_of),
-            "replays": {
-                name: [scenario_of[s], number_of[p], seed, played.same]
-                for name, ((s, p, seed), played) in replayed.items()
-            },
+            "replays": {name: [scenario_of[s], number_of[p], seed] for name, (s, p, seed) in replayed.items()},
         }
         of, on = counted(len(policies), "policy", "policies"), counted(len(scenario_of), "scenario")
         words = {"title": "Benchmark", "counted": f"{counted(len(ranked), 'episode')} of {of} on {on}"}
-        contents = {name: played.contents for name, (_, played) in replayed.items()}
+        contents = {name: replays[key] for name, key in replayed.items()}
         return report(data, words, contents)
 
     def _columns(self) -> list[dict[str, Any]]:
