@@ -1,9 +1,9 @@
 """The report of a benchmark with episodes that it can play: the worst of each policy, played again from their seeds."""
 
 import threading
-from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
 from functools import partial
+from itertools import zip_longest
 from typing import Any
 
 from rich import progress as bars
@@ -12,7 +12,7 @@ from rich.console import Console
 from baselines.benchmark import written
 from baselines.benchmark.local import may_be_shared, on_cores
 from baselines.benchmark.progress import bar
-from baselines.benchmark.report_page import Key, Report, worst_first
+from baselines.benchmark.report_page import Key, page, worst_first
 from baselines.benchmark.table import Row
 from baselines.benchmark.types import Cell, Outcome
 from lissajous_env.episodes.recording import record_all
@@ -32,45 +32,35 @@ def write_report(folder: Folder, outcome: Outcome, progress: Console) -> str:
     """
     table, cells = outcome.table, outcome.playable
     ranked = worst_first(table.rows, table.scenarios)
-    wanted = with_references(chosen(outcome.settings.replays, ranked, cells), ranked, cells, table.references)
+    wanted = chosen(outcome.settings.replays, ranked, cells, table.references)
     played, failed = _played_again(wanted, cells, outcome.device, progress) if wanted else ({}, [])
-    report = Report(table, provenance(outcome.stored["device"]), outcome.failures, outcome.theorem)
-    folder.write(written.REPORT, report.html(ranked, played))
+    made = provenance(outcome.stored["device"])
+    folder.write(written.REPORT, page(table, ranked, played, made, outcome.failures, outcome.theorem))
     said = f"{written.REPORT} plays {len(played):,} of the episodes; --replays NUMBER adds more"
     return "\n".join([said, *(f"not replayed: {words}" for words in failed)]) if wanted else ""
 
 
-def chosen(count: int, ranked: Iterable[Row], cells: Container[tuple[str, str]]) -> list[Key]:
+def chosen(
+    count: int, ranked: Iterable[Row], cells: Container[tuple[str, str]], references: Mapping[str, str]
+) -> list[Key]:
     """Return the episodes to replay: the worst of each policy on each scenario, then the second worst, and so on.
 
+    Before each stands the episode of the same seed of the policy that the others of its scenario are compared with.
+
     Args:
-        count: Number of episodes.
+        count: Number of episodes, without these.
         ranked: Score rows, the worst first.
-        cells: Scenario and policy of those that can be played.
-    """
-    turns: Counter[tuple[str, str]] = Counter()
-    keys: list[tuple[int, Key]] = []
-    for row in ranked:
-        if (place := (row["scenario"], row["policy"])) in cells:
-            keys.append((turns[place], (*place, row["seed"])))
-            turns[place] += 1
-    return [key for _, key in sorted(keys, key=lambda turn: turn[0])][:count]
-
-
-def with_references(
-    keys: Iterable[Key], ranked: Iterable[Row], cells: Container[tuple[str, str]], references: Mapping[str, str]
-) -> list[Key]:
-    """Return episodes with those of the same seeds of the policy that the others of their scenario are compared with.
-
-    Args:
-        keys: Episodes.
-        ranked: Score rows of the benchmark.
         cells: Scenario and policy of those that can be played.
         references: Policy that the others of a scenario are compared with.
     """
-    there = {(row["scenario"], row["policy"], row["seed"]) for row in ranked}
-    both = [key for s, p, seed in keys for key in ((s, references.get(s, ""), seed), (s, p, seed))]
-    return [key for key in dict.fromkeys(both) if key in there and key[:2] in cells]
+    turns: dict[tuple[str, str], list[Key]] = {}
+    for row in ranked:
+        if (place := (row["scenario"], row["policy"])) in cells:
+            turns.setdefault(place, []).append((*place, row["seed"]))
+    every = {key for keys in turns.values() for key in keys}
+    in_turn = [key for turn in zip_longest(*turns.values()) for key in turn if key is not None][:count]
+    both = [key for s, p, seed in in_turn for key in ((s, references.get(s, ""), seed), (s, p, seed))]
+    return [key for key in dict.fromkeys(both) if key in every]
 
 
 def _played_again(

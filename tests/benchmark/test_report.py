@@ -64,7 +64,7 @@ def test_the_page_has_all_scenarios_together_the_first_column_in_order():
 
     scenarios = {name: lissajous_env.scenario(name) for name in ("evaders", "team")}
     table = Table.of([*rows("a", 4.0, 0), *rows("b", 2.0, 3)], scenarios)
-    page = report_page.Report(table, {}).html(table.rows, {})
+    page = report_page.page(table, table.rows, {}, {})
     data = json.loads(re.search(r'id="data">(.*?)</script>', page, re.DOTALL)[1])
     (of,) = data["overall"]
     assert (of["kind"], of["scenarios"]) == ("cars", ["evaders", "team"])
@@ -117,10 +117,10 @@ def test_the_worst_comes_first():
 def test_replays_are_the_worst_of_each_policy_first_and_their_partners():
     rows = [{"scenario": "a", "policy": p, "seed": seed} for seed in range(3) for p in ("x", "y")]
     both = [("a", "x"), ("a", "y")]
-    assert replays.chosen(3, rows, both) == [("a", "x", 0), ("a", "y", 0), ("a", "x", 1)]
-    assert replays.chosen(9, rows, both[1:]) == [("a", "y", seed) for seed in range(3)]
-    assert replays.chosen(0, rows, both) == []
-    assert replays.with_references([("a", "y", 2)], rows, both, {"a": "x"}) == [("a", "x", 2), ("a", "y", 2)]
+    assert replays.chosen(3, rows, both, {}) == [("a", "x", 0), ("a", "y", 0), ("a", "x", 1)]
+    assert replays.chosen(9, rows, both[1:], {"a": "x"}) == [("a", "y", seed) for seed in range(3)]
+    assert replays.chosen(0, rows, both, {"a": "x"}) == []
+    assert replays.chosen(3, rows[1:], both, {"a": "x"})[:3] == [("a", "y", 0), ("a", "x", 1), ("a", "y", 1)]
 
 
 def test_a_replay_is_the_episode_as_it_was_scored(small_one):
