@@ -6,13 +6,13 @@ from functools import partial
 
 from baselines import policies
 from baselines.policies.base import Policy
-from baselines.policies.combinations import register_coordinator, with_tracker
 from baselines.policies.coordinators import NumpyCoordinator
 from baselines.policies.index_rule import Index
 from baselines.policies.own_row import Rows
 from baselines.policies.patrol import Laps, RandomWaypoint, Still, Sweep
 from baselines.policies.reacting import Chase, Cover, Follow, Force, Lanes, VoronoiPursuit
 from baselines.policies.registry import make, names, register
+from baselines.policies.trackers import register_coordinator, with_tracker
 
 __all__ = [
     "NumpyCoordinator",

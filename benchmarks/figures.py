@@ -65,7 +65,7 @@ def made_now() -> dict[str, Table]:
     """Return the tables that are not stored: observation entries, reward terms, score columns, and the gist."""
     from lissajous_env.parameters.scenario import Task
     from lissajous_env.settings.checks import meanings
-    from lissajous_env.world import columns, observation, reward
+    from lissajous_env.world import columns, observation, tally
 
     parts = {
         "{j}": ("", observation.OWN_ENTRIES),
@@ -93,7 +93,7 @@ def made_now() -> dict[str, Table]:
     ]  # fmt: skip
     words = {name: text.replace("\n", " ") for name, text in meanings(Task).items()}
     terms = [[f"`{term}`", f"`{formula}`", f"{getattr(Task(), f'reward_{term}'):g}", words[f"reward_{term}"]]
-             for term, formula in reward.FORMULAS.items()]  # fmt: skip
+             for term, formula in tally.FORMULAS.items()]  # fmt: skip
     return {
         "gist": gist_of(load()["policies"]),
         "observation": {"columns": ["index", "name", "what [unit]", "range"], "rows": entries},

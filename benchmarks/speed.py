@@ -31,6 +31,7 @@ from speeds import (
     contamination,
     controller,
     growth,
+    marl,
     memory,
     onboard,
     rogues,
@@ -41,7 +42,7 @@ from speeds import (
 from lissajous_env.device.devices import cores
 from lissajous_env.identity import cpu_model
 
-_MODULES = (step, rogues, memory, contamination, growth, controller, onboard, cluster)
+_MODULES = (step, rogues, memory, contamination, growth, controller, onboard, marl, cluster)
 PARTS = {each.PART.name: each.PART for each in _MODULES}
 
 

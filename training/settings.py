@@ -135,7 +135,7 @@ class TrainingSettings(Checked):
             return self.teacher
         if task.task.action == "velocity":
             return scenarios.rule_of(task)
-        return {"car": "arc-gvf" if task.curve.harmonics else "arc-mpcc", "curve": "kuramoto"}.get(task.robot.kind)
+        return {"car": "arc-mpcc", "curve": "kuramoto"}.get(task.robot.kind)
 
     @property
     def base(self) -> str | None:

@@ -135,8 +135,8 @@ class Worlds:
         before = batch.rows(side)
         acted = (before.mask.astype(bool) & ~before.terminated.astype(bool)).reshape(-1).astype(np.float32)
         batch.step({"robot": actions})
-        after, terms, names = batch.rows(side), batch.reward_terms(), batch.simulation.reward_term_names
-        collided, observed = (terms[..., names.index(name)].reshape(-1) for name in ("collision", "observation"))
+        after, names = batch.rows(side), batch.simulation.reward_term_names
+        collided, observed = (after.terms[..., names.index(name)].reshape(-1) for name in ("collision", "observation"))
         self._left -= 1
         reward = after.reward.reshape(-1) - collided - observed
         ended = after.terminated.reshape(-1).astype(np.float32) * acted

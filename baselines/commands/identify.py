@@ -45,9 +45,9 @@ def identify(
             std_msgs/Float64MultiArray of the two; of drives geometry_msgs/Twist, TwistStamped, or speed and yaw rate.
         out: .toml file to write: a scenario with these robots.
     """
+    from lissajous_env.logs.identification import MODELS
     from lissajous_env.logs.identification import identify as fit
     from lissajous_env.logs.reading import read
-    from lissajous_env.logs.rollouts import MODELS
     from lissajous_env.logs.scoring import own_scenario
     from lissajous_env.parameters import named
     from lissajous_env.storage.files import write_atomically

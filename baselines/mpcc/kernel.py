@@ -38,7 +38,7 @@ from baselines.mpcc.quadratic import (
     transposed,
 )
 from lissajous_env.device.compilation import CONTRACTED
-from lissajous_env.device.curve import CurveStruct, lissajous
+from lissajous_env.device.curve import CurveStruct, point2
 from lissajous_env.device.trig import cos_sin
 
 wp.set_module_options(CONTRACTED)
@@ -187,7 +187,7 @@ def along_curve(
     ahead = wp.where(early, 0.9, 0.24) * oscillation
     lead = wp.where(early, 0.3, 0.0) * oscillation
     pace = wp.where(early, 0.6, 1.0) * phase_rate
-    to = lissajous(curve, state[4] + ahead) - wp.vec2(state[0], state[1])
+    to = point2(curve, state[4] + ahead) - wp.vec2(state[0], state[1])
     facing = cos_sin(state[2])
     left = facing[0] * to[1] - facing[1] * to[0]
     front = wp.dot(facing, to)

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from baselines.similarity import EXPERIMENT, motion_scale
-from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.curve import CurveStruct, series
 from lissajous_env.device.structs import struct_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Curve, Scenario
@@ -132,13 +132,13 @@ class Table:
 def tabulate(curve: Curve, device: Any) -> Any:
     """Fit the pieces to value and slope at both ends of each cell; they are exact to float32."""
     curve = curve.driven
-    count = 512 << (max(curve.a, curve.b) - 1).bit_length()
+    count = 512 << ((len(curve.harmonics) or max(curve.a, curve.b)) - 1).bit_length()
     width = 2 * math.pi / count
     gamma = width * np.arange(count + 1)
     speed = closed_forms.curve_speed(curve, gamma)
     # d||r'|| / d gamma = r'.r'' / ||r'||
-    A2, B2 = (curve.half_width * curve.a) ** 2, (curve.half_height * curve.b) ** 2
-    dot = A2 * curve.a * np.sin(2 * curve.a * gamma) / 2 - B2 * curve.b * np.sin(2 * curve.b * gamma) / 2
+    first, second = closed_forms.curve_derivatives(curve, gamma)
+    dot = np.sum(first * second, axis=-1)
     f, d = 1 / speed, -width * dot / speed**3
     rise = f[1:] - f[:-1]
     pieces = np.stack([f[:-1], d[:-1], 3 * rise - 2 * d[:-1] - d[1:], d[:-1] + d[1:] - 2 * rise], axis=1)
@@ -191,14 +191,21 @@ def speeds_of(p: MpccStruct) -> Speeds:
 @wp.func
 def frame_at(curve: CurveStruct, gamma: float) -> Frame:
     """Evaluate the curve and how its tangent stretches and turns."""
-    a = float(curve.a)
-    b = float(curve.b)
-    across = cos_sin(a * gamma)
-    up = cos_sin(b * gamma)
-    first = wp.vec2(-curve.reach_x * a * across[1], curve.reach_y * b * up[0])
-    second = wp.vec2(-curve.reach_x * a * a * across[0], -curve.reach_y * b * b * up[1])
     f = Frame()
-    f.point = wp.vec2(curve.reach_x * across[0], curve.reach_y * up[1])
+    first = wp.vec2()
+    second = wp.vec2()
+    if curve.harmonics.shape[0] > 0:
+        f.point = series(curve, gamma, 0)
+        first = series(curve, gamma, 1)
+        second = series(curve, gamma, 2)
+    else:
+        a = float(curve.a)
+        b = float(curve.b)
+        across = cos_sin(a * gamma)
+        up = cos_sin(b * gamma)
+        first = wp.vec2(-curve.reach_x * a * across[1], curve.reach_y * b * up[0])
+        second = wp.vec2(-curve.reach_x * a * a * across[0], -curve.reach_y * b * b * up[1])
+        f.point = wp.vec2(curve.reach_x * across[0], curve.reach_y * up[1])
     f.inverse = 1.0 / wp.length(first)
     f.tangent = first * f.inverse
     f.slope = -wp.dot(f.tangent, second) * f.inverse * f.inverse

@@ -68,8 +68,6 @@ class Mpcc(Copyable):
         device: Any = "cpu",
         threads: int | None = None,
     ):
-        if curve.harmonics:
-            raise ValueError("curve of the contouring controller must be a Lissajous curve, got one of harmonics")
         if batch < 1:
             raise ValueError(f"batch must be at least 1, got {batch}")
         if threads is not None and threads < 1:

@@ -18,7 +18,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import locate
 from lissajous_env.world.observation import layout
 from lissajous_env.world.observing import observe
-from lissajous_env.world.robots.bins import Bins
+from lissajous_env.world.robots.nearby import Bins
 from lissajous_env.world.robots.placing import follow_curve
 from lissajous_env.world.robots.signals import measure
 from lissajous_env.world.state import NOWHERE, REMOVED, STUCK, WORKING, Robots, Targets

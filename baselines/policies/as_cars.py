@@ -42,13 +42,6 @@ def to_twists(
     yaw_rate_out[w, i] = reached[1]
 
 
-@wp.kernel
-def pass_messages(size: int, wanted: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float)):
-    """Copy the messages, which follow the two components of a car's action, behind an action of this size."""
-    w, i, m = wp.tid()
-    action_out[w, i, size + m] = wanted[w, i, 2 + m]
-
-
 class AsCars(Policy):
     """Robots of a model that move as a policy would drive cars of the same top speed, turning radius and acceleration.
 
@@ -88,7 +81,7 @@ class AsCars(Policy):
         self.launch(to_twists, self.shape, [self._car, self._top_speed, self._step, observation, wanted], self._twist)
         self.launch(self._act, self.shape, [self._robot, *self._twist], [self.action])
         if self.scenario.messages.size:
-            self.launch(pass_messages, (*self.shape, self.scenario.messages.size), [self._size, wanted], [self.action])
+            wp.copy(self.action[:, :, self._size :], wanted[:, :, 2:])
 
 
 def as_car_of(scenario: Scenario) -> AsCar:

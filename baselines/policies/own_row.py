@@ -11,7 +11,7 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import nearest, shown
-from lissajous_env.world.observation import LINK, OWN, ROBOT, layout
+from lissajous_env.world.observation import LINK_SIZE, OWN_SIZE, ROBOT_SIZE, layout
 
 Observation = wp.array3d(dtype=float)
 """(W, N, D) observation rows of W worlds of N robots."""
@@ -75,26 +75,26 @@ def own_key(w: int, i: int, observation: Observation) -> int:
 @wp.func
 def has_heard(w: int, i: int, observation: Observation) -> bool:
     """Return whether the row contains a message of a ring neighbour, of any age; that of a removed robot has none."""
-    return observation[w, i, OWN + HEARD] > 0.5 or observation[w, i, OWN + LINK + HEARD] > 0.5
+    return observation[w, i, OWN_SIZE + HEARD] > 0.5 or observation[w, i, OWN_SIZE + LINK_SIZE + HEARD] > 0.5
 
 
 @wp.func
 def hears(w: int, i: int, side: int, observation: Observation) -> bool:
     """Return whether a recent enough message from a ring neighbour is known."""
-    start = OWN + LINK * side
+    start = OWN_SIZE + LINK_SIZE * side
     return observation[w, i, start + HEARD] > 0.5 and observation[w, i, start + AGE] < 1.0
 
 
 @wp.func
 def message_age(w: int, i: int, side: int, unit: float, observation: Observation) -> float:
     """Return the time since a ring neighbour sent its message [s]; `unit` is `Scenario.time_unit` [s]."""
-    return observation[w, i, OWN + LINK * side + AGE] * unit
+    return observation[w, i, OWN_SIZE + LINK_SIZE * side + AGE] * unit
 
 
 @wp.func
 def lead(w: int, i: int, side: int, observation: Observation) -> float:
     """Return the phase of a ring neighbour relative to the robot's own, theta_j - theta_i in [-pi, pi] [rad]."""
-    start = OWN + LINK * side
+    start = OWN_SIZE + LINK_SIZE * side
     return wp.atan2(observation[w, i, start + SIN_LEAD], observation[w, i, start + COS_LEAD])
 
 
@@ -106,7 +106,7 @@ def sine_ahead(w: int, i: int, side: int, rate: float, unit: float, observation:
     """
     if not hears(w, i, side, observation):
         return 0.0
-    start = OWN + LINK * side
+    start = OWN_SIZE + LINK_SIZE * side
     ahead = rate * message_age(w, i, side, unit, observation)
     return observation[w, i, start + SIN_LEAD] * wp.cos(ahead) + observation[w, i, start + COS_LEAD] * wp.sin(ahead)
 
@@ -114,7 +114,7 @@ def sine_ahead(w: int, i: int, side: int, rate: float, unit: float, observation:
 @wp.func
 def offset_heard(w: int, i: int, side: int, curve: CurveStruct, observation: Observation) -> wp.vec2:
     """Return the place that a ring neighbour sent, relative to the robot's own x, y [m]."""
-    start = OWN + LINK * side
+    start = OWN_SIZE + LINK_SIZE * side
     x = 2.0 * curve.half_width * observation[w, i, start + X_AWAY]
     y = 2.0 * curve.half_height * observation[w, i, start + Y_AWAY]
     return wp.vec2(x, y)
@@ -123,20 +123,20 @@ def offset_heard(w: int, i: int, side: int, curve: CurveStruct, observation: Obs
 @wp.func
 def sees(w: int, i: int, k: int, observation: Observation) -> bool:
     """Return whether there is a k-th nearest robot in the sensing disc."""
-    return observation[w, i, OWN + 2 * LINK + ROBOT * k + PRESENT] > 0.5
+    return observation[w, i, OWN_SIZE + 2 * LINK_SIZE + ROBOT_SIZE * k + PRESENT] > 0.5
 
 
 @wp.func
 def offset_seen(w: int, i: int, k: int, radius: float, observation: Observation) -> wp.vec2:
     """Return the place of the k-th nearest robot in the disc, of `radius` [m], relative to the robot's own x, y [m]."""
-    start = OWN + 2 * LINK + ROBOT * k
+    start = OWN_SIZE + 2 * LINK_SIZE + ROBOT_SIZE * k
     return wp.vec2(radius * observation[w, i, start + X_SEEN], radius * observation[w, i, start + Y_SEEN])
 
 
 @wp.func
 def velocity_seen(w: int, i: int, k: int, speed_unit: float, observation: Observation) -> wp.vec2:
     """Return the relative velocity of the k-th nearest robot in the disc [m/s]; `speed_unit` as for `own_speed`."""
-    start = OWN + 2 * LINK + ROBOT * k
+    start = OWN_SIZE + 2 * LINK_SIZE + ROBOT_SIZE * k
     relative = wp.vec2(observation[w, i, start + X_VELOCITY], observation[w, i, start + Y_VELOCITY])
     return relative * (2.0 * speed_unit)
 

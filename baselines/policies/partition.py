@@ -16,6 +16,7 @@ Autonomous Systems 56 (2008).
 import itertools
 import math
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -52,6 +53,8 @@ _AVOIDANCE = 0.15
 """Distance of a loop from the body of a stopped robot, in radii of a body, besides two deviations of noise."""
 _FINER = 10
 """Share of the distance from a stopped robot by which two shifts of a loop differ."""
+_DELAYS = 0, 3, 6
+"""Times that cars stay in formation before they leave it for their loops, as far as they can [control step]."""
 _SEEN = 0.98
 """Share of the sensing radius within which a loop passes by corners, for cars that do not follow it exactly."""
 
@@ -96,15 +99,27 @@ def plain_of(scenario: Scenario) -> Scenario:
 def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tuple[PartitionLoops, PathTables, float]:
     """Return the plan of a scenario, its timed paths by robot, and how long the collision filter is needed [step]."""
     plan = partition_plan(scenario, parameters)
-    for tried in (plan, mirrored(plan)) if scenario.inset else (plan,):
-        ways = None
-        if start_is_known(scenario):
-            ways = planned_transit(scenario, tried.loop, parameters.speed, parameters.clearance)
+    for tried, after in _begun(scenario, plan) if start_is_known(scenario) else ():
+        ways = planned_transit(scenario, tried.loop, parameters.speed, parameters.clearance, after=after)
         if ways is not None:
             return tried, path_tables(scenario, ways.loop, ways.lead_in), 0.0
     check_loops_apart(scenario, plan.loop, parameters.clearance, "partition")
     loop = plan.loop[in_ring_order(scenario, tour(plan.cells))]
     return plan, path_tables(scenario, loop), float(arrival_steps(scenario, loop, plan.speed))
+
+
+def _begun(scenario: Scenario, plan: PartitionLoops) -> Iterator[tuple[PartitionLoops, int]]:
+    """Yield forms of a plan with the time for which the cars first stay in formation [control step].
+
+    Cars that can drive along the curve, which is rounded within walls, have more ways to the loops from later places.
+    """
+    plans = (plan, mirrored(plan)) if scenario.inset else (plan,)
+    apart = plan.loop.shape[1] // scenario.num_robots
+    shifts = range(0, apart, max(apart // 4, 1))
+    for after in _DELAYS if scenario.driven.harmonics else _DELAYS[:1]:
+        for tried in plans:
+            for shift in shifts if scenario.driven.harmonics else shifts[:1]:
+                yield replace(tried, loop=np.roll(tried.loop, shift, axis=1)), after
 
 
 def mirrored(plan: PartitionLoops) -> PartitionLoops:

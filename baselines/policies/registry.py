@@ -139,14 +139,7 @@ def unwrapped(name: str) -> tuple[str, str]:
     """Return the name of a policy, or its folder, without the suffix of a filter, and the suffix ("" for none)."""
     name = str(name)
     suffix = next(filter(name.endswith, _FILTERS), "")
-    return (name, "") if _is_directory(name) else (name.removesuffix(suffix), suffix)
-
-
-def _is_directory(name: str) -> bool:
-    try:
-        return Path(name).is_dir()
-    except OSError:  # no name of a file can be as long
-        return False
+    return (name, "") if os.path.isdir(name) else (name.removesuffix(suffix), suffix)
 
 
 def _entries() -> dict[str, Entry]:
@@ -225,7 +218,7 @@ def build(name: str, factory: Callable[..., Policy], scenario: Scenario, num_wor
 
 def is_folder(name: str) -> bool:
     """Return whether a name is that of a folder that a policy may be in, with or without the suffix of a filter."""
-    return bool(LOADERS) and entry_of(name) is None and _is_directory(unwrapped(name)[0])
+    return bool(LOADERS) and entry_of(name) is None and os.path.isdir(unwrapped(name)[0])
 
 
 def _loader_of(folder: str) -> Loader:

@@ -56,12 +56,6 @@ class PolicySettings:
     coordinator: Mapping[str, Any] = field(default_factory=dict)
     """Parameters of its coordinator."""
 
-    @property
-    def label(self) -> str:
-        """Name for tables, such as `sweep-safe(cruise=0.9)`."""
-        given = ", ".join(f"{name}={value}" for name, value in self.parameters.items())
-        return f"{self.policy}({given})" if given else self.policy
-
     def make(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
         """Make the policy.
 
@@ -73,16 +67,6 @@ class PolicySettings:
             factory = _with_coordinator(self, factory, scenario)
         given = {ARGUMENT: _made(self.policy, ARGUMENT, factory, self.parameters, scenario)} if self.parameters else {}
         return registry.build(self.policy, partial(factory, **given), scenario, num_worlds, device)
-
-    def scaled(self, length: float, time: float) -> "PolicySettings":
-        """Return the settings with the parameters of the policy multiplied by the powers of two factors in their units.
-
-        Raises:
-            ValueError: the policy has no parameters, or no such one.
-        """
-        entry: Any = registry.entry_of(self.policy)
-        parameters = _made(self.policy, ARGUMENT, entry.factory, self.parameters).scaled(length, time)
-        return dataclasses.replace(self, parameters={name: getattr(parameters, name) for name in self.parameters})
 
     @classmethod
     def read(cls, folder: str | os.PathLike[str]) -> "PolicySettings":
@@ -120,8 +104,8 @@ def _with_coordinator(settings: PolicySettings, factory: Any, scenario: Scenario
     return partial(factory.func, partial(coordinator, **{ARGUMENT: parameters}), *others, **factory.keywords)
 
 
-def _made(policy: str, table: str, factory: Any, given: Mapping[str, Any], scenario: Scenario | None = None) -> Checked:
-    """Make the dataclass of a factory's parameters, whose other values are scaled to a scenario, if one is given.
+def _made(policy: str, table: str, factory: Any, given: Mapping[str, Any], scenario: Scenario) -> Checked:
+    """Make the dataclass of a factory's parameters, whose other values are scaled to a scenario.
 
     Raises:
         ValueError: the factory has none, or a parameter is unknown or invalid.
@@ -137,8 +121,7 @@ def _made(policy: str, table: str, factory: Any, given: Mapping[str, Any], scena
     before = factory.keywords.get(ARGUMENT) if isinstance(factory, partial) else None
     if before is not None:
         return dataclasses.replace(before, **given)
-    scales = scenario is not None and hasattr(kind, "of")
-    return kind.of(scenario, **given) if scales else kind(**given)  # type: ignore[attr-defined]
+    return kind.of(scenario, **given) if hasattr(kind, "of") else kind(**given)  # type: ignore[attr-defined]
 
 
 def parameters_class(factory: Any) -> type[Checked] | None:

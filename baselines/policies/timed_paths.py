@@ -80,17 +80,6 @@ class Tracking:
     """1 if a car that has stopped beside its loop waits until its reference passes."""
 
 
-def tracking_of(scenario: Scenario, tables: PathTables, waits: bool) -> Any:
-    """Return the constants of the following of timed paths in a scenario."""
-    step, tracking = scenario.task.step, Tracking()
-    least = max(_SETTLING_STEPS * step, scenario.robot.top_yaw_acceleration**-0.5)
-    settling = max(_SETTLING * motion_scale(scenario).time, least)
-    tracking.step, tracking.pole = step, math.exp(-step / settling)
-    tracking.room, tracking.waits = manoeuvring_length(scenario.robot), int(waits)
-    tracking.lead_in, tracking.loop = tables.lead_in, tables.loop
-    return tracking
-
-
 @wp.func
 def on_table(sample: int, tracking: Tracking) -> int:
     """Return the sample of a table for one beyond its end, where the table continues at the start of the loop."""
@@ -321,7 +310,12 @@ class TimedPaths(Policy):
         self.tables = tables
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
-        self._tracking = tracking_of(self.scenario, tables, waits)
+        step, robot, self._tracking = self.scenario.task.step, self.scenario.robot, Tracking()
+        settling = max(_SETTLING * motion_scale(self.scenario).time, _SETTLING_STEPS * step)
+        settling = max(settling, robot.top_yaw_acceleration**-0.5)
+        self._tracking.step, self._tracking.pole = step, math.exp(-step / settling)
+        self._tracking.room, self._tracking.waits = manoeuvring_length(robot), int(waits)
+        self._tracking.lead_in, self._tracking.loop = tables.lead_in, tables.loop
         self._pose = wp.array(tables.pose, dtype=wp.vec4, device=self.device)
         self._feedforward = wp.array(tables.feedforward, dtype=wp.vec2, device=self.device)
         self.plan = wp.zeros(self.shape, dtype=wp.int32, device=self.device)

@@ -19,7 +19,7 @@ import numpy as np
 from baselines.policies.driving import SPREAD_MAX, slowest_top_speed
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
-from lissajous_env.theory.geometry import turning_radius
+from lissajous_env.theory.geometry import largest_speed, turning_radius
 from lissajous_env.world.robots.placing import start_headings
 
 WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
@@ -92,8 +92,7 @@ class Car:
 
 def start_is_known(scenario: Scenario) -> bool:
     """Return whether all robots know where all of them start, to within a body's diameter at two deviations."""
-    formation = scenario.formation
-    farthest = scenario.alpha * float(closed_forms.curve_speed(scenario.driven, np.linspace(0, 2 * np.pi, 4096)).max())
+    formation, farthest = scenario.formation, scenario.alpha * largest_speed(scenario.driven)
     return formation.start == "equilibrium" and formation.start_noise * farthest <= scenario.robot.radius
 
 
@@ -141,6 +140,7 @@ def planned_transit(
     speed: float | None = None,
     clearance: float | None = None,
     assignments: np.ndarray | None = None,
+    after: int = 0,
 ) -> Transit | None:
     """Return the ways from the equilibrium into loops, without collisions; None if none are found.
 
@@ -150,8 +150,10 @@ def planned_transit(
         speed: Largest speed on the ways [m/s]; None for that of `Car.of`.
         clearance: Least distance of two bodies [m]; None for the radius of a body.
         assignments: (A, N) loops of the robots that may be chosen; all by default.
+        after: Control steps for which the robots first move in formation, on a curve that they can drive.
     """
-    search = _Search(scenario, loop, Car.of(scenario, speed))
+    turned = scenario.formation.phase_rate * scenario.task.step / scenario.alpha * np.arange(after + 1)
+    search = _Search(scenario, np.roll(loop, -after, axis=1), Car.of(scenario, speed), turned[-1])
     arrival = search.arrival()
     if not np.isfinite(arrival).any(axis=1).all():
         return None
@@ -167,15 +169,19 @@ def planned_transit(
     if not np.isfinite(arrival).all():
         return None
     lead_in = search.lead_in(chosen, arrival, required_distance(scenario, clearance))
-    return None if lead_in is None else Transit(lead_in, np.roll(loop[chosen], -lead_in.shape[1], axis=1), chosen)
+    if lead_in is None:
+        return None
+    together = formation_starts(scenario, turned[:-1])[0][..., :2].swapaxes(0, 1)
+    lead_in = np.concatenate([together, lead_in], axis=1)
+    return Transit(lead_in, np.roll(loop[chosen], -lead_in.shape[1], axis=1), chosen)
 
 
 class _Search:
-    """The search for the ways of cars from the equilibrium of a scenario into loops (N, K, 2) [m]."""
+    """The search for the ways of cars from the equilibrium of a scenario, turned [rad], into loops (N, K, 2) [m]."""
 
-    def __init__(self, scenario: Scenario, loop: np.ndarray, car: Car):
+    def __init__(self, scenario: Scenario, loop: np.ndarray, car: Car, turned: float):
         self.loop, self.car, self.step = loop, car, scenario.task.step
-        self.start, self.speed = formation_starts(scenario)
+        self.start, self.speed = formation_starts(scenario, turned)
         time = _LONGEST * (scenario.curve.half_width + scenario.curve.half_height) / speed_of(loop, self.step)
         self.times = np.arange(2, math.ceil(time / self.step) + 1)
         velocity = (np.roll(loop, -1, axis=1) - np.roll(loop, 1, axis=1)) / (2 * self.step)

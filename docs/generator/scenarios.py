@@ -20,7 +20,7 @@ from lissajous_env.parameters.feedback import measured, value_of_feedback
 from lissajous_env.parameters.scenario import PARTS, Scenario, Task
 from lissajous_env.settings.checks import meanings
 from lissajous_env.world.observation import layout
-from lissajous_env.world.reward import FORMULAS
+from lissajous_env.world.tally import FORMULAS
 
 _HERE = Path(__file__).parent
 _BOUNDARY = {

@@ -35,7 +35,7 @@ _YIELD = wp.constant(1024)
 
 
 @wp.struct
-class Plan:
+class Queue:
     """Tasks, and how far they are done."""
 
     calls: wp.array2d(dtype=wp.int64)
@@ -52,18 +52,18 @@ class Plan:
 #if !defined(__CUDA_ARCH__)
     typedef void (*Kernel)(void*, void*);
     typedef wp::int32 (*Yield)(void);
-    wp::int64* const opened = plan.counters.data;
+    wp::int64* const opened = queue.counters.data;
     wp::int64* const begun = opened + {int(_APART)};
     wp::int64* const done = begun + {int(_APART)};
-    const wp::int64 number = plan.tasks.shape[0] - 1;
+    const wp::int64 number = queue.tasks.shape[0] - 1;
     if (leads)
         __atomic_fetch_add(opened, number, __ATOMIC_RELEASE);
     wp::int64 task = __atomic_load_n(begun, __ATOMIC_RELAXED);
     while (task < __atomic_load_n(opened, __ATOMIC_ACQUIRE)) {{
         if (!__atomic_compare_exchange_n(begun, &task, task + 1, false, __ATOMIC_ACQUIRE, __ATOMIC_RELAXED))
             continue;  // with the number of the task that is next now
-        for (wp::int64 k = plan.tasks.data[task % number]; k < plan.tasks.data[task % number + 1]; ++k) {{
-            const wp::int64* const call = plan.calls.data + 3 * k;
+        for (wp::int64 k = queue.tasks.data[task % number]; k < queue.tasks.data[task % number + 1]; ++k) {{
+            const wp::int64* const call = queue.calls.data + 3 * k;
             ((Kernel)call[0])((void*)call[1], (void*)call[2]);
         }}
         __atomic_fetch_add(done, 1, __ATOMIC_RELEASE);
@@ -71,7 +71,7 @@ class Plan:
     }}
     for (int spins = 1; leads && __atomic_load_n(done, __ATOMIC_ACQUIRE) < *opened; ++spins) {{
         if (spins % {int(_YIELD)} == 0)
-            ((Yield)plan.yielding)();
+            ((Yield)queue.yielding)();
 #if defined(__x86_64__) || defined(_M_X64)
         __builtin_ia32_pause();
 #elif defined(__aarch64__)
@@ -80,14 +80,14 @@ class Plan:
     }}
 #endif
 """)
-def _take_part(plan: Plan, leads: int):
+def _take_part(queue: Queue, leads: int):
     """Execute tasks while there are any; the leading thread adds them first, and waits until all are finished."""
 
 
 @wp.kernel
-def take_part(plan: Plan, leads: int):
+def take_part(queue: Queue, leads: int):
     """Lead work, or help."""
-    _take_part(plan, leads)
+    _take_part(queue, leads)
 
 
 class Work:
@@ -109,14 +109,14 @@ class Work:
             self._helpers = min(threads, len(tasks)) - 1
             self._calls = [Call(launch) for launch in self._launches]
             addresses = np.array([call.addresses for call in self._calls], dtype=np.uint64).view(np.int64)
-            plan: Any = Plan()
-            plan.calls = wp.array(addresses.reshape(-1, 3), dtype=wp.int64, device=device)
-            plan.tasks = wp.array(np.cumsum([0, *map(len, tasks)]), dtype=wp.int64, device=device)
-            plan.counters = wp.zeros(3 * int(_APART), dtype=wp.int64, device=device)
-            plan.yielding = _yielding()
-            self._plan = plan  # the calls contain the addresses of its arrays
+            queue: Any = Queue()
+            queue.calls = wp.array(addresses.reshape(-1, 3), dtype=wp.int64, device=device)
+            queue.tasks = wp.array(np.cumsum([0, *map(len, tasks)]), dtype=wp.int64, device=device)
+            queue.counters = wp.zeros(3 * int(_APART), dtype=wp.int64, device=device)
+            queue.yielding = _yielding()
+            self._queue = queue  # the calls contain the addresses of its arrays
             self._lead, self.help = (
-                Call(wp.launch(take_part, 1, [plan, leads], device=device, record_cmd=True)) for leads in (1, 0)
+                Call(wp.launch(take_part, 1, [queue, leads], device=device, record_cmd=True)) for leads in (1, 0)
             )
 
     @in_turn

@@ -9,15 +9,14 @@ import os
 from collections.abc import Mapping
 from importlib import import_module
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import warp as wp
 from gymnasium.error import ResetNeeded
 
 from lissajous_env.device.devices import cores
 from lissajous_env.device.work import Work
-from lissajous_env.envs.sides import Side, sides_of
+from lissajous_env.envs.sides import Rows, Side, sides_of
 from lissajous_env.envs.true_state import state_rows, state_size
 from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
 from lissajous_env.parameters import named
@@ -36,47 +35,6 @@ LOOKED_AT = 64
 """Number of scenarios of a split, its first ones, whose largest team is the largest of a batch."""
 _FROM_SYSTEM, _NEXT = -2, -1
 """Seeds of a world's next episode: one of the operating system, or the one that follows from the latest."""
-
-
-class Rows(NamedTuple):
-    """One side of a batch of W worlds with N places: NumPy arrays, or torch tensors on the device.
-
-    Places that a scenario does not have are terminated, with rows and rewards of zeros. They are views of the
-    simulation's memory, which the next step overwrites, or copies.
-    """
-
-    observation: Any
-    """(W, N, D) rows."""
-    mask: Any
-    """(W, N) True for robots that the scenario has, and for rogues that act in the next step."""
-    reward: Any
-    """(W, N) rewards."""
-    terminated: Any
-    """(W, N) True from the end of an agent on: a robot was removed, a rogue detected."""
-    truncated: Any
-    """(W, N) True where the time is over."""
-
-
-class Views:
-    """Arrays of a simulation as NumPy arrays or tensors, each made once where these share its memory."""
-
-    def __init__(self) -> None:
-        self._views: dict[tuple[int, str], tuple[wp.array, Any]] = {}
-
-    def __call__(self, array: wp.array, library: Any) -> Any:
-        """Return an array of Warp as one of `numpy`, or of `torch` on its device."""
-        key = id(array), library.__name__
-        known = self._views.get(key)
-        if known is not None and known[0] is array:
-            return known[1]
-        view = array.numpy() if library is np else wp.to_torch(array)
-        if library is not np or array.device.is_cpu:
-            self._views[key] = array, view
-        return view
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """A copy has none of them, because its simulation has memory of its own."""
-        return Views, ()
 
 
 class Batch:
@@ -159,7 +117,7 @@ class Batch:
         self.simulations = [self._simulation(first)] * num_groups
         self.driver = None if robots is None else driver_of(robots, self.scenario, num_worlds, device)
         self._draws: Draws | None = None
-        self._views = Views()
+        self._views: dict[tuple[int, str, str], Rows] = {}
         self._seeds = np.full(self.num_worlds, _FROM_SYSTEM, dtype=np.int64)
         self.seed(seed)
 
@@ -233,7 +191,7 @@ class Batch:
             if of_group.all():
                 scenario, seed = self._draws.next(group)
                 self._check(scenario)
-                self.simulations[group], self._views = self._simulation(scenario, seed), Views()
+                self.simulations[group], self._views = self._simulation(scenario, seed), {}
                 self._joined = None
             elif of_group.any():
                 simulation.reset(of_group)
@@ -271,36 +229,32 @@ class Batch:
                 simulation.advance()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without the launches of all groups, which are recorded anew by the next step."""
-        return self.__dict__ | {"_joined": None}
+        """Return the state without views and launches: a copy has memory of its own, and records launches anew."""
+        return self.__dict__ | {"_views": {}, "_joined": None}
+
+    def views(self, group: int, side: Side, library: Any = np) -> Rows:
+        """Return the rows of a side of a group, without padding; on the CPU, and for `torch`, as views."""
+        key = group, side.agent, library.__name__
+        if key not in self._views:
+            rows = side.rows(self.simulations[group], library)
+            if library is np and not self.simulation.device.is_cpu:
+                return rows
+            self._views[key] = rows
+        return self._views[key]
 
     def rows(self, side: Side, library: Any = np) -> Rows:
         """Return the rows of a side; `library` is `numpy`, or `torch` for tensors on the device."""
-        view, parts = self._views, []
-        for simulation in self.simulations:
-            observation, reward, terminated, truncated = (view(array, library) for array in side.arrays(simulation))
-            mask = library.ones_like(terminated) if side.is_robots else view(simulation.rogues.present, library)
-            missing = side.places - observation.shape[1]
-            if missing:
-                observation, mask, reward, terminated, truncated = (
-                    padded(array, missing, library) for array in (observation, mask, reward, terminated, truncated)
-                )
-                terminated[:, -missing:] = True
-            parts.append((observation, mask, reward, terminated, truncated))
-        columns = [column[0] if len(parts) == 1 else library.concatenate(column) for column in zip(*parts, strict=True)]
-        return Rows(*columns)
-
-    def reward_terms(self, library: Any = np) -> Any:
-        """Return (W, N, terms) the terms of the robots' reward, whose names are `simulation.reward_term_names`."""
-        parts = [self._views(simulation.reward_terms, library) for simulation in self.simulations]
-        parts = [padded(part, self._most_robots - part.shape[1], library) for part in parts]
-        return parts[0] if len(parts) == 1 else library.concatenate(parts)
+        parts = [self.views(group, side, library) for group in range(len(self.simulations))]
+        for k, part in enumerate(parts):
+            if missing := side.places - part.observation.shape[1]:
+                parts[k] = Rows(*(padded(array, missing, library) for array in part))
+                parts[k].terminated[:, -missing:] = True
+        return parts[0] if len(parts) == 1 else Rows(*map(library.concatenate, zip(*parts, strict=True)))
 
     @property
     def over(self) -> np.ndarray:
         """(W,) True on the host for worlds whose episode has ended; if only rogues act, also when none is left."""
-        parts = [stage != int(RUNNING) for stage in self._stages()]
-        over = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        over = self._stages() != int(RUNNING)
         if self.driver is not None:
             over = over | self.simulation.rogues.terminated.numpy().astype(bool).all(axis=1)
         return over
@@ -308,11 +262,10 @@ class Batch:
     @property
     def just_ended(self) -> np.ndarray:
         """(W,) True on the host for worlds whose episode the latest step ended."""
-        parts = [stage == int(ENDED) for stage in self._stages()]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return self._stages() == int(ENDED)
 
-    def _stages(self) -> list[np.ndarray]:
-        return [self._views(simulation.clock.stage, np) for simulation in self.simulations]
+    def _stages(self) -> np.ndarray:
+        return np.concatenate([simulation.clock.stage.numpy() for simulation in self.simulations])
 
     def score(self, worlds: np.ndarray) -> list[dict[str, Any]]:
         """Return the score row of the latest episode of the masked worlds so far, of a space with its `scenario`."""

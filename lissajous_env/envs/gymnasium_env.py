@@ -9,6 +9,7 @@ from gymnasium.error import ResetNeeded
 
 from lissajous_env.envs.batch import Batch
 from lissajous_env.envs.one_world import METADATA, NEEDS_RESET, OneWorld, Timed
+from lissajous_env.envs.sides import Rows
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.space import ScenarioSpace
 
@@ -17,7 +18,7 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
     """One world as a `gymnasium.Env`; the agent is the team of robots, as in `LissajousVectorEnv`.
 
     The observation is (N, D), the reward the mean over the robots. The info contains `robot_reward` (N,),
-    `reward_terms` (N, terms) in the order of `lissajous_env.world.reward.TERMS`, and `score`, the numbers that
+    `reward_terms` (N, terms) in the order of `lissajous_env.world.tally.TERMS`, and `score`, the numbers that
     `score_names` names, infinite until the episode ends. The episode is terminated when all robots are removed.
 
     **With `robots`**, a policy, the agent is the team of rogues. The observation is (N, D), a row of
@@ -36,7 +37,6 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
         robots: Policy that drives the robots: a name, a policy, or a function; see `Batch`. The
             rogues are then the agent, and `rogues` is `agents`.
         discrete_actions: True for actions (N,) that are indices of the table in `lissajous_env.envs.sides`.
-        flat_actions: True for actions (N * action_size,) instead of (N, action_size).
         max_cycles: Number of steps of an episode, instead of `task.duration`.
         device: Warp device.
         **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`.
@@ -55,7 +55,6 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
         *,
         robots: Any = None,
         discrete_actions: bool = False,
-        flat_actions: bool = False,
         max_cycles: int | None = None,
         device: Any = "cpu",
         **overrides: Any,
@@ -70,7 +69,7 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
             overrides=overrides,
         )
         (self._side,) = batch.sides
-        self.observation_space, self.action_space = self._side.team_spaces(flat_actions)
+        self.observation_space, self.action_space = self._side.team_spaces()
         self._steps = batch.scenario.task.steps if batch.space is None else max_cycles
         self._running = False
         self._start(batch, render_mode)
@@ -83,7 +82,7 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
         rows = self.batch.rows(self._side)
         if self.render_mode == "human":
             self.render()
-        return rows.observation[0].copy(), self._info(np.zeros(self._side.places, np.float32), rows.mask)
+        return rows.observation[0].copy(), self._info(np.zeros(self._side.places, np.float32), rows)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Take one control step with the actions of the team; numbers outside [-1, 1] are clipped.
@@ -103,13 +102,13 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
         if self.render_mode == "human":
             self.render()
         total = reward[: self.scenario.num_robots].mean() if self._side.is_robots else reward.sum()
-        info = self._info(reward, rows.mask)
+        info = self._info(reward, rows)
         return rows.observation[0].copy(), float(total), terminated, over and not terminated, info
 
-    def _info(self, reward: np.ndarray, mask: np.ndarray) -> dict[str, Any]:
+    def _info(self, reward: np.ndarray, rows: Rows) -> dict[str, Any]:
         info: dict[str, Any] = {f"{self._side.agent}_reward": reward}
         if self._side.is_robots:
-            info["reward_terms"] = self.batch.reward_terms()[0].copy()
+            info["reward_terms"] = rows.terms[0].copy()
         if self.batch.space is not None:
-            info["mask"] = mask[0].astype(bool)
+            info["mask"] = rows.mask[0].astype(bool)
         return info | {"score": self.simulation.score_numbers([] if self._running else [0])[0]}

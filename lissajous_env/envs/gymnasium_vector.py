@@ -10,7 +10,7 @@ from gymnasium.vector.utils import batch_space
 
 from lissajous_env.envs.batch import Batch
 from lissajous_env.envs.one_world import NEEDS_RESET, Timed
-from lissajous_env.envs.sides import on_host
+from lissajous_env.envs.sides import Rows
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
@@ -41,7 +41,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
         max_cycles: Number of steps of an episode, instead of `task.duration`.
         max_episode_steps: Limit on these steps, which `gymnasium.make_vec` passes if a specification contains it.
         discrete_actions: True for actions that are indices of the table in `lissajous_env.envs.sides`.
-        flat_actions: True for actions (W, N * action_size). Discrete actions and those of one robot are always flat.
         agents_as_rows: True for one row per robot.
         autoreset_mode: `NEXT_STEP` (the step after the end resets), `SAME_STEP` or `DISABLED`, or the enum.
         device: Warp device.
@@ -61,7 +60,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
         max_cycles: int | None = None,
         max_episode_steps: int | None = None,
         discrete_actions: bool = False,
-        flat_actions: bool = False,
         agents_as_rows: bool = False,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         device: Any = "cpu",
@@ -81,19 +79,14 @@ class LissajousVectorEnv(Timed, VectorEnv):
         self.batch = Batch(variant, num_envs, roles="robots", **settings)
         (self._side,) = self.batch.sides
         self.simulation, self.scenario = self.batch.simulation, self.batch.scenario
-        rows_each = self._side.places if agents_as_rows else 1
-        self.num_envs = num_envs * rows_each
+        self._rows_each, self._agents_as_rows = self._side.places if agents_as_rows else 1, agents_as_rows
+        self.num_envs = num_envs * self._rows_each
         self.metadata = {"autoreset_mode": self.autoreset_mode}
-        if agents_as_rows:
-            self.single_observation_space, self.single_action_space = self._side.row_space(), self._side.action_space()
-        else:
-            self.single_observation_space, self.single_action_space = self._side.team_spaces(flat_actions)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._rows_each, self._agents_as_rows = rows_each, agents_as_rows
-        self._ended = np.zeros(num_envs, dtype=bool)
-        self._begun = np.zeros(num_envs, dtype=bool)
-        self._gone = np.zeros(self.simulation.action_shape[:2], dtype=bool)
+        spaces = self._side.spaces() if agents_as_rows else self._side.team_spaces()
+        self.single_observation_space, self.single_action_space = spaces
+        self.observation_space, self.action_space = (batch_space(space, self.num_envs) for space in spaces)
+        self._ended, self._begun = np.zeros((2, num_envs), dtype=bool)
+        self._gone = np.zeros((num_envs, self._side.places), dtype=bool)
 
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
@@ -117,7 +110,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
         if seed is not None:
             super().reset(seed=int(np.ravel(seed)[0]))  # checked above
         self._ended[worlds], self._begun[worlds], self._gone[worlds] = False, True, False
-        return self._observed(), self._infos(np.zeros(self.simulation.action_shape[:2], np.float32), self._ended)
+        return self._observed(), self._infos(np.zeros(self._gone.shape, np.float32), self._ended)
 
     def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Take a step in every world; `autoreset_mode` determines when worlds that ended are reset.
@@ -128,19 +121,20 @@ class LissajousVectorEnv(Timed, VectorEnv):
         """
         if not self._begun.all():
             raise ResetNeeded(f"{NEEDS_RESET}, for every world")
-        sim = self.simulation
         begins = self._ended & (self.autoreset_mode is AutoresetMode.NEXT_STEP)
-        sim.step(self._of_robots(actions))
+        # An action that is not finite is replaced by zero, and reported in the infos.
+        self.batch.step({"robot": self._side.read(actions, self.action_space.shape, finite=False)})  # pyright: ignore
         if begins.any():
             # A world that ended did not move in the step above; it returns its first observation.
             self.batch.reset(begins)
             self._gone[begins] = False
-        robot_reward, ended = sim.reward.numpy().copy(), sim.over
-        terminated, truncated = self._flags(ended)
+        rows, ended = self.batch.rows(self._side), self.batch.over
+        terminated, truncated = self._flags(rows, ended)
+        robot_reward = rows.reward.copy()
         reward = robot_reward.reshape(-1) if self._agents_as_rows else robot_reward.mean(axis=1)
         newly = ended & ~self._ended
         infos = self._infos(robot_reward, newly)
-        self._ended = ended.copy()
+        self._ended = ended
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             self._begin_again(newly, terminated | truncated, infos)
         return self._observed(), reward, terminated, truncated, infos
@@ -164,32 +158,15 @@ class LissajousVectorEnv(Timed, VectorEnv):
             raise ValueError("reset_mask must contain all rows of a world or none, because worlds are reset as a whole")
         return np.flatnonzero(of_worlds.all(axis=1))
 
-    def _of_robots(self, actions: Any) -> Any:
-        """Convert actions to shape (W, N, action_size); tensors of floats remain where they are."""
-        due, shape = self.simulation.action_shape, self.action_space.shape
-        if self._side.table is not None:
-            return self._side.read(actions, shape)  # type: ignore[arg-type]
-        if isinstance(actions, np.ndarray) or not hasattr(actions, "reshape"):
-            actions = np.asarray(on_host(actions))
-            if actions.dtype.kind not in "fiu":
-                raise ValueError(f"actions must be numbers of shape {shape}, got {shown(actions)}")
-            if actions.dtype != np.float32:
-                actions = np.clip(actions, -1, 1).astype(np.float32)  # clip first: float32 has a smaller range
-        if shape == due:
-            return actions  # the simulation checks the shape
-        if tuple(actions.shape) != shape:
-            raise ValueError(f"actions must have shape {shape}, got {tuple(actions.shape)}")
-        return actions.reshape(due)
-
-    def _flags(self, ended: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _flags(self, rows: Rows, ended: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the flags `terminated` and `truncated` of the rows."""
-        gone, late = self.simulation.terminated.numpy().astype(bool), self.simulation.truncated.numpy().astype(bool)
         if not self._agents_as_rows:
-            terminated = gone.all(axis=1)
-            return terminated, late.any(axis=1) & ~terminated
+            terminated = rows.terminated.all(axis=1)
+            return terminated, rows.truncated.any(axis=1) & ~terminated
+        gone = rows.terminated.copy()
         terminated = gone & (~self._gone | ended[:, None])
         self._gone = gone
-        return terminated.reshape(-1), (late & ~gone).reshape(-1)
+        return terminated.reshape(-1), (rows.truncated & ~gone).reshape(-1)
 
     def _infos(self, robot_reward: np.ndarray, newly: np.ndarray) -> dict[str, Any]:
         """Return the infos for rewards (W, N), with the scores of the worlds that have just ended."""
@@ -215,8 +192,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
         infos["_final_info"] = done
 
     def _observed(self) -> np.ndarray:
-        host = self.simulation.observation.numpy().reshape(self.observation_space.shape)  # pyright: ignore
-        return host.copy() if self.simulation.device.is_cpu else host
+        return self.batch.rows(self._side).observation.reshape(self.observation_space.shape).copy()  # pyright: ignore
 
 
 def vector_env(scenario: str | Scenario = "experiment", num_envs: int = 1, **settings: Any) -> LissajousVectorEnv:

@@ -1,6 +1,5 @@
 """The PettingZoo environment of one world, with one agent per robot and, against rogues that learn, one per rogue."""
 
-import operator
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -10,11 +9,11 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.seeding import np_random
 from pettingzoo import AECEnv, ParallelEnv
-from pettingzoo.utils import parallel_to_aec, wrappers
+from pettingzoo.utils import parallel_to_aec
 
 from lissajous_env.envs.batch import Batch
 from lissajous_env.envs.one_world import METADATA, NEEDS_RESET, OneWorld
-from lissajous_env.envs.sides import LARGE, Side, check_agents
+from lissajous_env.envs.sides import Rows, Side, check_agents
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.wording import shown
@@ -27,7 +26,7 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
     without effect. Robots are terminated only if `task.on_collision` or `task.boundary` is `remove`. Every episode is
     truncated after `task.duration`. Without a seed, every run starts with a different random episode.
     `lissajous_env.world.observation` describes the observation. The reward is the sum of the terms in `reward_terms` of
-    the info, in the order of `lissajous_env.world.reward.TERMS`.
+    the info, in the order of `lissajous_env.world.tally.TERMS`.
 
     **Rogues** `rogue_0` ... are agents if `targets.rogues` is `agents`, one for each target that an episode can have.
     Only live agents are in `agents`: a rogue from the step in which it appears until it is detected, which terminates
@@ -59,7 +58,6 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
     """
 
     metadata = METADATA
-    _np_random: np.random.Generator | None = None
 
     def __init__(
         self,
@@ -73,26 +71,18 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
     ):
         settings: dict[str, Any] = {"discrete_actions": discrete_actions, "max_cycles": max_cycles, "device": device}
         batch = Batch(scenario, **settings, overrides=overrides)
-        sides = {name: side for side in batch.sides for name in side.names}
-        self.possible_agents = list(sides)
+        spaces = {name: side.spaces() for side in batch.sides for name in side.names}
+        self.possible_agents = list(spaces)
         self.agents: list[str] = []
-        self.observation_spaces = {name: side.row_space() for name, side in sides.items()}
-        self.action_spaces = {name: side.action_space() for name, side in sides.items()}
+        self.observation_spaces = {name: of_agent[0] for name, of_agent in spaces.items()}
+        self.action_spaces = {name: of_agent[1] for name, of_agent in spaces.items()}
         self.state_space = gymnasium.spaces.Box(-np.inf, np.inf, (batch.state_size,), np.float32)
-        self._robots: Side = batch.sides[0]
-        self._rogues: Side | None = batch.sides[1] if len(batch.sides) > 1 else None
-        self._begun = False
-        self._live_robots: list[str] = []
-        self._live_rogues: list[int] = []
-        """Slots of the rogues that act in the next step."""
-        self._start(batch, render_mode)
-
-    @property
-    def np_random(self) -> np.random.Generator:
+        self.np_random: np.random.Generator | None = None
         """Generator for wrappers, which `reset` with a seed seeds; the environment itself does not use it."""
-        if self._np_random is None:
-            self._np_random = np_random()[0]
-        return self._np_random
+        self._begun = False
+        self._live: list[list[int]] = []
+        """Places of the agents that act in the next step, for each side."""
+        self._start(batch, render_mode)
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Space:
         """Return the observation space of an agent, always the same object."""
@@ -114,23 +104,11 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         Without a seed, that of the first episode comes from the operating system; `score()["seed"]` contains it.
         """
         self._begin(seed)
-        if seed is not None:
-            self._np_random = np_random(int(seed))[0]
+        if seed is not None or self.np_random is None:
+            self.np_random = np_random(None if seed is None else int(seed))[0]
         self._begun = True
-        if self._on_device:
-            self._fetch()
-        self._live_robots = self._names
-        observations = dict(zip(self._names, self._observation.copy(), strict=True))
-        infos = {agent: {"reward_terms": row} for agent, row in zip(self._names, self._terms.copy(), strict=True)}
-        if self._rogues is not None:
-            rows = self.batch.rows(self._rogues)
-            self._live_rogues = np.flatnonzero(rows.mask[0]).tolist()
-            for t in self._live_rogues:
-                name = self._rogues.names[t]
-                observations[name], infos[name] = rows.observation[0, t].copy(), {}
-        self.agents = list(observations)
-        if self.render_mode == "human":
-            self.render()
+        self._live = [list(range(self.scenario.num_robots)), []][: len(self.batch.sides)]
+        observations, *_, infos = self._results()
         return observations, infos
 
     def step(self, actions: dict[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
@@ -147,48 +125,53 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
             if not self._begun or not isinstance(actions, Mapping) or actions:
                 raise ResetNeeded(NEEDS_RESET)
             return {}, {}, {}, {}, {}
-        if not self._read_at_once(actions):
-            self._read(actions)
+        if not isinstance(actions, Mapping) or len(actions) != len(self.agents):
+            check_agents(actions, self.agents)
+        try:
+            for k, side in enumerate(self.batch.sides):
+                side.read_agents(actions, self._live[k], self._actions[k])
+        except KeyError:
+            check_agents(actions, self.agents)
+            raise
         if self._on_device:
-            self.simulation.action.assign(self._action.reshape(self.simulation.action_shape))
+            for array, given in zip(self._arrays(), self._actions, strict=True):
+                array.assign(given.reshape(array.shape))
         self.simulation.advance()
+        return self._results()
+
+    def _results(self) -> tuple[dict, dict, dict, dict, dict]:
+        """Return the results of the agents that acted, and of those that act in the next step, which are `agents`."""
         if self._on_device:
             self._fetch()
-        agents = self._live_robots
-        observation, terms = self._observation.copy(), self._terms.copy()
-        rewards, terminated, truncated = self._reward.tolist(), self._terminated.tolist(), self._truncated.tolist()
-        infos = [{"reward_terms": row} for row in terms]
-        if len(agents) < len(self._names):
-            live = [self._index[agent] for agent in agents]
-            observation, rewards, terminated, truncated, infos = (
-                [column[i] for i in live] for column in (observation, rewards, terminated, truncated, infos)
-            )
+        rows, live, agents = self._rows[0], self._live[0], self._names
+        terminated, truncated = rows.terminated.tolist(), rows.truncated.tolist()
+        infos = [{"reward_terms": row} for row in rows.terms.copy()]
+        columns: Any = rows.observation.copy(), rows.reward.tolist(), terminated, truncated, infos
+        if len(live) < len(agents):
+            agents, columns = [agents[i] for i in live], [[column[i] for i in live] for column in columns]
         # The lengths are equal; a strict zip would double the time.
-        results = (
-            dict(zip(agents, observation)),  # noqa: B905
-            dict(zip(agents, rewards)),  # noqa: B905
-            dict(zip(agents, terminated)),  # noqa: B905
-            dict(zip(agents, truncated)),  # noqa: B905
-            dict(zip(agents, infos)),  # noqa: B905
-        )
+        results: Any = [dict(zip(agents, column)) for column in columns]  # noqa: B905
         if True in terminated or True in truncated:
-            agents = [agent for agent in agents if not (results[2][agent] or results[3][agent])]
-        self._live_robots = self.agents = agents
-        if self._rogues is not None:
-            self._add_rogues(self._rogues, results)
+            self._live[0] = [i for i in live if not (terminated[i] or truncated[i])]
+            agents = [self._names[i] for i in self._live[0]]
+        self.agents = agents
+        if len(self._rows) > 1:
+            self._add_rogues(self.batch.sides[1], self._rows[1], results)
         if self.render_mode == "human":
             self.render()
-        return results
+        return tuple(results)
 
-    def _add_rogues(self, side: Side, results: tuple[dict, dict, dict, dict, dict]) -> None:
+    def _add_rogues(self, side: Side, rows: Rows, results: list[dict]) -> None:
         """Add the rogues that acted in a step, and those that act in the next one, to its results."""
-        rows, acted = self.batch.rows(side), self._live_rogues
-        self._live_rogues = np.flatnonzero(rows.mask[0]).tolist()
-        for t in sorted({*acted, *self._live_rogues}):
-            values = rows.observation[0, t].copy(), float(rows.reward[0, t]), bool(rows.terminated[0, t])
-            for column, value in zip(results, (*values, bool(rows.truncated[0, t]), {}), strict=True):
-                column[side.names[t]] = value
-        self.agents = [*self._live_robots, *(side.names[t] for t in self._live_rogues)]
+        live = np.flatnonzero(rows.mask).tolist()
+        shown = sorted({*self._live[1], *live})
+        names, self._live[1] = [side.names[t] for t in shown], live
+        for result, column in zip(
+            results, (rows.observation, rows.reward, rows.terminated, rows.truncated), strict=False
+        ):
+            result.update(zip(names, column[shown].tolist() if column.ndim == 1 else column[shown], strict=True))
+        results[4].update((name, {}) for name in names)
+        self.agents = [*self.agents, *(side.names[t] for t in live)]
 
     def state(self) -> np.ndarray:
         """Return the true state of the world, for centralized critics; see `lissajous_env.envs.true_state`.
@@ -203,57 +186,22 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
 
     def _bind(self) -> None:
         """Set up the arrays of a step, which on the CPU are views of the simulation's memory."""
-        sim, count = self.simulation, self.simulation.num_robots
-        self._names = self._robots.names[:count]
-        self._index = {agent: i for i, agent in enumerate(self._names)}
-        self._on_device = not sim.device.is_cpu
+        self._on_device = not self.simulation.device.is_cpu
+        self._names = self.batch.sides[0].names[: self.simulation.num_robots]
+        self._actions = [array.numpy().reshape(-1) for array in self._arrays()]
         self._fetch()
-        self._action = sim.action.numpy().reshape(-1)
-        at_once = count > 1 and self._robots.table is None and self._rogues is None
-        self._pick = operator.itemgetter(*self._names) if at_once else None
-        self._shapes = [sim.action_shape[2:]] * count
 
-    def _read_at_once(self, actions: Any) -> bool:
-        """Copy regular actions, one float32 array per agent; return False if the actions need individual checks."""
-        if self._pick is None or type(actions) is not dict or len(actions) != len(self.agents):
-            return False
-        try:
-            rows = self._pick(actions)
-            np.concatenate(rows, out=self._action, casting="no")
-            regular = [row.shape for row in rows] == self._shapes
-        except (KeyError, TypeError, ValueError, AttributeError, RuntimeError):
-            return False
-        # The sum of squares is not finite if any number is not.
-        return regular and bool(self._action.dot(self._action) < LARGE)
-
-    def _read(self, actions: Any) -> None:
-        """Check and copy the actions one by one.
-
-        Raises:
-            ValueError: an agent is missing or unknown, or an action has a wrong shape or is not finite.
-        """
-        check_agents(actions, self.agents)
-        rows = np.zeros(self.simulation.action_shape[1:], np.float32)
-        for agent in self._live_robots:
-            self._robots.read_one(agent, actions[agent], rows[self._index[agent]])
-        if self._rogues is not None:
-            of_rogues = np.zeros((1, self._rogues.places, self._rogues.action_size), np.float32)
-            for t in self._live_rogues:
-                self._rogues.read_one(self._rogues.names[t], actions[self._rogues.names[t]], of_rogues[0, t])
-            self.simulation.rogues.action.assign(of_rogues)
-        self._action[:] = rows.ravel()
+    def _arrays(self) -> list[Any]:
+        """Return the arrays of the actions of each side."""
+        rogues = self.simulation.rogues
+        return [self.simulation.action, *([rogues.action] if len(self.batch.sides) > 1 else [])]
 
     def _fetch(self) -> None:
         """Copy the results of a step to the host; on the CPU they are views of the simulation's memory."""
-        sim = self.simulation
-        arrays = sim.observation, sim.reward, sim.reward_terms, sim.terminated, sim.truncated
-        self._observation, self._reward, self._terms, self._terminated, self._truncated = (
-            array.numpy()[0] for array in arrays
-        )
+        self._rows = [Rows(*(array[0] for array in self.batch.views(0, side))) for side in self.batch.sides]
 
     def __getstate__(self) -> dict[str, Any]:
-        bound = ("_observation", "_reward", "_terminated", "_truncated", "_terms", "_renderer", "_action", "_pick")
-        return {name: value for name, value in self.__dict__.items() if name not in bound}
+        return {name: value for name, value in self.__dict__.items() if name not in ("_rows", "_actions", "_renderer")}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
         self.__dict__.update(saved)
@@ -261,17 +209,9 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         self._bind()
 
 
-class _NamedAgents(wrappers.OrderEnforcingWrapper):
-    """AEC environment with a clear error for an unknown agent."""
-
-    def observe(self, agent: str) -> Any:
-        self.observation_space(agent)  # checks the name
-        return super().observe(agent)
-
-
 def env(scenario: Any = "experiment", render_mode: str | None = None, **settings: Any) -> AECEnv:
     """Make the `AECEnv` of a scenario, in which the agents act in turn.
 
     The arguments are those of `LissajousParallelEnv`.
     """
-    return _NamedAgents(parallel_to_aec(LissajousParallelEnv(scenario, render_mode, **settings)))
+    return parallel_to_aec(LissajousParallelEnv(scenario, render_mode, **settings))

@@ -1,4 +1,4 @@
-"""The two sides of a batch, robots and rogues: names, rows, actions, tables of discrete actions, and ends."""
+"""The two sides of a batch, robots and rogues: names, rows, actions, and tables of discrete actions."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -17,20 +17,28 @@ from lissajous_env.world.rogues.rows import rogue_layout
 from lissajous_env.world.simulation import Simulation
 
 LARGE = 1e30
-"""Sum of squares above which actions are checked one by one."""
+"""Sum of squares above which actions are checked one by one; it is not finite if any number is not."""
 
 
-class Arrays(NamedTuple):
-    """Warp arrays of one side of a simulation of W worlds, with n agents each."""
+class Rows(NamedTuple):
+    """One side of W worlds with N places: NumPy arrays, or torch tensors on the device.
 
-    observation: wp.array
-    """(W, n, D) rows."""
-    reward: wp.array
-    """(W, n) rewards."""
-    terminated: wp.array
-    """(W, n) True from the end of an agent on: a robot was removed, a rogue detected."""
-    truncated: wp.array
-    """(W, n) True where the time is over."""
+    Places that a scenario does not have are terminated, with rows and rewards of zeros. They are views of the
+    simulation's memory, which the next step overwrites, or copies.
+    """
+
+    observation: Any
+    """(W, N, D) rows."""
+    mask: Any
+    """(W, N) True for robots that the scenario has, and for rogues that act in the next step."""
+    reward: Any
+    """(W, N) rewards."""
+    terminated: Any
+    """(W, N) True from the end of an agent on: a robot was removed, a rogue detected."""
+    truncated: Any
+    """(W, N) True where the time is over."""
+    terms: Any
+    """(W, N, terms) the terms of a robot's reward, whose names are `simulation.reward_term_names`; a rogue has one."""
 
 
 class Side:
@@ -52,50 +60,40 @@ class Side:
         self.table = table if discrete else None
         """(K, action_size) actions from which a discrete action selects; None for continuous actions."""
 
-    def row_space(self) -> gymnasium.spaces.Box:
-        """Return the space of one agent's observation, (D,)."""
-        return gymnasium.spaces.Box(self.layout.low, self.layout.high, dtype=np.float32)
-
-    def action_space(self) -> gymnasium.Space:
-        """Return the space of one agent's action: `Box(-1, 1, (action_size,))`, or `Discrete` over the table."""
+    def spaces(self) -> tuple[gymnasium.spaces.Box, gymnasium.Space]:
+        """Return the spaces of one agent: its row (D,), and its action, in [-1, 1] or an index of the table."""
+        rows = gymnasium.spaces.Box(self.layout.low, self.layout.high, dtype=np.float32)
         if self.table is not None:
-            return gymnasium.spaces.Discrete(len(self.table))
-        return gymnasium.spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
+            return rows, gymnasium.spaces.Discrete(len(self.table))
+        return rows, gymnasium.spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
 
-    def team_spaces(self, flat: bool = False) -> tuple[gymnasium.spaces.Box, gymnasium.Space]:
-        """Return the spaces of all agents together: rows (N, D), and actions (N, action_size).
-
-        Actions are flattened if `flat`; discrete ones are `MultiDiscrete` (N,).
-        """
+    def team_spaces(self) -> tuple[gymnasium.spaces.Box, gymnasium.Space]:
+        """Return the spaces of all agents together: rows (N, D); actions (N, action_size), or indices (N,)."""
         low, high = (np.tile(end, (self.places, 1)) for end in (self.layout.low, self.layout.high))
         rows = gymnasium.spaces.Box(low, high, dtype=np.float32)
         if self.table is not None:
             return rows, gymnasium.spaces.MultiDiscrete([len(self.table)] * self.places)
-        shape = (self.places * self.action_size,) if flat else (self.places, self.action_size)
-        return rows, gymnasium.spaces.Box(-1.0, 1.0, shape, np.float32)
+        return rows, gymnasium.spaces.Box(-1.0, 1.0, (self.places, self.action_size), np.float32)
 
-    def arrays(self, simulation: Simulation) -> Arrays:
-        """Return the arrays of this side of a simulation."""
+    def rows(self, simulation: Simulation, library: Any = np) -> Rows:
+        """Return the rows of this side of a simulation, as arrays of `numpy`, or of `torch` on its device."""
+
+        def read(array: wp.array) -> Any:
+            return array.numpy() if library is np else wp.to_torch(array)
+
         if self.is_robots:
-            return Arrays(simulation.observation, simulation.reward, simulation.terminated, simulation.truncated)
-        return Arrays(
-            simulation.rogues.observation,
-            simulation.rogues.reward,
-            simulation.rogues.terminated,
-            simulation.rogues.truncated,
-        )
+            ends = read(simulation.terminated), read(simulation.truncated)
+            mask, terms = library.ones_like(ends[0]), read(simulation.reward_terms)
+            return Rows(read(simulation.observation), mask, read(simulation.reward), *ends, terms)
+        rogues = simulation.rogues
+        reward, ends = read(rogues.reward), (read(rogues.terminated), read(rogues.truncated))
+        return Rows(read(rogues.observation), read(rogues.present), reward, *ends, reward[..., None])
 
-    def acting(self, simulation: Simulation) -> np.ndarray:
-        """Return (W, n) True for the agents that act in the next step, unless the episode is over: on the host."""
-        if self.is_robots:
-            return ~simulation.terminated.numpy().astype(bool)
-        return simulation.rogues.present.numpy().astype(bool)
-
-    def read(self, actions: Any, shape: tuple[int, ...]) -> np.ndarray:
+    def read(self, actions: Any, shape: tuple[int, ...], finite: bool = True) -> np.ndarray:
         """Return actions of a shape, those of all places of some worlds, as float32 (W, N, action_size) in [-1, 1].
 
         Raises:
-            ValueError: another shape, a number that is not finite, or an index outside the table.
+            ValueError: another shape, an index outside the table or, if they must be `finite`, a number that is not.
         """
         given = np.asarray(on_host(actions))
         kinds, words = ("fiu", "numbers") if self.table is None else ("iu", "whole numbers")
@@ -106,7 +104,7 @@ class Side:
             self._require(((given >= 0) & (given <= last)).reshape(-1), f"a whole number from 0 to {last}", given)
             return self.table[given].reshape(-1, self.places, self.action_size)
         rows = given.reshape(-1, self.places, self.action_size)
-        if not np.vdot(rows, rows) < LARGE:  # it is not finite if any number is not
+        if finite and not np.vdot(rows, rows) < LARGE:
             self._require(np.isfinite(rows).all(axis=2).reshape(-1), "finite", rows)
         return np.clip(rows, -1.0, 1.0).astype(np.float32, copy=False)
 
@@ -118,21 +116,36 @@ class Side:
             got = action[0] if self.table is not None else action
             raise ValueError(f"action of {self.names[place]} in world {world} must be {rule}, got {got}")
 
-    def read_one(self, agent: str, action: Any, row_out: np.ndarray) -> None:
-        """Write the action of one agent into its row.
+    def read_agents(self, actions: Mapping[str, Any], places: Sequence[int], flat_out: np.ndarray) -> None:
+        """Write the actions of the agents in some places into the rows (N * action_size,); others are zeros.
 
         Raises:
-            ValueError: a wrong shape, an index outside the table, or a number that is not finite.
+            KeyError: an agent is missing.
+            ValueError: an action has a wrong shape, is an index outside the table, or is not finite.
         """
-        action = on_host(action)
+        names = self.names if len(places) == self.places else [self.names[place] for place in places]
+        given = [actions[name] for name in names]
+        if len(flat_out) == len(given) * self.action_size and self.table is None:
+            try:  # Regular actions, a float32 array for each agent, are copied together.
+                np.concatenate(given, out=flat_out, casting="no")
+                if set(map(len, given)) == {self.action_size} and flat_out.dot(flat_out) < LARGE:
+                    return
+            except (TypeError, ValueError, RuntimeError):
+                pass
+        rows_out = flat_out.reshape(-1, self.action_size)
+        rows_out[:] = 0.0
+        for name, place, action in zip(names, places, given, strict=True):
+            rows_out[place] = self._read_one(name, on_host(action))
+
+    def _read_one(self, agent: str, action: Any) -> np.ndarray:
+        """Return the row of an action."""
         if self.table is not None:
             index = action.item() if isinstance(action, np.ndarray) and action.size == 1 else action
             is_whole = isinstance(index, (int, np.integer)) and not isinstance(index, bool)
             if not is_whole or not 0 <= index < len(self.table):
                 last = len(self.table) - 1
                 raise ValueError(f"action of {agent} must be a whole number from 0 to {last}, got {shown(action)}")
-            row_out[:] = self.table[index]
-            return
+            return self.table[index]
         values, size = np.asarray(action), self.action_size
         # Some libraries squeeze an action with one component to a number.
         fits = values.shape == (size,) or (values.shape == () and size == 1)
@@ -140,7 +153,7 @@ class Side:
             raise ValueError(f"action of {agent} must be numbers of shape {(size,)}, got {shown(action)}")
         if not np.isfinite(values).all():
             raise ValueError(f"action of {agent} must be finite, got {np.ravel(values).tolist()}")
-        row_out[:] = np.clip(values, -1.0, 1.0)  # float32 has a smaller range than float64
+        return np.clip(values, -1.0, 1.0)  # float32 has a smaller range than float64
 
 
 def sides_of(scenario: Scenario, robots: int, discrete: bool, roles: str = "any") -> list[Side]:
@@ -168,9 +181,9 @@ def check_agents(actions: Any, live: Sequence[str]) -> None:
     """Raise ValueError unless actions are a mapping that names each live agent once."""
     if not isinstance(actions, Mapping):
         raise ValueError(f"actions must be a dict of agents and their actions, got {shown(actions)}")
-    if len(actions) != len(live) or not all(agent in actions for agent in live):
-        missing = [agent for agent in live if agent not in actions]
-        unknown = [agent for agent in actions if agent not in live]
+    missing = [agent for agent in live if agent not in actions]
+    unknown = [agent for agent in actions if agent not in live]
+    if missing or unknown:
         raise ValueError(f"actions must name each live agent once: missing {missing}, unknown or not live {unknown}")
 
 

@@ -49,7 +49,7 @@ class Recording:
     observation_names: tuple[str, ...]
     """Names of the D entries, from `lissajous_env.world.observation.layout`."""
     reward_names: tuple[str, ...]
-    """Names of the K terms: `lissajous_env.world.reward.TERMS`, then those of extensions."""
+    """Names of the K terms: `lissajous_env.world.tally.TERMS`, then those of extensions."""
     position: np.ndarray
     """(F, N, 3) float32 x, y, z of the robots [m]."""
     heading: np.ndarray

@@ -47,8 +47,6 @@ class Motion:
     """(J,) first poses of jumps."""
     derived: str = ""
     """Reason for which speeds are derived from the poses; "" if they are those of the log."""
-    turned: bool = False
-    """True if the robot does not drive along its headings."""
     headless: bool = False
     """True if headings are those of the direction of motion, because the log has none."""
 
@@ -104,8 +102,7 @@ class Motion:
         if time[-1] < last - SAME and not was_removed:
             words.append(f"no pose after {time[-1]:.3f} s, which counts as a failure from then on")
         words += [f"the speeds {self.derived}; they are computed from the poses"] if self.derived else []
-        words += ["the headings are unknown; they are those of the motion"] if self.headless else []
-        return words + (["it does not drive along its heading"] if self.turned else [])
+        return words + (["the headings are unknown; they are those of the motion"] if self.headless else [])
 
 
 def motion_of(track: Track, gap: float = math.inf, top_speed: float = math.inf, slack: float = 0.0) -> Motion:
@@ -127,27 +124,20 @@ def motion_of(track: Track, gap: float = math.inf, top_speed: float = math.inf, 
     along = np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
     length = np.linalg.norm(velocity[:, :2], axis=1)
     judged = np.repeat(np.diff(edges) >= _WINDOWS[0], np.diff(edges))
-    moving = judged & (length > np.maximum(0.1 * np.quantile(length, 0.9), 4 * error + 1e-3))
-    forwards = (along * velocity).sum(axis=1)
-    turned = not headless and _many(np.abs(forwards) < 0.7 * length, moving)
-    speed = length * np.where(forwards < -1e-9, -1.0, 1.0)
+    speed = length * np.where((along * velocity).sum(axis=1) < -1e-9, -1.0, 1.0)
     impossible = judged & (np.abs(track.speed) > 4 * length.max(initial=0) + 4 * error + 1e-3)
     reason = "" if track.measured else "were not logged"
     if not np.isfinite(track.speed).all():
         reason = "were not logged"
-    elif impossible.any() or _contradict(track, heading, known, deviation):
+    elif impossible.any() or _contradict(track, heading, known, deviation, length):
         reason = "do not match the poses"
     else:
         speed, velocity = track.speed, along * track.speed[:, None]
     whole = Track(track.time, track.position, heading, speed)
-    return Motion(whole, velocity, known, np.flatnonzero(jumps), reason, turned, headless)
+    return Motion(whole, velocity, known, np.flatnonzero(jumps), reason, headless)
 
 
-def _many(contradicting: np.ndarray, moving: np.ndarray) -> bool:
-    return bool(moving.any() and (contradicting & moving).sum() > _CONTRADICTING * moving.sum())
-
-
-def _contradict(track: Track, heading: np.ndarray, known: np.ndarray, deviation: float) -> bool:
+def _contradict(track: Track, heading: np.ndarray, known: np.ndarray, deviation: float, derived: np.ndarray) -> bool:
     """Return whether the logged speeds along the headings do not lead from pose to pose.
 
     Between two poses, speed and heading are interpolated, so that a car may turn as fast as it can. The ways that are
@@ -158,26 +148,25 @@ def _contradict(track: Track, heading: np.ndarray, known: np.ndarray, deviation:
         heading: (K,) headings [rad].
         known: (K - 1,) True where the motion from a pose to the next is known.
         deviation: Standard deviation of a pose [m].
+        derived: (K,) speeds that are derived from the poses [m/s].
     """
+    width, slack = np.diff(track.time), 4 * deviation + SAME
     speeds = np.stack([track.speed[:-1], (track.speed[:-1] + track.speed[1:]) / 2, track.speed[1:]])
     angles = np.stack([heading[:-1], (heading[:-1] + heading[1:]) / 2, heading[1:]])
     velocities = speeds[..., None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    driven = np.einsum("s,skx->kx", [1 / 6, 4 / 6, 1 / 6], velocities) * np.diff(track.time)[:, None]
+    driven = np.einsum("s,skx->kx", [1 / 6, 4 / 6, 1 / 6], velocities) * width[:, None]
     sums = np.concatenate([np.zeros((1, 2)), np.cumsum(driven, axis=0)])
     gaps = np.concatenate([[0], np.cumsum(~known)])
-    slack, contradict = 4 * deviation + SAME, False
-    for span in (1, *_WINDOWS):
-        if span >= len(track):
-            break
-        way = track.position[span:, :2] - track.position[:-span, :2]
-        length = np.linalg.norm(way, axis=1)
-        moving = (gaps[span:] == gaps[:-span]) & (length > np.maximum(0.1 * np.quantile(length, 0.9), slack))
-        typical = float(np.median(length[moving])) if moving.any() else 0.0
-        off = np.linalg.norm(sums[span:] - sums[:-span] - way, axis=1)
-        contradict = _many(off > np.maximum(0.5 * np.maximum(length, typical), slack), moving)
-        if typical > 2 * slack:
-            break
-    return contradict
+    step = float(np.quantile(derived, 0.75) * np.median(width))
+    span = int(min(np.ceil(2 * slack / max(step, SAME)), len(track) - 1))
+    way = track.position[span:, :2] - track.position[:-span, :2]
+    length = np.linalg.norm(way, axis=1)
+    moving = (gaps[span:] == gaps[:-span]) & (length > np.maximum(0.1 * np.quantile(length, 0.9), slack))
+    if not moving.any():
+        return False
+    off = np.linalg.norm(sums[span:] - sums[:-span] - way, axis=1)
+    contradicting = off > np.maximum(0.5 * np.maximum(length, np.median(length[moving])), slack)
+    return bool((contradicting & moving).sum() > _CONTRADICTING * moving.sum())
 
 
 def _headings(track: Track, velocity: np.ndarray) -> tuple[np.ndarray, bool]:

@@ -1,5 +1,6 @@
 """Read logs of robots: rosbag2 files (MCAP) or folders, by the names of their topics."""
 
+import contextlib
 import json
 import math
 from collections.abc import Sequence
@@ -164,16 +165,14 @@ class _Reading:
 
 
 def _checked_episode(text: str, name: str) -> dict[str, Any]:
-    rule = f"log {name} must be undamaged, but its {EPISODE}"
-    try:
+    """Return what a text contains: a scenario, a seed, and perhaps a policy and the begin of the episode."""
+    episode: Any = None
+    with contextlib.suppress(ValueError, RecursionError):
         episode = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{rule} is no JSON") from error
-    if not isinstance(episode, dict) or not isinstance(episode.get("scenario"), dict):
-        raise ValueError(f"{rule} contains no scenario")
-    seed: Any = episode.get("seed")
-    if not is_whole(seed) or not 0 <= seed < 2**31:
-        raise ValueError(f"{rule} does not contain the seed, a whole number from 0 to {2**31 - 1}")
-    if "begin" in episode and not is_finite(episode["begin"]):
-        raise ValueError(f"{rule} has a begin that must be a finite number [s], got {shown(episode['begin'])}")
-    return episode
+    parts = episode if isinstance(episode, dict) else {}
+    seed: Any = parts.get("seed")
+    has_seed = is_whole(seed) and 0 <= seed < 2**31
+    if not (has_seed and isinstance(parts.get("scenario"), dict) and is_finite(parts.get("begin", 0.0))):
+        rule = f"JSON with a scenario, a seed from 0 to {2**31 - 1} and a finite begin [s]"
+        raise ValueError(f"log {name} must have {rule} on {EPISODE}, got {shown(text)}")
+    return parts

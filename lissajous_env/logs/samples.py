@@ -8,7 +8,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -19,19 +19,6 @@ from lissajous_env.world.state import REMOVED, STUCK, WORKING
 TRANSFORMS, ARRAY = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/PoseArray"
 _UNIT = 0.01
 """Difference from 1 up to which the square of a quaternion's length is rounded."""
-
-
-class Sample(NamedTuple):
-    """Numbers in a message."""
-
-    numbers: Sequence[float]
-    """The numbers."""
-    names: tuple[str, ...] = ()
-    """Their names, if the message has any."""
-    header: Any = None
-    """Header of the message, if it has one."""
-    part: str = ""
-    """The part of the topic that they are of."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +47,8 @@ class Table:
         return dataclasses.replace(self, **{name: value[rows] for name, value in columns.items()})
 
 
+Sample = tuple[str, Any, tuple[str, ...], Sequence[float]]
+"""The part of a topic, the header or None, the names of some numbers, or (), and the numbers."""
 Decoder = Callable[[Any], list[Sample]]
 """Function that returns the samples in a message, and raises a ValueError with the reason for one that says nothing."""
 
@@ -85,7 +74,7 @@ def tables_of(bags: Bags, topic: str, decoders: dict[str, Decoder], held_by: int
         except ValueError as error:
             bags.ignore(topic, str(error))
             continue
-        for numbers, own_names, header, part in samples:
+        for part, header, own_names, numbers in samples:
             own = rows.setdefault(part, [])
             if own and (own_names, len(numbers)) != (names[part], len(own[0][-1])):
                 bags.ignore(topic, "they have other names or another length than the first")
@@ -164,8 +153,7 @@ def _pose(header: Any, place: Any, turn: Any, part: str = "", twist: Any = None)
     speed, measured = math.nan, 1.0
     if twist is not None:
         speed, measured = twist.twist.linear.x, float(twist.covariance[0] != -1)
-    numbers = [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w, speed, measured]
-    return Sample(numbers, header=header, part=part)
+    return part, header, (), [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w, speed, measured]
 
 
 def _joints(message: Any) -> list[Sample]:
@@ -174,17 +162,17 @@ def _joints(message: Any) -> list[Sample]:
     if not len(message.position) == len(names) == len(set(names)):
         raise ValueError("they do not have one position for each name")
     order = sorted(range(len(names)), key=lambda k: names[k])
-    return [Sample([message.position[k] for k in order], tuple(names[k] for k in order), message.header)]
+    return [("", message.header, tuple(names[k] for k in order), [message.position[k] for k in order])]
 
 
 def _twist(twist: Any, header: Any = None) -> list[Sample]:
-    return [Sample([twist.linear.x, twist.angular.z], INPUTS["differential"], header)]
+    return [("", header, INPUTS["differential"], [twist.linear.x, twist.angular.z])]
 
 
 def _status(message: Any) -> list[Sample]:
     if message.data not in (int(WORKING), int(STUCK), int(REMOVED)):
         raise ValueError(f"they have the unknown status {message.data}")
-    return [Sample([message.data])]
+    return [("", None, (), [message.data])]
 
 
 POSES: dict[str, Decoder] = {
@@ -202,9 +190,9 @@ POSES: dict[str, Decoder] = {
 }
 COMMANDS: dict[str, Decoder] = {
     "sensor_msgs/msg/JointState": _joints,
-    "std_msgs/msg/Float64MultiArray": lambda m: [Sample(m.data)],
+    "std_msgs/msg/Float64MultiArray": lambda m: [("", None, (), m.data)],
     "geometry_msgs/msg/Twist": _twist,
     "geometry_msgs/msg/TwistStamped": lambda m: _twist(m.twist, m.header),
 }
-PHASES: dict[str, Decoder] = {"std_msgs/msg/Float64": lambda m: [Sample([m.data])]}
+PHASES: dict[str, Decoder] = {"std_msgs/msg/Float64": lambda m: [("", None, (), [m.data])]}
 STATUSES: dict[str, Decoder] = {"std_msgs/msg/UInt8": _status}

@@ -17,6 +17,7 @@ are left out, and speeds that were computed from the poses have -1 as their firs
 import json
 import shutil
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -35,22 +36,6 @@ START = 1.0
 FRAME = "map"
 
 
-class _Topics:
-    """Topics of a log that is being written, each made when it is first used."""
-
-    def __init__(self, writer: Any):
-        self._writer, self._made = writer, {}
-
-    def write(self, topic: str, time: float, message: Any, **fields: Any) -> None:
-        """Write a message at a time [s], with some of its fields."""
-        kind, store = message.__msgtype__, type_store()
-        for name, value in fields.items():
-            setattr(message, name, value)
-        if topic not in self._made:
-            self._made[topic] = self._writer.add_connection(topic, kind, typestore=store)
-        self._writer.write(self._made[topic], round(time * 1e9), store.serialize_cdr(message, kind))
-
-
 def save_mcap(recording: Recording, path: str | Path) -> None:
     """Write a recording as a log, first under a temporary name.
 
@@ -63,8 +48,13 @@ def save_mcap(recording: Recording, path: str | Path) -> None:
     try:
         writer = rosbag2.Writer(folder / "log", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
         writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
+        connections, store = {}, type_store()
         with writer:
-            _write(recording, _Topics(writer))
+            for topic, time, message in _messages(recording):
+                kind = message.__msgtype__
+                if topic not in connections:
+                    connections[topic] = writer.add_connection(topic, kind, typestore=store)
+                writer.write(connections[topic], round(time * 1e9), store.serialize_cdr(message, kind))
         (written,) = (folder / "log").glob("*.mcap")
         with replacing(path) as temporary:
             shutil.copyfile(written, temporary)
@@ -79,23 +69,39 @@ def episode_text(scenario: Scenario, seed: int, policy: str, begin: float) -> st
     return json.dumps({"scenario": parts, "seed": seed, "policy": policy, "begin": begin})
 
 
-def _write(recording: Recording, topics: _Topics) -> None:
+def _messages(recording: Recording) -> Iterator[tuple[str, float, Any]]:
+    """Yield the topic, the time [s] and the message of everything that is known of a recording."""
     seed, policy = int(recording.score["seed"]), str(recording.score.get("policy", ""))
-    about = episode_text(recording.scenario, seed, policy, START)
-    topics.write(EPISODE, START, blank("std_msgs/msg/String"), data=about)
-    commands = _commands(recording)
-    step = recording.scenario.task.step
-    unknown = {name: recording.is_unknown(name) for name in ("pose", "speed", "command")}
-    for moment in range(len(recording)):
-        time = START + moment * step
-        for robot in range(recording.scenario.num_robots):
-            if not unknown["pose"][moment, robot]:
-                _write_robot(recording, topics, robot, moment, time, bool(unknown["speed"][moment, robot]))
-            if moment + 1 < len(recording) and not unknown["command"][moment, robot]:
-                message = blank("sensor_msgs/msg/JointState")
-                set_stamp(message.header, time, FRAME)
-                names, values = list(recording.scenario.action_names), commands[moment + 1, robot].astype(float)
-                topics.write(COMMAND.format(robot), time, message, name=names, position=values)
+    yield EPISODE, START, _plain("String", episode_text(recording.scenario, seed, policy, START))
+    commands, unknown = (
+        _commands(recording),
+        {name: recording.is_unknown(name) for name in ("pose", "speed", "command")},
+    )
+    for moment, robot in np.ndindex(recording.status.shape):
+        time = START + moment * recording.scenario.task.step
+        if not unknown["pose"][moment, robot]:
+            odometry, (x, y, z) = blank("nav_msgs/msg/Odometry"), recording.position[moment, robot].tolist()
+            place = x, y, z, float(recording.heading[moment, robot])
+            set_odometry(odometry, time, (FRAME, f"robot_{robot}"), place, float(recording.speed[moment, robot]))
+            odometry.twist.covariance[0] = -1.0 if unknown["speed"][moment, robot] else 0.0
+            yield TOPICS[0].format(robot), time, odometry
+            yield PHASE.format(robot), time, _plain("Float64", float(recording.phase[moment, robot]))
+            yield STATUS.format(robot), time, _plain("UInt8", int(recording.status[moment, robot]))
+        if moment + 1 < len(recording) and not unknown["command"][moment, robot]:
+            joints = blank("sensor_msgs/msg/JointState")
+            set_stamp(joints.header, time, FRAME)
+            joints.name, joints.position = (
+                list(recording.scenario.action_names),
+                commands[moment + 1, robot].astype(float),
+            )
+            yield COMMAND.format(robot), time, joints
+
+
+def _plain(kind: str, value: Any) -> Any:
+    """Return a message of std_msgs with one value."""
+    message = blank(f"std_msgs/msg/{kind}")
+    message.data = value
+    return message
 
 
 def _commands(recording: Recording) -> np.ndarray:
@@ -106,17 +112,3 @@ def _commands(recording: Recording) -> np.ndarray:
     if recording.scenario.robot.kind in INPUTS:
         commands[..., :2] = inputs_of(recording.scenario.resolve().robot, np.ascontiguousarray(commands[..., :2]))
     return commands
-
-
-def _write_robot(
-    recording: Recording, topics: _Topics, robot: int, moment: int, time: float, without_speed: bool
-) -> None:
-    heading = float(recording.heading[moment, robot])
-    x, y, z = recording.position[moment, robot].tolist()
-    odometry, speed = blank("nav_msgs/msg/Odometry"), float(recording.speed[moment, robot])
-    set_odometry(odometry, time, (FRAME, f"robot_{robot}"), (x, y, z, heading), speed)
-    odometry.twist.covariance[0] = -1.0 if without_speed else 0.0
-    topics.write(TOPICS[0].format(robot), time, odometry)
-    phase, status = float(recording.phase[moment, robot]), int(recording.status[moment, robot])
-    topics.write(PHASE.format(robot), time, blank("std_msgs/msg/Float64"), data=phase)
-    topics.write(STATUS.format(robot), time, blank("std_msgs/msg/UInt8"), data=status)

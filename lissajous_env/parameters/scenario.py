@@ -21,6 +21,7 @@ from lissajous_env.parameters.spreading import Spreading, spreading_of
 from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Messages, Noise, Robot
 from lissajous_env.settings.task import Sensing, Targets, Task
 from lissajous_env.theory import closed_forms, geometry
+from lissajous_env.theory.rounded import rounded
 
 __all__ = [
     "PARTS",
@@ -203,14 +204,31 @@ class Scenario(BringsRogues):
         return 1.1 * (1 + 3 * self.noise.wheelbase_spread) * self._turning_radius()
 
     @cached_property
-    def driven(self) -> Curve:
-        """The curve that is driven: that of the rectangle without the inset."""
+    def _fitted(self) -> Curve:
+        """The curve as it is given, of the rectangle without the inset; (6) to (8) apply to it."""
         return dataclasses.replace(self.curve, inset=self.inset).driven if self.inset else self.curve
 
     @cached_property
+    def _followed(self) -> Curve:
+        """The curve with its inset, rounded where walls leave cars no way round its bends.
+
+        These are bends of less than half of `start_turning`. Of some curves there is no rounded form.
+        """
+        curve = dataclasses.replace(self.curve, inset=self.inset)
+        if self.start_turning == 0 or curve.harmonics:
+            return curve
+        is_tight = 2 * geometry.along_lap(self._fitted)[1].min() < self.start_turning
+        return rounded(curve) if is_tight else curve
+
+    @cached_property
+    def driven(self) -> Curve:
+        """The curve that is driven: in the rectangle without the inset, and rounded where cars need it within walls."""
+        return self._followed.driven if self.inset else self.curve
+
+    @cached_property
     def robot_radius_bound(self) -> float:
-        """r_max of (6) [m]."""
-        return closed_forms.robot_radius_bound(self.driven, self.num_robots)
+        """r_max of (6) [m], for the Lissajous curve, also where it is rounded."""
+        return closed_forms.robot_radius_bound(self._fitted, self.num_robots)
 
     @cached_property
     def coverage_radius(self) -> float:
@@ -218,7 +236,7 @@ class Scenario(BringsRogues):
 
         No point of the rectangle is farther than that from the rectangle of the curve that is driven.
         """
-        return closed_forms.coverage_radius(self.driven) + math.sqrt(2) * self.inset
+        return closed_forms.coverage_radius(self._fitted) + math.sqrt(2) * self.inset
 
     @cached_property
     def neighbour_distance(self) -> float:
@@ -228,7 +246,8 @@ class Scenario(BringsRogues):
     @cached_property
     def detection_radius(self) -> float:
         """Sensing radius of (8) [m], with sqrt(2) `inset` added as for `coverage_radius`."""
-        return self.neighbour_distance / 2 + math.sqrt(2) * self.inset
+        reach = closed_forms.detection_radius(self._fitted, self.num_robots, self.clusters)
+        return reach + math.sqrt(2) * self.inset
 
     @property
     def sensing_radius(self) -> float:
@@ -253,7 +272,7 @@ class Scenario(BringsRogues):
         satisfies (8), so that the discs of neighbours on the ellipse (5) always overlap.
         """
         n, curve = self.num_robots, self.curve
-        if curve.harmonics or n != self.clusters * (curve.a + curve.b):
+        if self.driven.harmonics or n != self.clusters * (curve.a + curve.b):
             return False
         stable = self.p in closed_forms.stable_equilibria(n)
         return stable and self.sensing_radius >= self.detection_radius * (1 - 1e-9)
@@ -306,7 +325,7 @@ class Scenario(BringsRogues):
         """Return the same scenario with every derived field filled in; it runs identically."""
         robot, rate_max, rogues = self.robot, self.robot.phase_rate_max, self.targets.rogues is not None
         filled: dict[str, dict[str, Any]] = {
-            "curve": {"inset": self.inset},
+            "curve": {"inset": self.inset, "harmonics": self._followed.harmonics},
             "robot": {
                 "count": self.num_robots,
                 "phase_rate_max": SPRINT * self.formation.phase_rate / self.alpha if rate_max is None else rate_max,

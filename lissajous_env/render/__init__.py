@@ -6,6 +6,6 @@ import os
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 
 from lissajous_env.episodes.snapshot import Snapshot
-from lissajous_env.render.renderer import Gallery, Renderer
+from lissajous_env.render.renderer import Renderer
 
-__all__ = ["Gallery", "Renderer", "Snapshot"]
+__all__ = ["Renderer", "Snapshot"]

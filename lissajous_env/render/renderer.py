@@ -1,6 +1,5 @@
-"""The renderer, which combines ground, targets, team and panel to one picture, and the pictures of a batch."""
+"""The renderer, which combines ground, targets, team and panel to one picture."""
 
-import math
 from collections import deque
 from typing import TYPE_CHECKING
 
@@ -10,7 +9,6 @@ import pygame
 from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.render import palette
 from lissajous_env.render.canvas import View, opaque, pixels
 from lissajous_env.render.ground import Ground
 from lissajous_env.render.panel import Panel
@@ -24,8 +22,6 @@ if TYPE_CHECKING:
 
 _LONGEST_TRAIL = 60
 """Limit on the moments of a trail."""
-_MOST_WORLDS = 64
-"""Limit on the worlds of a gallery that are drawn."""
 
 
 class Renderer:
@@ -105,26 +101,3 @@ class Renderer:
         if not past or seen.step - past[-1][0] >= longest / _LONGEST_TRAIL:
             past.append(now)
         return np.array([step for step, _ in trail]), np.stack([place for _, place in trail])
-
-
-class Gallery:
-    """Draws the worlds of a batch, in a total size similar to that of one picture.
-
-    Only the first 64 are drawn; the rest share one empty picture.
-
-    Args:
-        scenario: Scenario that is simulated.
-        num_worlds: Number of worlds.
-    """
-
-    def __init__(self, scenario: Scenario, num_worlds: int):
-        self.drawn = min(num_worlds, _MOST_WORLDS)
-        """Worlds that are drawn."""
-        self._renderer = Renderer(scenario, 1 / math.ceil(math.sqrt(self.drawn)))
-        width, height = self._renderer.view.size
-        self._empty = np.full((height, width, 3), palette.PAPER, dtype=np.uint8)
-
-    def draw(self, simulation: "Simulation") -> list[np.ndarray]:
-        """Return pictures (H, W, 3) uint8 of all worlds."""
-        pictures = [self._renderer.draw(simulation, world) for world in range(self.drawn)]
-        return pictures + [self._empty] * (simulation.num_worlds - self.drawn)

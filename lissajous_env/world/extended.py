@@ -26,8 +26,8 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.columns import NAMES
 from lissajous_env.world.observation import layout
-from lissajous_env.world.reward import TERMS
 from lissajous_env.world.state import GONE, HIDDEN
+from lissajous_env.world.tally import TERMS
 from lissajous_env.world.targets.motion import CUSTOM, inside
 
 

@@ -83,12 +83,12 @@ def message_entries(size: int) -> tuple[tuple[str, float, float, str], ...]:
     return tuple((f"message_{m}", -1, 1, f"component {m} of its policy's last message received") for m in range(size))
 
 
-OWN = wp.constant(len(OWN_ENTRIES))
-LINK = wp.constant(len(NEIGHBOUR_ENTRIES))
-ROBOT = wp.constant(len(ROBOT_ENTRIES))
-TARGET = wp.constant(len(TARGET_ENTRIES))
-TRACK = wp.constant(len(TRACK_ENTRIES))
-TEAMMATE = wp.constant(len(TEAMMATE_ENTRIES))
+OWN_SIZE = wp.constant(len(OWN_ENTRIES))
+LINK_SIZE = wp.constant(len(NEIGHBOUR_ENTRIES))
+ROBOT_SIZE = wp.constant(len(ROBOT_ENTRIES))
+TARGET_SIZE = wp.constant(len(TARGET_ENTRIES))
+TRACK_SIZE = wp.constant(len(TRACK_ENTRIES))
+TEAMMATE_SIZE = wp.constant(len(TEAMMATE_ENTRIES))
 
 
 class Layout(NamedTuple):
@@ -139,7 +139,7 @@ def layout_of(entries: Iterable[tuple[str, float, float, str]]) -> Layout:
 def message_start(scenario: Scenario) -> int:
     """Return the index of `neighbour_0_message_0`; the entries of the other neighbour follow those of this one."""
     sensing = scenario.sensing
-    return int(OWN) + 2 * int(LINK) + int(ROBOT) * sensing.robots_seen + int(TARGET) * sensing.targets_seen
+    return OWN_SIZE + 2 * LINK_SIZE + ROBOT_SIZE * sensing.robots_seen + TARGET_SIZE * sensing.targets_seen
 
 
 def track_start(scenario: Scenario) -> int:

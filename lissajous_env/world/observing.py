@@ -8,10 +8,8 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.trig import cos_sin
-from lissajous_env.world.observation import LINK, OWN
-from lissajous_env.world.observation import ROBOT as PER_ROBOT
-from lissajous_env.world.observation import TARGET as PER_TARGET
-from lissajous_env.world.robots.bins import Bins, bin_of, column_of, row_of
+from lissajous_env.world.observation import LINK_SIZE, OWN_SIZE, ROBOT_SIZE, TARGET_SIZE
+from lissajous_env.world.robots.nearby import Bins, bin_of, column_of, row_of
 from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, planar
 
 wp.set_module_options(OPTIONS)
@@ -67,13 +65,12 @@ def observe_ring(w, i, now, curve, age_per_step, message_start, robots, links, m
     """Fill entries 8 to 19, and those of the policies' messages."""
     own = robots.measured[w, i]
     turn = robots.measured_turn[w, i]
-    size = messages.heard.shape[3]
+    removed = robots.status[w, i] == REMOVED
     for side in range(2):
-        start = OWN + LINK * side
+        start = OWN_SIZE + LINK_SIZE * side
         heard_at = links.heard_at[w, i, side]
-        removed = robots.status[w, i] == REMOVED
         if heard_at < 0 or removed:
-            clear(w, i, start, start + LINK, observation_out)
+            clear(w, i, start, start + LINK_SIZE, observation_out)
         else:
             message = links.heard[w, i, side]
             observation_out[w, i, start] = 1.0
@@ -82,9 +79,12 @@ def observe_ring(w, i, now, curve, age_per_step, message_start, robots, links, m
             observation_out[w, i, start + 3] = wp.clamp(message[1] * turn[0] - message[0] * turn[1], -1.0, 1.0)
             observation_out[w, i, start + 4] = far(0.5 * (message[2] - own[0]) / curve.half_width)
             observation_out[w, i, start + 5] = far(0.5 * (message[3] - own[1]) / curve.half_height)
-        for m in range(size):
-            entry = message_start + side * size + m
-            observation_out[w, i, entry] = wp.where(removed, 0.0, messages.heard[w, i, side, m])
+    size = messages.heard.shape[3]
+    if size > 0:
+        for side in range(2):
+            for m in range(size):
+                heard = wp.where(removed, 0.0, messages.heard[w, i, side, m])
+                observation_out[w, i, message_start + side * size + m] = heard
 
 
 @wp.func
@@ -137,35 +137,32 @@ def nearest_robots(w, i, room: int, radius: float, robots, bins) -> int:
     return filled
 
 
-_NEXT_IN_DISC = """
-    const int count = in_sight.shape[1], together = 32;
-    for (int start = first; start < count; start += together) {
-        const wp::vec2* positions = &wp::index(position, w, start);
-        const int* seen = &wp::index(in_sight, w, start);
-        unsigned int near = 0;
-        for (int k = 0; k < (count - start < together ? count - start : together); ++k) {
-            const float x = positions[k][0] - place[0], y = positions[k][1] - place[1];
-            near |= (unsigned int)(seen[k] == 1 & x * x + y * y < radius * radius) << k;
-        }
-        if (near != 0)
-            return start + wp::bit_count(~near & (near - 1));
+_IN_DISC = """
+    const int together = 32, left = in_sight.shape[1] - first;
+    const wp::vec2* positions = &wp::index(position, w, first);
+    const int* seen = &wp::index(in_sight, w, first);
+    const float square = radius * radius;
+    unsigned int near = 0;
+    for (int k = 0; k < (left < together ? left : together); ++k) {
+        const float x = positions[k][0] - place[0], y = positions[k][1] - place[1];
+        near |= (unsigned int)(seen[k] == 1 & x * x + y * y < square) << k;
     }
-    return count;
+    return near;
 """
 
 
-@wp.func_native(_NEXT_IN_DISC)
-def next_in_disc(
+@wp.func_native(_IN_DISC)
+def in_disc(
     w: int,
     first: int,
     place: wp.vec2,
     radius: float,
     position: wp.array2d(dtype=wp.vec2),
     in_sight: wp.array2d(dtype=int),
-) -> int:
-    """Return the next target, from the first on, that is in sight and in the disc at a place [m]; T for none.
+) -> wp.uint32:
+    """Return the bits of those of 32 targets, from the first on, that are in sight and in the disc at a place [m].
 
-    The compiler turns its loop over targets into SIMD, in half of the time of the stage.
+    It is in C++ because SIMD halves the time of the observation.
     """
     ...
 
@@ -188,17 +185,19 @@ def nearest_targets(w, i, room: int, radius: float, robots, targets, bins) -> in
                         filled = keep_nearest(w, i, filled, room, away / radius, int(seen[2]), bins)
                     place = int(seen[3])
     else:
-        t = next_in_disc(w, 0, here, radius, targets.position, targets.in_sight)
-        while t < targets.in_sight.shape[1]:
-            filled = keep_nearest(w, i, filled, room, (targets.position[w, t] - here) / radius, t, bins)
-            t = next_in_disc(w, t + 1, here, radius, targets.position, targets.in_sight)
+        for first in range(0, targets.in_sight.shape[1], 32):
+            near = in_disc(w, first, here, radius, targets.position, targets.in_sight)
+            while near != wp.uint32(0):
+                t = first + int(wp.bit_count(~near & (near - wp.uint32(1))))
+                near &= near - wp.uint32(1)
+                filled = keep_nearest(w, i, filled, room, (targets.position[w, t] - here) / radius, t, bins)
     return filled
 
 
 @part
 def observe_robots(w, i, filled: int, sensing, speed_unit, robots, bins, observation_out):
     """List the nearest robots in the disc."""
-    entry = OWN + 2 * LINK
+    entry = OWN_SIZE + 2 * LINK_SIZE
     for k in range(filled):
         j = int(bins.nearest[w, i, k][1])
         offset = (planar(robots.position[w, j]) - planar(robots.position[w, i])) / sensing.sight
@@ -208,21 +207,21 @@ def observe_robots(w, i, filled: int, sensing, speed_unit, robots, bins, observa
         observation_out[w, i, entry + 2] = offset[1]
         observation_out[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
         observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
-        entry += PER_ROBOT
-    empty(w, i, entry, PER_ROBOT, sensing.robots_seen - filled, observation_out)
+        entry += ROBOT_SIZE
+    empty(w, i, entry, ROBOT_SIZE, sensing.robots_seen - filled, observation_out)
 
 
 @part
 def observe_targets(w, i, filled: int, sensing, robots, targets, bins, observation_out):
     """List the nearest targets in the disc."""
-    entry = OWN + 2 * LINK + PER_ROBOT * sensing.robots_seen
+    entry = OWN_SIZE + 2 * LINK_SIZE + ROBOT_SIZE * sensing.robots_seen
     for k in range(filled):
         offset = (targets.position[w, int(bins.nearest[w, i, k][1])] - robots.sensor[w, i]) / sensing.sight
         observation_out[w, i, entry] = 1.0
         observation_out[w, i, entry + 1] = offset[0]
         observation_out[w, i, entry + 2] = offset[1]
-        entry += PER_TARGET
-    empty(w, i, entry, PER_TARGET, sensing.targets_seen - filled, observation_out)
+        entry += TARGET_SIZE
+    empty(w, i, entry, TARGET_SIZE, sensing.targets_seen - filled, observation_out)
 
 
 @stage(ROBOT, writes="bins: nearest; observation_out")

@@ -21,11 +21,11 @@ from lissajous_env.world.columns import number_names, plain, score_of
 from lissajous_env.world.episode import detection_times, episodes_of
 from lissajous_env.world.extended import ExtensionStages
 from lissajous_env.world.observation import Layout, layout
-from lissajous_env.world.reward import TERMS
-from lissajous_env.world.robots.bins import bins_of
+from lissajous_env.world.robots.nearby import bins_of
 from lissajous_env.world.selection import checked_seeds, chosen_worlds, world_mask
 from lissajous_env.world.stages import reset_stages, step_stages
 from lissajous_env.world.state import RUNNING
+from lissajous_env.world.tally import TERMS
 from lissajous_env.world.values import constants_of, state_of
 
 _ROBOT_WORK, _TARGET_WORK = 500, 40

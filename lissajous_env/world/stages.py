@@ -22,12 +22,11 @@ from lissajous_env.world.contamination.conservative import bound_labels, reset_b
 from lissajous_env.world.contamination.field import clear_cells, keep_guarantee, reset_labels, spread
 from lissajous_env.world.coverage import cover
 from lissajous_env.world.observing import keep_final, observe
-from lissajous_env.world.reward import clear_events, give_reward
-from lissajous_env.world.robots.bins import clear_bins, has_bins, list_robots
 from lissajous_env.world.robots.car import drive
-from lissajous_env.world.robots.collisions import find_collisions, take_consequences
+from lissajous_env.world.robots.contacts import find_collisions, take_consequences, watch_walls
 from lissajous_env.world.robots.deviations import find_deviations, watch_boundary
 from lissajous_env.world.robots.faults import reset_losses, update_status
+from lissajous_env.world.robots.nearby import clear_bins, has_bins, list_robots
 from lissajous_env.world.robots.placing import draw_apart, follow_curve, reset_robots, turn_inside
 from lissajous_env.world.robots.signals import (
     hear,
@@ -35,9 +34,8 @@ from lissajous_env.world.robots.signals import (
     send,
     take_commands,
 )
-from lissajous_env.world.robots.walls import watch_walls
 from lissajous_env.world.rogues.acting import fill_rows, move_rogues, reward_rogues
-from lissajous_env.world.tally import keep_score
+from lissajous_env.world.tally import clear_events, give_reward, keep_score
 from lissajous_env.world.targets.detection import move_and_detect, place_unseen
 from lissajous_env.world.targets.motion import reset_arrivals, reset_targets, respawn
 from lissajous_env.world.tracks import observe_tracks, sight, update_tracks

@@ -277,7 +277,7 @@ class StepEvents:
     idle_ended: wp.array(dtype=wp.int64)
     """(W,) idleness of the cells that were sensed, summed [step]."""
     terms: wp.array3d(dtype=wp.float32)
-    """(W, N, terms) terms of the reward: `lissajous_env.world.reward.TERMS`, then those of extensions."""
+    """(W, N, terms) terms of the reward: `lissajous_env.world.tally.TERMS`, then those of extensions."""
     reward: wp.array2d(dtype=wp.float32)
     """(W, N) their sum."""
     terminated: wp.array2d(dtype=wp.bool)

@@ -15,7 +15,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Sensing
-from lissajous_env.world.observation import TEAMMATE, TRACK
+from lissajous_env.world.observation import TEAMMATE_SIZE, TRACK_SIZE
 from lissajous_env.world.observing import empty, far, keep_nearest
 from lissajous_env.world.state import FOUND, GONE, HIDDEN, REMOVED
 
@@ -143,9 +143,9 @@ def observe_tracks(w, i, track_start, curve, sensing, task, speed_unit, clock, r
         observation_out[w, i, entry + 6] = wp.where(tracks.own_at[w, i, t] == now, 1.0, 0.0)
         observation_out[w, i, entry + 7] = wp.where(tracks.other_at[w, i, t] == sent_at, 1.0, 0.0)
         observation_out[w, i, entry + 8] = float(tracks.leaves[w, i, t])
-        entry += TRACK
-    empty(w, i, entry, TRACK, sensing.tracks_seen - kept, observation_out)
-    entry = track_start + TRACK * sensing.tracks_seen
+        entry += TRACK_SIZE
+    empty(w, i, entry, TRACK_SIZE, sensing.tracks_seen - kept, observation_out)
+    entry = track_start + TRACK_SIZE * sensing.tracks_seen
     mates = int(0)
     if robots.status[w, i] != REMOVED:
         for j in range(tracks.heard_at.shape[2]):
@@ -157,5 +157,5 @@ def observe_tracks(w, i, track_start, curve, sensing, task, speed_unit, clock, r
         j = int(bins.nearest[w, i, k][1])
         age = float(now - tracks.heard_at[w, i, j]) * task.step / sensing.memory
         put_place(w, i, entry, tracks.mate_at[w, i, j] - here, age, curve, observation_out)
-        entry += TEAMMATE
-    empty(w, i, entry, TEAMMATE, sensing.teammates_seen - mates, observation_out)
+        entry += TEAMMATE_SIZE
+    empty(w, i, entry, TEAMMATE_SIZE, sensing.teammates_seen - mates, observation_out)

@@ -192,7 +192,7 @@ CALLS = [
       for seed in (-1, [1, 2], [1, 2, -3], [1.5, 2.5, 3.5], "abc", 1.5)),
     *(("vector", "reset", {"options": {"reset_mask": mask}}, MASK)
       for mask in ([True, False], [0, 1, 1], np.array([0, 2]), "all", np.ones((3, 1), dtype=bool), 1)),
-    ("vector", "step", {"actions": np.zeros((3, 5))}, r"action must have shape \(3, 5, 1\), got \(3, 5\)"),
+    ("vector", "step", {"actions": np.zeros((3, 5))}, r"actions must be numbers of shape \(3, 5, 1\), got \(3, 5\)"),
     *(("discrete", "step", {"actions": actions}, DISCRETE)
       for actions in (np.zeros((3, 5)), np.full((3, 5), 7), np.full((3, 5), -1), np.zeros((3, 4), int), 0)),
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Arguments of every environment interface: seeds, keywords, cycles, flat actions, pictures."""
+"""Arguments of every environment interface: seeds, keywords, cycles, pictures."""
 
 import gymnasium
 import numpy as np
@@ -87,23 +87,6 @@ def test_cycles_that_are_no_number_of_steps_are_refused(maker):
     for cycles in (1.5, True, 0, "3", 2**20 + 1):
         with pytest.raises(ValueError, match="max_cycles must be a whole number from 1 to 1048576, got"):
             MAKERS[maker](max_cycles=cycles)
-
-
-def test_flat_actions_are_the_same_actions():
-    # Oracle: the environment whose actions have a row for each robot.
-    for make in (lambda **flat: vector(num_envs=3, **flat), lambda **flat: lissajous_env.LissajousEnv(**SHORT, **flat)):
-        flat, rows = make(flat_actions=True), make()
-        flat.reset(seed=1)
-        rows.reset(seed=1)
-        for _ in range(10):
-            action = rows.action_space.sample()
-            got, expected = flat.step(action.reshape(flat.action_space.shape)), rows.step(action)
-            assert got[0].tobytes() == expected[0].tobytes()
-        with pytest.raises(ValueError, match=r"must (have|be numbers of) shape"):
-            flat.step(action)
-    # Discrete actions, a number for each robot, are flat as they are.
-    space = lissajous_env.LissajousEnv(flat_actions=True, discrete_actions=True).action_space
-    assert space.shape == (5,)
 
 
 def test_infos_tell_where_an_action_was_not_finite():

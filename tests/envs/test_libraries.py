@@ -50,7 +50,7 @@ def test_stable_baselines_learns_on_one_world_after_another():
     from stable_baselines3.common.env_util import make_vec_env
     from stable_baselines3.common.vec_env import VecNormalize
 
-    env = VecNormalize(make_vec_env(ID, 2, seed=1, env_kwargs={"flat_actions": True, "max_cycles": 8}))
+    env = VecNormalize(make_vec_env(ID, 2, seed=1, env_kwargs={"max_cycles": 8}))
     model = sb3.PPO("MlpPolicy", env, n_steps=16, batch_size=16, n_epochs=1, seed=1).learn(32)
     # Its own monitor has seen whole episodes, with none of our infos in the place of its own.
     assert [episode["l"] for episode in model.ep_info_buffer] == [8] * 4

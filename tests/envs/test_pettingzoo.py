@@ -13,7 +13,7 @@ from pettingzoo.test import api_test, parallel_api_test
 
 import lissajous_env
 from lissajous_env.parameters.assumptions import AssumptionWarning
-from lissajous_env.world.reward import TERMS
+from lissajous_env.world.tally import TERMS
 
 SHORT = {"task.duration": 3.0}
 CRASHING = {"task.on_collision": "remove", "robot.radius": 0.2, "formation.start": "random"}

@@ -168,6 +168,9 @@ def test_a_row_lists_the_nearest_of_what_the_sensor_detects():
     for name, along in (("robot", 0), ("target", 1)):
         distances = np.abs(getattr(rows, f"{name}_offset")[0, 0, :, along])
         np.testing.assert_allclose(distances, np.sort(places[:, 0])[: len(distances)], rtol=1e-6)
+    failed = baselines.Rows(onboard.act(0.1, pose, works=False, **seen).row[None, None], onboard.scenario)
+    assert not failed.robots_seen.any()
+    assert not failed.targets_seen.any(), "a robot that has failed senses nothing"
 
 
 def test_messages_that_are_no_messages_are_ignored():
@@ -179,6 +182,8 @@ def test_messages_that_are_no_messages_are_ignored():
     row = onboard.act(0.1, pose, [good, good._replace(sent_at=-0.1, x=-1.0)]).row  # the second was sent before
     assert row[8] == 1
     assert row[12] == pytest.approx(0.5 * (good.x - pose.x) / onboard.scenario.curve.half_width)
+    row = onboard.act(0.2, pose._replace(stamp=0.2), [good._replace(sent_at=0.165)]).row
+    assert row[9] == pytest.approx(0.035 / onboard.scenario.time_unit, rel=1e-2)
 
 
 @pytest.mark.parametrize("policy", ["sweep", "tracked-reference-mpcc"])

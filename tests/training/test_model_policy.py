@@ -73,7 +73,7 @@ def test_normalised_rows_are_normalised_again():
     assert not same(by_policy(training.sb3.ModelPolicy(model, scenario, 3), scores), scores)
 
 
-@pytest.mark.parametrize("form", [{}, {"flat_actions": True}, {"discrete_actions": True}])
+@pytest.mark.parametrize("form", [{}, {"discrete_actions": True}])
 def test_a_model_of_the_team_scores_as_where_it_was_trained(form):
     # Oracle: the Gymnasium environment of the team, stepped with the model's own predict, on the same seeds. One world
     # as there: a product of torch's matrices rounds by how many rows it has.
@@ -140,10 +140,12 @@ def box(*shape, most=1.0):
     [
         (box(41), box(2), r"observation_space of Model must be a Box of shape \(42,\), .* to play experiment, got Box"),
         (gymnasium.spaces.Dict({"a": box(42)}), box(2), r"observation_space of Model must be a Box .* got Dict"),
-        (box(42), box(1), r"action_space of Model must be a Box from -1 to 1 of shape \(2,\), or Discrete\(15\)"),
-        (box(42), box(2, most=2.0), r"action_space of Model must be a Box from -1 to 1 .* got Box\(-2.0, 2.0"),
-        (box(42), gymnasium.spaces.Discrete(7), r"or Discrete\(15\), to play experiment, got Discrete\(7\)"),
-        (box(5, 42), box(2), r"of shape \(5, 2\) or \(10,\), or MultiDiscrete\(\[15 15 15 15 15\]\)"),
+        (
+            box(42),
+            box(2, most=2.0),
+            r"action_space of Model must be Box\(-1.0, 1.0, .* or Discrete\(15\) to play exper",
+        ),
+        (box(5, 42), box(2), r"or MultiDiscrete\(\[15 15 15 15 15\]\) to play experiment, got Box"),
     ],
 )
 def test_spaces_that_do_not_fit_are_refused_by_name(rows, actions, words):

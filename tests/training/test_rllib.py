@@ -18,7 +18,7 @@ from ray.rllib.env.env_context import EnvContext  # noqa: E402
 from ray.rllib.env.multi_agent_episode import MultiAgentEpisode  # noqa: E402
 from ray.rllib.utils.pre_checks.env import check_multiagent_environments  # noqa: E402
 
-from training.rllib import LissajousMultiAgentEnv, policy_mapping_fn, two_sided_config  # noqa: E402
+from training.rllib import LissajousMultiAgentEnv  # noqa: E402
 
 SHORT = {"scenario": "failure", "task.duration": 3.0}
 ROGUES = {"targets.count": 2, "targets.arrival_rate": 1.0, "targets.entry": "unseen", "sensing.radius": 0.4,
@@ -163,34 +163,3 @@ def test_rogues_come_and_go():
         over = terminated["__all__"] or truncated["__all__"]
     assert appeared > 0
     assert truncated["__all__"]
-
-
-def test_each_side_has_its_module():
-    assert policy_mapping_fn("robot_3") == "robots"
-    assert policy_mapping_fn("rogue_12", None) == "rogues"
-    with pytest.raises(ValueError, match="agent must be a robot or a rogue, got 'other_1'"):
-        policy_mapping_fn("other_1")
-
-
-def test_ppo_trains_the_modules_of_both_sides(one_node):
-    # Oracle: the weights of both modules change and stay finite.
-    logging.getLogger("ray.rllib").setLevel(logging.ERROR)
-    config = two_sided_config("experiment", **ROGUES)
-    config.env_runners(num_env_runners=0, rollout_fragment_length=30)
-    config.training(train_batch_size_per_learner=60, minibatch_size=60, num_epochs=2)
-    algorithm = config.build_algo()
-    try:
-
-        def weights():
-            states = algorithm.get_weights()
-            return {name: np.concatenate([np.ravel(array) for array in states[name].values()]) for name in states}
-
-        before = weights()
-        for _ in range(2):
-            algorithm.train()
-        after = weights()
-        for name in ("robots", "rogues"):
-            assert np.isfinite(after[name]).all()
-            assert not np.array_equal(before[name], after[name])
-    finally:
-        algorithm.stop()

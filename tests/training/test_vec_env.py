@@ -10,11 +10,12 @@ import lissajous_env
 pytest.importorskip("stable_baselines3")
 
 import torch
-from stable_baselines3 import PPO
+from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecCheckNan, VecEnv, VecMonitor, VecNormalize
 
-from training.sb3 import RobotVecEnv
+from lissajous_env.envs.sides import action_table
+from training.sb3 import ModelPolicy, RobotVecEnv
 
 
 def make_env(name="intruders", worlds=3, **overrides):
@@ -77,3 +78,22 @@ def test_episodes_are_reported_as_a_monitor_reports_them(tmp_path):
                 ended, early = ended + 1, early + (not info["TimeLimit.truncated"])
     assert ended > 60
     assert early > 0
+
+
+def test_dqn_learns_on_the_rows_of_a_batch():
+    # Oracle: the same actions as numbers.
+    short = lissajous_env.scenario("experiment", **{"task.duration": 0.8})
+    env = RobotVecEnv(short, 2, seed=0, discrete_actions=True)
+    model = DQN("MlpPolicy", env, learning_starts=20, train_freq=2, seed=1).learn(100)
+    env.seed(0)
+    chosen, _ = model.predict(env.reset())
+    env.step(chosen)
+    for wrong in (chosen + 100, chosen.astype(float), chosen[:-1], chosen.astype(bool)):
+        with pytest.raises(ValueError, match="action"):
+            env.step(wrong)
+    numbers = RobotVecEnv(short, 2, seed=0)
+    env.seed(0)
+    numbers.seed(0)
+    assert env.reset().tobytes() == numbers.reset().tobytes()
+    assert env.step(chosen)[0].tobytes() == numbers.step(action_table(short)[chosen])[0].tobytes()
+    assert len(lissajous_env.evaluate(ModelPolicy(model, short), short, range(1))) == 1

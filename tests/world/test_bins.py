@@ -9,8 +9,8 @@ import pytest
 import lissajous_env
 from lissajous_env.device import program
 from lissajous_env.world import stages
-from lissajous_env.world.robots import bins
-from lissajous_env.world.robots.bins import has_bins
+from lissajous_env.world.robots import nearby
+from lissajous_env.world.robots.nearby import has_bins
 from lissajous_env.world.state import REMOVED
 
 DENSE = {"curve.a": 201, "curve.b": 200, "formation.phase_rate": 0.001, "robot.radius": 0.1}
@@ -46,7 +46,7 @@ def made(monkeypatch):
     """Make a simulation that has bins or not, whatever its size."""
 
     def make(scenario, with_bins):
-        for module in (bins, stages):
+        for module in (nearby, stages):
             monkeypatch.setattr(module, "has_bins", lambda scenario: with_bins)
         return lissajous_env.Simulation(scenario, 2, seed=3, threads=1)
 

@@ -8,7 +8,7 @@ import baselines
 import lissajous_env
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.world import stages
-from lissajous_env.world.robots import bins
+from lissajous_env.world.robots import nearby
 
 wp.set_module_options(OPTIONS)
 
@@ -93,7 +93,7 @@ def test_points_of_one_place_overlap_by_design_and_are_no_collision():
 def test_points_of_different_places_and_cars_of_one_place_do_collide(many, monkeypatch):
     # Oracle: by hand. Two of six points on three places stop, and those that continue run through them; six cars that
     # begin two on a place are three pairs in touch.
-    for module in (bins, stages):
+    for module in (nearby, stages):
         monkeypatch.setattr(module, "has_bins", lambda scenario: many)
     clustered = {"robot.count": 6, "formation.p": 2, "formation.ring": None, "targets.arrival_rate": 0.0}
     cars = lissajous_env.scenario("experiment", **clustered, **{"faults.schedule": ()})

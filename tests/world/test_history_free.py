@@ -6,7 +6,7 @@ import warp as wp
 
 import lissajous_env
 from lissajous_env.device.warp_abi import fields_of, is_struct
-from lissajous_env.world.robots.bins import has_bins
+from lissajous_env.world.robots.nearby import has_bins
 from lissajous_env.world.values import constants_of
 
 CROWD = {"curve.a": 51, "curve.b": 50, "robot.radius": 0.15, "sensing.radius": 0.4, "formation.phase_rate": 0.02}

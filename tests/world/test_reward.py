@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from lissajous_env.world.reward import FORMULAS, TERMS
 from lissajous_env.world.state import Contamination, EpisodeTotals, StepEvents
+from lissajous_env.world.tally import FORMULAS, TERMS
 
 WEIGHTS = {
     "task.reward_detection": 2.0,

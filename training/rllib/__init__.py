@@ -1,5 +1,5 @@
-"""RLlib: the environment, and the configuration of PPO for robots and rogues."""
+"""RLlib: the environment."""
 
-from training.rllib.env import LissajousMultiAgentEnv, policy_mapping_fn, two_sided_config
+from training.rllib.env import LissajousMultiAgentEnv
 
-__all__ = ["LissajousMultiAgentEnv", "policy_mapping_fn", "two_sided_config"]
+__all__ = ["LissajousMultiAgentEnv"]

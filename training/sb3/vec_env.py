@@ -9,8 +9,6 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from lissajous_env import Scenario
 from lissajous_env.envs.batch import Batch
-from lissajous_env.envs.one_world import METADATA
-from lissajous_env.wording import shown
 
 RECENT = 256
 """Number of latest episodes whose scores are stored."""
@@ -34,7 +32,6 @@ class BatchVecEnv(VecEnv):
             `seed`, the first reset draws seeds from the operating system.
         threads: CPU threads; all cores by default.
         discrete_actions: True for actions that are rows of a table of `lissajous_env.envs.sides`, as for DQN.
-        render_mode: None, or `rgb_array` for pictures of the worlds, as for `VecVideoRecorder`.
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
 
     Raises:
@@ -43,25 +40,20 @@ class BatchVecEnv(VecEnv):
 
     def __init__(
         self, scenario: str | Scenario, num_worlds: int, *, roles: str, robots: Any = None, device: Any = "cpu",
-        seed: int | None = None, threads: int | None = None, discrete_actions: bool = False,
-        render_mode: str | None = None, **overrides: Any,
+        seed: int | None = None, threads: int | None = None, discrete_actions: bool = False, **overrides: Any,
     ):  # fmt: skip
-        if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode must be None or rgb_array, got {shown(render_mode)}")
         settings: dict[str, Any] = {"discrete_actions": discrete_actions, "device": device, "threads": threads}
         batch = Batch(scenario, num_worlds, roles=roles, robots=robots, seed=seed, overrides=overrides, **settings)
         self.batch, self.simulation, self.scenario = batch, batch.simulation, batch.scenario
         (self._side,) = batch.sides
         self.scores: deque[dict[str, Any]] = deque(maxlen=RECENT)
         """Scores of the latest episodes."""
-        self.render_mode, self._gallery = render_mode, None
+        self.render_mode = None
         self._began = time.monotonic()
         count = batch.num_worlds * self._side.places
         self._acts, self._returns = np.zeros(count, dtype=bool), np.zeros(count)
         self._lengths = np.zeros(count, dtype=np.int64)
-        self._table = self._side.table
-        super().__init__(count, self._side.row_space(), self._side.action_space())
-        self.metadata["render_fps"] = METADATA["render_fps"]
+        super().__init__(count, *self._side.spaces())
 
     def close(self) -> None:
         """Do nothing: there is nothing to close."""
@@ -85,14 +77,6 @@ class BatchVecEnv(VecEnv):
         """Return False for each row: rows are not wrapped."""
         return [False for _ in self._get_indices(indices)]
 
-    def get_images(self) -> list[np.ndarray]:
-        """Return a picture of each world, for `render` and `VecVideoRecorder`."""
-        if self._gallery is None:
-            from lissajous_env.render import Gallery
-
-            self._gallery = Gallery(self.scenario, self.simulation.num_worlds)
-        return self._gallery.draw(self.simulation)
-
     def seed(self, seed: int | None = None) -> Any:
         """Seed world k with seed + k N at the next reset: the N rows of a world use the seed of the first."""
         return super().seed(seed)
@@ -105,8 +89,7 @@ class BatchVecEnv(VecEnv):
         self._reset_options()
         self.batch.reset()
         self._returns[:], self._lengths[:] = 0.0, 0
-        self._acts = self._side.acting(self.simulation).reshape(-1)
-        return self._rows()
+        return self._begun()
 
     def step_async(self, actions: np.ndarray) -> None:
         """Store the actions of the next step: (W N, action_size), clipped to [-1, 1], or (W N,) indices of the table.
@@ -114,30 +97,25 @@ class BatchVecEnv(VecEnv):
         Raises:
             ValueError: actions have another shape, are not finite, or are no indices.
         """
-        shape = (self.num_envs,) if self._table is not None else (self.num_envs, self._side.action_size)
-        self._actions = self._side.read(actions, shape)
+        self._actions = self._side.read(actions, (self.num_envs, *self.action_space.shape))  # type: ignore[misc]
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Take the step with the stored actions; begin new episodes in the worlds whose episode is over."""
         self.batch.step({self._side.agent: self._actions})
-        side, simulation = self._side, self.simulation
-        arrays = side.arrays(simulation)
-        rewards = arrays.reward.numpy().reshape(-1).copy()
-        terminated = arrays.terminated.numpy().astype(bool).reshape(-1)
-        over = self.batch.over
-        ended_worlds = np.repeat(over, side.places)
-        dones = self._acts & terminated | ended_worlds
+        rows, over = self.batch.rows(self._side), self.batch.over
+        rewards, terminated = rows.reward.reshape(-1).copy(), rows.terminated.reshape(-1)
+        dones = self._acts & terminated | np.repeat(over, self._side.places)
         truncated = dones & self._acts & ~terminated
         infos: list[dict[str, Any]] = [{"TimeLimit.truncated": late} for late in truncated.tolist()]
         if dones.any():
-            for k, row in zip(np.flatnonzero(dones), self._rows()[dones], strict=True):
+            last = rows.observation.reshape(self.num_envs, -1)[dones]
+            for k, row in zip(np.flatnonzero(dones), last, strict=True):
                 infos[k]["terminal_observation"] = row
         self._report(rewards, dones, infos)
         if over.any():
             self.scores.extend(self.batch.score(over))
             self.batch.reset(over)
-        self._acts = side.acting(simulation).reshape(-1)
-        return self._rows(), rewards, dones, infos
+        return self._begun(), rewards, dones, infos
 
     def _report(self, rewards: np.ndarray, dones: np.ndarray, infos: list[dict[str, Any]]) -> None:
         """Count a step, and report the episodes that ended with it: return, length [steps], time since the start [s].
@@ -151,9 +129,11 @@ class BatchVecEnv(VecEnv):
             infos[k]["episode"] = {"r": float(self._returns[k]), "l": int(self._lengths[k]), "t": at}
         self._returns[dones], self._lengths[dones] = 0.0, 0
 
-    def _rows(self) -> np.ndarray:
-        """Return a copy of the rows (W N, inputs)."""
-        return self._side.arrays(self.simulation).observation.numpy().reshape(self.num_envs, -1).copy()
+    def _begun(self) -> np.ndarray:
+        """Note which agents act in the next step, and return a copy of their rows (W N, inputs)."""
+        rows = self.batch.rows(self._side)
+        self._acts = (rows.mask & ~rows.terminated).reshape(-1)
+        return rows.observation.reshape(self.num_envs, -1).copy()
 
 
 class RogueVecEnv(BatchVecEnv):

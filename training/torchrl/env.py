@@ -141,30 +141,29 @@ class LissajousTorchEnv(EnvBase):
                 actions[side.agent] = torch.as_tensor(side.table, device=self.device)[actions[side.agent]]
         with self._on_torch_stream():
             self.batch.step(actions)
-        after = self._read()
+        after = self._read(rewards=True)
         for side in self.batch.sides:
-            finite = torch.isfinite(actions[side.agent]).all(-1)
-            if not finite.all():  # the simulation has replaced it by zero
-                w, i = (~finite).nonzero()[0].tolist()
+            if not torch.isfinite(actions[side.agent]).all():  # the simulation has replaced it by zero
+                w, i = (~torch.isfinite(actions[side.agent])).nonzero()[0, :2].tolist()
                 got = actions[side.agent][w, i].tolist()
                 raise ValueError(f"action of {side.names[i]} in world {w} must be finite, got {got}")
-            after.set((side.agent, "reward"), self.batch.rows(side, torch).reward.unsqueeze(-1).clone())
         return after
 
-    def _read(self) -> TensorDict:
-        """Copy observations, flags and scores from the simulation's arrays, which the next step overwrites."""
+    def _read(self, rewards: bool = False) -> TensorDict:
+        """Copy the rows, flags and scores from the simulation's arrays, which the next step overwrites."""
         scores = torch.full((len(SCORES), *self.batch_size, 1), torch.nan, device=self.device)
         ended = self.batch.just_ended
         if ended.any():
-            rows = [[row[name] for row in self.batch.score(ended)] for name in SCORES]
-            scores[:, torch.as_tensor(ended, device=self.device), 0] = torch.tensor(rows, device=self.device).float()
+            rows = [[row[name] for name in SCORES] for row in self.batch.score(ended)]
+            scores[:, torch.as_tensor(ended, device=self.device), 0] = torch.tensor(rows, device=self.device).float().T
         world: dict[str, Any] = {"score": self._batched(dict(zip(SCORES, scores, strict=True)))}
         for side in self.batch.sides:
             of = self.batch.rows(side, torch)
-            team = {name: getattr(of, name).unsqueeze(-1).clone() for name in ("mask", "terminated", "truncated")}
+            copied = ("mask", "terminated", "truncated", "reward") if rewards else ("mask", "terminated", "truncated")
+            team = {name: getattr(of, name).unsqueeze(-1).clone() for name in copied}
             team |= {"observation": of.observation.clone(), "done": team["terminated"] | team["truncated"]}
             if side.is_robots:
-                terms = self.batch.reward_terms(torch).clone().unsqueeze(-2).unbind(-1)
+                terms = of.terms.clone().unsqueeze(-2).unbind(-1)
                 names = [f"reward_{name}" for name in self.batch.simulation.reward_term_names]
                 team["info"] = self._batched(dict(zip(names, terms, strict=True)), side.places)
                 gone, late = of.terminated.all(1, True), (of.mask & of.truncated).any(1, True)

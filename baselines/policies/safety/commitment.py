@@ -52,8 +52,6 @@ class Memory:
     """Committed tail at the beginning of the step: `baselines.policies.safety.tails`."""
     old_tail: wp.array2d(dtype=Tail)
     """The rest of the previous tail, or the place at which a robot stands, if it failed in the latest step."""
-    steering: wp.array2d(dtype=wp.vec2)
-    """Action of the steering on the tail, and on the previous tail."""
     known: wp.array2d(dtype=wp.vec4)
     """Bounds of the robot's own curvature and drive as factors of the nominal: least, most; least, most."""
     sums: wp.array2d(dtype=wp.vec4)
@@ -182,7 +180,6 @@ def begin(w: int, i: int, bounds: Bounds, car: wp.vec4, memory: Memory, observat
         memory.known[w, i] = bounds.widest[i]
     elif not works:
         memory.tail[w, i] = memory.old_tail[w, i]
-        memory.steering[w, i] = wp.vec2(memory.steering[w, i][1], memory.steering[w, i][1])
     elif is_off_the_wall(bounds, car, memory.last[w, i][1]):
         learn_of(w, i, bounds, car, memory)
     memory.last[w, i] = wp.vec4(car[2], car[3], 0.0, 0.0)
@@ -191,14 +188,14 @@ def begin(w: int, i: int, bounds: Bounds, car: wp.vec4, memory: Memory, observat
     if is_known and away <= tail.w0 + bounds.place:
         return True
     errors = wp.vec3(bounds.place, bounds.heading, bounds.speed)
-    memory.tail[w, i] = tail_from(bounds, memory.known[w, i], car, errors, memory.steering[w, i][0])
+    memory.tail[w, i] = tail_from(bounds, memory.known[w, i], car, errors, tail.steering)
     return memory.presence[w, i] == GONE
 
 
 @wp.func
-def stand(w: int, i: int, x: float, y: float, heading: float, error: float, memory: Memory):
+def stand(w: int, i: int, place: wp.vec3, steering: float, error: float, memory: Memory):
     """Store that a robot stands at a place, within an error [m], if it stops dead in this step."""
-    memory.old_tail[w, i] = Tail(x, y, heading, 0.0, 0.0, error, 0.0, 0.0)
+    memory.old_tail[w, i] = Tail(place[0], place[1], place[2], 0.0, 0.0, steering, error, 0.0, 0.0)
 
 
 @wp.func
@@ -220,8 +217,7 @@ def let_roll(w: int, i: int, bounds: Bounds, memory: Memory):
     memory.tail[w, i] = tail
     memory.old_tail[w, i] = tail
     if bounds.stops[i] == 1:
-        stand(w, i, before.x, before.y, before.heading, before.w0, memory)
-    memory.steering[w, i] = wp.vec2(memory.steering[w, i][0], memory.steering[w, i][0])
+        stand(w, i, wp.vec3(before.x, before.y, before.heading), before.steering, before.w0, memory)
 
 
 @wp.func
@@ -269,21 +265,20 @@ def leads_out(bounds: Bounds, tail: Tail) -> bool:
 
 
 @wp.func
-def decide(w: int, i: int, bounds: Bounds, car: wp.vec4, want: wp.vec2, memory: Memory) -> wp.vec3:
-    """Take the first of the changed actions after which a tail has room, or continue the old tail.
+def decide(w: int, i: int, bounds: Bounds, car: wp.vec4, want: wp.vec2, memory: Memory) -> wp.vec2:
+    """Return the first of the changed actions after which a tail has room, or continue the old tail.
 
     A tail whose end leaves the car no way out of the walls is not taken, unless that of the old one does not either.
     If the old tail has no room either, which can happen if conditions are violated, the plan with most room is used.
-    Return the action, and the steering of the tail after it.
     """
     known = memory.known[w, i]
-    held = memory.steering[w, i][1]
-    chosen = wp.vec3(held, -1.0, held)
+    old = memory.tail[w, i]
+    chosen = wp.vec2(old.steering, -1.0)
     enough = float(0.0)
     if memory.holds[w] == 0:
         enough = wp.min(room_of(w, i, OLD, -FAR, -1, bounds, memory)[0], 0.0)
     room = wp.vec2(-FAR, -1.0)
-    ends_well = leads_out(bounds, memory.tail[w, i])
+    ends_well = leads_out(bounds, old)
     for k in range(bounds.changes.shape[0] * bounds.tails):
         change = bounds.changes[k / bounds.tails]
         action = within_limits(bounds, known, car[3], want + change)
@@ -300,15 +295,15 @@ def decide(w: int, i: int, bounds: Bounds, car: wp.vec4, want: wp.vec2, memory: 
         if room[0] >= enough:
             memory.decided[w, i] = 1
             memory.tail[w, i] = tail
-            chosen = wp.vec3(action[0], action[1], turn)
+            chosen = action
             if bounds.stops[i] == 1:
-                stand(w, i, car[0], car[1], car[2], bounds.place, memory)
+                stand(w, i, wp.vec3(car[0], car[1], car[2]), old.steering, bounds.place, memory)
             enough = room[0]
             if enough >= 0.0:
                 break
     if room[0] < enough and memory.decided[w, i] == 1:
         # The plan that was laid out last is not the chosen one.
-        propose(w, i, bounds, car, wp.vec2(chosen[0], chosen[1]), chosen[2], memory)
+        propose(w, i, bounds, car, chosen, memory.tail[w, i].steering, memory)
     return chosen
 
 
@@ -332,14 +327,13 @@ def commit(
         memory.holds[w] = is_compatible(w, bounds, memory)
     for turn in range(n):
         i = (turn + step) % n
-        chosen = wp.vec3(memory.steering[w, i][0], -1.0, memory.steering[w, i][0])
+        chosen = wp.vec2(memory.tail[w, i].steering, -1.0)
         want = wp.vec2(wanted[w, i, 0], wanted[w, i, 1])
         able = own_works(w, i, observation) and wp.isfinite(want[0]) and wp.isfinite(want[1])
         if able and hears_all(w, i, step, bounds, observation):
             here = own_position(w, i, curve, observation)
             car = wp.vec4(here[0], here[1], memory.last[w, i][0], memory.last[w, i][1])
             chosen = decide(w, i, bounds, car, want, memory)
-        memory.steering[w, i] = wp.vec2(chosen[2], memory.steering[w, i][1])
         action_out[w, i, 0] = chosen[0]
         action_out[w, i, 1] = chosen[1]
         for k in range(2, action_out.shape[2]):

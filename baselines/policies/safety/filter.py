@@ -52,7 +52,7 @@ from baselines.policies.safety.kernel import (
     keep_clear,
 )
 from lissajous_env.device.curve import curve_struct
-from lissajous_env.device.structs import RobotStruct, to_struct
+from lissajous_env.device.structs import RobotStruct, SensingStruct, to_struct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import top_speed, turning_radius
 
@@ -75,10 +75,18 @@ class Safe(Filter):
 
     def __init__(self, *given: Any, **named: Any):
         super().__init__(*given, **named)
+        scenario, constants = self.scenario, Constants()
         if self.parameters.speed_max is None:
-            limit = speed_limit(self.scenario, self.parameters)
+            limit = speed_limit(scenario, self.parameters)
             self.parameters = dataclasses.replace(self.parameters, speed_max=limit)
-        self._constants = _constants(self.scenario, self.parameters)
+        constants.safety = to_struct(SafetyStruct, self.parameters)
+        constants.robot = to_struct(RobotStruct, scenario.robot)
+        constants.sensing = to_struct(SensingStruct, dataclasses.replace(scenario.sensing, sight=scenario.sight))
+        constants.step, constants.age_unit = scenario.task.step, scenario.time_unit
+        constants.speed_unit = scenario.robot.top_speed
+        formation = top_speed(scenario.driven, scenario.formation.phase_rate)
+        constants.listens = int(speed_in_sight(scenario, self.parameters) < formation)
+        self._constants = constants
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._memory = wp.zeros((*self.shape, 2), dtype=wp.vec3, device=self.device)
         near, paths = (int(NEAREST),), (2 * int(MANOEUVRES), self.parameters.horizon + 1)
@@ -116,14 +124,3 @@ def speed_in_sight(scenario: Scenario, parameters: SafetyParameters) -> float:
     aside = min(robot.radius + 0.5 * parameters.clearance, tightest)
     reach = math.sqrt(tightest**2 - (tightest - aside) ** 2)
     return (scenario.sight - 2 * reach) / (2 * scenario.task.step)
-
-
-def _constants(scenario: Scenario, parameters: SafetyParameters) -> Any:
-    constants: Any = Constants()
-    constants.safety, constants.robot = to_struct(SafetyStruct, parameters), to_struct(RobotStruct, scenario.robot)
-    constants.speed_unit, constants.sight = scenario.robot.top_speed, scenario.sight
-    constants.step, constants.age_unit = scenario.task.step, scenario.time_unit
-    constants.robots_seen = scenario.sensing.robots_seen
-    formation = top_speed(scenario.driven, scenario.formation.phase_rate)
-    constants.listens = int(speed_in_sight(scenario, parameters) < formation)
-    return constants

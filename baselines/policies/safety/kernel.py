@@ -26,7 +26,7 @@ from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.car_input import car_action, steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.structs import RobotStruct, struct_of
+from lissajous_env.device.structs import RobotStruct, SensingStruct, struct_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
@@ -101,16 +101,13 @@ class Constants:
 
     safety: SafetyStruct
     robot: RobotStruct
+    sensing: SensingStruct
     speed_unit: wp.float32
     """Top speed of a car, the unit of its observed speed [m/s]."""
-    sight: wp.float32
-    """Radius within which robots are sensed [m]."""
     step: wp.float32
     """Control step [s]."""
     age_unit: wp.float32
     """Unit of a message's age [s]."""
-    robots_seen: wp.int32
-    """Number of robots that an observation lists."""
     listens: wp.int32
     """1 if ring neighbours beyond the sight are avoided, too."""
 
@@ -269,9 +266,9 @@ def linearise(c: Constants, car: wp.vec4, n: int, others: Others, at: wp.vec2, w
 def see(w: int, i: int, c: Constants, own: wp.vec2, observation: Observation, others_out: Others) -> int:
     """Write relative x, y [m] and velocity [m/s] of the robots in sight of one with a velocity; return their number."""
     n = int(0)
-    for k in range(wp.min(c.robots_seen, NEAREST)):
+    for k in range(wp.min(c.sensing.robots_seen, NEAREST)):
         if sees(w, i, k, observation):
-            away = offset_seen(w, i, k, c.sight, observation)
+            away = offset_seen(w, i, k, c.sensing.sight, observation)
             velocity = velocity_seen(w, i, k, c.speed_unit, observation) + own
             others_out[n] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
             n += 1
@@ -303,7 +300,7 @@ def hear(
             away = offset_heard(w, i, side, curve, observation)
             place = own + away
             memory[w, i, side] = wp.vec3(place[0], place[1], 1.0)
-            if before[2] > 0.0 and wp.length(away) >= c.sight and count < NEAREST:
+            if before[2] > 0.0 and wp.length(away) >= c.sensing.sight and count < NEAREST:
                 velocity = (place - wp.vec2(before[0], before[1])) / c.step
                 others_out[count] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
                 count += 1

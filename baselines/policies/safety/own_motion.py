@@ -91,7 +91,7 @@ def tail_from(bounds: Bounds, known: wp.vec4, car: wp.vec4, errors: wp.vec3, ste
     length = car[3] / bounds.robot.drag
     along = errors[2] / bounds.robot.drag + bounds.coarseness * length
     w2 = 0.5 * length * (bend * length + (wp.abs(curvature) + bend) * along)
-    return Tail(car[0], car[1], car[2], length, curvature, errors[0], along + errors[1] * length, w2)
+    return Tail(car[0], car[1], car[2], length, curvature, steering, errors[0], along + errors[1] * length, w2)
 
 
 @wp.func

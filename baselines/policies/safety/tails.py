@@ -42,6 +42,8 @@ class Tail:
     """L [m]."""
     curvature: float
     """kappa [1/m]."""
+    steering: float
+    """Action of the steering, in [-1, 1]."""
     w0: float
     """w(0) [m]."""
     w1: float
@@ -73,7 +75,8 @@ def roll_on(tail: Tail, left: float) -> Tail:
     begin = place_on(tail, gone)
     w0 = tail.w0 + gone * (tail.w1 + gone * tail.w2)
     w1 = (tail.w1 + 2.0 * gone * tail.w2) * left
-    return Tail(begin[0], begin[1], begin[2], tail.length * left, tail.curvature, w0, w1, tail.w2 * left * left)
+    w2 = tail.w2 * left * left
+    return Tail(begin[0], begin[1], begin[2], tail.length * left, tail.curvature, tail.steering, w0, w1, w2)
 
 
 @wp.func

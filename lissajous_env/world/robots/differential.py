@@ -15,7 +15,7 @@ from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.robot_models import AsCar, RobotModel, register_robot_model
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
-from lissajous_env.world.robots.walls import WALL, begin_track, end_motion, stop_at_walls
+from lissajous_env.world.robots.contacts import WALL, begin_track, end_motion, stop_at_walls
 from lissajous_env.world.state import WORKING
 
 wp.set_module_options(MOTION)

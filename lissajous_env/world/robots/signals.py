@@ -154,24 +154,27 @@ def measure(block, curve, formation, noise, clock, robots):
 
 
 @stage(ROBOT, writes="links: sending, sent; messages: sending, sent")
-def send(w, i, taken, clock, robots, links, messages):
+def send(w, lane, lanes, taken, clock, robots, links, messages):
     """Send measured phase and position, and the policy's message, to both neighbours; a removed robot sends nothing.
 
     A policy's message is the last components of its action; a failed robot repeats its last one.
     """
     slot = clock.step[w] % links.sent.shape[2]
-    status = robots.status[w, i]
-    links.sending[w, i, slot] = wp.where(status == REMOVED, 0, 1)
-    pose = robots.measured[w, i]
-    turn = robots.measured_turn[w, i]
-    links.sent[w, i, slot] = wp.vec4(turn[0], turn[1], pose[0], pose[1])
+    for i in range(lane, robots.status.shape[1], lanes):
+        links.sending[w, i, slot] = wp.where(robots.status[w, i] == REMOVED, 0, 1)
+        pose = robots.measured[w, i]
+        turn = robots.measured_turn[w, i]
+        links.sent[w, i, slot] = wp.vec4(turn[0], turn[1], pose[0], pose[1])
     size = messages.sending.shape[2]
-    for m in range(size):
-        if status == REMOVED:
-            messages.sending[w, i, m] = 0.0
-        elif status == WORKING and clock.step[w] > 0:
-            messages.sending[w, i, m] = taken[w, i, taken.shape[2] - size + m]
-        messages.sent[w, i, slot, m] = messages.sending[w, i, m]
+    if size > 0:  # in a loop of its own, which costs nothing where there are none
+        for i in range(lane, robots.status.shape[1], lanes):
+            status = robots.status[w, i]
+            for m in range(size):
+                if status == REMOVED:
+                    messages.sending[w, i, m] = 0.0
+                elif status == WORKING and clock.step[w] > 0:
+                    messages.sending[w, i, m] = taken[w, i, taken.shape[2] - size + m]
+                messages.sent[w, i, slot, m] = messages.sending[w, i, m]
 
 
 @stage(ROBOT, writes="links: heard, heard_at; messages: heard")
@@ -195,5 +198,9 @@ def hear(w, lane, lanes, noise, neighbours, clock, links, messages):
             if arrives:
                 links.heard[w, i, side] = links.sent[w, j, slot]
                 links.heard_at[w, i, side] = sent_at
-                for m in range(messages.heard.shape[3]):
-                    messages.heard[w, i, side, m] = messages.sent[w, j, slot, m]
+    if messages.heard.shape[3] > 0:
+        for i in range(lane, links.sending.shape[1], lanes):
+            for side in range(2):
+                if links.heard_at[w, i, side] == sent_at:
+                    for m in range(messages.heard.shape[3]):
+                        messages.heard[w, i, side, m] = messages.sent[w, neighbours[i, side], slot, m]

@@ -8,7 +8,7 @@ from lissajous_env.device.stage import TARGET, part, stage
 from lissajous_env.device.trig import atan2
 from lissajous_env.world.observing import comes_before, far, velocity
 from lissajous_env.world.robots.signals import flag
-from lissajous_env.world.rogues.rows import OWN, ROBOT, ROBOTS
+from lissajous_env.world.rogues.rows import FIRST_ROBOT, OWN_SIZE, ROBOT_SIZE
 from lissajous_env.world.state import (
     ENDED,
     FOUND,
@@ -105,8 +105,10 @@ def observe_itself(w, t, place: wp.vec2, curve, target, radius: float, age: floa
     rogues.observation[w, t, 5] = wp.min(age, _FAR)
     for side in range(2):
         sign = float(1 - 2 * side)
-        rogues.observation[w, t, OWN + side] = wp.clamp((curve.half_width + sign * place[0]) / radius, 0.0, _FAR)
-        rogues.observation[w, t, OWN + 2 + side] = wp.clamp((curve.half_height + sign * place[1]) / radius, 0.0, _FAR)
+        to_side = (curve.half_width + sign * place[0]) / radius
+        to_end = (curve.half_height + sign * place[1]) / radius
+        rogues.observation[w, t, OWN_SIZE + side] = wp.clamp(to_side, 0.0, _FAR)
+        rogues.observation[w, t, OWN_SIZE + 2 + side] = wp.clamp(to_end, 0.0, _FAR)
 
 
 @part
@@ -133,13 +135,13 @@ def fill_rows(w, t, curve, sensing, target, speed_unit, bounds_per_step, clock, 
         place = targets.position[w, t]
         age = float(now - targets.appears_at[w, t]) * bounds_per_step
         observe_itself(w, t, place, curve, target, sensing.radius, age, targets, rogues)
-        entry = ROBOTS
+        entry = FIRST_ROBOT
         nearest = next_robot(w, place, wp.vec2(-1.0, -1.0), target.sight, robots)
         while nearest[1] >= 0.0:
             i = int(nearest[1])
             away = planar(robots.position[w, i]) - place
             observe_robot(w, t, i, entry, away, curve, sensing.radius, speed_unit, robots, rogues)
-            entry += ROBOT
+            entry += ROBOT_SIZE
             nearest = next_robot(w, place, nearest, target.sight, robots)
     for k in range(entry, size):
         rogues.observation[w, t, k] = 0.0

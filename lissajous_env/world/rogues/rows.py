@@ -42,9 +42,9 @@ ROBOT_ENTRIES = (
 ACTION_NAMES = "x_velocity", "y_velocity"
 """Components of a rogue's action, a velocity [speed_limit]; a longer one is shortened to length 1."""
 
-OWN = wp.constant(len(OWN_ENTRIES))
-ROBOTS = wp.constant(len(OWN_ENTRIES) + len(WALL_ENTRIES))
-ROBOT = wp.constant(len(ROBOT_ENTRIES))
+OWN_SIZE = wp.constant(len(OWN_ENTRIES))
+FIRST_ROBOT = wp.constant(len(OWN_ENTRIES) + len(WALL_ENTRIES))
+ROBOT_SIZE = wp.constant(len(ROBOT_ENTRIES))
 
 
 def rogue_layout(scenario: str | Scenario) -> Layout:

@@ -9,7 +9,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import TARGET, part, stage
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters.rogues import Rogue, register_rogue
-from lissajous_env.world.rogues.rows import ROBOT, ROBOTS
+from lissajous_env.world.rogues.rows import FIRST_ROBOT, ROBOT_SIZE
 from lissajous_env.world.targets.motion import inside
 
 wp.set_module_options(OPTIONS)
@@ -50,11 +50,11 @@ def robot_velocity(w, t, entry: int, speed_unit, rogues) -> wp.vec2:
 @part
 def nearest_sensing(w, t, rogues) -> int:
     """Return the entry of the nearest working robot in sight; -1 for none."""
-    entry = int(ROBOTS)
+    entry = int(FIRST_ROBOT)
     while entry < rogues.observation.shape[2]:
         if is_sensing(w, t, entry, rogues):
             return entry
-        entry += ROBOT
+        entry += ROBOT_SIZE
     return -1
 
 
@@ -96,12 +96,12 @@ def shadow(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> wp.ve
 def gap_at(w, t, offset: wp.vec2, after: float, curve, sensing, speed_unit, rogues) -> float:
     """Return the distance from all discs that a place will have after a time [s], if the robots go straight on [m]."""
     gap = float(1.0e30)
-    entry = int(ROBOTS)
+    entry = int(FIRST_ROBOT)
     while entry < rogues.observation.shape[2]:
         if is_sensing(w, t, entry, rogues):
             robot = robot_away(w, t, entry, curve, rogues) + after * robot_velocity(w, t, entry, speed_unit, rogues)
             gap = wp.min(gap, wp.length(robot - offset) - sensing.radius)
-        entry += ROBOT
+        entry += ROBOT_SIZE
     return gap
 
 

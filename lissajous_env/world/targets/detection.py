@@ -14,8 +14,7 @@ from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.stage import TARGET, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Targets as TargetSettings
-from lissajous_env.world.robots.bins import Bins, bin_of
-from lissajous_env.world.robots.sight import first_sight, max_displacement, nearest_sensors
+from lissajous_env.world.robots.nearby import Bins, bin_of, first_sight, max_displacement, nearest_sensors
 from lissajous_env.world.state import FOUND, GONE, HIDDEN, PRESENT
 from lissajous_env.world.targets.motion import CUSTOM, FLEEING, STILL, away_from_all, flee, is_moved, wander
 

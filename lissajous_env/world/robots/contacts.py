@@ -1,15 +1,21 @@
-"""Collisions: a pair closer than the sum of its radii, by the closest approach between sub-steps."""
+"""Contacts of robots: collisions with each other, and walls, which stop them; robots that are blocked are counted.
+
+A pair collides where it is closer than the sum of its radii, by the closest approach between sub-steps.
+"""
 
 import warp as wp
 
+from lissajous_env.device import abreast
+from lissajous_env.device.abreast import Floats
 from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import place_of
+from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.task import Task
-from lissajous_env.world.robots.bins import PARTED, columns_of, rows_of
-from lissajous_env.world.robots.sight import max_displacement
-from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK
+from lissajous_env.world.robots.nearby import PARTED, columns_of, max_displacement, rows_of
+from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, WORKING, planar
 
 wp.set_module_options(OPTIONS)
 
@@ -121,3 +127,105 @@ def take_consequences(w, i, task, clock, robots, latest):
         if task.on_collision == _REMOVE:
             robots.status[w, i] = REMOVED
             latest.terminated[w, i] = True
+
+
+WALL = wp.constant(place_of(Task, "boundary", "wall"))
+
+CONTACT = wp.constant(1e-3)
+"""Share of the radius within which a body is in contact with a wall; the rounding of coordinates is less."""
+APART = wp.constant(0.05)
+"""Share of the radius beyond which a contact with a wall is over."""
+
+
+@part
+def stop_at_wall(curve, radius: float, robot: wp.vec4) -> wp.vec4:
+    """Keep a body (x, y [m], heading [rad], speed [m/s]) in the rectangle.
+
+    What of its velocity goes into a wall is lost, its heading stays.
+    """
+    along = cos_sin(robot[2])
+    x = wp.clamp(robot[0], radius - curve.half_width, curve.half_width - radius)
+    y = wp.clamp(robot[1], radius - curve.half_height, curve.half_height - radius)
+    forwards = wp.where(robot[3] < 0.0, -1.0, 1.0)
+    along_x = wp.where((robot[0] - x) * along[0] * forwards > 0.0, 0.0, along[0])
+    along_y = wp.where((robot[1] - y) * along[1] * forwards > 0.0, 0.0, along[1])
+    kept = wp.where(along_x == along[0] and along_y == along[1], 1.0, wp.length(wp.vec2(along_x, along_y)))
+    return wp.vec4(x, y, robot[2], robot[3] * kept)
+
+
+@part
+def begin_track(block, standing: int, x: Floats, y: Floats, robots):
+    """Begin the track of a step, and store that of robots which stand, with a speed of 0."""
+    if standing != 0:
+        abreast.put_floats(block, standing, Floats(), robots.speed)
+        for s in range(1, robots.track.shape[2]):
+            abreast.put_places(block, standing, x, y, s, robots.track)
+    abreast.put_places(block, block.active_mask, x, y, 0, robots.track)
+
+
+@part
+def stop_at_walls(
+    curve, radius: float, x: Floats, y: Floats, heading: Floats, speed: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return x, y [m] and speed [m/s] of bodies that walls stop, as `stop_at_wall` does."""
+    for k in range(abreast.ABREAST):
+        if k < abreast.width():
+            pose = stop_at_wall(curve, radius, wp.vec4(x[k], y[k], heading[k], speed[k]))
+            x[k] = pose[0]
+            y[k] = pose[1]
+            speed[k] = pose[3]
+    return x, y, speed
+
+
+@part
+def end_motion(block, moving: int, x: Floats, y: Floats, heading: Floats, speed: Floats, robots):
+    """Store where robots are at the end of a step."""
+    for k in range(abreast.ABREAST):
+        if k < abreast.width():
+            heading[k] = wrap(heading[k])
+    abreast.put_vectors(block, moving, x, y, Floats(), robots.position)
+    abreast.put_floats(block, moving, heading, robots.heading)
+    abreast.put_floats(block, moving, speed, robots.speed)
+
+
+@part
+def wall_distance(curve, radius: float, place: wp.vec2) -> float:
+    """Return the distance of a body at a place from the nearest wall [m]; negative beyond it."""
+    return wp.min(curve.half_width - wp.abs(place[0]), curve.half_height - wp.abs(place[1])) - radius
+
+
+@part
+def driven_speed(w, i, driving, taken) -> float:
+    """Return the speed that a robot's action requests [m/s], without its direction; `driving` as in `constants`."""
+    square = float(0.0)
+    for k in range(driving.shape[0]):
+        part = driving[k, 1] * (taken[w, i, k] - driving[k, 0])
+        square += part * part
+    return wp.sqrt(square)
+
+
+@stage(ROBOT, writes="tally: at_wall, blocked_steps, driven_from, driven_steps, wall_contacts")
+def watch_walls(w, i, curve, robot, task, driving, clock, robots, taken, tally):
+    """Count contacts with a wall, and the steps in which robots are blocked.
+
+    A contact begins when a body reaches a wall and lasts until it is farther from it than APART. A working robot is
+    blocked if its policy has driven it for `task.blocked_after` since it last moved by its radius. A policy drives it
+    in a step if the speed that its action requests would take it two radii far in that time.
+    """
+    if robots.status[w, i] != REMOVED:
+        for s in range(1, robots.track.shape[2]):
+            distance = wall_distance(curve, robot.radius, planar(robots.track[w, i, s]))
+            if distance > APART * robot.radius:
+                tally.at_wall[w, i] = 0
+            if distance < CONTACT * robot.radius and tally.at_wall[w, i] == 0:
+                tally.at_wall[w, i] = 1
+                tally.wall_contacts[w, i] += 1
+        place = planar(robots.position[w, i])
+        moved = wp.length(place - tally.driven_from[w, i]) >= robot.radius
+        if moved or robots.status[w, i] != WORKING:
+            tally.driven_from[w, i] = place
+            tally.driven_steps[w, i] = 0
+        elif driven_speed(w, i, driving, taken) * task.blocked_after >= 2.0 * robot.radius:
+            tally.driven_steps[w, i] += 1
+            if float(tally.driven_steps[w, i]) * task.step > task.blocked_after:
+                tally.blocked_steps[w, i] += 1
