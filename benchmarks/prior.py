@@ -38,6 +38,7 @@ from baselines.planning.portfolio import (
     result_of,
 )
 from baselines.planning.rehearse import quietly
+from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario, ScenarioSpace, scenario, scenario_space
 
 FIRST_SEED = 900_000
@@ -58,6 +59,12 @@ def scenarios_of(space: ScenarioSpace, split: str, count: int, objective: str) -
         yield scenario(drawn, **spare)
 
 
+def label(patrol: PolicySettings) -> str:
+    """Return the name of a patrol for tables, such as `sweep-safe(cruise=0.9)`."""
+    given = ", ".join(f"{name}={value}" for name, value in patrol.parameters.items())
+    return f"{patrol.policy}({given})" if given else patrol.policy
+
+
 def results(path: Path, prior: Prior, tasks: Sequence[Scenario], episodes: int) -> np.ndarray:
     """Return the time [s] and the collisions (S, K, 2) of each patrol in each scenario; play what is not in the file.
 
@@ -69,7 +76,7 @@ def results(path: Path, prior: Prior, tasks: Sequence[Scenario], episodes: int) 
     def played(task: Scenario) -> list[Any]:
         rows = []
         for patrol in prior.patrols:
-            key = task.digest(), patrol.label, episodes
+            key = task.digest(), label(patrol), episodes
             if key not in known:
                 result = result_of(absolute(patrol, task), task, episodes, prior.objective, FIRST_SEED)
                 known[key] = (math.inf, MOST_COLLISIONS) if result is None else result
@@ -81,7 +88,7 @@ def results(path: Path, prior: Prior, tasks: Sequence[Scenario], episodes: int) 
             file.writelines(json.dumps(row) + "\n" for row in rows)
             file.flush()
             print(f"{k} of {len(tasks)} scenarios", flush=True)
-    found = np.array([[known[task.digest(), each.label, episodes] for each in prior.patrols] for task in tasks])
+    found = np.array([[known[task.digest(), label(each), episodes] for each in prior.patrols] for task in tasks])
     steps = np.array([task.task.step for task in tasks])
     times = np.maximum(found[..., 0], steps[:, None])
     return np.stack([np.minimum(times, LONGEST * times.min(axis=1, keepdims=True)), found[..., 1]], axis=-1)
@@ -178,7 +185,7 @@ def compared(prior: Prior, table: np.ndarray, tasks: Sequence[Scenario]) -> figu
     rows = [["the network's choice", "1.00", f"{table[every, picked, 1].mean():.2f}", "100"]]
     for k in np.argsort(ratios):
         share = 100 * np.mean(picked == k)
-        rows.append([prior.patrols[k].label, f"{ratios[k]:.2f}", f"{table[:, k, 1].mean():.2f}", f"{share:.0f}"])
+        rows.append([label(prior.patrols[k]), f"{ratios[k]:.2f}", f"{table[:, k, 1].mean():.2f}", f"{share:.0f}"])
     titles = ["patrol", "time over the network's choice", "collisions per episode", "chosen for [% of scenarios]"]
     return {"columns": titles, "rows": rows}
 

@@ -134,8 +134,7 @@ def space(name: str, scenario: Scenario) -> dict[str, tuple[float, float] | list
     if name == "line-abreast":
         resolved = scenario.resolve()
         lines = [count for count in range(1, resolved.num_robots + 1) if plans_of(resolved, LineParameters(), count)[0]]
-        return {"line.speed": (0.3 * top, top), "line.lines": lines, "line.grip": (0.3, 1.0),
-                "line.settle": (0.02, 1.0)}  # fmt: skip
+        return {"line.speed": (0.3 * top, top), "line.lines": lines}
     if name.startswith("arc"):
         speed = ground_speed(scenario)
         found |= {"arc.speed": (0.3 * speed, 2.5 * speed), "arc.preview": (0.2, 1.5)}

@@ -108,13 +108,11 @@ def partitions(scenario: Scenario, clearance: float = 0.0) -> Family:
 
 
 def lines(scenario: Scenario) -> Family:
-    """Return lines of cars side by side, by the speed, the number of lines and their turns."""
+    """Return lines of cars side by side, by the speed and the number of lines."""
     first = ({"lines": 1}, {"lines": 2}, {"speed": 0.6}, {"lines": 3}, {"speed": 0.8})
     return timed(scenario, "lines", ("line-abreast",), first, {
         "speed": (0.3, 0.98),
         "lines": list(range(1, min(scenario.num_robots, 4) + 1)),
-        "grip": (0.4, 1.0),
-        "settle": [0.0, 0.1, 0.25, 0.5],
     })  # fmt: skip
 
 
@@ -186,7 +184,6 @@ def formations(scenario: Scenario) -> Family:
         "policy": policies,
         "rate": (0.3, 1.3),
         "coupling": (0.2, 5.0),
-        "ring": list(range(4)),
     }
     return Family(FORMATIONS, partial(_formation, scenario), starts, space)
 
@@ -203,7 +200,7 @@ def _formation(scenario: Scenario, settings: Settings) -> Plan:
     """Return the formation at a share of the largest phase rate that its robots can drive, less the headroom."""
     curve, policy = curves_of(scenario)[settings["curve"]], settings["policy"]
     rate = float(f"{settings['rate'] * _largest_rate(scenario, curve):.6g}")
-    fields = formation_overrides(scenario, curve, rate, settings.get("ring", 0))
+    fields = formation_overrides(scenario, curve, rate)
     if "coupling" in settings:
         fields["formation.coupling"] = settings["coupling"] * rate / (0.3 * fields["formation.alpha"])
     coordinator, pace = {}, f"omega = {rate:.3g} rad/s"
@@ -259,25 +256,12 @@ def _largest_rate(scenario: Scenario, curve: Curve) -> float:
     return largest_phase_rate(curve, top_speed(scenario), turning_radius_of(robot), grip)
 
 
-def formation_overrides(scenario: Scenario, curve: Curve, rate: float, ring: int = 0) -> dict[str, Any]:
-    """Return the fields that put the robots of a scenario in formation on a curve.
-
-    Args:
-        scenario: The scenario.
-        curve: The curve, as it is driven.
-        rate: Phase rate omega [rad/s].
-        ring: Index of the equilibrium, and thereby of the order of the robots; 0 for the one that recovers fastest.
-    """
+def formation_overrides(scenario: Scenario, curve: Curve, rate: float) -> dict[str, Any]:
+    """Return the fields that put robots in formation on a curve, as it is driven, at a phase rate omega [rad/s]."""
     n = scenario.num_robots
     p, alpha = best_formation(curve, n)
     if closed_forms.cluster_size(n, p, alpha) > 1:
         p, alpha = 1, 1  # equally spaced, though no stable equilibrium of (1)
-    others = [other for other in closed_forms.stable_equilibria(n) if math.gcd(other, n) == 1 and other != p]
-    if 0 < ring <= len(others):
-        p = others[ring - 1]
-        alpha = closed_forms.default_alpha(curve, n, p)
-    if closed_forms.cluster_size(n, p, alpha) > 1:
-        raise ValueError(f"p and alpha must give every robot a place of its own, got {p} and {alpha}")
     there = scenario.alpha * geometry.curve_length(scenario.driven)
     noise = scenario.formation.start_noise * there / (alpha * geometry.curve_length(curve))
     point = {"robot.phase_rate_max": top_speed(scenario) / (alpha * geometry.largest_speed(curve))}

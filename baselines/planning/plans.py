@@ -3,7 +3,6 @@
 A family makes plans for a scenario from settings, which a search may change.
 """
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -51,11 +50,6 @@ class Plan:
         """Return what distinguishes it from every other plan."""
         given = self.settings
         return self.scenario.digest(), given.policy, repr(given.parameters), repr(given.coordinator)
-
-    def named(self, name: str) -> "Plan":
-        """Return the plan with another name of its scenario."""
-        words = f"{self.settings.policy} ({self.about})." if self.about else f"{self.settings.policy}."
-        return dataclasses.replace(self, scenario=dataclasses.replace(self.scenario, name=name, description=words))
 
 
 @dataclass(frozen=True)
@@ -124,7 +118,7 @@ def top_speed(scenario: Scenario) -> float:
 
 UNITS: dict[str, Callable[[Scenario, float], float]] = {
     **dict.fromkeys(("cruise", "speed", "slowest"), lambda scenario, cruise: top_speed(scenario)),
-    **dict.fromkeys(("inset", "bow", "settle"), lambda scenario, cruise: scenario.sensing_radius),
+    **dict.fromkeys(("inset", "bow"), lambda scenario, cruise: scenario.sensing_radius),
     "corner": corner_radius,
     "lookahead": lambda scenario, cruise: lookahead(scenario, cruise, SweepParameters()),
     "gather": lambda scenario, cruise: motion_scale(scenario).time,
@@ -205,11 +199,6 @@ def _mean(values: Sequence[float]) -> float:
     return sum(known) / len(known) if known else math.nan
 
 
-def dominates(one: Sequence[float], other: Sequence[float]) -> bool:
-    """Return whether the objectives of one are nowhere worse than those of another, and somewhere better."""
-    return all(a <= b for a, b in zip(one, other, strict=True)) and tuple(one) != tuple(other)
-
-
 def pareto_optimal(planned: Sequence[Planned]) -> list[Planned]:
     """Return the plans without collisions that none of these dominates, by their worst-case undetected time.
 
@@ -220,7 +209,8 @@ def pareto_optimal(planned: Sequence[Planned]) -> list[Planned]:
     for plan in planned:
         if plan.figures.collisions == 0:
             by_objectives.setdefault((*plan.figures.objectives, float(plan.plan.scenario.num_robots)), plan)
-    best = [one for one in by_objectives if not any(dominates(other, one) for other in by_objectives)]
+    table = np.array(list(by_objectives))
+    best = [one for one in by_objectives if (table <= one).all(axis=1).sum() == 1]  # it alone is nowhere worse
     return [by_objectives[objectives] for objectives in sorted(best)]
 
 

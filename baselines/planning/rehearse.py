@@ -111,25 +111,21 @@ class _Run:
 
     def play(self, until: int, is_over: Callable[[], bool] = lambda: False) -> None:
         """Play until a step, or until `is_over`."""
-        runner, task = EpisodeRunner(self.policy, self.simulation), self.simulation.scenario.task
+        runner, scenario = EpisodeRunner(self.policy, self.simulation), self.simulation.scenario
+        half = scenario.curve.half_width, scenario.curve.half_height
         self.policy.reset()
         for self.step in range(1, until + 1):
-            before = self.longest.copy() if self.step == task.steps else None
+            before = self.longest.copy() if self.step == scenario.task.steps else None
             runner.step()
             if before is not None:
                 self.grows = self.longest > before
-            if task.boundary != "wall":
-                np.maximum(self.beyond, self._beyond_now(), out=self.beyond)
+            if scenario.task.boundary != "wall":
+                over = np.abs(self.simulation.robots.position.numpy()[..., :2]) - half
+                np.maximum(self.beyond, over.max(axis=(1, 2)) + scenario.robot.radius, out=self.beyond)
             if 2 * self.step > until:
                 np.maximum(self.settled, self.simulation.contamination.age.numpy(), out=self.settled)
             if self.step % _EVERY == 0 and is_over():
                 return
-
-    def _beyond_now(self) -> np.ndarray:
-        """Return by how much a body sticks out of the rectangle in each episode now [m]."""
-        curve, robots = self.simulation.scenario.curve, self.simulation.robots.position.numpy()
-        over = np.abs(robots[..., :2]) - (curve.half_width, curve.half_height)
-        return over.max(axis=(1, 2)) + self.simulation.scenario.robot.radius
 
     def rows(self) -> list[dict[str, Any]]:
         """Return the score rows of the episodes, with what `plans` adds to these."""

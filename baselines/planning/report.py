@@ -203,9 +203,11 @@ def write(folder: Folder, plans: Sequence[Planned], episodes: Episodes) -> None:
             folder.remove(name)
     for k, planned in enumerate(plans, start=1):
         folder.make_folder(str(k))
-        copy = planned.plan.named(f"{planned.plan.scenario.name[:80]}-{k}")
-        folder.write(f"{k}/{SCENARIO_FILE}", as_toml(copy.scenario))
-        folder.write(f"{k}/{POLICY_FILE}", planned.plan.settings.as_toml())
+        plan = planned.plan
+        name, words = f"{plan.scenario.name[:80]}-{k}", f"{plan.settings.policy} ({plan.about})."
+        renamed = dataclasses.replace(plan.scenario, name=name, description=words)
+        folder.write(f"{k}/{SCENARIO_FILE}", as_toml(renamed))
+        folder.write(f"{k}/{POLICY_FILE}", plan.settings.as_toml())
     folder.write(FIGURES, json.dumps(plain({"episodes": episodes, "plans": as_rows(plans)}), indent=2) + "\n")
 
 

@@ -8,7 +8,7 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -27,8 +27,6 @@ from lissajous_env.wording import where_raised
 
 AHEAD = 8
 """Plans that are begun before the first of them has ended, whatever the number of cores."""
-_TICK = 0.2
-"""Time between two reports of the progress [s]."""
 _FINALS, _FEWEST_FINALS = 5, 3
 """Plans that are tried for one that is played to the end, and plans that are played to the end at least."""
 _LOOKING = 0.7
@@ -249,10 +247,8 @@ class Search:
                     waiting.append((call[0], threads.submit(call[1])))
                 if not waiting:
                     return
-                while wait([waiting[0][1]], _TICK).not_done:
-                    self._report()
-                self._report()
                 yield waiting.popleft()
+                self._report()
         finally:
             for _, future in waiting:
                 future.cancel()

@@ -103,7 +103,7 @@ class LineAbreast(TimedPaths):
         scenario: The scenario, of cars.
         num_worlds: W.
         device: Warp device.
-        parameters: Speed, number of lines, and turns.
+        parameters: Speed and number of lines.
 
     Raises:
         ValueError: sensing discs that are too small, or too few, for a line to span the shorter side.

@@ -12,7 +12,6 @@ it on the other. `what_fails` has the conditions.
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -47,10 +46,6 @@ class LineParameters(Checked):
     less, so that a sweep lasts whole steps."""
     lines: int | None = whole(None, 1, 1024)
     """Number of lines; None means the number with the best guarantee."""
-    grip: float = number(_GRIP, 0.05, 1)
-    """Share of the cars' grip and of their largest curvature that turns use."""
-    settle: float = number(0.0, 0, 1e4, "m")
-    """Distance outside of the rectangle at which turns begin and end [m]; without effect on lines that turn inside."""
 
 
 class Turn(NamedTuple):
@@ -140,26 +135,19 @@ def best_plan(scenario: Scenario, parameters: LineParameters) -> Lines:
     """Return the plan with the best guarantee once the lines have formed, by their number and their speed.
 
     Raises:
-        UnsuitableScenarioError: no lines span the rectangle, or rogues pass them while they turn inside.
+        UnsuitableScenarioError: no lines span the rectangle.
     """
     n, radius = scenario.num_robots, scenario.sensing_radius
-    span = 2 * min(scenario.curve.half_width, scenario.curve.half_height)
-    if n * 2 * radius < span:
-        rule = "line-abreast requires N * 2 * sensing radius >= the shorter side"
-        raise UnsuitableScenarioError(f"{rule}: {n} * 2 * {radius:g} < {span:g} [m]")
     counts = [parameters.lines] if parameters.lines else range(1, min(n, _LINES_MAX) + 1)
     options = [plans_of(scenario, parameters, lines) for lines in counts]
     plans = [plan for of_count, _ in options for plan in of_count]
     if not plans:
+        span = 2 * min(scenario.curve.half_width, scenario.curve.half_height)
         rule = f"line-abreast requires {counts[0]} line(s) of {n} cars to span {span:g} m with discs of {radius:g} m"
         raise UnsuitableScenarioError(f"{rule}: {options[0][1]}")
-    if len(plans) == 1 and not turns_inside(scenario):
+    if len(plans) == 1:
         return plans[0]
-    times = [ideal_worst_case(scenario, plan) for plan in plans]
-    if turns_inside(scenario) and not math.isfinite(min(times)):
-        rule = "line-abreast requires lines that no rogue passes while they turn inside"
-        raise UnsuitableScenarioError(f"{rule}, and rogues of {scenario.rogue_speed:g} m/s pass every one")
-    return plans[int(np.argmin(times))]
+    return min(plans, key=lambda plan: ideal_worst_case(scenario, plan))
 
 
 def ideal_worst_case(scenario: Scenario, plan: Lines) -> float:
@@ -245,7 +233,6 @@ def turn_of(curvature_step: float) -> Turn:
     raise AssertionError("a long turn fits")
 
 
-@lru_cache(maxsize=64)
 def plans_of(scenario: Scenario, parameters: LineParameters, lines: int) -> tuple[tuple[Lines, ...], str]:
     """Return the plans of so many lines, and why there are none: of several speeds for lines that turn inside."""
     if not turns_inside(scenario):
@@ -265,8 +252,8 @@ def _outer_plan(scenario: Scenario, parameters: LineParameters, lines: int) -> L
     _, lanes, line_of = lanes_of(scenario, lines)
     limit = speed_limit(spacing_of(scenario, lines), scenario.sensing_radius, scenario.rogue_speed, step)
     speed = min(_speed_of(scenario, parameters), limit)
-    turn = turn_of(_largest_turn(scenario, parameters, speed))
-    reach = max(scenario.curve.half_width, scenario.curve.half_height) + parameters.settle
+    turn = turn_of(_largest_turn(scenario, speed))
+    reach = max(scenario.curve.half_width, scenario.curve.half_height)
     sweep = max(math.ceil(2 * reach / (speed * step) - 1e-9), 1)
     return Lines(2 * reach / (sweep * step), step, sweep, turn, reach, lanes, line_of)
 
@@ -281,7 +268,7 @@ def _inner_plan(scenario: Scenario, parameters: LineParameters, lines: int, fast
     while True:
         sweep = max(math.ceil(2 * (half / (fastest * step) - long / math.pi) - 1e-9), 1)
         speed = half / (step * (sweep / 2 + long / math.pi))
-        if math.pi <= _largest_turn(scenario, parameters, speed) * long * (1 + 1e-9):
+        if math.pi <= _largest_turn(scenario, speed) * long * (1 + 1e-9):
             break
         long += 1
     turn = Turn(0, long, 0.0)
@@ -295,13 +282,13 @@ def _speed_of(scenario: Scenario, parameters: LineParameters) -> float:
     return min(parameters.speed or fastest, _FASTEST * slowest_top_speed(scenario))
 
 
-def _largest_turn(scenario: Scenario, parameters: LineParameters, speed: float) -> float:
+def _largest_turn(scenario: Scenario, speed: float) -> float:
     """Return the largest turn at a speed that steering and grip allow [rad/step]."""
     robot = scenario.robot
     base = robot.wheelbase * (1 + SPREAD_MAX * scenario.noise.wheelbase_spread)
     sharpest = 1 / turning_radius(base, robot.steering_max)
     grip = robot.lateral_acceleration_max / speed
-    return parameters.grip * scenario.task.step * min(sharpest * speed, grip)
+    return _GRIP * scenario.task.step * min(sharpest * speed, grip)
 
 
 def line_path(plan: Lines) -> np.ndarray:

@@ -148,8 +148,7 @@ def _with_middles(placed: np.ndarray) -> np.ndarray:
 
 def shapes_of(room: Room, parameters: PartitionParameters, half: tuple[float, float]):
     """Yield the shapes of loops that cars can drive: in own cells, and within an inset also in shared ones."""
-    yield from _loops_in_cells(room, parameters, half, 1)
-    for members in range(2, room.robots + 1 if room.inside and not parameters.in_phase else 2):
+    for members in range(1, room.robots + 1 if room.inside and not parameters.in_phase else 2):
         if room.robots % members == 0:
             yield from _loops_in_cells(room, parameters, half, members)
 
@@ -222,7 +221,12 @@ def partition_plan(scenario: Scenario, parameters: PartitionParameters | None = 
     unit, step = scenario.curve.half_height, scenario.task.step
     room, curve = room_of(scenario, parameters), scenario.curve
     turning = room.turning * unit
-    _check_circle(scenario, turning)
+    driven, inset = scenario.driven, scenario.inset
+    if turning > (smallest := min(driven.half_width, driven.half_height)):
+        rule = "partition requires a rectangle that contains a car's turning circle"
+        within = f" within an inset of {inset:.3g} m" if inset else ""
+        got = f"got one of {smallest:.3g} m to a side{within}"
+        raise UnsuitableScenarioError(f"{rule}, of radius {turning:.3g} m, {got}")
     if parameters.rows is not None and parameters.rows > scenario.num_robots:
         raise ValueError(f"rows must be at most the {scenario.num_robots} robots, got {parameters.rows}")
     best = _best(room, replace(parameters, speed=None, clearance=None))
@@ -233,23 +237,6 @@ def partition_plan(scenario: Scenario, parameters: PartitionParameters | None = 
     shape, loop = best
     speed = float(np.linalg.norm(np.diff(loop[:, :2], axis=1), axis=2).max()) * unit / step
     return PartitionLoops(shape.cells * np.array([unit, unit, unit, unit, 1, 1]), loop * unit, speed)
-
-
-def _check_circle(scenario: Scenario, turning: float) -> None:
-    """Raise UnsuitableScenarioError if a circle does not fit, or if discs on it do not reach the corners [m]."""
-    driven, inset = scenario.driven, scenario.inset
-    smallest = min(driven.half_width, driven.half_height)
-    if turning > smallest:
-        rule = "partition requires a rectangle that contains a car's turning circle"
-        within = f" within an inset of {inset:.3g} m" if inset else ""
-        raise UnsuitableScenarioError(
-            f"{rule}, of radius {turning:.3g} m, got one of {smallest:.3g} m to a side{within}"
-        )
-    corner = (math.sqrt(2) - 1) * turning + math.sqrt(2) * inset
-    if inset and scenario.sensing_radius < corner:
-        rule = f"partition requires a sensing radius of at least {corner:.3g} m to sense the corners"
-        why = f"from turns of {turning:.3g} m that end {inset:.3g} m from the edge"
-        raise UnsuitableScenarioError(f"{rule} {why}, got {scenario.sensing_radius:.3g} m")
 
 
 def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:

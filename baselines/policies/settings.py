@@ -56,12 +56,6 @@ class PolicySettings:
     coordinator: Mapping[str, Any] = field(default_factory=dict)
     """Parameters of its coordinator."""
 
-    @property
-    def label(self) -> str:
-        """Name for tables, such as `sweep-safe(cruise=0.9)`."""
-        given = ", ".join(f"{name}={value}" for name, value in self.parameters.items())
-        return f"{self.policy}({given})" if given else self.policy
-
     def make(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
         """Make the policy.
 
@@ -110,8 +104,8 @@ def _with_coordinator(settings: PolicySettings, factory: Any, scenario: Scenario
     return partial(factory.func, partial(coordinator, **{ARGUMENT: parameters}), *others, **factory.keywords)
 
 
-def _made(policy: str, table: str, factory: Any, given: Mapping[str, Any], scenario: Scenario | None = None) -> Checked:
-    """Make the dataclass of a factory's parameters, whose other values are scaled to a scenario, if one is given.
+def _made(policy: str, table: str, factory: Any, given: Mapping[str, Any], scenario: Scenario) -> Checked:
+    """Make the dataclass of a factory's parameters, whose other values are scaled to a scenario.
 
     Raises:
         ValueError: the factory has none, or a parameter is unknown or invalid.
@@ -127,8 +121,7 @@ def _made(policy: str, table: str, factory: Any, given: Mapping[str, Any], scena
     before = factory.keywords.get(ARGUMENT) if isinstance(factory, partial) else None
     if before is not None:
         return dataclasses.replace(before, **given)
-    scales = scenario is not None and hasattr(kind, "of")
-    return kind.of(scenario, **given) if scales else kind(**given)  # type: ignore[attr-defined]
+    return kind.of(scenario, **given) if hasattr(kind, "of") else kind(**given)  # type: ignore[attr-defined]
 
 
 def parameters_class(factory: Any) -> type[Checked] | None:

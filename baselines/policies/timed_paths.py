@@ -26,6 +26,7 @@ theory and examples", International Journal of Control 61 (1995).
 import math
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from baselines.policies.base import Policy
@@ -76,19 +77,10 @@ class Tracking:
     """Length of the lead-in [control steps]."""
     loop: int
     """Length of the loop [control steps]."""
+    lead: int
+    """Samples by which a curvature is commanded early: half of the time in which a drive gains the largest yaw rate."""
     waits: int
     """1 if a car that has stopped beside its loop waits until its reference passes."""
-
-
-def tracking_of(scenario: Scenario, tables: PathTables, waits: bool) -> Any:
-    """Return the constants of the following of timed paths in a scenario."""
-    step, tracking = scenario.task.step, Tracking()
-    least = max(_SETTLING_STEPS * step, scenario.robot.top_yaw_acceleration**-0.5)
-    settling = max(_SETTLING * motion_scale(scenario).time, least)
-    tracking.step, tracking.pole = step, math.exp(-step / settling)
-    tracking.room, tracking.waits = manoeuvring_length(scenario.robot), int(waits)
-    tracking.lead_in, tracking.loop = tables.lead_in, tables.loop
-    return tracking
 
 
 @wp.func
@@ -207,7 +199,8 @@ def follow_paths(
     gains = integrator_gains(tracking.pole)
     way = wp.max(speed, wp.max(0.25 * at[3], least_speed)) * tracking.step
     aside = wp.clamp(wp.atan(gains[0] / gains[1] * left / way), -_APPROACH, _APPROACH)
-    curvature = ahead[0] - gains[1] / way * (turned + aside)
+    bend = feedforward[plan[w, i], i, on_table(sample + tracking.lead, tracking)][0]
+    curvature = bend - gains[1] / way * (turned + aside)
 
     grip = wp.sqrt(robot.lateral_acceleration_max / wp.max(wp.abs(curvature), 1.0e-3 / tracking.room))
     more = wp.max(wp.min(_CATCH_UP * at[3], grip - at[3]), 0.0)
@@ -321,7 +314,15 @@ class TimedPaths(Policy):
         self.tables = tables
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
-        self._tracking = tracking_of(self.scenario, tables, waits)
+        step, robot, self._tracking = self.scenario.task.step, self.scenario.robot, Tracking()
+        settling = max(_SETTLING * motion_scale(self.scenario).time, _SETTLING_STEPS * step)
+        settling = max(settling, robot.top_yaw_acceleration**-0.5)
+        self._tracking.step, self._tracking.pole = step, math.exp(-step / settling)
+        self._tracking.room, self._tracking.waits = manoeuvring_length(robot), int(waits)
+        self._tracking.lead_in, self._tracking.loop = tables.lead_in, tables.loop
+        yaw_rate = float(np.abs(tables.feedforward[..., 0] * tables.pose[..., 3]).max())
+        gained_in = yaw_rate / robot.top_yaw_acceleration
+        self._tracking.lead = round(FINE * min(gained_in / (2 * step), 1.0))
         self._pose = wp.array(tables.pose, dtype=wp.vec4, device=self.device)
         self._feedforward = wp.array(tables.feedforward, dtype=wp.vec2, device=self.device)
         self.plan = wp.zeros(self.shape, dtype=wp.int32, device=self.device)

@@ -19,7 +19,7 @@ import numpy as np
 from baselines.policies.driving import SPREAD_MAX, slowest_top_speed
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
-from lissajous_env.theory.geometry import turning_radius
+from lissajous_env.theory.geometry import largest_speed, turning_radius
 from lissajous_env.world.robots.placing import start_headings
 
 WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
@@ -92,8 +92,7 @@ class Car:
 
 def start_is_known(scenario: Scenario) -> bool:
     """Return whether all robots know where all of them start, to within a body's diameter at two deviations."""
-    formation = scenario.formation
-    farthest = scenario.alpha * float(closed_forms.curve_speed(scenario.driven, np.linspace(0, 2 * np.pi, 4096)).max())
+    formation, farthest = scenario.formation, scenario.alpha * largest_speed(scenario.driven)
     return formation.start == "equilibrium" and formation.start_noise * farthest <= scenario.robot.radius
 
 

@@ -127,7 +127,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
         if begins.any():
             # A world that ended did not move in the step above; it returns its first observation.
             self.batch.reset(begins)
-            self._gone[begins] = False
         rows, ended = self.batch.rows(self._side), self.batch.over
         terminated, truncated = self._flags(rows, ended)
         robot_reward = rows.reward.copy()

@@ -9,20 +9,67 @@ values between the throttles of the log.
 import math
 from dataclasses import dataclass
 from itertools import pairwise, product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import warp as wp
 from scipy import sparse
 from scipy.optimize import least_squares
 
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.devices import compile_quietly
+from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.logs.inputs import INPUTS, LARGEST_STEERING
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import local_deviations, motion_of
-from lissajous_env.logs.rollouts import MODELS, Rollouts
 from lissajous_env.settings.parts import Robot
 from lissajous_env.wording import few_of
+from lissajous_env.world.robots.car import car_step, motor_push
+from lissajous_env.world.robots.differential import drive_step, ramp
 from lissajous_env.world.state import WORKING
 
+wp.set_module_options(OPTIONS)
+
+State = wp.types.vector(5, wp.float32)
+"""x, y [m], heading [rad], speed [m/s], and of differential drives the yaw rate [rad/s]."""
+
+
+class Model(NamedTuple):
+    """A kind of robots whose constants are identified."""
+
+    constants: dict[str, str]
+    """Constants with their units: four of the motion, the delay of the commands, and of cars the dead zone."""
+    least: tuple[float, ...]
+    """Least values of those on which a prediction depends smoothly, which are the first."""
+    units: tuple[str, str]
+    """Units of the commands."""
+    turning: int
+    """The command that turns the robot."""
+    free: int
+    """Number of entries of `State` that its motion depends on."""
+    limits: tuple[str, ...]
+    """Constants that a log does not determine whose commands stay below them."""
+
+
+MODELS = {
+    "car": Model(
+        {"wheelbase": "m", "drag": "1/s", "drive": "m/s^2", "offset": "m/s^2", "delay": "s", "dead_zone": ""},
+        (1e-4, 1e-5, 1e-5, 0.0, 0.0), ("rad", ""), 0, 4, (),
+    ),
+    "differential": Model(
+        {"speed_factor": "", "yaw_factor": "", "acceleration_max": "m/s^2", "yaw_acceleration_max": "rad/s^2",
+         "delay": "s"},
+        (0.05, 0.05, 1e-6, 1e-6, 0.0), ("m/s", "rad/s"), 1, 5,
+        ("acceleration_max", "yaw_acceleration_max"),
+    ),
+}  # fmt: skip
+"""Models by `robot.kind`: (12), and speed and yaw rate that follow the commands with factors and limited changes."""
+_LEAST_UNITS = (1e-3, 1e-2, 1e-2, 1e-1, 0.1)
+"""Least units in which the smooth constants are fitted."""
+_LONGEST = wp.constant(wp.float64(0.05))
+"""Longest integration step [s]."""
+_ON_TIME = wp.constant(wp.float64(1e-9))
+"""Difference up to which two times are the same [s]."""
 _SEGMENT = 2.0
 """Duration of a segment [s]."""
 _GAP = 0.5
@@ -34,20 +81,75 @@ _DELAYS = np.arange(0.0, 0.5, 0.1)
 """Delays with which fits begin [s]."""
 _LIMITS = (1.0, 0.1)
 """Limits with which they begin, in the given ones."""
-_CHANGE = 1e-3
-"""Relative change for derivatives; for the delay in seconds."""
-_ROUNDING = 1e-5
-"""Least relative standard error: predictions are computed in single precision."""
 _UNKNOWN = 0.1
 """Relative standard error above which a log does not determine a limit."""
+_CHANGE = 1e-3
+"""Change for derivatives, in units of a constant."""
+_ROUNDING = 1e-5
+"""Least relative standard error: predictions are computed in single precision."""
 _NOISES, _SPREAD = 4.0, 0.05
 """Factors on the noise of the log and on the spread of the motion in a segment, up to which residuals are no misfit."""
 _CALM = 0.1
 """Quantile of the deviations from smooth motion that counts as noise: a robot that turns fast deviates, too."""
-_LEAST_UNITS = (1e-3, 1e-2, 1e-2, 1e-1, 1.0)
-"""Least units in which the smooth constants are fitted."""
 _FIRST_SCALE = np.array([0.01, 0.01, 0.02, 0.02, 0.1])
 """First units of the residuals, and of the entries of a start."""
+
+
+@wp.func
+def moved(
+    robot: RobotStruct, is_car: int, constants: wp.array2d(dtype=float), p: int, now: State, given: wp.vec2, h: float
+) -> State:
+    """Return the state of a robot with a set of constants after a time h [s] under a command."""
+    pose = wp.vec4(now[0], now[1], now[2], now[3])
+    yaw_rate = now[4]
+    own = robot
+    if is_car == 1:
+        own.drag = constants[p, 1]
+        own.offset = constants[p, 3]
+        own.dead_zone = constants[p, 5]
+        push = motor_push(own, constants[p, 2], given[1])
+        pose = car_step(own, pose, wp.tan(given[0]) / constants[p, 0], push, h)
+    else:
+        turning = constants[p, 1] * given[1]
+        own.yaw_acceleration_max = constants[p, 3]
+        pose = drive_step(own, pose, yaw_rate, constants[p, 0] * given[0], turning, constants[p, 2], h)
+        yaw_rate = ramp(yaw_rate, turning, constants[p, 3] * h)
+    return State(pose[0], pose[1], pose[2], pose[3], yaw_rate)
+
+
+@wp.kernel
+def roll_out(
+    robot: RobotStruct,
+    is_car: int,
+    constants: wp.array2d(dtype=float),
+    starts: wp.array2d(dtype=State),
+    begin: wp.array(dtype=int),
+    time: wp.array(dtype=wp.float64),
+    command_time: wp.array(dtype=wp.float64),
+    command: wp.array(dtype=wp.vec2),
+    predicted_out: wp.array2d(dtype=State),
+):
+    """Predict the states of a robot at the times of a segment of a log, with one set of constants."""
+    p, s = wp.tid()
+    delay = wp.float64(constants[p, 4])
+    last = command.shape[0] - 1
+    state = starts[p, s]
+    now = time[begin[s]]
+    k = int(wp.lower_bound(command_time, now - delay))
+    if k > last or command_time[wp.min(k, last)] + delay > now + _ON_TIME:
+        k = wp.max(k - 1, 0)
+    predicted_out[p, begin[s]] = state
+    for j in range(begin[s] + 1, begin[s + 1]):
+        while now < time[j] - _ON_TIME:
+            until = wp.min(time[j], now + _LONGEST)
+            if k < last:
+                until = wp.min(until, wp.max(command_time[k + 1] + delay, now))
+            state = moved(robot, is_car, constants, p, state, command[k], float(until - now))
+            now = until
+            following = wp.min(k + 1, last)
+            if following > k and command_time[following] + delay <= now + _ON_TIME:
+                k = following
+        predicted_out[p, j] = state
 
 
 @dataclass(frozen=True)
@@ -55,7 +157,7 @@ class Identified:
     """Constants of a robot with their standard errors."""
 
     values: dict[str, float]
-    """Value of each constant by name, those of `lissajous_env.logs.rollouts.MODELS`."""
+    """Value of each constant by name, those of `MODELS`."""
     errors: dict[str, float]
     """Standard error of each; NaN for a constant that the log does not determine, whose value is then the given one."""
     residual: dict[str, float]
@@ -119,48 +221,53 @@ class _Fit:
         self._time, self._measured = time[chosen], measured[chosen]
         self._segment = np.searchsorted(used, segment[chosen])
         # A speed that was computed from positions is no second measurement, and lags behind the robot's.
-        self._known = np.ones(self._measured.shape, bool)
-        self._known[:, 3] = not motion.derived
+        self._is_known = np.array([True, True, True, not motion.derived])
         self._begin = np.append(np.flatnonzero(np.diff(self._segment, prepend=-1)), len(self._segment))
-        self._rollouts = Rollouts(guess, self._begin, self._time, commands.time, commands.value)
-        self._names = list(model.constants)
-        self._smooth = [k for k, name in enumerate(self._names) if name != "dead_zone"]
+        self._scale, begun = _FIRST_SCALE, self._begin[:-1]
+        after = np.minimum(begun + 1, len(self._time) - 1)
+        turned = self._measured[after, 2] - self._measured[begun, 2]
+        rate = turned / np.maximum(self._time[after] - self._time[begun], 1e-3)
+        self._starts = np.column_stack([self._measured[begun], rate])
         limits = {"acceleration_max": guess.top_acceleration, "yaw_acceleration_max": guess.top_yaw_acceleration}
-        given = [limits.get(name, getattr(guess, name, 1.0)) for name in self._names[:-1]]
-        self._guess, self._scale = np.array([*given, 0.0], dtype=float), _FIRST_SCALE
-        begun = self._begin[:-1]
-        heading = self._measured[:, 2]
-        after = np.minimum(begun + 1, len(heading) - 1)
-        turned = (heading[after] - heading[begun]) / np.maximum(self._time[after] - self._time[begun], 1e-3)
-        self._starts = np.column_stack([self._measured[begun], turned])
-        self._throttles = np.unique(np.abs(commands.value[:, 1]).round(7))  # of both directions
-        # Between two throttles of the log, every value of the dead zone is as good.
+        given = limits | {"speed_factor": 1.0, "yaw_factor": 1.0, "delay": 0.0}
+        self._guess = np.array([given[name] if name in given else getattr(guess, name) for name in model.constants])
+        kinds = (
+            (self._begin, wp.int32),
+            (self._time, wp.float64),
+            (commands.time, wp.float64),
+            (commands.value, wp.vec2),
+        )
+        self._data = [wp.array(values, dtype=kind, device="cpu") for values, kind in kinds]
+        self._robot = to_struct(RobotStruct, guess), int(guess.kind == "car")
+        # Between two throttles of the log, of either direction, every value of the dead zone is as good.
+        self._throttles = np.unique(np.abs(commands.value[:, 1]).round(7))
         middles = 0.5 * (self._throttles[1:] + self._throttles[:-1])
         self._zones = np.concatenate([[self._throttles[0] - 1e-3], middles])
 
     def run(self) -> Identified:
         """Fit in turns the constants, the scale of the residuals, and between fits the dead zone."""
-        constants = self._best_of(self._begins())
-        zone_error = np.nan
-        if "dead_zone" in self._names:
-            constants, zone_error = self._with_dead_zone(constants, self._names.index("dead_zone"))
+        limits = np.isin(list(self._model.constants), self._model.limits)
+        begins = []
+        for delay, share in product(_DELAYS, _LIMITS if limits.any() else (1.0,)):
+            begins.append(np.where(limits, share, 1.0) * self._guess)
+            begins[-1][4:] = [delay, 0.0][: len(self._guess) - 4]
+        constants, zone_error = self._best_of(np.array(begins)), []
+        if "dead_zone" in self._model.constants:
+            constants, error = self._with_dead_zone(constants)
+            zone_error.append(error)
         for _ in range(2):
             constants, _ = self._fit(constants)
             self._scale = self._deviations(constants)
         constants, _ = self._fit(constants)
-        errors = self._errors(constants)
-        if "dead_zone" in self._names:
-            errors[self._names.index("dead_zone")] = zone_error
-        is_limit = np.array([name in self._model.limits for name in self._names])
-        unknown = np.isnan(errors) | (is_limit & (errors > _UNKNOWN * constants))
+        errors = np.append(self._errors(constants), zone_error)
+        unknown = np.isnan(errors) | (limits & (errors > _UNKNOWN * constants))
         constants, errors = np.where(unknown, self._guess, constants), np.where(unknown, np.nan, errors)
-        deviations = self._deviations(constants)
-        residual = {"position": deviations[0], "heading": deviations[2], "speed": deviations[3]}
-        if not self._known[:, 3].any():
-            residual["speed"] = math.nan
-        values, deviations = (dict(zip(self._names, map(float, row), strict=True)) for row in (constants, errors))
-        residual = {name: float(value) for name, value in residual.items()}
-        return Identified(values, deviations, residual, len(self._measured), self._misfits(residual))
+        place, _, heading, speed, _ = map(float, self._deviations(constants))
+        residual = {"position": place, "heading": heading, "speed": speed if self._is_known[3] else math.nan}
+        values, deviations = (
+            dict(zip(self._model.constants, map(float, row), strict=True)) for row in (constants, errors)
+        )
+        return Identified(values, deviations, residual, len(self._time), self._misfits(residual))
 
     def _misfits(self, residual: dict[str, float]) -> tuple[str, ...]:
         """Return the names of the residuals that the noise of the log does not explain."""
@@ -176,54 +283,35 @@ class _Fit:
         return tuple(names)
 
     def _residuals(self, constants: np.ndarray, starts: np.ndarray) -> np.ndarray:
-        """Return the differences (P, K, 4) in units of their deviations, of P sets of constants (P, C)."""
-        away = self._rollouts.predict(constants, starts) - self._measured
+        """Return the differences (P, K, 4) in units of their deviations, of P constants and starts (P, S, 5)."""
+        predicted: Any = wp.zeros((len(constants), len(self._time)), dtype=State, device="cpu")
+        given = [wp.array(constants, dtype=wp.float32, device="cpu"), wp.array(starts, dtype=State, device="cpu")]
+        with compile_quietly():
+            wp.launch(roll_out, starts.shape[:2], [*self._robot, *given, *self._data], [predicted], device="cpu")
+        away = predicted.numpy()[..., :4] - self._measured
         away[..., 2] = (away[..., 2] + np.pi) % (2 * np.pi) - np.pi
-        return np.where(self._known, away / self._scale[:4], 0.0)
+        return np.where(self._is_known, away / self._scale[:4], 0.0)
 
     def _deviations(self, constants: np.ndarray) -> np.ndarray:
+        """Return the standard deviations of the log from the prediction, and the last entry of the scale."""
         away = self._residuals(constants[None], self._starts[None])[0] * self._scale[:4]
         # A segment's start is fitted too, which costs one degree of freedom for each.
-        known = self._known.sum(axis=0)
-        square = (away**2).sum(axis=0) / np.maximum(known - len(self._starts), 1)
-        place = max(square[:2].mean(), 1e-12)
-        speed = square[3] if known[3] else self._scale[3] ** 2
-        return np.append(np.sqrt(np.maximum([place, place, square[2], speed], 1e-12)), self._scale[4])
-
-    def _begins(self) -> np.ndarray:
-        """Return sets of constants (P, C) with which fits begin: with several delays, and lower limits."""
-        begins = []
-        for delay, share in product(_DELAYS, _LIMITS if self._model.limits else (1.0,)):
-            shares = [share if name in self._model.limits else 1.0 for name in self._names]
-            begins.append(self._guess * shares)
-            begins[-1][-1] = delay
-        return np.array(begins)
-
-    def _best_of(self, sets: np.ndarray) -> np.ndarray:
-        """Return the constants of the best of some fits that begin with sets of constants (P, C)."""
-        begun, fits = self._starts, []
-        for constants in sets:
-            # A bad value leads the starts astray, from where the next value would not find back.
-            self._starts = begun
-            fitted, cost = self._fit(constants, evaluations=8)
-            fits.append((cost, fitted, self._starts))
-        _, best, self._starts = min(fits, key=lambda fit: fit[0])
-        return best
+        square = np.maximum((away**2).sum(axis=0) / max(len(away) - len(self._starts), 1), 1e-12)
+        square[:2] = square[:2].mean()
+        return np.append(np.where(self._is_known, np.sqrt(square), self._scale[:4]), self._scale[4])
 
     def _fit(self, constants: np.ndarray, evaluations: int = 40) -> tuple[np.ndarray, float]:
         """Fit the smooth constants and the starts together; return the constants and the cost."""
-        unit = np.maximum(np.abs(constants[self._smooth]), _LEAST_UNITS)
-        free, count = self._model.free, len(self._smooth)
+        unit, free, begun = np.maximum(np.abs(constants[:5]), _LEAST_UNITS), self._model.free, self._starts
 
         def parts(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            given, starts = constants.copy(), self._begun.copy()
-            given[self._smooth] = x[:count] * unit
-            starts[:, :free] += x[count:].reshape(-1, free) * self._scale[:free]
-            return given, starts
+            starts = begun.copy()
+            starts[:, :free] += x[5:].reshape(-1, free) * self._scale[:free]
+            return np.append(x[:5] * unit, constants[5:]), starts
 
-        self._begun = self._starts
-        low = np.append(np.array(self._model.least)[self._smooth] / unit, np.full(len(self._starts) * free, -np.inf))
-        begin = np.append(np.maximum(constants[self._smooth] / unit, low[:count]), np.zeros(len(low) - count))
+        least = np.array(self._model.least) / unit
+        low = np.append(least, np.full(len(begun) * free, -np.inf))
+        begin = np.append(np.maximum(constants[:5] / unit, least), np.zeros(len(begun) * free))
         solution = least_squares(
             lambda x: self._residuals(*(values[None] for values in parts(x)))[0].ravel(),
             begin,
@@ -236,40 +324,36 @@ class _Fit:
         return fitted, float(solution.cost)
 
     def _slopes(self, constants: np.ndarray, starts: np.ndarray, unit: np.ndarray) -> Any:
-        """Return the slopes (4 K, C + E S) of the residuals along C smooth constants and E entries of each of S starts.
+        """Return slopes (4 K, 5 + E S) of the residuals along the smooth constants and E entries of each of S starts.
 
         They are sparse: a start changes the residuals of its own segment only, so all segments are changed at once.
         """
-        count, free = len(self._smooth), self._model.free
-        changes = np.zeros((count, len(constants)))
-        changes[np.arange(count), self._smooth] = _CHANGE * unit
-        sets = np.concatenate([constants + changes, constants - changes])
-        away = self._residuals(sets, np.repeat(starts[None], len(sets), axis=0))
-        along = (away[:count] - away[count:]).reshape(count, -1).T / (2 * _CHANGE)
-        begun = np.repeat(starts[None], 2 * free, axis=0)
-        entries = np.arange(free)
-        begun[entries, :, entries] += 0.5 * self._scale[entries, None]
-        begun[free + entries, :, entries] -= 0.5 * self._scale[entries, None]
-        away = self._residuals(np.repeat(constants[None], len(begun), axis=0), begun)
-        of_starts = (away[:free] - away[free:]).reshape(free, -1)
-        rows = np.tile(np.arange(of_starts.shape[1]), free)
-        columns = np.repeat(self._segment, 4) * free + entries[:, None]
-        shape = of_starts.shape[1], free * len(starts)
-        return sparse.hstack([along, sparse.csr_matrix((of_starts.ravel(), (rows, columns.ravel())), shape)], "csr")
+        free = self._model.free
+        sets, begun = np.tile(constants, (2 * (5 + free), 1)), np.tile(starts, (2 * (5 + free), 1, 1))
+        for k in range(5):
+            sets[2 * k : 2 * k + 2, k] += np.array([_CHANGE, -_CHANGE]) * unit[k]
+        for k in range(free):
+            begun[2 * (5 + k) :][:2, :, k] += np.array([[0.5], [-0.5]]) * self._scale[k]
+        away = self._residuals(sets, begun)
+        slopes = (away[::2] - away[1::2]).reshape(5 + free, -1)
+        rows = np.tile(np.arange(slopes.shape[1]), free)
+        columns = np.repeat(self._segment, 4) * free + np.arange(free)[:, None]
+        shape = slopes.shape[1], free * len(starts)
+        of_starts = sparse.csr_matrix((slopes[5:].ravel(), (rows, columns.ravel())), shape)
+        return sparse.hstack([slopes[:5].T / (2 * _CHANGE), of_starts], "csr")
 
     def _errors(self, constants: np.ndarray) -> np.ndarray:
-        """Return the standard errors of the constants; NaN for those on which the log does not depend."""
-        unit, count = np.maximum(np.abs(constants[self._smooth]), _LEAST_UNITS), len(self._smooth)
+        """Return the standard errors (5,) of the smooth constants; NaN for those that change nothing."""
+        unit = np.maximum(np.abs(constants[:5]), _LEAST_UNITS)
         slopes = self._slopes(constants, self._starts, unit)
         square = (slopes.T @ slopes).toarray()
         cost = float((self._residuals(constants[None], self._starts[None]) ** 2).sum())
-        degrees = max(int(self._known.sum()) - len(square), 1)
-        variance = np.diag(np.linalg.pinv(square))[:count] * cost / degrees
-        errors = np.full(len(constants), np.nan)
-        errors[self._smooth] = np.where(np.diag(square)[:count] < 1e-16, np.nan, np.sqrt(variance) * unit)
-        return np.maximum(errors, _ROUNDING * np.abs(constants))
+        degrees = max(len(self._time) * int(self._is_known.sum()) - len(square), 1)
+        variance = np.diag(np.linalg.pinv(square))[:5] * cost / degrees
+        errors = np.where(np.diag(square)[:5] < 1e-16, np.nan, np.sqrt(variance) * unit)
+        return np.maximum(errors, _ROUNDING * np.abs(constants[:5]))
 
-    def _with_dead_zone(self, constants: np.ndarray, zone: int) -> tuple[np.ndarray, float]:
+    def _with_dead_zone(self, constants: np.ndarray) -> tuple[np.ndarray, float]:
         """Return constants with the best dead zone, and its standard error; NaN where no throttle lies within it.
 
         The dead zone depends on the other constants and they on it, so that they are fitted with each of some values,
@@ -277,19 +361,26 @@ class _Fit:
         """
         zones, width = self._zones, len(self._zones)
         while width > 1:
-            around = int(np.argmin(np.abs(zones - constants[zone])))
+            around = int(np.argmin(np.abs(zones - constants[-1])))
             places = np.linspace(around - width, around + width, 2 * _ZONES_FITTED + 1)
             tried = zones[np.unique(np.clip(places, 0, len(zones) - 1).astype(int))]
-            sets = np.repeat(constants[None], len(tried), axis=0)
-            sets[:, zone] = tried
-            constants = self._best_of(sets)
+            constants = self._best_of(np.column_stack([np.tile(constants[:-1], (len(tried), 1)), tried]))
             width //= _ZONES_FITTED
-        without = constants.copy()
-        without[zone] = zones[0]
-        costs = [(self._residuals(given[None], self._starts[None]) ** 2).sum() for given in (constants, without)]
-        if constants[zone] == zones[0] or costs[1] <= costs[0] + 1:
-            constants[zone] = self._guess[zone]
-            return constants, np.nan
+        sets = np.stack([constants, [*constants[:-1], zones[0]]])
+        cost, without = (self._residuals(sets, np.stack([self._starts] * 2)) ** 2).sum(axis=(1, 2))
+        if without <= cost + 1:
+            return np.append(constants[:-1], self._guess[-1]), np.nan
         # Any value between the throttles on both sides would do.
-        place = int(np.searchsorted(self._throttles, constants[zone]))
+        place = int(np.searchsorted(self._throttles, constants[-1]))
         return constants, 0.5 * float(self._throttles[place] - self._throttles[place - 1])
+
+    def _best_of(self, sets: np.ndarray) -> np.ndarray:
+        """Return the constants of the best of some fits that begin with sets of constants."""
+        begun, fits = self._starts, []
+        for constants in sets:
+            # A bad value leads the starts astray, from where the next value would not find back.
+            self._starts = begun
+            fitted, cost = self._fit(constants, evaluations=8)
+            fits.append((cost, fitted, self._starts))
+        _, best, self._starts = min(fits, key=lambda fit: fit[0])
+        return best

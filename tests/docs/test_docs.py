@@ -57,7 +57,6 @@ LASTING = ("benchmark", "evaluate", "exploit", "guarantee", "replay", "run", "tr
 """Commands that run episodes, here of half a second."""
 IMAGES = {
     "intruders.gif": "lissajous run intruders kuramoto-mpcc --seed 1 --set task.duration=14",
-    "critical_speed.png": "lissajous guarantee`",
     "learning_curve.png": "lissajous train --scenario watch`",
     "growth.png": "python benchmarks/speed.py --parts growth --against",
     "fig3.png": "lissajous reproduce fig3 fig6 fig9",

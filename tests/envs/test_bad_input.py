@@ -127,6 +127,7 @@ REFUSED = {
     "missing": ({"robot_3": None}, r"missing \['robot_3'\], unknown or not live \[\]"),
     "unknown": ({"robot_9": np.zeros(2)}, r"missing \[\], unknown or not live \['robot_9'\]"),
     "one number": ({"robot_1": np.zeros(1)}, r"action of robot_1 must be numbers of shape \(2,\), got array\(\[0"),
+    "shapes that add up": ({"robot_1": np.zeros(1, np.float32), "robot_2": np.zeros(3, np.float32)}, "of robot_1 must"),
     "a scalar": ({"robot_1": 0.5}, r"action of robot_1 must be numbers of shape \(2,\), got 0.5"),
     "words": ({"robot_2": ["left", "fast"]}, r"action of robot_2 must be numbers of shape \(2,\), got \['left'"),
     "truth": ({"robot_2": np.array([True, False])}, "action of robot_2 must be"),

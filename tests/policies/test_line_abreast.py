@@ -9,6 +9,7 @@ import lissajous_env
 from baselines.policies.line_abreast import LineAbreast, line_tables
 from baselines.policies.line_path import (
     LineParameters,
+    best_plan,
     ideal_worst_case,
     line_path,
     plans_of,
@@ -88,7 +89,7 @@ def test_lines_share_the_span():
 
 
 @pytest.mark.parametrize(("overrides", "words"), [
-    ({"sensing.radius": 0.3}, r"requires N \* 2 \* sensing radius >= the shorter side: 5 \* 2 \* 0.3 < 4.8"),
+    ({"sensing.radius": 0.3}, "5 cars to span 4.8 m with discs of 0.3 m: the cars of a line would be 0.96 m apart"),
     ({"targets.speed_limit": 4.0}, "5 cars to span 4.8 m with discs of 0.5 m: rogues of 4 m/s cross a line within"),
     ({"robot.count": 9, "lines": 2}, "2 line.s. of 9 cars .*: the cars of a line would be 1.2 m apart, and not less"),
     ({"robot.count": 12, "lines": 2, "robot.radius": 0.2}, "pass each other at 0.436 m, and need 0.6 m"),
@@ -151,6 +152,7 @@ def test_more_lines_guarantee_more():
     one, two = (plans_of(scenario, LineParameters(), count)[0][0] for count in (1, 2))
     assert ideal_worst_case(scenario, two) == pytest.approx(0.5 * two.period * two.step, rel=0.1)
     assert ideal_worst_case(scenario, two) < 0.7 * ideal_worst_case(scenario, one)
+    assert best_plan(scenario, LineParameters()).line_of.max() == 1
 
 
 def test_lines_stand_upright_in_an_upright_rectangle():

@@ -5,12 +5,11 @@ import pytest
 from log_messages import EPOCH, KINDS, circles, header, moments, write
 
 import lissajous_env
-from lissajous_env.logs.identification import identify
+from lissajous_env.logs.identification import MODELS, identify
 from lissajous_env.logs.inputs import INPUTS, actions_of, inputs_of
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import motion_of
 from lissajous_env.logs.reading import read
-from lissajous_env.logs.rollouts import MODELS
 from lissajous_env.settings.parts import Robot
 
 CONSTANTS = tuple(MODELS["car"].constants)

@@ -1,7 +1,6 @@
 """BenchMARL tasks: its algorithms train on them, and logged values are the scores of the simulation."""
 
-import subprocess
-import sys
+import re
 
 import numpy as np
 import pytest
@@ -10,12 +9,15 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("benchmarl")
 
 import benchmarl_mappo  # noqa: E402
+import tyro  # noqa: E402
+from benchmarl.environments import task_config_registry  # noqa: E402
 from benchmarl_mappo import Settings, experiment  # noqa: E402
+from hydra.core.config_store import ConfigStore  # noqa: E402
 from tensordict import TensorDict  # noqa: E402
 from torchrl.envs.utils import ExplorationType, set_exploration_type  # noqa: E402
 
 import lissajous_env  # noqa: E402
-from training.torchrl import LissajousTorchEnv, ModelPolicy  # noqa: E402
+from training.torchrl import LissajousTorchEnv, ModelPolicy, hydra_run  # noqa: E402
 from training.torchrl.benchmarl import LissajousTask, LissajousTaskClass  # noqa: E402
 from training.torchrl.env import SCORES  # noqa: E402
 
@@ -99,18 +101,37 @@ def test_a_module_of_another_shape_is_refused():
 
 
 def test_the_example_as_a_program(tmp_path):
-    # Oracle: exit code and the files that it promises.
-    command = [sys.executable, benchmarl_mappo.__file__, "--iterations", "2", "--worlds", "2"]
-    command += ["--out", str(tmp_path), "--set", "task.duration=1", "targets.count=5"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    # Oracle: the files that it promises.
+    arguments = ["--iterations", "2", "--worlds", "2", "--out", str(tmp_path)]
+    tyro.cli(benchmarl_mappo.main, args=[*arguments, "--set", "task.duration=1", "targets.count=5"])
     assert scalars(tmp_path)["collection_reward_episode_reward_mean"].shape == (2,)
+
+
+HYDRA = (
+    "task=lissajous/failure", "algorithm=mappo", "experiment.max_n_iters=1",
+    "experiment.on_policy_collected_frames_per_batch=60", "experiment.on_policy_n_envs_per_worker=2",
+    "experiment.on_policy_minibatch_size=30", "experiment.on_policy_n_minibatch_iters=1",
+    "experiment.evaluation=false", "experiment.loggers=[]", "experiment.create_json=false",
+    "+task.task.duration=3.0", "+task.targets.count=4",
+)  # fmt: skip
+
+
+def test_the_command_of_hydra_trains_on_a_task_with_fields_of_the_scenario_changed(tmp_path, monkeypatch, capfd):
+    # Oracle: 60 frames of two worlds are 30 steps, the whole of an episode of 3 s: its return is known then.
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["hydra_run", *HYDRA])
+    hydra_run.hydra_experiment()
+    assert re.search(r"mean return = -?[\d.]+", capfd.readouterr().err)
 
 
 def test_every_scenario_is_a_task():
     # Oracle: the library of scenarios.
     names = {task.name.lower().replace("_", "-") for task in LissajousTask}
     assert names == set(lissajous_env.scenarios())
+    assert {name for name in task_config_registry if name.startswith("lissajous/")} == {
+        f"lissajous/{name}" for name in names
+    }
+    assert set(ConfigStore.instance().list("task/lissajous")) == {f"{name}.yaml" for name in names}
     for task in LissajousTask:
         made = task.get_task()
         assert made.scenario == lissajous_env.scenario(task.name.lower().replace("_", "-"))

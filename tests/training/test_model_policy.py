@@ -1,14 +1,12 @@
 """Models trained with plain Stable-Baselines3, played as policies."""
 
 import json
-import os
 import pickle
-import subprocess
-import sys
 
 import gymnasium
 import numpy as np
 import pytest
+from command_line import called
 
 import lissajous_env
 
@@ -176,19 +174,18 @@ def told_as(value):
     return value if isinstance(value, str) else None if value != value else pytest.approx(value, abs=1e-11)
 
 
-def test_the_commands_play_a_model_of_ones_own(tmp_path):
-    # Oracle: the same model in Python; the command is given in the folder of the module and the model alone.
+def test_the_commands_play_a_model_of_ones_own(tmp_path, monkeypatch, capsys):
+    # Oracle: the same model in Python; the command is called in the folder of the module and the model alone.
     model = PPO("MlpPolicy", training.sb3.RobotVecEnv("experiment", 2, seed=0), seed=1, **FAST).learn(80)
     model.save(tmp_path / "mine.zip")
     (tmp_path / "my_module.py").write_text(MODULE)
-    command = [sys.executable, "-m", "lissajous_env", "evaluate", "experiment", "my_module:my_policy"]
-    command += ["--episodes", "3", "--set", "task.duration=2", "--json"]
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=120)
-    assert done.returncode == 0, done.stderr
+    monkeypatch.chdir(tmp_path)
+    options = ("--episodes", 3, "--set", "task.duration=2", "--json")
+    code, printed, errors = called(capsys, "evaluate", "experiment", "my_module:my_policy", *options)
+    assert code == 0, errors
     policy = training.sb3.ModelPolicy(PPO.load(tmp_path / "mine.zip"), made(), num_worlds=3)
     for row, told in zip(
-        lissajous_env.evaluate(policy, made(), range(3)), json.loads(done.stdout)["episodes"], strict=True
+        lissajous_env.evaluate(policy, made(), range(3)), json.loads(printed)["episodes"], strict=True
     ):
         assert told.pop("policy") == "my_module:my_policy"
         assert len(told) > 20

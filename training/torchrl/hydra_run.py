@@ -18,15 +18,10 @@ except ImportError as error:
     raise missing("training.torchrl.hydra_run", "marl", error) from error
 
 
-def register_tasks() -> None:
-    """Register each scenario in BenchMARL and Hydra as `lissajous/NAME`."""
-    for task in LissajousTask:
-        name = task.name.lower().replace("_", "-")
-        task_config_registry[f"lissajous/{name}"] = task
-        ConfigStore.instance().store(group="task/lissajous", name=name, node={"state": False})
-
-
-register_tasks()
+for task in LissajousTask:
+    name = task.name.lower().replace("_", "-")
+    task_config_registry[f"lissajous/{name}"] = task
+    ConfigStore.instance().store(group="task/lissajous", name=name, node={"state": False})
 
 if __name__ == "__main__":
     hydra_experiment()
