@@ -48,7 +48,7 @@ SHORTER = {
     "evaluate": "--episodes 1",
     "plan": "--plans 6",
     "guarantee": "--radii 2 --cells 16",
-    "train": "--steps 64 --worlds 8 --groups 2 --episodes 1 --imitation 0 --rollout 4",
+    "train": "--steps 64 --worlds 8 --groups 2 --episodes 1 --rollout 4",
     "train --side": "--rogue-rounds 2 --episodes 1",
     "exploit": "--episodes 1",
 }
