@@ -22,6 +22,9 @@ import lissajous_env
 import training
 from lissajous_env.world.columns import task_score
 from training.learned import checkpoint
+from training.learned.policy import find
+from training.learned.team_network import TeamNetwork
+from training.learned.team_policy import LearnedTeam
 from training.validation import limit_of, rank_of
 
 POLICIES = {
@@ -70,10 +73,14 @@ def _drawn(values: np.ndarray, count: int = 4000) -> np.ndarray:
 
 
 def on_scenario(scenario: str, trainings: list[str]) -> figures.Table:
-    """Return the table of a scenario: the included policy, the trainings and the rules."""
+    """Return the table of a scenario: the trainings, the included policy, also without its training, and the rules."""
     names, count = POLICIES[scenario], len(SEEDS)
     played = {f"`{name}`": play(baselines.make(name, scenario, count), scenario, SEEDS)[:, None] for name in names}
     base = played[f"`{names[1]}`"][0, 0]
+    network, card, _ = checkpoint.read(find(names[0]))
+    zeros = TeamNetwork.from_arrays({name: 0 * array for name, array in network.to_arrays().items()})
+    begun = play(LearnedTeam(zeros, card, scenario, count), scenario, SEEDS)[:, None]
+    played = {f"`{names[0]}`": played.pop(f"`{names[0]}`"), "the same before its training": begun} | played
     if trainings:
         folders = [Path(folder) / checkpoint.BEST for folder in trainings]
         each = [play(training.load(folder, scenario, count), scenario, SEEDS) for folder in folders]

@@ -38,21 +38,10 @@ class TrainingSettings(Checked):
     groups: int = whole(16, 1, 10_000)
     """Scenarios of a space that are played at the same time, each in an equal part of the worlds. When the episodes of
     a group end, it plays the next scenario. Used only for a space."""
-    teacher: str | None = None
-    """Classical policy from which training begins, and with which validations are compared. By default greedy-cover,
-    lead-pursuit or index-learned where actions are velocities; for cars that steer, arc-mpcc or arc-gvf; for points,
-    kuramoto."""
-    corrects: bool = True
-    """Let the network read the velocity that the teacher wishes, and add its output to that, where actions are
-    velocities; otherwise it imitates the teacher first."""
-    imitation: int = whole(3, 0, 1000)
-    """Rounds of imitation before PPO; 0 for none."""
-    imitation_epochs: int = whole(10, 1, 10_000)
-    """Passes over all rounds so far in each of them."""
-    imitation_rate: float = number(2e-3, 1e-12, 1)
-    """Learning rate of the imitation."""
-    imitation_noise: float = number(0.2, 0, 2)
-    """Standard deviation of the noise of the actions in these rounds."""
+    base: str | None = None
+    """Classical policy whose actions the network reads and adds its output to, and with which validations are compared.
+    By default greedy-cover, lead-pursuit or index-learned where actions are velocities; for cars that steer, arc-mpcc
+    or arc-gvf; for points, kuramoto."""
     features: int = whole(48, 1, 65_536)
     """Features of a token."""
     heads: int = whole(3, 0, 64)
@@ -65,9 +54,9 @@ class TrainingSettings(Checked):
     """Steps of each world between updates."""
     minibatch: int = whole(2048, 2, 10**9)
     """Rows per minibatch."""
-    epochs: int = whole(2, 1, 10_000)
+    epochs: int = whole(3, 1, 10_000)
     """Passes over each rollout."""
-    learning_rate: float = number(1e-3, 1e-12, 1)
+    learning_rate: float = number(7e-4, 1e-12, 1)
     """Initial learning rate; it decreases linearly to a twentieth."""
     clip: float = number(0.2, 1e-6, 10)
     """Clipping of the ratio of the likelihoods of an action."""
@@ -79,7 +68,7 @@ class TrainingSettings(Checked):
     """Lambda of generalized advantage estimation."""
     noise: float = number(0.25, 1e-6, 10)
     """Standard deviation of the actions at the beginning."""
-    noise_end: float = number(0.1, 1e-6, 10)
+    noise_end: float = number(0.08, 1e-6, 10)
     """Standard deviation of the actions at the end."""
     correlation: float = number(0.8, 0, 0.999)
     """Correlation of the noise of successive actions of a robot."""
@@ -88,7 +77,7 @@ class TrainingSettings(Checked):
     is the team's."""
     collisions: float | None = None
     """Collisions in an episode of a team above which their cost rises, and below which it falls. By default four fifths
-    of those of the teacher."""
+    of those of the base."""
     penalty: float = number(0.3, 0.01, 100)
     """Factor of the scenario's reward for collisions at the beginning."""
     evaluate_every: int = whole(500_000, 1, 10**15)
@@ -113,9 +102,9 @@ class TrainingSettings(Checked):
         self._require(collisions is None or 0 <= collisions < 1e6, "collisions", "must be from 0 to 1e6 collisions")
         if self.space is not None:
             self._require(self.worlds % self.groups == 0, "worlds", f"must be a multiple of groups ({self.groups})")
-        if self.chosen_teacher is not None:
+        if self.chosen_base is not None:
             with scenarios.without_warnings(self.space):
-                registry.check(self.chosen_teacher, self.make_scenario())
+                registry.check(self.chosen_base, self.make_scenario())
 
     @cached_property
     def space(self) -> ScenarioSpace | None:
@@ -128,20 +117,14 @@ class TrainingSettings(Checked):
         return 1 if self.space is None else self.groups
 
     @property
-    def chosen_teacher(self) -> str | None:
-        """Policy to imitate, and to compare with; None for robots of a kind without a default."""
+    def chosen_base(self) -> str | None:
+        """Policy whose actions the network corrects; None for robots of a kind without a default."""
         task = self.make_scenario()
-        if self.teacher is not None:
-            return self.teacher
+        if self.base is not None:
+            return self.base
         if task.task.action == "velocity":
             return scenarios.rule_of(task)
         return {"car": "arc-mpcc", "curve": "kuramoto"}.get(task.robot.kind)
-
-    @property
-    def base(self) -> str | None:
-        """Policy to whose action the network adds its output; None for a network that imitates."""
-        corrects = self.corrects and self.make_scenario().task.action == "velocity"
-        return self.chosen_teacher if corrects else None
 
     def make_scenario(self) -> Scenario:
         """Return the scenario, or the first one of the validations."""
@@ -166,7 +149,7 @@ class TrainingSettings(Checked):
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint."""
         values = {option.name: getattr(self, option.name) for option in dataclasses.fields(self)}
-        return values | {"out": str(self.out), "overrides": dict(self.overrides), "teacher": self.chosen_teacher}
+        return values | {"out": str(self.out), "overrides": dict(self.overrides), "base": self.chosen_base}
 
     def differences(self, stored: Mapping[str, Any]) -> list[str]:
         """Return the settings that prevent a training from resuming what is stored, each in words."""

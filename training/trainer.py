@@ -1,12 +1,11 @@
 """`lissajous train`: begin from a rule, then collect, update, validate and save.
 
-All robots share one network, which plays teams of any size. Where actions are velocities, it reads the velocity that
-a rule wishes and adds to it (residual learning: T. Johannink et al., ICRA 2019); elsewhere, it imitates a classical
-policy in the states that it reaches itself (DAgger: S. Ross, G. J. Gordon, J. A. Bagnell, AISTATS 2011). It goes on by
-PPO (J. Schulman et al., arXiv:1707.06347) with a central critic (C. Yu et al., "The Surprising Effectiveness of PPO in
-Cooperative Multi-Agent Games", NeurIPS 2022), which reads the true places of all robots and targets. Collisions and
-near collisions cost more while there are more of them than a stated number. The best policy is chosen by validation, in
-worlds that no update uses.
+All robots share one network, which plays teams of any size. It reads the action that a rule wishes and adds to it
+(residual learning: T. Johannink et al., ICRA 2019). It learns by PPO (J. Schulman et al., arXiv:1707.06347) with a
+central critic (C. Yu et al., "The Surprising Effectiveness of PPO in Cooperative Multi-Agent Games", NeurIPS 2022),
+which reads the true places of all robots and targets. Collisions and near collisions cost more while there are more of
+them than a stated number. The best policy is chosen by validation, in worlds that no update uses; the rule alone is the
+first candidate.
 
 Differs from these papers: a time limit is not a terminal state, so the value before it stands for the one after it; the
 reward for targets in sight is mostly that of the robot itself, for those that no other robot has in sight; no minibatch
@@ -15,7 +14,7 @@ correlated, so that it moves a robot farther (J. Hollenstein, G. Martius, J. Pia
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -41,14 +40,14 @@ from training.worlds import TRUTH, Rollout, Step, Worlds
 
 FIRST_SEED = 1_000_000
 """Seed of the first world of a training."""
-_DEMONSTRATED = 100_000
-"""Rows, at most about, of a round of imitation."""
-_WARM_UP = 8
+_WARM_UP = 25
 """Rollouts in which only the critic learns."""
 _NEAR = 0.25
 """Cost of a step in which robots almost touch, as a share of that of a collision: collisions alone are too rare."""
 _BOUND = 0.01
 """Weight of the squared excess of the action means over [-1, 1]."""
+_RESTRAINT = 0.2
+"""Weight of the squared correction of a base: advantages are noisy, and without it corrections grow by chance."""
 
 
 class Team(nn.Module):
@@ -60,7 +59,7 @@ class Team(nn.Module):
         outputs: Numbers of the output.
         heads: Heads of attention; 0 for the mean of the tokens' features.
         memory: Numbers that a robot remembers.
-        corrects: Add the wish of the base to the outputs, which are zeros at first.
+        corrects: Add the wish of the base, the last two own numbers, to the outputs, which are zeros at first.
     """
 
     def __init__(self, settings: TrainingSettings, token: int, outputs: int, heads=0, memory=0, corrects=False):
@@ -113,56 +112,12 @@ class Team(nn.Module):
         return TeamNetwork.from_arrays({f"team.{names.get(name, name)}": array for name, array in named.items()})
 
 
-def imitate(settings: TrainingSettings, actor: Team, say: Callable[[str], None]) -> None:
-    """Fit the actor to the actions of the teacher by least squares: in the teacher's states, then in its own."""
-    optimizer = torch.optim.Adam(actor.parameters(), settings.imitation_rate)
-    shown: list[list[Tensor]] = []
-    for k in range(settings.imitation):
-        seed = FIRST_SEED * (1 + settings.seed) + 500_000 + 1000 * k
-        worlds = Worlds(settings, max(64 // settings.num_groups, 1) * settings.num_groups, seed)
-        worlds.whole_episodes()
-        sims, random = worlds.batch.simulations, np.random.default_rng(seed)
-        teachers = [baselines.make(str(settings.chosen_teacher), sim.scenario, sim.num_worlds) for sim in sims]
-        memory, visited = torch.zeros(worlds.count, settings.memory), []
-        begins = torch.ones(1, worlds.count)
-        for _ in range(worlds.steps):
-            rows, label = worlds.rows(), worlds.labels(teachers)
-            with torch.no_grad():
-                mean, memory = actor([torch.from_numpy(part)[None] for part in rows], memory, begins)
-            begins = torch.zeros(1, worlds.count)
-            acted = label if k == 0 else mean[0].numpy()
-            step = worlds.step(acted + settings.imitation_noise * random.standard_normal(acted.shape))
-            visited.append([*rows, label, step.acted])
-        stride = 1 if settings.memory else -(-worlds.steps * worlds.count // _DEMONSTRATED)
-        parts = zip(*visited[::stride], strict=True)
-        shown.append([torch.from_numpy(np.stack(part)) for part in parts])
-        errors = []
-        for epoch in range(settings.imitation_epochs):
-            last = k == settings.imitation - 1
-            optimizer.param_groups[0]["lr"] = settings.imitation_rate * (1 - last * epoch / settings.imitation_epochs)
-            errors = [_fit(settings, actor, optimizer, *of) for of in shown]
-        say(f"round {k + 1} of imitation of {settings.chosen_teacher}: mean squared error {np.mean(errors):.3f}")
-
-
-def _fit(settings: TrainingSettings, actor: Team, optimizer: Any, *round_of: Tensor) -> float:
-    """Pass once over a round of imitation, in minibatches of robots with a memory, otherwise of steps."""
-    own, tokens, present, label, acted = round_of
-    axis, errors = (1 if settings.memory else 0), []
-    size = max(settings.minibatch // 2 // label.shape[1 - axis], 1)
-    for chosen in torch.randperm(label.shape[axis]).split(size):
-        rows = [part.index_select(axis, chosen) for part in (own, tokens, present, label, acted)]
-        begins = torch.zeros(rows[3].shape[:2])
-        mean, _ = actor(rows[:3], torch.zeros(begins.shape[1], settings.memory), begins)
-        loss = ((mean - rows[3]).square().mean(-1) * rows[4]).mean()
-        _descend(optimizer, actor.parameters(), loss)
-        errors.append(loss.item())
-    return float(np.mean(errors))
-
-
-def _descend(optimizer: torch.optim.Optimizer, parameters: Any, loss: Tensor) -> None:
+def _descend(optimizer: torch.optim.Optimizer, networks: Iterable[nn.Module], loss: Tensor) -> None:
+    """Take a step; a network on which the loss does not depend stays as it is, in spite of its momentum."""
     optimizer.zero_grad()
     loss.backward()
-    nn.utils.clip_grad_norm_(parameters, 0.5)
+    for network in networks:
+        nn.utils.clip_grad_norm_(network.parameters(), 0.5)
     optimizer.step()
 
 
@@ -174,7 +129,7 @@ class Training:
         self.settings = settings
         self.worlds = Worlds(settings, settings.worlds, FIRST_SEED * (1 + settings.seed))
         size = self.worlds.batch.scenario.action_size
-        self.actor = Team(settings, len(TOKEN), size, settings.heads, settings.memory, settings.base is not None)
+        self.actor = Team(settings, len(TOKEN), size, settings.heads, settings.memory, settings.chosen_base is not None)
         self.critic = Team(settings, len(TRUTH), 1)
         self.networks = nn.ModuleList([self.actor, self.critic])
         self.optimizer = torch.optim.Adam(self.networks.parameters(), settings.learning_rate, eps=1e-5)
@@ -286,12 +241,17 @@ class Training:
                 advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
                 clipped = ratio.clamp(1 - settings.clip, 1 + settings.clip)
                 gain = torch.min(ratio * advantage, clipped * advantage)
-                outside = (mean.abs() - 1).clamp(min=0).square().sum(-1)
+                cost = _BOUND * (mean.abs() - 1).clamp(min=0).square().sum(-1)
+                if self.actor.corrects:
+                    wish = rows[0][..., -2:][..., : mean.shape[-1]]
+                    cost = cost + _RESTRAINT * (mean[..., :2] - wish).square().sum(-1)
                 none = torch.zeros(len(chosen), 0)
                 value = self.critic([rows[0], *truth], none, torch.zeros_like(acted))[0][..., 0]
                 error = (value - of.returns[:, chosen]).square()
-                loss = ((follows * (_BOUND * outside - gain) + 0.5 * error) * acted).mean()
-                _descend(self.optimizer, self.networks.parameters(), loss)
+                loss = (0.5 * error * acted).mean()
+                if follows:
+                    loss = loss + ((cost - gain) * acted).mean()
+                _descend(self.optimizer, self.networks, loss)
         numbers["rollouts"] += 1
         excess = np.clip(numbers["collided"] / max(self.limit, 0.05) - 1, -1, 1)
         numbers["penalty"] = float(np.clip(numbers["penalty"] * np.exp(0.02 * excess), 0.01, 100))
@@ -353,7 +313,7 @@ def _train(
 ) -> dict[str, Any]:
     """Train in a locked folder."""
     state, began, diagnostics = Training(settings), time.monotonic(), {}
-    card = Card.of(settings.make_home(), settings=settings.to_dict(), base=settings.base)
+    card = Card.of(settings.make_home(), settings=settings.to_dict(), base=settings.chosen_base)
     history = _begin(settings, state, say)
     curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
     began -= curve[-1]["seconds"] if curve else 0.0
@@ -378,7 +338,7 @@ def _train(
 
 
 def _begin(settings: TrainingSettings, state: Training, say: Callable[[str], None]) -> dict[str, Any]:
-    """Resume a training, or validate the rival and imitate it; return the history."""
+    """Resume a training, or validate the base; return the history."""
     if (settings.out / checkpoint.FILE).exists():
         _, stored, text = checkpoint.read(settings.out)
         differences = settings.differences(stored.settings)
@@ -391,10 +351,8 @@ def _begin(settings: TrainingSettings, state: Training, say: Callable[[str], Non
             state.load_state(checkpoint.read_state(settings.out, text))
             say(f"{settings.out} has {state.numbers['steps']:,.0f} of {settings.steps:,} steps")
             return text["training"]
-    history: dict[str, Any] = {"rival": settings.chosen_teacher, "rivals": [], "curve": [], "best": None}
-    if settings.chosen_teacher is not None:
-        history["rivals"] = validate(settings, partial(baselines.make, settings.chosen_teacher), None)
-        say(f"{settings.chosen_teacher}: {words_of(mean_of(history['rivals']))}")
-        if settings.base is None:
-            imitate(settings, state.actor, say)
+    history: dict[str, Any] = {"rival": settings.chosen_base, "rivals": [], "curve": [], "best": None}
+    if settings.chosen_base is not None:
+        history["rivals"] = validate(settings, partial(baselines.make, settings.chosen_base), None)
+        say(f"{settings.chosen_base}: {words_of(mean_of(history['rivals']))}")
     return history

@@ -5,20 +5,18 @@ rows without a robot are zeros.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from torch import Tensor
 
 import baselines
 from baselines.policies.base import Policy
-from baselines.policies.own_row import Rows
-from baselines.policies.reacting import kept_apart
 from lissajous_env.envs.batch import Batch, padded
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import GONE, HIDDEN, WORKING
 from training.learned.checkpoint import prefixed, within
-from training.learned.perception import perceive, wish_of
+from training.learned.perception import perceive, told_to_drive, wish_of
 from training.settings import TrainingSettings
 
 TRUTH = ("target", "robot", "x", "y", "distance", "near", "observers", "other_distance")
@@ -87,7 +85,7 @@ class Worlds:
         self.side = self.batch.sides[0]
         self.count = worlds * self.side.places
         self.batch.reset()
-        self._base = settings.base
+        self._base = settings.chosen_base
         self._bases: list[Policy] = []
         """Policies that the network corrects, one for each group; empty without any."""
         self._wishes: list[np.ndarray] = []
@@ -98,10 +96,6 @@ class Worlds:
         shares = np.arange(1, 1 + (worlds if settings.space is None else groups)) * _GOLDEN % 1.0
         self._left = np.ceil(shares * self.steps).repeat(worlds // len(shares))
         """Steps (W,) until the episode of a world ends: the first ones end at different times."""
-
-    def whole_episodes(self) -> None:
-        """Let the first episodes last as long as the others."""
-        self._left[:] = self.steps
 
     def rows(self) -> list[np.ndarray]:
         """Return own numbers (B, A), tokens (B, K, F) and presence (B, K) of what the robots perceive."""
@@ -120,10 +114,6 @@ class Worlds:
             parts.append((np.pad(tokens, (*wider, (0, 0))), np.pad(present, wider), own, near))
         return [self._flat(part) for part in zip(*parts, strict=True)]
 
-    def labels(self, teachers: Sequence[Any]) -> np.ndarray:
-        """Return the actions (B, A) of a teacher for each group, before robots that are near are kept apart."""
-        return self._flat([wish_of(*of) for of in zip(teachers, self._observations(), strict=True)])
-
     def step(self, actions: np.ndarray) -> Step:
         """Advance all worlds with actions (B, A), after which `begin` begins the next episodes, if any."""
         batch, side = self.batch, self.side
@@ -131,7 +121,7 @@ class Worlds:
         for group, simulation in enumerate(batch.simulations):
             if simulation.scenario.task.action == "velocity":
                 part = actions[batch.worlds_of(group), : simulation.num_robots]
-                part[..., :2] = kept_apart(part[..., :2], Rows(simulation.observation.numpy(), simulation.scenario))
+                part[..., :2] = told_to_drive(part[..., :2], simulation.observation.numpy(), simulation.scenario)
         before = batch.rows(side)
         acted = (before.mask.astype(bool) & ~before.terminated.astype(bool)).reshape(-1).astype(np.float32)
         batch.step({"robot": actions})
@@ -170,7 +160,7 @@ class Worlds:
 
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy everything that changes during steps, without a space of scenarios, by name."""
-        arrays = self.batch.save_state() | {"left": self._left.copy()}
+        arrays = prefixed("batch", self.batch.save_state()) | {"left": self._left.copy()}
         for base in self._bases:
             arrays |= prefixed("base", base.save_state()) | {"wish": self._wishes[0]}
         return arrays
@@ -178,7 +168,7 @@ class Worlds:
     def load_state(self, saved: dict[str, np.ndarray]) -> None:
         """Resume from what `save_state` returned."""
         self._left = saved["left"].copy()
-        self.batch.load_state({name: array for name, array in saved.items() if not name.startswith("base.")})
+        self.batch.load_state(within("batch", saved))
         for base in self._bases:
             base.load_state(within("base", saved))
             self._wishes = [saved["wish"].copy()]

@@ -1,10 +1,9 @@
 """The report of a benchmark with episodes that it can play: the worst of each policy, played again from their seeds."""
 
-import math
 import threading
-from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
 from functools import partial
+from itertools import zip_longest
 from typing import Any
 
 from rich import progress as bars
@@ -13,7 +12,7 @@ from rich.console import Console
 from baselines.benchmark import written
 from baselines.benchmark.local import may_be_shared, on_cores
 from baselines.benchmark.progress import bar
-from baselines.benchmark.report_page import Key, Played, Report, worst_first
+from baselines.benchmark.report_page import Key, page, worst_first
 from baselines.benchmark.table import Row
 from baselines.benchmark.types import Cell, Outcome
 from lissajous_env.episodes.recording import record_all
@@ -33,74 +32,61 @@ def write_report(folder: Folder, outcome: Outcome, progress: Console) -> str:
     """
     table, cells = outcome.table, outcome.playable
     ranked = worst_first(table.rows, table.scenarios)
-    wanted = with_references(chosen(outcome.settings.replays, ranked, cells), ranked, cells, table.references)
-    played, failed = _played_again(wanted, cells, ranked, outcome.device, progress) if wanted else ({}, [])
-    report = Report(table, provenance(outcome.stored["device"]), outcome.failures, outcome.theorem)
-    folder.write(written.REPORT, report.html(ranked, played))
+    wanted = chosen(outcome.settings.replays, ranked, cells, table.references)
+    played, failed = _played_again(wanted, cells, outcome.device, progress) if wanted else ({}, [])
+    made = provenance(outcome.stored["device"])
+    folder.write(written.REPORT, page(table, ranked, played, made, outcome.failures, outcome.theorem))
     said = f"{written.REPORT} plays {len(played):,} of the episodes; --replays NUMBER adds more"
     return "\n".join([said, *(f"not replayed: {words}" for words in failed)]) if wanted else ""
 
 
-def chosen(count: int, ranked: Iterable[Row], cells: Container[tuple[str, str]]) -> list[Key]:
+def chosen(
+    count: int, ranked: Iterable[Row], cells: Container[tuple[str, str]], references: Mapping[str, str]
+) -> list[Key]:
     """Return the episodes to replay: the worst of each policy on each scenario, then the second worst, and so on.
 
+    Before each stands the episode of the same seed of the policy that the others of its scenario are compared with.
+
     Args:
-        count: Number of episodes.
+        count: Number of episodes, without these.
         ranked: Score rows, the worst first.
-        cells: Scenario and policy of those that can be played.
-    """
-    turns: Counter[tuple[str, str]] = Counter()
-    keys: list[tuple[int, Key]] = []
-    for row in ranked:
-        if (place := (row["scenario"], row["policy"])) in cells:
-            keys.append((turns[place], (*place, row["seed"])))
-            turns[place] += 1
-    return [key for _, key in sorted(keys, key=lambda turn: turn[0])][:count]
-
-
-def with_references(
-    keys: Iterable[Key], ranked: Iterable[Row], cells: Container[tuple[str, str]], references: Mapping[str, str]
-) -> list[Key]:
-    """Return episodes with those of the same seeds of the policy that the others of their scenario are compared with.
-
-    Args:
-        keys: Episodes.
-        ranked: Score rows of the benchmark.
         cells: Scenario and policy of those that can be played.
         references: Policy that the others of a scenario are compared with.
     """
-    there = {(row["scenario"], row["policy"], row["seed"]) for row in ranked}
-    both = [key for s, p, seed in keys for key in ((s, references.get(s, ""), seed), (s, p, seed))]
-    return [key for key in dict.fromkeys(both) if key in there and key[:2] in cells]
+    turns: dict[tuple[str, str], list[Key]] = {}
+    for row in ranked:
+        if (place := (row["scenario"], row["policy"])) in cells:
+            turns.setdefault(place, []).append((*place, row["seed"]))
+    every = {key for keys in turns.values() for key in keys}
+    in_turn = [key for turn in zip_longest(*turns.values()) for key in turn if key is not None][:count]
+    both = [key for s, p, seed in in_turn for key in ((s, references.get(s, ""), seed), (s, p, seed))]
+    return [key for key in dict.fromkeys(both) if key in every]
 
 
 def _played_again(
-    keys: Sequence[Key], cells: Mapping[tuple[str, str], Cell], ranked: Iterable[Row], device: Any, progress: Console
-) -> tuple[dict[Key, Played], list[str]]:
-    """Play episodes again, some of a cell at a time; return them, and in words what policies raised."""
-    rows = {(row["scenario"], row["policy"], row["seed"]): row for row in ranked}
+    keys: Sequence[Key], cells: Mapping[tuple[str, str], Cell], device: Any, progress: Console
+) -> tuple[dict[Key, dict[str, Any]], list[str]]:
+    """Play episodes again; return what the page needs to show them, and in words what policies raised."""
     seeds_of: dict[tuple[str, str], list[int]] = {}
     for scenario, policy, seed in keys:
         seeds_of.setdefault((scenario, policy), []).append(seed)
-    played: dict[Key, Played] = {}
+    played: dict[Key, dict[str, Any]] = {}
     failed: list[str] = []
 
     def play(cell: Cell, seeds: list[int], stopped: threading.Event) -> None:
+        if stopped.is_set():
+            return
         shown.update(task, description=f"{cell.scenario.name} {cell.policy}")
-        for first in range(0, len(seeds), _TOGETHER):
-            batch = seeds[first : first + _TOGETHER]
-            if stopped.is_set():
-                return
-            try:
-                recordings = record_all(cell.factory(cell.scenario, len(batch), device), cell.scenario, batch, device)
-            except (Exception, SystemExit) as error:
-                failed.append(f"{cell.policy} on {cell.scenario.name}: {where_raised(error)}")
-                return
-            for seed, recording in zip(batch, recordings, strict=True):
-                key = (cell.scenario.name, cell.policy, seed)
-                recording.score["policy"] = cell.policy
-                played[key] = Played(contents(recording, BRIEF), _agree(recording.score, rows[key]))
-            shown.advance(task, len(batch))
+        try:
+            policy = cell.factory(cell.scenario, min(len(seeds), _TOGETHER), device)
+            recordings = record_all(policy, cell.scenario, seeds, device)
+        except (Exception, SystemExit) as error:
+            failed.append(f"{cell.policy} on {cell.scenario.name}: {where_raised(error)}")
+            return
+        for seed, recording in zip(seeds, recordings, strict=True):
+            recording.score["policy"] = cell.policy
+            played[cell.scenario.name, cell.policy, seed] = contents(recording, BRIEF)
+        shown.advance(task, len(seeds))
 
     counted = bars.TextColumn("{task.completed} replays")
     with bar(progress, bars.TextColumn("{task.description}"), counted) as shown:
@@ -108,9 +94,3 @@ def _played_again(
         work = [(cells[place], seeds) for place, seeds in seeds_of.items()]
         on_cores([(partial(play, cell, seeds), may_be_shared(cell, device)) for cell, seeds in work])
     return {key: played[key] for key in keys if key in played}, failed
-
-
-def _agree(score: Mapping[str, Any], row: Mapping[str, Any]) -> bool:
-    """Return whether two score rows have the same numbers."""
-    numbers = [(row[c], score[c]) for c in row if c in score and isinstance(row[c], (int, float)) and c != "episode"]
-    return all(a == b or math.isclose(a, b, rel_tol=1e-9) or (a != a and b != b) for a, b in numbers)

@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -52,8 +51,7 @@ Key = tuple[str, str, int]
 _HALF = 0.5
 
 
-@dataclass(frozen=True)
-class Kind:
+class Kind(NamedTuple):
     """A way to fail."""
 
     name: str
@@ -112,102 +110,94 @@ def worst_first(rows: Rows, scenarios: Mapping[str, Scenario]) -> Rows:
     return sorted(rows, key=lambda row: badness(row, scenarios[row["scenario"]]), reverse=True)
 
 
-@dataclass(frozen=True)
-class Played:
-    """An episode that was played again."""
+def page(
+    table: Table,
+    ranked: Rows,
+    replays: Mapping[Key, dict[str, Any]],
+    made: Mapping[str, str],
+    failures: Sequence[Failure] = (),
+    notes: Mapping[str, Sequence[str]] | None = None,
+) -> str:
+    """Make the page.
 
-    contents: dict[str, Any] = field(repr=False)
-    """Content that the page needs to play it."""
-    same: bool
-    """True if it had the same scores as in the benchmark; a policy may draw its own numbers, or round differently."""
+    Args:
+        table: The table.
+        ranked: Its score rows, the worst first.
+        replays: What the page needs to play some episodes.
+        made: Command, machine and versions of the numbers, in words.
+        failures: Policies that raised.
+        notes: Sentences about scenarios, by name.
+    """
+    notes = notes or {}
+    policies = list(dict.fromkeys(row["policy"] for row in table.rows))
+    number_of = {name: k for k, name in enumerate(policies)}
+    scenario_of = {name: k for k, name in enumerate(table.estimates)}
+    columns, by = _columns(table), grouped(ranked)
+    replayed = {f"replay-{k}": key for k, key in enumerate(replays)}
+    data = {
+        "format": FORMAT,
+        "made": dict(made),
+        "kinds": [{"name": kind.name, "words": kind.words, "about": kind.about} for kind in KINDS],
+        "policies": _policies(policies),
+        "overall": [_overall(of, number_of) for of in table.overall],
+        "scenarios": [_scenario(table, name, number_of, by.get(name, {}), notes.get(name, ())) for name in scenario_of],
+        "failures": [[failure.scenario, failure.policy, failure.error] for failure in failures],
+        "columns": columns,
+        "total": len(ranked),
+        "episodes": _episodes(ranked[:MOST_EPISODES], columns, scenario_of, number_of),
+        "replays": {name: [scenario_of[s], number_of[p], seed] for name, (s, p, seed) in replayed.items()},
+    }
+    of, on = counted(len(policies), "policy", "policies"), counted(len(scenario_of), "scenario")
+    words = {"title": "Benchmark", "counted": f"{counted(len(ranked), 'episode')} of {of} on {on}"}
+    contents = {name: replays[key] for name, key in replayed.items()}
+    return report(data, words, contents)
 
 
-@dataclass(frozen=True)
-class Report:
-    """The content of the page."""
-
-    table: Table
-    provenance: Mapping[str, str]
-    """Command, machine and versions of the numbers, in words."""
-    failures: Sequence[Failure] = ()
-    notes: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    """Sentences about a scenario, by its name."""
-
-    def html(self, ranked: Rows, replays: Mapping[Key, Played]) -> str:
-        """Make the page.
-
-        Args:
-            ranked: all score rows of the table, the worst first.
-            replays: episodes that can be played in it.
-        """
-        policies = list(dict.fromkeys(row["policy"] for row in self.table.rows))
-        number_of = {name: k for k, name in enumerate(policies)}
-        scenario_of = {name: k for k, name in enumerate(self.table.estimates)}
-        columns, by = self._columns(), grouped(ranked)
-        replayed = {f"replay-{k}": (key, played) for k, (key, played) in enumerate(replays.items())}
-        data = {
-            "format": FORMAT,
-            "made": dict(self.provenance),
-            "kinds": [{"name": kind.name, "words": kind.words, "about": kind.about} for kind in KINDS],
-            "policies": _policies(policies),
-            "overall": [_overall(of, number_of) for of in self.table.overall],
-            "scenarios": [self._scenario(name, number_of, by.get(name, {})) for name in scenario_of],
-            "failures": [[failure.scenario, failure.policy, failure.error] for failure in self.failures],
-            "columns": columns,
-            "total": len(ranked),
-            "episodes": _episodes(ranked[:MOST_EPISODES], columns, scenario_of, number_of),
-            "replays": {
-                name: [scenario_of[s], number_of[p], seed, played.same]
-                for name, ((s, p, seed), played) in replayed.items()
-            },
+def _columns(table: Table) -> list[dict[str, Any]]:
+    """Return the columns by which episodes can be sorted, the most important first."""
+    scores = dict.fromkeys(task_score(scenario) for scenario in table.scenarios.values())
+    listed = [*scores, *brought_in(table.rows), *MAIN]
+    return [
+        {
+            "name": column.name,
+            "title": column.heading,
+            "listed": column in listed and not np.isnan(numbers(table.rows, column)).all(),
+            "whole": column.rule is WHOLE,
+            "open": OPEN.name if column is WORST_CASE else None,
         }
-        of, on = counted(len(policies), "policy", "policies"), counted(len(scenario_of), "scenario")
-        words = {"title": "Benchmark", "counted": f"{counted(len(ranked), 'episode')} of {of} on {on}"}
-        contents = {name: played.contents for name, (_, played) in replayed.items()}
-        return report(data, words, contents)
+        for column in dict.fromkeys((*listed, *SHOWN, *COLUMNS.values()))
+    ]
 
-    def _columns(self) -> list[dict[str, Any]]:
-        """Return the columns by which episodes can be sorted, the most important first."""
-        scores = dict.fromkeys(task_score(scenario) for scenario in self.table.scenarios.values())
-        listed = [*scores, *brought_in(self.table.rows), *MAIN]
-        return [
+
+def _scenario(
+    table: Table, name: str, number_of: Mapping[str, int], rows: Mapping[str, Rows], notes: Sequence[str]
+) -> dict[str, Any]:
+    scenario, cells, bounds = table.scenarios[name], table.estimates[name], table.bounds[name]
+    shown = [column for column in shown_columns(scenario, cells) if column.page]
+    reference = table.references.get(name)
+    return {
+        "name": name,
+        "description": scenario.description,
+        "facts": _facts(scenario, bounds, reference),
+        "notes": list(notes),
+        "reference": None if reference is None else number_of[reference],
+        "tradeoff": [task_score(scenario).name, COLLISIONS.name],
+        "measures": [
+            _described(column)
+            | {"lines": [[_rounded(value), words] for value, words in _values_of_theory(column, scenario, bounds)]}
+            for column in shown
+        ],
+        "policies": [
             {
-                "name": column.name,
-                "title": column.heading,
-                "listed": column in listed and not np.isnan(numbers(self.table.rows, column)).all(),
-                "whole": column.rule is WHOLE,
-                "open": OPEN.name if column is WORST_CASE else None,
+                "policy": number_of[policy],
+                "episodes": len(of),
+                "failed": np.sum([failed(row) for row in of], axis=0).tolist(),
+                "collisions": _rounded(float(numbers(of, COLLISIONS).mean())),
+                "cells": {column.name: _cell(cells[policy][column.name], column, of) for column in shown},
             }
-            for column in dict.fromkeys((*listed, *SHOWN, *COLUMNS.values()))
-        ]
-
-    def _scenario(self, name: str, number_of: Mapping[str, int], rows: Mapping[str, Rows]) -> dict[str, Any]:
-        scenario, cells, bounds = self.table.scenarios[name], self.table.estimates[name], self.table.bounds[name]
-        shown = [column for column in shown_columns(scenario, cells) if column.page]
-        reference = self.table.references.get(name)
-        return {
-            "name": name,
-            "description": scenario.description,
-            "facts": _facts(scenario, bounds, reference),
-            "notes": list(self.notes.get(name, [])),
-            "reference": None if reference is None else number_of[reference],
-            "tradeoff": [task_score(scenario).name, COLLISIONS.name],
-            "measures": [
-                _described(column)
-                | {"lines": [[_rounded(value), words] for value, words in _values_of_theory(column, scenario, bounds)]}
-                for column in shown
-            ],
-            "policies": [
-                {
-                    "policy": number_of[policy],
-                    "episodes": len(of),
-                    "failed": np.sum([failed(row) for row in of], axis=0).tolist(),
-                    "collisions": _rounded(float(numbers(of, COLLISIONS).mean())),
-                    "cells": {column.name: _cell(cells[policy][column.name], column, of) for column in shown},
-                }
-                for policy, of in ((policy, rows[policy]) for policy in cells)
-            ],
-        }
+            for policy, of in ((policy, rows[policy]) for policy in cells)
+        ],
+    }
 
 
 def _policies(names: Sequence[str]) -> list[dict[str, Any]]:

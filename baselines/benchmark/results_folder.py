@@ -169,8 +169,8 @@ def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
     """Return digests of the code of each policy, of each model of robots that is not ours, and of learned rogues."""
     kinds = {cell.scenario.robot.kind for cell in cells}
     models = {_ROBOTS + kind: parts_of(model_of(kind).move) for kind in sorted(kinds) if not is_shipped(kind)}
-    adversaries = {cell.scenario.targets.rogues for cell in cells} - {None}
-    folders = {name: folder_of(name) for name in sorted(adversaries)}
+    adversaries = sorted({cell.scenario.targets.rogues or "" for cell in cells} - {""})
+    folders = {name: folder_of(name) for name in adversaries}
     learned = {_ROGUES + name: registry.parts(str(folder)) for name, folder in folders.items() if folder is not None}
     return {cell.policy: parts(cell.factory) for cell in cells} | models | learned
 

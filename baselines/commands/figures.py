@@ -17,7 +17,6 @@ def figures(
     folder: _Folder,
     format: Literal["pdf", "svg", "png"] = "pdf",
     out: OutFolder = None,
-    against: str | None = None,
     output: OutputOptions = DEFAULT_OUTPUT,
 ) -> list[Path]:
     """Draw the results of a benchmark for a paper, and write its table in LaTeX; no episode is played.
@@ -33,13 +32,12 @@ def figures(
         folder: folder with the results of `lissajous benchmark`.
         format: format of the figures; pdf and svg scale without loss, png does not.
         out: folder of the figures; by default FOLDER/figures.
-        against: reference policy; by default the paper's method if it was played, else the first policy.
 
     Returns:
         Paths of the files.
 
     Raises:
-        ValueError: the folder contains no results, or the policy was not played.
+        ValueError: the folder contains no results.
     """
     from baselines.benchmark import paper_figures, results_folder
     from baselines.benchmark.table import Table
@@ -49,12 +47,9 @@ def figures(
         raise ValueError(f"folder must contain the results of a benchmark (settings.json), got {folder}")
     with Folder(folder, results_folder.FILES) as there, results_folder.Results(there) as results:
         rows, scenarios = results.rows(), results.scenarios
-    policies = dict.fromkeys(row["policy"] for row in rows)
     if not rows:
         raise ValueError(f"folder must contain at least one episode, got {folder}")
-    if against is not None and against not in policies:
-        raise ValueError(f"against must be a policy that was played ({', '.join(policies)}), got {against}")
-    table = Table.of(rows, scenarios, against)
+    table = Table.of(rows, scenarios)
     drawn = list(paper_figures.draw(table, format))
     place = out or folder / "figures"
     with Folder(place, (TABLE, *(name for name, _ in drawn))) as written:

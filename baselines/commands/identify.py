@@ -84,26 +84,20 @@ _RESIDUALS = {"position": "m", "heading": "rad", "speed": "m/s"}
 
 def _print(output: OutputOptions, cars: "dict[str, Identified]", units: dict[str, str]) -> None:
     titles = [f"{name.replace('_', ' ')}\n[{unit}]" if unit else f"{name}\n" for name, unit in units.items()]
-    columns = [Column("robot"), *map(Column, titles)]
     rows = [
         [robot, *(_with_error(car.values[name], car.errors[name]) for name in units)] for robot, car in cars.items()
     ]
-    print_table(output.console(), columns, rows)
+    print_table(output.console(), [Column("robot"), *map(Column, titles)], rows)
     if any(math.isnan(error) for car in cars.values() for error in car.errors.values()):
-        why = (
-            "no throttle in it lies within the dead zone" if "dead_zone" in units else "no command is beyond the limit"
-        )
-        output.print(f"(given): the log does not determine this constant; {why}.")
+        why = "throttle in it lies within the dead zone" if "dead_zone" in units else "command is beyond the limit"
+        output.print(f"(given): the log does not determine this constant; no {why}.")
     for robot, car in cars.items():
-        sizes = [
-            f"{name} {car.residual[name]:.3g} {unit}" if car.residual[name] >= 0 else f"{name} not measured"
-            for name, unit in _RESIDUALS.items()
-        ]
+        known = {name: size for name, size in car.residual.items() if not math.isnan(size)}
+        sizes = [f"{name} {size:.3g} {_RESIDUALS[name]}" for name, size in known.items()]
         output.print(f"residuals of robot {robot} over {car.samples:,} poses: {', '.join(sizes)}")
         if car.misfits:
-            words = (
-                f"the model does not fit robot {robot}: the residual of {' and '.join(car.misfits)} is far above noise"
-            )
+            of = " and ".join(car.misfits)
+            words = f"the model does not fit robot {robot}: the residual of {of} is far above noise"
             output.print(f"warning: {words}; check the units and the order of the commands, and the clocks", "yellow")
 
 

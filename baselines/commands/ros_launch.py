@@ -6,7 +6,7 @@ from typing import Annotated
 import tyro
 
 from baselines.commands.ros_world import play
-from baselines.ros.settings import CommandKind, RobotSettings, WorldSettings
+from baselines.ros.settings import RobotSettings, WorldSettings
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, Overrides, parse_overrides
 from lissajous_env.parameters import named
 
@@ -14,12 +14,10 @@ _Duration = Annotated[float | None, tyro.conf.arg(metavar="FLOAT")]
 
 
 def launch(
+    settings: tyro.conf.OmitArgPrefixes[WorldSettings],
     scenario: str = "experiment",
     policy: str = "kuramoto-mpcc",
     duration: _Duration = None,
-    seed: int = 0,
-    pace: float = 1.0,
-    command: CommandKind = "car",
     out: OutFile = None,
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
@@ -32,16 +30,14 @@ def launch(
         lissajous ros launch --scenario experiment --policy kuramoto-mpcc --duration 20
 
     Args:
+        settings: Settings of the simulation's node; the robots' commands are of the same kind.
         scenario: name of a scenario, .toml file, or module:attribute.
         policy: name of a policy, folder of a checkpoint, or module:factory.
         duration: duration of the episode [s]; by default that of the scenario.
-        seed: seed of the episode.
-        pace: largest number of simulated seconds per second; the simulation waits for the robots' decisions.
-        command: kind of the robots' commands: car or dart, of differential drives twist or twist_stamped.
         out: file to write, as in `lissajous ros world`.
     """
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     changes = parse_overrides(overrides) | ({} if duration is None else {"task.duration": duration})
     setup = named.scenario(scenario, **changes)
-    robots = RobotSettings(policy=policy, command=command, message_loss=setup.noise.message_loss)
-    play(setup, WorldSettings(command=command, seed=seed, pace=pace), out, output, robots)
+    robots = RobotSettings(policy=policy, command=settings.command, message_loss=setup.noise.message_loss)
+    play(setup, settings, out, output, robots)

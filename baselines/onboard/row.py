@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.onboard.inputs import Message, Odometry
+from baselines.onboard.signals import Message, Odometry
 from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.program import Program, Stage
 from lissajous_env.device.stage import ROBOT

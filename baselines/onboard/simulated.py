@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baselines.onboard.inputs import Message, Odometry
+from baselines.onboard.signals import Message, Odometry
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import REMOVED, WORKING

@@ -1,6 +1,6 @@
 """Coordinators: what decides the phase rate of each robot; each is a Warp kernel, or in NumPy.
 
-`Kuramoto` is the paper's method. `OpenLoop`, `TrackedReference` and `Consensus` are those that it is compared with.
+`Kuramoto` is the paper's method. `TrackedReference` and `Consensus` are those that it is compared with.
 
 `KuramotoByArc` is the paper's coordination with the phase measured along the curve: the robots are equally spaced, at
 a constant ground speed. Robot i has the arc phase psi_i = 2 pi s(alpha theta_i) / (L alpha), with s(gamma) of (14) and
@@ -178,37 +178,20 @@ class Consensus(Coordinator):
         self.inputs = [self.natural_rate, scenario.coupling, spacing, scenario.time_unit]
 
 
-class OpenLoop(Coordinator):
-    """Coordinator: the phase rate of every robot is omega / alpha: Borkar et al. [14].
-
-    A. V. Borkar, A. Sinha, L. Vachhani, H. Arya, "Application of Lissajous curves in trajectory planning of multiple
-    agents", Autonomous Robots 44 (2020). Every robot goes along the curve with gamma' = omega, so its speed is the
-    profile V(gamma) = omega ||r'(gamma)||. It assumes that the robots start in the formation and that nothing disturbs
-    them.
-    """
-
-    communicates = "nothing"
-
-    def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
-        super().__init__(scenario, num_worlds, device)
-        self.phase_rate.fill_(self.natural_rate)
-
-    def coordinate(self, observation: wp.array) -> None:
-        """Leave `phase_rate` as it is."""
-
-
 @dataclass(frozen=True)
 class ReferenceParameters(Checked):
     """Parameters of the coordinator, besides the scenario."""
 
     runs_on: bool = flag(False)
     """True for a reference that moves on while its robot has failed."""
-    tracking: float | None = number(None, 1e-9, 1e6, "1/s")
+    tracking: float | None = number(None, 0, 1e6, "1/s")
     """k, the rate at which a robot makes up for its distance from the reference [1/s]; None is omega / (0.3 rad)."""
     catch_up: float = number(1.0, 0, 1e6)
     """Most that a robot adds to its rate to catch up, as a multiple of omega / alpha."""
 
 
+OPEN_LOOP = ReferenceParameters(tracking=0.0)
+"""Parameters of `open-loop`: the phase rate of every robot is omega / alpha."""
 RUNNING = ReferenceParameters(runs_on=True, catch_up=1.5)
 """Parameters of `running-reference`: cars under MPCC catch up soonest with them; larger ones make cars leave the
 curve."""
@@ -259,6 +242,11 @@ class TrackedReference(Coordinator):
     desynchronization in the reference point generation" as the reason. As `running-reference` it runs on (t_on is the
     time of the episode) and is caught up with: the configuration is recovered, which it is not in the figure, by robots
     that pass through the places of others.
+
+    Without tracking, k = 0, it is the open loop of Borkar et al. [14], which assumes that the robots start in the
+    formation and that nothing disturbs them: A. V. Borkar, A. Sinha, L. Vachhani, H. Arya, "Application of Lissajous
+    curves in trajectory planning of multiple agents", Autonomous Robots 44 (2020). Every robot goes along the curve
+    with gamma' = omega, so its speed is the profile V(gamma) = omega ||r'(gamma)||.
     """
 
     kernel = track_reference
@@ -268,7 +256,8 @@ class TrackedReference(Coordinator):
     def __init__(self, scenario: Scenario, num_worlds: int, device: Any, parameters: ReferenceParameters | None = None):
         super().__init__(scenario, num_worlds, device)
         self.parameters = parameters or ReferenceParameters()
-        rate, tracking = self.natural_rate, self.parameters.tracking or 1 / scenario.time_unit
+        rate, tracking = self.natural_rate, self.parameters.tracking
+        tracking = 1 / scenario.time_unit if tracking is None else tracking
         self._memory = wp.zeros(self.phase_rate.shape, dtype=wp.vec2, device=device)
         most = self.parameters.catch_up * rate
         self.inputs = [rate, scenario.task.step, self.parameters.runs_on, tracking, most, self._memory]

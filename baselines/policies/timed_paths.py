@@ -26,6 +26,7 @@ theory and examples", International Journal of Control 61 (1995).
 import math
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from baselines.policies.base import Policy
@@ -76,6 +77,8 @@ class Tracking:
     """Length of the lead-in [control steps]."""
     loop: int
     """Length of the loop [control steps]."""
+    lead: int
+    """Samples by which a curvature is commanded early: half of the time in which a drive gains the largest yaw rate."""
     waits: int
     """1 if a car that has stopped beside its loop waits until its reference passes."""
 
@@ -196,7 +199,8 @@ def follow_paths(
     gains = integrator_gains(tracking.pole)
     way = wp.max(speed, wp.max(0.25 * at[3], least_speed)) * tracking.step
     aside = wp.clamp(wp.atan(gains[0] / gains[1] * left / way), -_APPROACH, _APPROACH)
-    curvature = ahead[0] - gains[1] / way * (turned + aside)
+    bend = feedforward[plan[w, i], i, on_table(sample + tracking.lead, tracking)][0]
+    curvature = bend - gains[1] / way * (turned + aside)
 
     grip = wp.sqrt(robot.lateral_acceleration_max / wp.max(wp.abs(curvature), 1.0e-3 / tracking.room))
     more = wp.max(wp.min(_CATCH_UP * at[3], grip - at[3]), 0.0)
@@ -316,6 +320,9 @@ class TimedPaths(Policy):
         self._tracking.step, self._tracking.pole = step, math.exp(-step / settling)
         self._tracking.room, self._tracking.waits = manoeuvring_length(robot), int(waits)
         self._tracking.lead_in, self._tracking.loop = tables.lead_in, tables.loop
+        yaw_rate = float(np.abs(tables.feedforward[..., 0] * tables.pose[..., 3]).max())
+        gained_in = yaw_rate / robot.top_yaw_acceleration
+        self._tracking.lead = round(FINE * min(gained_in / (2 * step), 1.0))
         self._pose = wp.array(tables.pose, dtype=wp.vec4, device=self.device)
         self._feedforward = wp.array(tables.feedforward, dtype=wp.vec2, device=self.device)
         self.plan = wp.zeros(self.shape, dtype=wp.int32, device=self.device)

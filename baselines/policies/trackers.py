@@ -49,13 +49,13 @@ from baselines.mpcc.solver import Mpcc
 from baselines.policies import registry
 from baselines.policies.base import Policy
 from baselines.policies.coordinators import (
+    OPEN_LOOP,
     PHASES,
     RUNNING,
     Consensus,
     Coordinator,
     Kuramoto,
     KuramotoByArc,
-    OpenLoop,
     PhaseRates,
     TrackedReference,
 )
@@ -379,7 +379,8 @@ def register_coordinator(name: str, coordinator: Callable[..., Coordinator] | No
 
 
 register_coordinator("kuramoto", Kuramoto, "Time-inverted Kuramoto coordination, the paper's method")
-register_coordinator("open-loop", OpenLoop, "Constant phase rate of every robot, without feedback (Borkar et al.)")
+_OPEN_LOOP = partial(TrackedReference, parameters=OPEN_LOOP)
+register_coordinator("open-loop", _OPEN_LOOP, "Constant phase rate of every robot, without feedback (Borkar et al.)")
 _TRACKS = "Each robot tracks its own reference, which"
 register_coordinator("tracked-reference", TrackedReference, f"{_TRACKS} stops with the robot (Borkar et al.)")
 _RUNNING = partial(TrackedReference, parameters=RUNNING)

@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 
-from baselines.reproduce.claims import SILENT, Part, all_of, at_most, near, reported
+from baselines.reproduce.claims import Part, all_of, at_most, near
 from baselines.reproduce.episodes import Player
 from lissajous_env import scenario
-from lissajous_env.episodes.guarantee import critical_speed, fastest_rogue, guaranteed_time
+from lissajous_env.episodes.guarantee import guaranteed_time
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory import closed_forms, geometry
 
@@ -21,8 +21,6 @@ _FEWEST, _MOST = 3, 21
 _LEFT_OUT = [n for n in range(_FEWEST, _MOST + 1) if not closed_forms.has_unclustered_equilibrium(n)]
 _SPEEDS = (0.2, 1.0, 5.0)
 """Speeds of the evading targets [m/s]."""
-_SHARES = (0.9, 0.8, 0.6)
-"""Sensing radii, in that of (8)."""
 
 
 def bounds(player: Player) -> Part:
@@ -79,7 +77,7 @@ def bounds(player: Player) -> Part:
 
 
 def rogues(player: Player) -> Part:
-    """Compute the worst-case undetected time of the formation, with the sensing radius of (8) and with shorter ones."""
+    """Compute the worst-case undetected time of the formation with the sensing radius of (8)."""
     claims = []
     for name in ("experiment", "ideal"):
         formation = scenario(name)
@@ -93,21 +91,6 @@ def rogues(player: Player) -> Part:
                 formation.detection_time_bound,
                 "s",
                 why="the paper shows random walkers; this is the worst of all motions, detection between steps with it",
-            )
-        )
-        fastest = fastest_rogue(formation)
-        slowest = {share: critical_speed(formation, share * formation.detection_radius) for share in _SHARES}
-        shown = ", ".join(
-            f"{speed:.2g} m/s at {share:g}" if speed < math.inf else f"above {fastest:.2g} m/s at {share:g}"
-            for share, speed in slowest.items()
-        )
-        claims.append(
-            reported(
-                f"{words}, shorter sensors: how fast a rogue must be to stay undetected for ever, "
-                "by r_s over that of (8)",
-                SILENT,
-                shown,
-                why="below (8) the discs separate, but the formation still detects every rogue up to a speed",
             )
         )
     return Part(claims)

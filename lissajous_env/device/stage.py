@@ -10,10 +10,10 @@ to do; the kernel has the parameters of a layout instead, which a `Program` fill
 | `w`, `lane`, `lanes`       | `LANES`  | each world; it goes over every `lanes`-th entity |
 | `block`                    | `BLOCKS` | each block of robots side by side                |
 
-Worlds that are not active are left out, by the parameter `clock`. A program matches all other parameters by name, so a
-name has the same type in every stage, and in the functions that stages call (`@part`): `named` declares it once, and
-only other parameters are annotated. Those of `writes` are all that a stage changes: a field of a struct as
-`targets.stage`, or an array by its own name.
+Worlds that are not active are left out, by the parameter `clock`, which is added where it is missing. A program matches
+all other parameters by name, so a name has the same type in every stage, and in the functions that stages call
+(`@part`): `named` declares it once, and only other parameters are annotated. Those of `writes` are all that a stage
+changes: a field of a struct as `targets.stage`, or an array by its own name.
 """
 
 import ast
@@ -127,8 +127,8 @@ def _written(writes: str) -> tuple[str, ...]:
 
 def _arrange(tree: ast.FunctionDef, over: str, idle: bool) -> str:
     """Turn the definition of a stage's function into that of its kernel; return its layout."""
-    arguments, body = tree.args.args, tree.body
-    names = [argument.arg for argument in arguments]
+    arguments, about = tree.args.args, tree.body[:1] if ast.get_docstring(tree) else []
+    names, body = [argument.arg for argument in arguments], tree.body[len(about) :]
     if names[0] == "block":
         layout, places, given, before = BLOCKS, "begin: int, end: int, entities: int", 1, _BLOCK
     elif names[1:3] == ["lane", "lanes"]:
@@ -137,13 +137,13 @@ def _arrange(tree: ast.FunctionDef, over: str, idle: bool) -> str:
         layout, places, given, before = LANES, "first: int, lanes: int, entities: int", 2, _LANE
         loop = ast.parse(f"for {names[1]} in range(lane, entities, lanes):\n    pass").body[0]
         assert isinstance(loop, ast.For)
-        loop.body = body[1:]
-        body[1:] = [loop]
+        loop.body, body = body, [loop]
     else:
         layout, places, given, before = WORLDS, "first: int", 1, _WORLD
-    tree.args.args = [*_parameters(places), *arguments[given:]]
+    clock = [] if idle or "clock" in names else _parameters("clock")
+    tree.args.args = [*_parameters(places), *arguments[given:], *clock]
     before += "" if idle or names[0] == "block" else _ACTIVE
-    tree.body = [body[0], *ast.parse(before).body, *body[1:]]
+    tree.body = [*about, *ast.parse(before).body, *body]
     return layout
 
 

@@ -22,7 +22,7 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
     `score_names` names, infinite until the episode ends. The episode is terminated when all robots are removed.
 
     **With `robots`**, a policy, the agent is the team of rogues. The observation is (N, D), a row of
-    `lissajous_env.world.rogues.rows` per target slot, the action (N, 2) velocities [`targets.speed_limit`]. Rows of
+    `lissajous_env.world.rogues.acting` per target slot, the action (N, 2) velocities [`targets.speed_limit`]. Rows of
     slots without a live rogue are zero, and their actions have no effect. The reward is the time of the step for which
     rogues were undetected, summed over the rogues [s]. The episode is terminated when all rogues that it can have are
     detected. The info contains `rogue_reward` (N,) and `score`.

@@ -33,7 +33,7 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
     it, or until the episode ends, which truncates it. A detected rogue does not return in this episode; the next
     arrival is the next agent. A rogue that appears within a sensing disc is detected at once, and never an agent. Its
     action is a velocity [`targets.speed_limit`], shortened to length 1; walls stop it.
-    `lissajous_env.world.rogues.rows` describes its observation. Its reward is the time of the step for which it was
+    `lissajous_env.world.rogues.acting` describes its observation. Its reward is the time of the step for which it was
     undetected [s], so that its return is its detection time. Its info is empty.
 
     **Of a space of scenarios**, each reset draws one. A reset with a seed draws the same scenario and the same episode

@@ -13,7 +13,7 @@ from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.observation import layout
-from lissajous_env.world.rogues.rows import rogue_layout
+from lissajous_env.world.rogues.acting import rogue_layout
 from lissajous_env.world.simulation import Simulation
 
 LARGE = 1e30

@@ -28,8 +28,8 @@ class Rogue:
     """Name, as in `targets.rogues`."""
     decide: Any
     """Function `decide(rows)` that returns the actions (W, T, 2) for the rows (W, T, D) of
-    `lissajous_env.world.rogues.rows`, as NumPy arrays; or a Warp kernel over the targets, which writes `rogues.action`
-    and whose arguments are matched by name, see `lissajous_env.world.stages`."""
+    `lissajous_env.world.rogues.acting`, as NumPy arrays; or a kernel that `@stage` makes of a function of a target and
+    that writes `rogues.action`, see `lissajous_env.world.stages`."""
     about: str = ""
     """Description of its motion in one line."""
     bind: Callable[[Any, Any], Callable[[], None]] | None = None

@@ -212,10 +212,11 @@ class Scenario(BringsRogues):
     def _followed(self) -> Curve:
         """The curve with its inset, rounded where walls leave cars no way round its bends.
 
-        These are bends of less than half of `start_turning`. Of some curves there is no rounded form.
+        These are bends of less than half of `start_turning`. Of some curves there is no rounded form, and cars whose
+        actions are velocities do not follow it.
         """
         curve = dataclasses.replace(self.curve, inset=self.inset)
-        if self.start_turning == 0 or curve.harmonics:
+        if self.start_turning == 0 or curve.harmonics or self.task.action == "velocity":
             return curve
         is_tight = 2 * geometry.along_lap(self._fitted)[1].min() < self.start_turning
         return rounded(curve) if is_tight else curve

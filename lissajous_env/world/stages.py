@@ -28,12 +28,7 @@ from lissajous_env.world.robots.deviations import find_deviations, watch_boundar
 from lissajous_env.world.robots.faults import reset_losses, update_status
 from lissajous_env.world.robots.nearby import clear_bins, has_bins, list_robots
 from lissajous_env.world.robots.placing import draw_apart, follow_curve, reset_robots, turn_inside
-from lissajous_env.world.robots.signals import (
-    hear,
-    measure,
-    send,
-    take_commands,
-)
+from lissajous_env.world.robots.signals import hear, measure, send, take_commands
 from lissajous_env.world.rogues.acting import fill_rows, move_rogues, reward_rogues
 from lissajous_env.world.tally import clear_events, give_reward, keep_score
 from lissajous_env.world.targets.detection import move_and_detect, place_unseen

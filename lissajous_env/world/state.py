@@ -177,7 +177,7 @@ class Rogues:
     velocity: wp.array2d(dtype=wp.vec2)
     """Velocity in the latest step [m/s], which walls may have reduced."""
     observation: wp.array3d(dtype=wp.float32)
-    """(W, T, D) rows: `lissajous_env.world.rogues.rows`."""
+    """(W, T, D) rows: `lissajous_env.world.rogues.acting`."""
     reward: wp.array2d(dtype=wp.float32)
     """Time of the latest step for which it was undetected [s]."""
     present: wp.array2d(dtype=wp.bool)

@@ -20,7 +20,7 @@ from lissajous_env.world.contamination.labels import MARGIN, across, as_hops
 from lissajous_env.world.observation import message_start, track_start
 from lissajous_env.world.robots.deviations import points_of
 from lissajous_env.world.robots.faults import removal_steps, schedule_steps
-from lissajous_env.world.rogues.rows import rogue_layout
+from lissajous_env.world.rogues.acting import rogue_layout
 from lissajous_env.world.state import EpisodeTotals
 
 

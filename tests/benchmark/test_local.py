@@ -106,7 +106,7 @@ def test_a_policy_that_refuses_a_scenario_is_left_out_unless_it_was_asked_for(tm
     monkeypatch.setattr(types, "POLICIES", ("sweep", "line-abreast"))
     usual = measure(small(tmp_path / "usual", **common, policies=()), console=QUIET)
     assert [each.policy for each in usual.left_out] == ["line-abreast"]
-    assert "5 * 2 * 0.4 < 6" in usual.left_out[0].error
+    assert "to span 6 m with discs of 0.4 m" in usual.left_out[0].error
     assert not usual.failures
     asked = measure(small(tmp_path / "asked", **common, policies=("sweep", "line-abreast")), console=QUIET)
     assert [each.policy for each in asked.failures] == ["line-abreast"]

@@ -18,7 +18,7 @@ import baselines
 import lissajous_env
 from baselines.benchmark import bounds, shown, types
 from baselines.benchmark.bounds import Bounds, as_played, bounds_of
-from baselines.benchmark.report_page import Report
+from baselines.benchmark.report_page import page as report_page
 from baselines.benchmark.shown import in_words, lines_of, number
 from baselines.benchmark.statistics import MAIN, OVER_LOWER_BOUND, SHOWN, with_numbers
 from baselines.benchmark.table import Table, with_derived
@@ -178,7 +178,7 @@ def views_of(episodes):
     wide = Console(width=400, record=True, file=io.StringIO())
     shown.print_scores(wide, "ours", SCENARIOS["intruders"], of["ours"])
     (scores,) = [line for line in wide.export_text().splitlines() if line.split()[:1] == [GUARANTEE]]
-    page = Report(table, {}).html(table.rows, {})
+    page = report_page(table, table.rows, {}, {})
     data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[1])
     cell = data["scenarios"][0]["policies"][0]["cells"][GUARANTEE]
     summary = json.loads(json.dumps(plain(summarized(outcome))))

@@ -161,14 +161,12 @@ def test_threads_with_small_stacks_make_and_step(tmp_path):
     (tmp_path / "mine.py").write_text(
         textwrap.dedent("""
         import lissajous_env, warp as wp
-        from lissajous_env.world.state import Robots
+        from lissajous_env.device.stage import ROBOT, stage
 
         @lissajous_env.reward_term()
-        @wp.kernel
-        def fast(first: int, lanes: int, robots: Robots, value_out: wp.array2d(dtype=float)):
-            tid, lane = wp.tid()
-            for i in range(lane, value_out.shape[1], lanes):
-                value_out[first + tid, i] = robots.speed[first + tid, i]
+        @stage(ROBOT, writes="value_out")
+        def fast(w, i, robots, value_out: wp.array2d(dtype=float)):
+            value_out[w, i] = robots.speed[w, i]
         """)
     )
     code = """

@@ -48,7 +48,7 @@ SHORTER = {
     "evaluate": "--episodes 1",
     "plan": "--plans 6",
     "guarantee": "--radii 2 --cells 16",
-    "train": "--steps 64 --worlds 8 --groups 2 --episodes 1 --imitation 0 --rollout 4",
+    "train": "--steps 64 --worlds 8 --groups 2 --episodes 1 --rollout 4",
     "train --side": "--rogue-rounds 2 --episodes 1",
     "exploit": "--episodes 1",
 }
@@ -57,7 +57,6 @@ LASTING = ("benchmark", "evaluate", "exploit", "guarantee", "replay", "run", "tr
 """Commands that run episodes, here of half a second."""
 IMAGES = {
     "intruders.gif": "lissajous run intruders kuramoto-mpcc --seed 1 --set task.duration=14",
-    "critical_speed.png": "lissajous guarantee`",
     "learning_curve.png": "lissajous train --scenario watch`",
     "growth.png": "python benchmarks/speed.py --parts growth --against",
     "fig3.png": "lissajous reproduce fig3 fig6 fig9",

@@ -290,6 +290,7 @@ def test_a_time_below_the_bound_is_refused_with_the_bound(small, capsys):
     code, said, _ = called(capsys, "plan", small, "--robots", "2", "--guarantee", 0.01, "--seconds", 1)
     assert code == 1
     assert re.search(r"2 robots cannot: the lower bound for every policy is [\d.]+ s", said)
+    assert "0 plans were tried" in said
 
 
 def test_the_out_folder_is_checked_before_the_search(tmp_path, capsys):

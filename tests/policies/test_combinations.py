@@ -20,11 +20,11 @@ NO_FAULTS = {"faults.schedule": ()}
 SEEDS = range(6)
 
 
-def played(policy, scenario, **overrides):
+def played(policy, scenario, seeds=SEEDS, **overrides):
     """Score rows of some seeds; the policy is a name, or a factory."""
     made = lissajous_env.scenario(scenario, **BARE | overrides)
-    acting = baselines.make(policy, made, len(SEEDS)) if isinstance(policy, str) else policy(made, len(SEEDS), "cpu")
-    return lissajous_env.evaluate(acting, made, SEEDS)
+    acting = baselines.make(policy, made, len(seeds)) if isinstance(policy, str) else policy(made, len(seeds), "cpu")
+    return lissajous_env.evaluate(acting, made, seeds)
 
 
 def mean(rows, column):
@@ -80,6 +80,6 @@ def test_the_coordinator_and_the_tracker_of_cars_are_distinguished():
     collisions = [mean(played(name, "experiment", **NO_FAULTS), "collisions") for name in names]
     assert collisions == [pytest.approx(1.06, abs=1.5), pytest.approx(22.06, abs=6.0)]
     kuramoto, consensus = (
-        mean(played(f"{name}-mpcc", "experiment"), "collisions") for name in ("kuramoto", "consensus")
+        mean(played(f"{name}-mpcc", "experiment", range(24)), "collisions") for name in ("kuramoto", "consensus")
     )
     assert consensus > 1.3 * kuramoto

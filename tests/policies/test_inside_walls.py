@@ -57,6 +57,17 @@ def test_differential_drives_keep_to_their_loops_and_detect_sooner_than_cars():
     assert row["guaranteed_detection_time"] < 40
 
 
+def test_drives_in_a_narrow_rectangle_turn_in_time():
+    """Oracle: the planned places; a turn that begins when its curvature does leads 0.1 m beyond the loop, to a wall."""
+    drives = lissajous_env.scenario("evaders-walls", **{"robot.kind": "differential", "task.duration": 12.0,
+                                                      "formation.start_noise": 0.0})  # fmt: skip
+    policy = baselines.make("partition", drives)
+    places, (row,) = play(policy, drives, 1)
+    planned = policy.policy.tables.places(drives.task.steps - 1)[0].swapaxes(0, 1)
+    assert np.linalg.norm(places[:, 0] - planned, axis=-1).max() < 0.06
+    assert row["wall_contacts"] == 0
+
+
 def test_lines_turn_inside():
     """Oracle: the simulated contamination, collisions and places; the ideal motion's time, from the start on."""
     scenario = lissajous_env.scenario(HALL, **{"task.boundary": "wall"})

@@ -6,7 +6,7 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.onboard import Limits, Message, Odometry, Twist, inputs_of
-from baselines.onboard.commands import Actuation
+from baselines.onboard.signals import Actuation
 from baselines.policies import patrol
 from baselines.ros.vehicle import Vehicle
 from lissajous_env.theory.closed_forms import curve_point

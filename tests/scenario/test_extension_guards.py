@@ -157,6 +157,15 @@ def test_kernels_that_bring_what_is_not_finite_are_refused():
         simulation.step(np.zeros(simulation.action_shape))
 
 
+def test_a_kernel_that_is_no_stage_is_refused_by_name():
+    @wp.kernel
+    def plain(value_out: wp.array2d(dtype=float)):
+        value_out[0, 0] = 1.0
+
+    with pytest.raises(ValueError, match=r"kernel of stage plain must be made by @stage, got one by @wp\.kernel"):
+        stepped(lissajous_env.reward_term()(plain))
+
+
 def test_a_removed_robot_gets_no_term_of_a_kernel_whatever_that_brings():
     # Story: what a GPU does, where nobody waits for a check: numbers that are not finite count as 0.
     scenario = lissajous_env.scenario(

@@ -22,7 +22,7 @@ def near_wall(world):
 
 @lissajous_env.reward_term(weight=-2.0)
 @stage(ROBOT, writes="value_out")
-def near_wall_kernel(w, i, clock, robots, value_out: wp.array2d(dtype=float)):
+def near_wall_kernel(w, i, robots, value_out: wp.array2d(dtype=float)):
     """The same."""
     value_out[w, i] = wp.where(wp.abs(robots.position[w, i][0]) > 1.6, 1.0, 0.0)
 

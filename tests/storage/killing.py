@@ -134,7 +134,7 @@ def train(folder: Path) -> None:
     torch.set_num_threads(1)
     settings = TrainingSettings(
         "failure", steps=240, worlds=2, rollout=8, minibatch=32, hidden=8, features=8, episodes=1, threads=1,
-        imitation=1, imitation_epochs=1, evaluate_every=80, out=folder,
+        evaluate_every=80, out=folder,
         overrides={"task.duration": 0.5, "robot.count": 5},
     )  # fmt: skip
     train(settings, QUIET)

@@ -32,7 +32,7 @@ def train(out):
 
     settings = TrainingSettings(
         "failure", steps=20, worlds=2, rollout=8, minibatch=32, hidden=8, features=8, episodes=1, threads=1,
-        imitation=1, imitation_epochs=1, evaluate_every=80, out=out, overrides={"task.duration": 0.2},
+        evaluate_every=80, out=out, overrides={"task.duration": 0.2},
     )  # fmt: skip
     train(settings, QUIET)
 

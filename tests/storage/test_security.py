@@ -12,7 +12,7 @@ from training.learned import policy
 SHORT = ("--set", "task.duration=1.0")
 TRAINING = (
     "--scenario", "failure", "--worlds", "2", "--rollout", "8", "--minibatch", "80", "--evaluate-every", "80",
-    "--episodes", "1", "--hidden", "4", "--features", "4", "--threads", "1", "--imitation", "0", *SHORT,
+    "--episodes", "1", "--hidden", "4", "--features", "4", "--threads", "1", *SHORT,
 )  # fmt: skip
 
 

@@ -34,6 +34,7 @@ def test_cars_can_drive_along_the_rounded_curve_without_a_collision():
         ("failure", WALLS, False),
         ("hall", {}, False),
         ("team", WALLS, False),
+        ("watch", {}, False),
     ],
 )
 def test_only_curves_that_bend_too_tightly_within_walls_are_rounded(name, fields, is_rounded):

@@ -48,7 +48,7 @@ def here(tmp_path, monkeypatch):
 
 
 def settings(**changes):
-    small: dict = {"scenario": "mine.toml", "overrides": {}, "imitation": 0}
+    small: dict = {"scenario": "mine.toml", "overrides": {}}
     given: dict = SMALL | small | {"out": Path("run")} | changes
     return TrainingSettings(**given)
 

@@ -8,27 +8,23 @@ import warp as wp
 
 import baselines
 import lissajous_env
-from lissajous_env.device.structs import TaskStruct
+from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.parameters.spreading import reaches_of
 from lissajous_env.world.contamination.labels import introduced_at
-from lissajous_env.world.state import NEVER, Clock, Robots
+from lissajous_env.world.state import NEVER
 
 SPEED, RADIUS, HALF = 0.25, 0.3, 1.0
 
 
-@wp.kernel
-def drift(first: int, lanes: int, task: TaskStruct, command: wp.array3d(dtype=float), clock: Clock, robots: Robots):
+@stage(ROBOT, writes="robots: position, speed, track")
+def drift(w, i, task, command, robots):
     """Move at the commanded velocity [m/s], through anything."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 1:
-        for i in range(lane, robots.status.shape[1], lanes):
-            old = robots.position[w, i]
-            new = old + task.step * wp.vec3(command[w, i, 0], command[w, i, 1], 0.0)
-            for s in range(robots.track.shape[2]):
-                robots.track[w, i, s] = wp.lerp(old, new, float(s) / float(robots.track.shape[2] - 1))
-            robots.position[w, i] = new
-            robots.speed[w, i] = wp.length(new - old) / task.step
+    old = robots.position[w, i]
+    new = old + task.step * wp.vec3(command[w, i, 0], command[w, i, 1], 0.0)
+    for s in range(robots.track.shape[2]):
+        robots.track[w, i, s] = wp.lerp(old, new, float(s) / float(robots.track.shape[2] - 1))
+    robots.position[w, i] = new
+    robots.speed[w, i] = wp.length(new - old) / task.step
 
 
 CONVOY = lissajous_env.RobotModel("convoy", ("vx", "vy"), ((0.0, 0.0),), drift, lambda *parts: 1.0)

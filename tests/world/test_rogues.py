@@ -8,7 +8,7 @@ import pytest
 
 import lissajous_env
 from lissajous_env import Simulation
-from lissajous_env.world.rogues.rows import rogue_layout
+from lissajous_env.world.rogues.acting import rogue_layout
 from lissajous_env.world.state import FOUND, PRESENT
 
 FEW = {"targets.count": 6, "targets.arrival_rate": 0.5, "targets.entry": "unseen", "task.duration": 8.0}

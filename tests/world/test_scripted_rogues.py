@@ -9,7 +9,7 @@ import baselines
 import lissajous_env
 from lissajous_env import Simulation
 from lissajous_env.console.cli import main
-from lissajous_env.world.rogues.rows import rogue_layout
+from lissajous_env.world.rogues.acting import rogue_layout
 
 SMALL = {"sensing.radius": 0.3, "targets.arrival_rate": 0.0, "targets.count": 8, "targets.entry": "unseen"}
 SHIPPED = ("wander", "flee", "shadow", "follow-gap")

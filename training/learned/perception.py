@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.policies.base import Policy
-from baselines.policies.reacting import Reacting
+from baselines.policies.own_row import Rows
+from baselines.policies.reacting import Reacting, kept_apart
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.observation import (
@@ -28,11 +29,11 @@ OWN = (
     *("cos_heading", "sin_heading", "speed", "works", "cos_phase", "sin_phase"),
     *("right", "upper", "left", "lower", "width", "height", "team", "pace"),
     *(f"neighbour_{k}_{name}" for k in (0, 1) for name, *_ in NEIGHBOUR_ENTRIES),
-    *("x_base", "y_base"),
+    *("first_base", "second_base"),
 )
 """Numbers of the robot: its entries of the observation; distances to the walls [4 sights]; half of the width and of the
 height [8 sights], robots [8], and the way that it drives in a step at top speed [sight]; its ring neighbours; and the
-velocity that the base wishes [top speed], zeros without a base.
+first two components of the action that the base wishes, such as a velocity, zeros without a base.
 Phases and neighbours are 0 where actions are velocities, for which the paper's curve has no meaning."""
 TOKEN = (
     *("track", "teammate", "target", "robot", "x", "y", "distance", "near", "x_velocity", "y_velocity"),
@@ -43,6 +44,8 @@ and flags; and of a track the distance d of the teammate nearest to it as d / (1
 it than the robot [4], the tracks within sight of it [4], and their mean place relative to it [sight]."""
 _FAR = np.float32(1e4)
 """Distance of a teammate that is not there [sight]."""
+_REST = np.float32(0.25)
+"""Speed below which a car rests [top speed]."""
 _MEMORY = 1.875
 """Time for which a target is assumed to keep its velocity, in units of sight over top speed."""
 
@@ -66,13 +69,23 @@ def wish_of(base: Policy, observation: np.ndarray) -> np.ndarray:
     return (wish / np.maximum(np.linalg.norm(wish, axis=-1, keepdims=True), 1.0)).astype(np.float32)
 
 
+def told_to_drive(velocity: np.ndarray, observation: np.ndarray, scenario: Scenario) -> np.ndarray:
+    """Return the velocities (W, N, 2) [top speed] that cars are to have for those that a network wishes.
+
+    They also lead away from robots that are near, as those of the classical policies do. Slow ones are zeros: a car
+    turns only while it drives, so that one which is to stay would leave its place on a circle.
+    """
+    fast = velocity * (_length(velocity) >= _REST)[..., None]
+    return kept_apart(fast, Rows(observation, scenario)).astype(np.float32)
+
+
 def perceive(observation: np.ndarray, scenario: Scenario, wish: np.ndarray | None = None) -> Perception:
     """Return what robots perceive according to their rows (W, N, D) in a resolved scenario.
 
     Args:
         observation: (W, N, D) rows.
         scenario: The scenario, resolved.
-        wish: (W, N, 2) velocities that a base wishes [top speed], if there is one.
+        wish: (W, N, A) actions that a base wishes, if there is one.
     """
     sensing, sight, top = scenario.sensing, scenario.sight, speed_unit(scenario)
     half = np.array([scenario.curve.half_width, scenario.curve.half_height], np.float32) / np.float32(sight)
@@ -116,7 +129,7 @@ def perceive(observation: np.ndarray, scenario: Scenario, wish: np.ndarray | Non
         own[..., 4:6] = observation[..., 5:7]
         own[..., 14:-2] = observation[..., len(OWN_ENTRIES) : len(OWN_ENTRIES) + len(OWN) - 16]
     if wish is not None:
-        own[..., -2:] = wish[..., :2]
+        own[..., len(OWN) - 2 : len(OWN) - 2 + wish.shape[-1]] = wish[..., :2]
     return Perception(own, tokens, tokens[..., :4].sum(axis=-1))
 
 

@@ -1,4 +1,4 @@
-"""Learned rogues: checkpoints whose network maps a row of `lissajous_env.world.rogues.rows` to a velocity.
+"""Learned rogues: checkpoints whose network maps a row of `lissajous_env.world.rogues.acting` to a velocity.
 
 `targets.rogues`, and `--rogues` of the commands, accept the folder of such a checkpoint like the name of a script. The
 included ones, in `training/rogues`, have the names of their folders.
@@ -14,7 +14,7 @@ import numpy as np
 from lissajous_env import Scenario
 from lissajous_env.console.terminal import plain
 from lissajous_env.parameters.rogues import Rogue
-from lissajous_env.world.rogues.rows import ACTION_NAMES, rogue_layout
+from lissajous_env.world.rogues.acting import ACTION_NAMES, rogue_layout
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.forward import Forward

@@ -6,11 +6,9 @@ import numpy as np
 
 import baselines
 from baselines.policies.base import Policy
-from baselines.policies.own_row import Rows
-from baselines.policies.reacting import kept_apart
 from lissajous_env import Scenario
 from training.learned.card import Card
-from training.learned.perception import perceive, wish_of
+from training.learned.perception import perceive, told_to_drive, wish_of
 from training.learned.team_network import TeamNetwork
 
 
@@ -57,5 +55,5 @@ class LearnedTeam(Policy):
         action = np.zeros(self.action.shape, np.float32)
         action[..., : outputs.shape[-1]] = outputs.clip(-1.0, 1.0)
         if self.scenario.task.action == "velocity":
-            action[..., :2] = kept_apart(action[..., :2], Rows(observation, self.scenario))
+            action[..., :2] = told_to_drive(action[..., :2], observation, self.scenario)
         return action

@@ -26,13 +26,10 @@ function begin(report) {
 // Playable episodes and their partners: the reference, or for the reference the worst of the others.
 function replaysOf(report) {
   const entries = {};
-  for (const [id, [s, p, seed, same]] of Object.entries(report.replays)) {
+  for (const [id, [s, p, seed]] of Object.entries(report.replays)) {
     const policy = report.policies[p].name,
       scenario = report.scenarios[s].name;
-    const note = same
-      ? ""
-      : `The score of ${policy} changed in the replay: it uses random numbers of its own, or rounds differently.`;
-    entries[id] = { title: `${scenario} · ${policy} · seed ${seed}`, group: `${s} ${seed}`, policy, note };
+    entries[id] = { title: `${scenario} · ${policy} · seed ${seed}`, group: `${s} ${seed}`, policy };
   }
   const partner = (id, others) => {
     const [s] = report.replays[id];

@@ -3,7 +3,7 @@
 import { byId } from "./words.js";
 
 export class Viewer {
-  // `entries`: {title, group, policy, note} by the id of the data; those of one group can be side by side.
+  // `entries`: {title, group, policy} by the id of the data; those of one group can be side by side.
   // `partner(id)`: the default episode beside another.
   constructor(entries, partner) {
     Object.assign(this, { entries, partner });
@@ -40,9 +40,7 @@ export class Viewer {
 
   play(id, beside, at = "") {
     this.shown = id;
-    const ids = beside ? [id, beside] : [id],
-      notes = ids.map((each) => this.entries[each].note).filter(Boolean);
-    byId("viewer-note").textContent = notes.join(" ");
+    const ids = beside ? [id, beside] : [id];
     // The data are JSON that cannot end a script, so they are inserted unchanged.
     const episodes = ids.map((each) => byId(each).textContent).join(",");
     const page = JSON.parse(byId("viewer-page").textContent).replace("@at@", at.replaceAll(/[^\w.&=]/g, ""));

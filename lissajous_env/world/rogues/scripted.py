@@ -9,7 +9,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import TARGET, part, stage
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters.rogues import Rogue, register_rogue
-from lissajous_env.world.rogues.rows import FIRST_ROBOT, ROBOT_SIZE
+from lissajous_env.world.rogues.acting import FIRST_ROBOT, ROBOT_SIZE
 from lissajous_env.world.targets.motion import inside
 
 wp.set_module_options(OPTIONS)
