@@ -9,7 +9,7 @@ LINES = 42_579
 """Lines of the packages."""
 MODULES = 276
 """Files of the packages."""
-TESTS = 25_602
+TESTS = 25_628
 """Lines of the tests."""
 
 
