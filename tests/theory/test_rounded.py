@@ -30,6 +30,7 @@ def test_cars_can_drive_along_the_rounded_curve_without_a_collision():
     [
         ("evaders", {}, False),
         ("evaders", WALLS, True),
+        ("evaders", WALLS | {"robot.wheelbase": 0.01}, False),
         ("experiment", WALLS, True),
         ("failure", WALLS, False),
         ("hall", {}, False),
@@ -40,7 +41,7 @@ def test_cars_can_drive_along_the_rounded_curve_without_a_collision():
 def test_only_curves_that_bend_too_tightly_within_walls_are_rounded(name, fields, is_rounded):
     scenario = lissajous_env.scenario(name, **fields)
     assert bool(scenario.driven.harmonics) == is_rounded
-    assert scenario.resolve().driven.harmonics == scenario.driven.harmonics
+    assert scenario.resolve().curve.driven.harmonics == scenario.driven.harmonics
     assert scenario.sensing_radius == scenario.resolve().sensing_radius > 0
     if is_rounded:
         plain = dataclasses.replace(scenario.curve, inset=scenario.inset)
