@@ -1,7 +1,7 @@
 """The PettingZoo environment of one world, with one agent per robot and, against rogues that learn, one per rogue."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -80,6 +80,7 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         self.np_random: np.random.Generator | None = None
         """Generator for wrappers, which `reset` with a seed seeds; the environment itself does not use it."""
         self._begun = False
+        self._sides: list[Side] = batch.sides
         self._live: list[list[int]] = []
         """Places of the agents that act in the next step, for each side."""
         self._start(batch, render_mode)
@@ -94,7 +95,7 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
 
     def _checked(self, agent: Any) -> str:
         if not isinstance(agent, str) or agent not in self.action_spaces:
-            known = " or ".join(f"{side.names[0]} to {side.names[-1]}" for side in self.batch.sides)
+            known = " or ".join(f"{side.names[0]} to {side.names[-1]}" for side in self._sides)
             raise ValueError(f"agent must be one of {known}, got {shown(agent)}")
         return agent
 
@@ -107,7 +108,7 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         if seed is not None or self.np_random is None:
             self.np_random = np_random(None if seed is None else int(seed))[0]
         self._begun = True
-        self._live = [list(range(self.scenario.num_robots)), []][: len(self.batch.sides)]
+        self._live = [list(range(self.scenario.num_robots)), []][: len(self._sides)]
         observations, *_, infos = self._results()
         return observations, infos
 
@@ -125,11 +126,12 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
             if not self._begun or not isinstance(actions, Mapping) or actions:
                 raise ResetNeeded(NEEDS_RESET)
             return {}, {}, {}, {}, {}
-        if not isinstance(actions, Mapping) or len(actions) != len(self.agents):
+        if type(actions) is not dict or len(actions) != len(self.agents):
             check_agents(actions, self.agents)
         try:
-            for k, side in enumerate(self.batch.sides):
-                side.read_agents(actions, self._live[k], self._actions[k])
+            self._sides[0].read_agents(actions, self._live[0], self._actions[0])
+            if len(self._sides) > 1:
+                self._sides[1].read_agents(actions, self._live[1], self._actions[1])
         except KeyError:
             check_agents(actions, self.agents)
             raise
@@ -143,25 +145,35 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         """Return the results of the agents that acted, and of those that act in the next step, which are `agents`."""
         if self._on_device:
             self._fetch()
-        rows, live, agents = self._rows[0], self._live[0], self._names
-        terminated, truncated = rows.terminated.tolist(), rows.truncated.tolist()
-        infos = [{"reward_terms": row} for row in rows.terms.copy()]
-        columns: Any = rows.observation.copy(), rows.reward.tolist(), terminated, truncated, infos
+        live, agents = self._live[0], self._names
+        observation, _, reward, terminated, truncated, terms = self._rows[0]
+        terminated, truncated = terminated.tolist(), truncated.tolist()
+        infos = [{"reward_terms": row} for row in terms.copy()]
+        observation, reward = observation.copy(), reward.tolist()
         if len(live) < len(agents):
-            agents, columns = [agents[i] for i in live], [[column[i] for i in live] for column in columns]
+            agents = [agents[i] for i in live]
+            observation, reward, terminated, truncated, infos = (
+                [column[i] for i in live] for column in (observation, reward, terminated, truncated, infos)
+            )
         # The lengths are equal; a strict zip would double the time.
-        results: Any = [dict(zip(agents, column)) for column in columns]  # noqa: B905
+        results = (
+            dict(zip(agents, observation)),  # noqa: B905
+            dict(zip(agents, reward)),  # noqa: B905
+            dict(zip(agents, terminated)),  # noqa: B905
+            dict(zip(agents, truncated)),  # noqa: B905
+            dict(zip(agents, infos)),  # noqa: B905
+        )
         if True in terminated or True in truncated:
-            self._live[0] = [i for i in live if not (terminated[i] or truncated[i])]
-            agents = [self._names[i] for i in self._live[0]]
+            agents = [agent for agent in agents if not (results[2][agent] or results[3][agent])]
+            self._live[0] = [self._names.index(agent) for agent in agents]
         self.agents = agents
         if len(self._rows) > 1:
-            self._add_rogues(self.batch.sides[1], self._rows[1], results)
+            self._add_rogues(self._sides[1], self._rows[1], results)
         if self.render_mode == "human":
             self.render()
-        return tuple(results)
+        return results
 
-    def _add_rogues(self, side: Side, rows: Rows, results: list[dict]) -> None:
+    def _add_rogues(self, side: Side, rows: Rows, results: Sequence[dict]) -> None:
         """Add the rogues that acted in a step, and those that act in the next one, to its results."""
         live = np.flatnonzero(rows.mask).tolist()
         shown = sorted({*self._live[1], *live})
@@ -187,18 +199,18 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
     def _bind(self) -> None:
         """Set up the arrays of a step, which on the CPU are views of the simulation's memory."""
         self._on_device = not self.simulation.device.is_cpu
-        self._names = self.batch.sides[0].names[: self.simulation.num_robots]
+        self._names = self._sides[0].names[: self.simulation.num_robots]
         self._actions = [array.numpy().reshape(-1) for array in self._arrays()]
         self._fetch()
 
     def _arrays(self) -> list[Any]:
         """Return the arrays of the actions of each side."""
         rogues = self.simulation.rogues
-        return [self.simulation.action, *([rogues.action] if len(self.batch.sides) > 1 else [])]
+        return [self.simulation.action, *([rogues.action] if len(self._sides) > 1 else [])]
 
     def _fetch(self) -> None:
         """Copy the results of a step to the host; on the CPU they are views of the simulation's memory."""
-        self._rows = [Rows(*(array[0] for array in self.batch.views(0, side))) for side in self.batch.sides]
+        self._rows = [Rows(*(array[0] for array in self.batch.views(0, side))) for side in self._sides]
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name not in ("_rows", "_actions", "_renderer")}

@@ -127,15 +127,16 @@ class Side:
         given = [actions[name] for name in names]
         if len(flat_out) == len(given) * self.action_size and self.table is None:
             try:  # Regular actions, a float32 array for each agent, are copied together.
-                np.concatenate(given, out=flat_out, casting="no")
-                if set(map(len, given)) == {self.action_size} and flat_out.dot(flat_out) < LARGE:
+                flat = np.concatenate(given, dtype=np.float32, casting="no")
+                if set(map(len, given)) == {self.action_size} and flat.dot(flat) < LARGE:
+                    flat_out[:] = flat
                     return
             except (TypeError, ValueError, RuntimeError):
                 pass
+        rows = [self._read_one(name, on_host(action)) for name, action in zip(names, given, strict=True)]
         rows_out = flat_out.reshape(-1, self.action_size)
         rows_out[:] = 0.0
-        for name, place, action in zip(names, places, given, strict=True):
-            rows_out[place] = self._read_one(name, on_host(action))
+        rows_out[list(places)] = np.reshape(rows, (len(rows), self.action_size))
 
     def _read_one(self, agent: str, action: Any) -> np.ndarray:
         """Return the row of an action."""

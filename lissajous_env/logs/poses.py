@@ -6,17 +6,20 @@ The poses of a robot have the name of their topic, or of a topic and a part of i
 
 import functools
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from lissajous_env.logs.messages import Bags
-from lissajous_env.logs.samples import ARRAY, POSES, Table, poses_of
+from lissajous_env.logs.samples import ARRAY, POSES, TRANSFORMS, Table, poses_of
 from lissajous_env.wording import few_of, nearest
 
 TOPICS = ("/robot_{}/odom",)
 """Topics of poses by default."""
 FEWEST = 2
 """Least number of poses of a robot."""
+SHARED = {ARRAY, TRANSFORMS}
+"""Types of topics with the poses of several robots."""
+_BODIES = ("base_link", "base_footprint")
 
 
 class Robot(NamedTuple):
@@ -67,19 +70,29 @@ def robots_of(bags: Bags, log: str, topics: Sequence[str]) -> list[Robot]:
         names = [f"{topic}:{part}" for part in tables(topic)] if part else list(bags.kinds)
         number = re.compile(re.escape(topics[0]).replace(r"\{\}", r"(\d+)"))
         matches = [(match[1], name) for name in names if (match := number.fullmatch(name))]
+        shared = [topic for topic, kinds in bags.kinds.items() if kinds & SHARED and not topic.endswith("_static")]
+        if not matches and tuple(topics) == TOPICS and len(shared) == 1:
+            return robots_of(bags, log, shared)
         numbered = sorted(matches, key=lambda match: int(match[0])) or [("0", topics[0].replace("{}", "0"))]
         return [robot(*match) for match in numbered]
     sources: list[tuple[str, int | None]] = [(name, None) for name in topics]
     if len(topics) == 1 and not part:
-        if ARRAY in bags.kinds.get(topic, ()):
-            sources = [(f"{topic}:{place}", None) for place in tables(topic)]
-        elif len(holders := bags.holders(topic)) > 1:
+        if SHARED & bags.kinds.get(topic, set()) and (pattern := _pattern(tables(topic))):
+            return robots_of(bags, log, [f"{topic}:{pattern}"])
+        if len(holders := bags.holders(topic)) > 1:
             sources = [(topic, bag) for bag in holders]
     first = [re.search(r"\d+", name.rpartition(":")[2]) for name, _ in sources]
     numbers = [match[0] for match in first if match]
     if len(set(numbers)) < len(sources):
         numbers = list(map(str, range(len(sources))))
     return [robot(number, *source) for number, source in zip(numbers, sources, strict=True)]
+
+
+def _pattern(parts: Iterable[str]) -> str:
+    """Return the one pattern with {} of the places or frames of a topic that are robots; "" if it is unclear."""
+    patterns = {re.sub(r"\d+", "{}", part, count=1) for part in parts if re.search(r"\d", part)}
+    likely = {pattern for pattern in patterns if pattern.endswith(_BODIES)} or patterns
+    return likely.pop() if len(likely) == 1 else ""
 
 
 def _tables(bags: Bags, log: str, topic: str) -> dict[str, Table]:

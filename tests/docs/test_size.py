@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 42_579
+LINES = 42_605
 """Lines of the packages."""
 MODULES = 276
 """Files of the packages."""
-TESTS = 25_597
+TESTS = 25_634
 """Lines of the tests."""
 
 

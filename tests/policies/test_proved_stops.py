@@ -7,7 +7,7 @@ from test_proved import FIVE, driven, towards_the_nearest
 
 import lissajous_env
 from baselines.policies.safety.proved import Proved, ProvedParameters
-from baselines.policies.safety.tails import gap
+from baselines.policies.safety.tails import Tail, gap, place_on, roll_on
 
 FAILING = {"faults.rate": 1e-9, "faults.mean_duration": 1.0, "task.duration": 30.0}
 """Robots can fail, and the test chooses when."""
@@ -81,6 +81,32 @@ def test_distance_of_segments():
         one, other = a + share * (a_end - a), b + share * (b_end - b)
         least = np.linalg.norm(one[:, None] - other, axis=-1).min()
         assert least - 0.02 < value < least + 1e-5
+
+
+@wp.kernel
+def roll(tail: Tail, left: float, out: wp.array2d(dtype=float)):
+    """Write place, heading and bound of the error at five shares of the rest of a tail."""
+    rest = roll_on(tail, left)
+    for k in range(5):
+        q = 0.25 * float(k)
+        place = place_on(rest, q)
+        for c in range(3):
+            out[k, c] = place[c]
+        out[k, 3] = rest.w0 + q * (rest.w1 + q * rest.w2)
+
+
+def test_the_rest_of_a_tail_is_on_the_tail():
+    """Oracle: the arc and its bound in float64, at the shares of the whole tail."""
+    x, y, heading, length, curvature, w = 0.3, -0.2, 0.7, 1.2, 1.5, (0.01, 0.05, 0.03)
+    tail, found = Tail(), wp.zeros((5, 4), dtype=float, device="cpu")
+    tail.x, tail.y, tail.heading, tail.length, tail.curvature = x, y, heading, length, curvature
+    tail.w0, tail.w1, tail.w2 = w
+    wp.launch(roll, 1, [tail, 0.6], [found], device="cpu")
+    q = 1 - 0.6 * (1 - np.linspace(0, 1, 5))
+    turned = heading + curvature * length * q
+    place = x + (np.sin(turned) - np.sin(heading)) / curvature, y - (np.cos(turned) - np.cos(heading)) / curvature
+    expected = np.stack([*place, turned, w[0] + w[1] * q + w[2] * q**2], axis=-1)
+    np.testing.assert_allclose(found.numpy(), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("repeats", [1, 3])

@@ -99,3 +99,4 @@ def test_learned_policies_are_told_from_classical_ones():
 def test_a_wrapped_policy_has_its_own_name():
     for name in ("kuramoto-mpcc-safe", "kuramoto-mpcc-proved"):
         assert baselines.make(name, "experiment").name == name
+    assert registry.describe("random-safe")["kind"] == "car", "a policy for all robots drives cars under a filter"

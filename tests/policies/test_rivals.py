@@ -18,6 +18,7 @@ from lissajous_env.device.devices import compile_quietly
 from lissajous_env.episodes.evaluation import episodes
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import curve_length
+from lissajous_env.world.observation import layout
 
 NO_FAULTS = {"faults.schedule": ()}
 
@@ -144,19 +145,22 @@ def arc_length(curve, gamma):
 
 @pytest.mark.parametrize("overrides", [("intruders", 1, 4), ("knot", 3, 2)])
 def test_dynamics_1_act_on_the_arc_phase(overrides):
-    """Oracle: (1) in float64 on arc phases by quadrature of the true phases."""
+    """Oracle: (1) in float64 on arc phases by quadrature of the true phases, with messages as old as is set."""
     name, a, b = overrides
     fields = {"formation.start": "random", "formation.coupling": 0.7, "curve.a": a, "curve.b": b}
     scenario = lissajous_env.scenario(name, **fields).resolve()
     alpha, curve = scenario.alpha, scenario.curve
     simulation, coordinator = lissajous_env.Simulation(scenario, seed=3), KuramotoByArc(scenario, 1, "cpu")
+    rows = simulation.observation.numpy()
+    rows[..., [layout(scenario).names.index(f"neighbour_{side}_age") for side in range(2)]] = 0.25
     with compile_quietly():
         coordinator.coordinate(simulation.observation)
     preview, unit = PREVIEW * motion_scale(scenario).time, arc_length(curve, 2 * math.pi) / (2 * math.pi)
     rate = ground_speed(scenario) / (unit * alpha)
     phases, rates = simulation.robots.phase.numpy()[0], coordinator.phase_rate.numpy()[0]
     psi = np.array([arc_length(curve, alpha * phase) for phase in phases]) / (unit * alpha)
-    psi_rates = closed_forms.kuramoto_rates(psi, scenario.neighbours, rate, 0.7)
+    ahead = psi[scenario.neighbours] - psi[:, None] + rate * 0.25 * scenario.time_unit
+    psi_rates = rate - 0.7 * np.sin(ahead).sum(axis=-1)
     for robot in range(scenario.num_robots):
         soon = alpha * (psi[robot] + preview * psi_rates[robot])
         gamma = brentq(lambda g, s=soon: arc_length(curve, g) / unit - s, soon - 2, soon + 2, xtol=1e-9)
