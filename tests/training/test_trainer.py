@@ -110,8 +110,10 @@ def test_the_actor_stops_where_it_has_moved_too_far(tmp_path):
     assert 0 < moved[1e-6] < 1.001 * settings.learning_rate < moved[1e6]
 
 
-def test_corrections_without_an_advantage_become_smaller(tmp_path):
+def test_corrections_begin_at_zero_and_without_an_advantage_become_smaller(tmp_path, monkeypatch):
+    monkeypatch.setattr("training.trainer._BOUND", 0.0)
     state = Training(small(tmp_path))
+    assert not state.actor.action.weight.any()
     state.numbers["rollouts"] = 100.0
     with torch.no_grad():
         state.actor.action.bias.fill_(0.3)
