@@ -10,6 +10,8 @@ Scratch arrays are indexed [row, problem]. The host lays them out so that the ro
 and the problems of a row are adjacent on CUDA.
 """
 
+from typing import Any
+
 import warp as wp
 
 from baselines.mpcc.model import (
@@ -22,7 +24,9 @@ from baselines.mpcc.model import (
     errors_at,
     frame_at,
     linearise,
+    oscillation_of,
     phase_per_metre,
+    place_at,
     speeds_of,
     state_cost,
     vec5,
@@ -38,7 +42,7 @@ from baselines.mpcc.quadratic import (
     transposed,
 )
 from lissajous_env.device.compilation import CONTRACTED
-from lissajous_env.device.curve import CurveStruct, point2
+from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.trig import cos_sin
 
 wp.set_module_options(CONTRACTED)
@@ -74,7 +78,7 @@ class Scratch:
 def backward(
     p: MpccStruct,
     rk: Speeds,
-    curve: CurveStruct,
+    curve: Any,
     table: Table,
     phase_rate: float,
     damping: float,
@@ -147,7 +151,7 @@ def backward(
 def forward(
     p: MpccStruct,
     rk: Speeds,
-    curve: CurveStruct,
+    curve: Any,
     table: Table,
     phase_rate: float,
     length: float,
@@ -175,19 +179,17 @@ def forward(
 
 
 @wp.func
-def along_curve(
-    p: MpccStruct, curve: CurveStruct, table: Table, state: vec5, phase_rate: float, early: bool
-) -> wp.vec2:
+def along_curve(p: MpccStruct, curve: Any, table: Table, state: vec5, phase_rate: float, early: bool) -> wp.vec2:
     """Return the control of pure pursuit of a point ahead on the curve, at the speed that is wanted there.
 
     With `early` the car slows down before the turns, otherwise it stays close to the curve at the full rate. Both look
     ahead by a fraction of an oscillation.
     """
-    oscillation = 1.0 / float(wp.max(curve.a, curve.b))
+    oscillation = oscillation_of(curve)
     ahead = wp.where(early, 0.9, 0.24) * oscillation
     lead = wp.where(early, 0.3, 0.0) * oscillation
     pace = wp.where(early, 0.6, 1.0) * phase_rate
-    to = point2(curve, state[4] + ahead) - wp.vec2(state[0], state[1])
+    to = place_at(curve, state[4] + ahead) - wp.vec2(state[0], state[1])
     facing = cos_sin(state[2])
     left = facing[0] * to[1] - facing[1] * to[0]
     front = wp.dot(facing, to)
@@ -203,7 +205,7 @@ def along_curve(
 def lay_out(
     p: MpccStruct,
     rk: Speeds,
-    curve: CurveStruct,
+    curve: Any,
     table: Table,
     start: vec5,
     phase_rate: float,
@@ -239,7 +241,7 @@ def lay_out(
 
 @wp.func
 def probe(
-    p: MpccStruct, rk: Speeds, curve: CurveStruct, table: Table, phase_rate: float, slot: int, k: int, scratch: Scratch
+    p: MpccStruct, rk: Speeds, curve: Any, table: Table, phase_rate: float, slot: int, k: int, scratch: Scratch
 ) -> float:
     """Open the first throttle a little, simulate with the gains into the other slot, and return the cost.
 
@@ -256,7 +258,7 @@ def probe(
 def descend(
     p: MpccStruct,
     rk: Speeds,
-    curve: CurveStruct,
+    curve: Any,
     table: Table,
     phase_rate: float,
     first_cost: float,
@@ -300,7 +302,7 @@ def descend(
 @wp.kernel
 def solve(
     p: MpccStruct,
-    curve: CurveStruct,
+    curve: Any,
     table: Table,
     first: int,
     state: wp.array2d(dtype=float),
@@ -383,3 +385,7 @@ def solve(
         for i in range(M + 1):
             for j in range(5):
                 trajectory_out[k, i, j] = wp.where(wp.isfinite(start[j]), start[j], 0.0)
+
+
+solve_lissajous = wp.overload(solve, {"curve": CurveStruct})
+"""The kernel for a Lissajous curve; `baselines.mpcc.series` has that for curves of harmonics."""

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from baselines.similarity import EXPERIMENT, motion_scale
-from lissajous_env.device.curve import CurveStruct, series
+from lissajous_env.device.curve import CurveStruct, lissajous, series
 from lissajous_env.device.structs import struct_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Curve, Scenario
@@ -137,8 +137,11 @@ def tabulate(curve: Curve, device: Any) -> Any:
     gamma = width * np.arange(count + 1)
     speed = closed_forms.curve_speed(curve, gamma)
     # d||r'|| / d gamma = r'.r'' / ||r'||
-    first, second = closed_forms.curve_derivatives(curve, gamma)
-    dot = np.sum(first * second, axis=-1)
+    A2, B2 = (curve.half_width * curve.a) ** 2, (curve.half_height * curve.b) ** 2
+    dot = A2 * curve.a * np.sin(2 * curve.a * gamma) / 2 - B2 * curve.b * np.sin(2 * curve.b * gamma) / 2
+    if curve.harmonics:
+        first, second = closed_forms.curve_derivatives(curve, gamma)
+        dot = np.sum(first * second, axis=-1)
     f, d = 1 / speed, -width * dot / speed**3
     rise = f[1:] - f[:-1]
     pieces = np.stack([f[:-1], d[:-1], 3 * rise - 2 * d[:-1] - d[1:], d[:-1] + d[1:] - 2 * rise], axis=1)
@@ -188,29 +191,65 @@ def speeds_of(p: MpccStruct) -> Speeds:
     return s
 
 
+@wp.struct
+class Series:
+    """A curve of harmonics, a type of its own: kernels are compiled for each kind of curve, whose rounding differs."""
+
+    curve: CurveStruct
+
+
 @wp.func
-def frame_at(curve: CurveStruct, gamma: float) -> Frame:
-    """Evaluate the curve and how its tangent stretches and turns."""
+def frame_of(point: wp.vec2, first: wp.vec2, second: wp.vec2) -> Frame:
+    """Return the frame at a point of the curve from its first and second derivative by gamma."""
     f = Frame()
-    first = wp.vec2()
-    second = wp.vec2()
-    if curve.harmonics.shape[0] > 0:
-        f.point = series(curve, gamma, 0)
-        first = series(curve, gamma, 1)
-        second = series(curve, gamma, 2)
-    else:
-        a = float(curve.a)
-        b = float(curve.b)
-        across = cos_sin(a * gamma)
-        up = cos_sin(b * gamma)
-        first = wp.vec2(-curve.reach_x * a * across[1], curve.reach_y * b * up[0])
-        second = wp.vec2(-curve.reach_x * a * a * across[0], -curve.reach_y * b * b * up[1])
-        f.point = wp.vec2(curve.reach_x * across[0], curve.reach_y * up[1])
+    f.point = point
     f.inverse = 1.0 / wp.length(first)
     f.tangent = first * f.inverse
     f.slope = -wp.dot(f.tangent, second) * f.inverse * f.inverse
     f.turn = (f.tangent[0] * second[1] - f.tangent[1] * second[0]) * f.inverse
     return f
+
+
+@wp.func
+def frame_at(curve: CurveStruct, gamma: float) -> Frame:
+    """Evaluate the curve and how its tangent stretches and turns."""
+    a = float(curve.a)
+    b = float(curve.b)
+    across = cos_sin(a * gamma)
+    up = cos_sin(b * gamma)
+    first = wp.vec2(-curve.reach_x * a * across[1], curve.reach_y * b * up[0])
+    second = wp.vec2(-curve.reach_x * a * a * across[0], -curve.reach_y * b * b * up[1])
+    return frame_of(wp.vec2(curve.reach_x * across[0], curve.reach_y * up[1]), first, second)
+
+
+@wp.func
+def frame_at(of: Series, gamma: float) -> Frame:  # noqa: F811
+    """Evaluate a curve of harmonics and how its tangent stretches and turns."""
+    return frame_of(series(of.curve, gamma, 0), series(of.curve, gamma, 1), series(of.curve, gamma, 2))
+
+
+@wp.func
+def place_at(curve: CurveStruct, gamma: float) -> wp.vec2:
+    """Return the place on the Lissajous curve [m]."""
+    return lissajous(curve, gamma)
+
+
+@wp.func
+def place_at(of: Series, gamma: float) -> wp.vec2:  # noqa: F811
+    """Return the place on a curve of harmonics [m]."""
+    return series(of.curve, gamma, 0)
+
+
+@wp.func
+def oscillation_of(curve: CurveStruct) -> float:
+    """Return the phase of an oscillation of the curve, less the factor 2 pi."""
+    return 1.0 / float(wp.max(curve.a, curve.b))
+
+
+@wp.func
+def oscillation_of(of: Series) -> float:  # noqa: F811
+    """Return the phase of an oscillation of the Lissajous curve that the harmonics stand for, less the factor 2 pi."""
+    return 1.0 / float(wp.max(of.curve.a, of.curve.b))
 
 
 @wp.func

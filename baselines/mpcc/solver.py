@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from baselines.mpcc import kernel
-from baselines.mpcc.kernel import EARLY, KEEP, Scratch
-from baselines.mpcc.model import MpccParameters, MpccStruct, tabulate, vec5
+from baselines.mpcc.kernel import EARLY, KEEP, Scratch, solve_lissajous
+from baselines.mpcc.model import MpccParameters, MpccStruct, Series, tabulate, vec5
+from baselines.mpcc.series import solve_series
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, cores, is_torch
@@ -146,7 +146,9 @@ class Mpcc(Copyable):
         return scratch
 
     def _record(self, first: int, count: int) -> Work:
-        p, curve = to_struct(MpccStruct, self.parameters), curve_struct(self.curve, self.device)
+        p, curve, solve = to_struct(MpccStruct, self.parameters), curve_struct(self.curve, self.device), solve_lissajous
+        if self.curve.driven.harmonics:
+            curve, solve = _series(curve)
         table, scratch = tabulate(self.curve, self.device), self._scratch()
         outputs = [self.control, self.trajectory, self.cost, self.iterations]
 
@@ -154,7 +156,14 @@ class Mpcc(Copyable):
             return [p, curve, table, first + low, self.state, self.phase_rate, scratch, self._begin]
 
         with compile_quietly():
-            return shared_launch(kernel.solve, count, inputs, outputs, self.device, self.threads, SMALLEST_SHARE)
+            return shared_launch(solve, count, inputs, outputs, self.device, self.threads, SMALLEST_SHARE)
+
+
+def _series(curve: Any) -> tuple[Any, Any]:
+    """Return the curve of harmonics for its kernel, and this kernel."""
+    of: Any = Series()
+    of.curve = curve
+    return of, solve_series
 
 
 def _is_on_host(value: Any) -> bool:
