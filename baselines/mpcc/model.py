@@ -211,7 +211,7 @@ def frame_of(point: wp.vec2, first: wp.vec2, second: wp.vec2) -> Frame:
 
 
 @wp.func
-def frame_at(curve: CurveStruct, gamma: float) -> Frame:
+def frame_at(curve: CurveStruct, gamma: float) -> Frame:  # pyright: ignore[reportRedeclaration]
     """Evaluate the curve and how its tangent stretches and turns."""
     a = float(curve.a)
     b = float(curve.b)
@@ -229,7 +229,7 @@ def frame_at(of: Series, gamma: float) -> Frame:  # noqa: F811
 
 
 @wp.func
-def place_at(curve: CurveStruct, gamma: float) -> wp.vec2:
+def place_at(curve: CurveStruct, gamma: float) -> wp.vec2:  # pyright: ignore[reportRedeclaration]
     """Return the place on the Lissajous curve [m]."""
     return lissajous(curve, gamma)
 
@@ -241,7 +241,7 @@ def place_at(of: Series, gamma: float) -> wp.vec2:  # noqa: F811
 
 
 @wp.func
-def oscillation_of(curve: CurveStruct) -> float:
+def oscillation_of(curve: CurveStruct) -> float:  # pyright: ignore[reportRedeclaration]
     """Return the phase of an oscillation of the curve, less the factor 2 pi."""
     return 1.0 / float(wp.max(curve.a, curve.b))
 

@@ -105,7 +105,7 @@ def test_headings_stamps_and_rows_survive_messages():
     [
         ({}, "kuramoto-mpcc-safe", {}),
         ({"messages.size": 5}, "partition-repair", {}),
-        ({"robot.kind": "differential"}, "kuramoto-gvf", {"command": "twist_stamped"}),
+        ({"robot.kind": "differential"}, "kuramoto-mpcc", {"command": "twist_stamped"}),
     ],
 )
 def test_the_run_is_the_simulation(changes, policy, more):
