@@ -27,8 +27,7 @@ class RogueTraining(Checked):
     scenario: str = "intruders"
     """Scenario of the game."""
     against: str = "kuramoto-mpcc"
-    """Policy of the robots: a name, the folder of a checkpoint, or several of these joined by `+`, among which the
-    environments are divided."""
+    """Policy of the robots: a name, or the folder of a checkpoint."""
     rounds: int = whole(48, 1, 10_000)
     """Rounds of imitation of a rogue with foresight, each with an episode per world."""
     starts: int = whole(96, 2, 4096)

@@ -88,9 +88,8 @@ RogueName = Annotated[
     tyro.conf.arg(
         name="rogues",
         metavar="NAME",
-        help="rogue (adversary) that moves all targets: wander, flee, shadow, follow-gap, or hide, which requires "
-        "task.contamination; a learned one, such as hide-from-sweep or a folder; or several joined by +. By default "
-        "targets move as the scenario defines.",
+        help="rogue (adversary) that moves all targets: wander, flee, shadow or follow-gap; or a "
+        "learned one, such as hide-from-sweep or a folder. By default targets move as the scenario defines.",
     ),
 ]
 

@@ -99,9 +99,9 @@ class Targets(Checked):
     targets. Required where targets move by the scenario's own motion."""
     leave: bool = flag(True)
     """True if a target leaves once it is detected."""
-    rogues: str | None = word(None, "must be agents, the name of a rogue, the folder of one, or several joined by +")
+    rogues: str | None = word(None, "must be agents, the name of a rogue, or the folder of one")
     """Adversary that moves all targets within `speed_limit`, instead of the motions above: `agents`, the name of a
-    rogue, the folder of a learned one, or several of these joined by `+`; see `lissajous_env.world.rogues`."""
+    rogue, or the folder of a learned one; see `lissajous_env.world.rogues`."""
     sight: float | None = number(None, 1e-6, 1e5, "m")
     """Distance within which a rogue observes robots [m]; None means that it observes all of them."""
 
