@@ -27,9 +27,9 @@ because they order the policies much like `evaders`."""
 POLICIES = (
     "kuramoto-mpcc", "kuramoto-mpcc-safe", "open-loop-mpcc", "consensus-mpcc", "partition", "partition-repair",
     "line-abreast", "sweep", "laps",
-    "portfolio", "portfolio-guarantee", "lanes", "follow", "a-cmommt", "greedy-cover", "pure-pursuit", "lead-pursuit",
+    "portfolio", "portfolio-guarantee", "random", "kuramoto", "consensus", "open-loop",
+    "lanes", "follow", "a-cmommt", "greedy-cover", "pure-pursuit", "lead-pursuit",
     "voronoi-pursuit", "index", "index-learned", "learned-watch", "learned-intercept",
-    "random", "kuramoto", "consensus", "open-loop",
 )  # fmt: skip
 """Policies of the standard comparison, which the command, the table of the README and the figures show.
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import warp as wp
 
+from baselines.mpcc.frame import frame_at, oscillation_of, place_at
 from baselines.mpcc.model import (
     MpccStruct,
     Speeds,
@@ -22,11 +23,8 @@ from baselines.mpcc.model import (
     clip,
     control_cost,
     errors_at,
-    frame_at,
     linearise,
-    oscillation_of,
     phase_per_metre,
-    place_at,
     speeds_of,
     state_cost,
     vec5,

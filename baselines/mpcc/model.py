@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from baselines.mpcc.frame import Frame
 from baselines.similarity import EXPERIMENT, motion_scale
-from lissajous_env.device.curve import CurveStruct, lissajous, series
 from lissajous_env.device.structs import struct_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Curve, Scenario
@@ -152,17 +152,6 @@ def tabulate(curve: Curve, device: Any) -> Any:
 
 
 @wp.struct
-class Frame:
-    """The curve at one gamma: r, its unit tangent, 1 / ||r'||, that one's slope, d(direction of r') / d gamma."""
-
-    point: wp.vec2
-    tangent: wp.vec2
-    inverse: float
-    slope: float
-    turn: float
-
-
-@wp.struct
 class Stage:
     """Derivatives of a stage's end by its start's heading, speed and gamma, and by steering and throttle.
 
@@ -189,67 +178,6 @@ def speeds_of(p: MpccStruct) -> Speeds:
     e3 = 0.5 * h * d2
     s.from_push = wp.vec4(0.0, 0.5 * h, e3, h * (1.0 - p.drag * e3))
     return s
-
-
-@wp.struct
-class Series:
-    """A curve of harmonics, a type of its own: kernels are compiled for each kind of curve, whose rounding differs."""
-
-    curve: CurveStruct
-
-
-@wp.func
-def frame_of(point: wp.vec2, first: wp.vec2, second: wp.vec2) -> Frame:
-    """Return the frame at a point of the curve from its first and second derivative by gamma."""
-    f = Frame()
-    f.point = point
-    f.inverse = 1.0 / wp.length(first)
-    f.tangent = first * f.inverse
-    f.slope = -wp.dot(f.tangent, second) * f.inverse * f.inverse
-    f.turn = (f.tangent[0] * second[1] - f.tangent[1] * second[0]) * f.inverse
-    return f
-
-
-@wp.func
-def frame_at(curve: CurveStruct, gamma: float) -> Frame:  # pyright: ignore[reportRedeclaration]
-    """Evaluate the curve and how its tangent stretches and turns."""
-    a = float(curve.a)
-    b = float(curve.b)
-    across = cos_sin(a * gamma)
-    up = cos_sin(b * gamma)
-    first = wp.vec2(-curve.reach_x * a * across[1], curve.reach_y * b * up[0])
-    second = wp.vec2(-curve.reach_x * a * a * across[0], -curve.reach_y * b * b * up[1])
-    return frame_of(wp.vec2(curve.reach_x * across[0], curve.reach_y * up[1]), first, second)
-
-
-@wp.func
-def frame_at(of: Series, gamma: float) -> Frame:  # noqa: F811
-    """Evaluate a curve of harmonics and how its tangent stretches and turns."""
-    return frame_of(series(of.curve, gamma, 0), series(of.curve, gamma, 1), series(of.curve, gamma, 2))
-
-
-@wp.func
-def place_at(curve: CurveStruct, gamma: float) -> wp.vec2:  # pyright: ignore[reportRedeclaration]
-    """Return the place on the Lissajous curve [m]."""
-    return lissajous(curve, gamma)
-
-
-@wp.func
-def place_at(of: Series, gamma: float) -> wp.vec2:  # noqa: F811
-    """Return the place on a curve of harmonics [m]."""
-    return series(of.curve, gamma, 0)
-
-
-@wp.func
-def oscillation_of(curve: CurveStruct) -> float:  # pyright: ignore[reportRedeclaration]
-    """Return the phase of an oscillation of the curve, less the factor 2 pi."""
-    return 1.0 / float(wp.max(curve.a, curve.b))
-
-
-@wp.func
-def oscillation_of(of: Series) -> float:  # noqa: F811
-    """Return the phase of an oscillation of the Lissajous curve that the harmonics stand for, less the factor 2 pi."""
-    return 1.0 / float(wp.max(of.curve.a, of.curve.b))
 
 
 @wp.func

@@ -7,7 +7,7 @@ kernel alone.
 import warp as wp
 
 from baselines.mpcc import kernel
-from baselines.mpcc.model import Series
+from baselines.mpcc.frame import Series
 from lissajous_env.device.compilation import CONTRACTED
 
 wp.set_module_options(CONTRACTED)

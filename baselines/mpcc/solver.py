@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
+from baselines.mpcc.frame import Series
 from baselines.mpcc.kernel import EARLY, KEEP, Scratch, solve_lissajous
-from baselines.mpcc.model import MpccParameters, MpccStruct, Series, tabulate, vec5
+from baselines.mpcc.model import MpccParameters, MpccStruct, tabulate, vec5
 from baselines.mpcc.series import solve_series
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.curve import curve_struct

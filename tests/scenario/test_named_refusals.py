@@ -71,7 +71,10 @@ class Leaves:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["run", "ideal", "kuramoto", "--out", "a.npz", "--set", "extensions=leaving:leaves"], "reward term leaves"),
+        (
+            ["run", "ideal", "kuramoto", "--out", "a.npz", "--set", "extensions=leaving:leaves"],
+            "kuramoto failed on ideal: SystemExit: 7 (leaving.py, line 5)",
+        ),
         (["evaluate", "ideal", "leaving:Leaves", "--episodes", "1"], "leaving:Leaves failed on ideal: SystemExit: 3"),
     ],
 )
