@@ -9,7 +9,7 @@ LINES = 42_677
 """Lines of the packages."""
 MODULES = 278
 """Files of the packages."""
-TESTS = 25_642
+TESTS = 25_648
 """Lines of the tests."""
 
 
