@@ -3,8 +3,8 @@
 Each algorithm trains on `watch` for a million decisions of robots, with 64 worlds and layers of 64, in five trainings
 of seeds 0 to 4; nothing was tuned. Afterwards each policy plays the episodes of the test seeds, with its most likely
 actions. A score is 0 for the best patrol, `lanes`, and 1 for the best tuned rule, `greedy-cover`, on the same seeds;
-the interval is from 2,000 bootstrap resamples of trainings and episodes. The curve is the score of the training
-episodes, which explore, at each quarter of the training.
+the interval is from 2,000 bootstrap resamples of trainings and episodes. The curve is the same score after
+each quarter of the training.
 
 The folder `--out` keeps each training: the same command goes on after an interruption. It requires
 `pip install ".[train,marl]"`.
@@ -29,7 +29,7 @@ SCENARIO, PATROL, RULE = "watch", "lanes", "greedy-cover"
 ALGORITHMS = {"MAPPO": "MappoConfig", "IPPO": "IppoConfig", "MASAC": "MasacConfig", "VDN": "VdnConfig"}
 WORLDS, STEPS, LAYERS = 64, 96, (64, 64)
 SHARES = 0.25, 0.5, 0.75, 1.0
-"""Shares of the training at which a curve is shown."""
+"""Shares of the training after which the policy is played."""
 FIRST_SEED = 40_000
 """Seed of the first test episode; no training and no tuning uses these."""
 
@@ -46,7 +46,6 @@ def train(algorithm: str, seed: int, decisions: int, episodes: int) -> dict[str,
 
     torch.set_num_threads(1)
     scenario = lissajous_env.scenario(SCENARIO)
-    score = task_score(scenario).name
     frames = WORLDS * STEPS
     iterations = max(decisions // (frames * scenario.num_robots), 1)
     config, model = ExperimentConfig.get_from_yaml(), MlpConfig.get_from_yaml()
@@ -58,13 +57,19 @@ def train(algorithm: str, seed: int, decisions: int, episodes: int) -> dict[str,
     config.off_policy_n_optimizer_steps, config.off_policy_train_batch_size = 64, 512
     config.off_policy_memory_size = 40 * frames
     curve: list[float] = []
+    marks = [round(share * iterations) for share in SHARES]
 
     class Curve(Callback):
-        """Notes the score of the episodes that end in a batch, or that of the batch before."""
+        """Plays the policy at the marks."""
 
-        def on_batch_collected(self, batch) -> None:
-            ended = LissajousTaskClass.log_info(batch).get(f"collection/score/{score}")
-            curve.append(ended if ended is not None else curve[-1] if curve else float("nan"))
+        def on_train_end(self, training_td, group) -> None:
+            if training.n_iters_performed + 1 in marks:
+                curve.append(float(np.mean(played(policy_of(training), episodes)["score"])))
+
+    def policy_of(training: Experiment) -> ModelPolicy:
+        policy = ModelPolicy(training.policy, scenario, episodes)
+        policy.kind = "velocity"
+        return policy
 
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
@@ -79,9 +84,7 @@ def train(algorithm: str, seed: int, decisions: int, episodes: int) -> dict[str,
         training.callbacks = [Curve()]  # not an argument, which would be pickled
         training.run()
     seconds = time.process_time() - began
-    policy = ModelPolicy(training.policy, scenario, episodes)
-    policy.kind = "velocity"
-    return {**played(policy, episodes), "curve": curve, "seconds": [seconds]}
+    return {**played(policy_of(training), episodes), "curve": curve, "seconds": [seconds]}
 
 
 def played(policy: baselines.Policy, episodes: int) -> dict[str, list]:
@@ -103,8 +106,7 @@ def row_of(algorithm: str, trainings: list[dict[str, list]], patrol: np.ndarray,
     first, *resampled = (mean - zero) / (one - zero)
     low, high = np.percentile(resampled, [2.5, 97.5])
     curves = np.array([training["curve"] for training in trainings])
-    at = [max(round(share * curves.shape[1]) - 1, 0) for share in SHARES]
-    shown = [(np.nanmean(curves[:, k]) - zero[0]) / (one[0] - zero[0]) for k in at]
+    shown = (curves.mean(axis=0) - zero[0]) / (one[0] - zero[0])
     collisions = np.mean([training["collisions"] for training in trainings])
     seconds = np.mean([training["seconds"] for training in trainings])
     return [algorithm, f"{first:.2f} ({low:.2f} to {high:.2f})", f"{collisions:.1f}",

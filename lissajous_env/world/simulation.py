@@ -44,8 +44,7 @@ class Simulation(Copyable):
         truncated: (W, N) bool, True when the time is over.
         invalid: (W,) int32, 1 where an action of the episode was not finite and was replaced by zero.
         invalid_at: (W,) int32, the step in which that happened first, counted from 1; 0 for none.
-        rogues: `lissajous_env.world.state.Rogues`, of which `step` or a script writes `action`; None without
-            `targets.rogues`.
+        rogues: rows of rogues, and `action`, which `step` or a script writes; None without `targets.rogues`.
 
     World k depends on its own seed and actions alone: it is the same, bit for bit, in any batch, on any number of
     threads. A world whose episode has ended does not move, with reward 0, until it is reset.
