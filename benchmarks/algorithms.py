@@ -3,7 +3,7 @@
 Each algorithm trains on `watch` for a million decisions of robots, with 64 worlds, layers of 64 and a learning rate of
 3e-4, in five trainings of seeds 0 to 4; nothing else was tuned. Afterwards each policy plays the episodes of the test
 seeds, with its most likely actions. A score is 0 for the best patrol, `lanes`, and 1 for the best tuned rule,
-`greedy-cover`, on the same seeds; the interval is from 2,000 bootstrap resamples of trainings and episodes. The curve is
+`greedy-cover`, on the same seeds; the interval is from 2,000 bootstrap resamples of trainings and episodes. A curve is
 the same score after each quarter of the training.
 
 The folder `--out` keeps each training: the same command goes on after an interruption. It requires
