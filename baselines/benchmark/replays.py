@@ -34,8 +34,8 @@ def write_report(folder: Folder, outcome: Outcome, progress: Console) -> str:
     ranked = worst_first(table.rows, table.scenarios)
     wanted = chosen(outcome.settings.replays, ranked, cells, table.references)
     played, failed = _played_again(wanted, cells, outcome.device, progress) if wanted else ({}, [])
-    made = provenance(outcome.stored["device"])
-    folder.write(written.REPORT, page(table, ranked, played, made, outcome.failures, outcome.theorem))
+    origin = provenance(outcome.stored["device"])
+    folder.write(written.REPORT, page(table, ranked, played, origin, outcome.failures, outcome.theorem))
     said = f"{written.REPORT} plays {len(played):,} of the episodes; --replays NUMBER adds more"
     return "\n".join([said, *(f"not replayed: {words}" for words in failed)]) if wanted else ""
 

@@ -102,10 +102,10 @@ def move_cars(block, curve, robot, task, faults, command, clock, robots):
     if faults.stop == COAST:
         abreast.put_floats(block, working, curvature, robots.curvature)
     if rolls != 0:
-        held = abreast.floats(block, robots.curvature)
+        curvatures = abreast.floats(block, robots.curvature)
         for k in range(block.count):
             if abreast.is_in(k, rolls):
-                curvature[k] = held[k]
+                curvature[k] = curvatures[k]
                 push[k] = 0.0
     for s in range(substeps):
         for k in range(abreast.ABREAST):

@@ -149,8 +149,8 @@ def stop_at_wall(curve, radius: float, robot: wp.vec4) -> wp.vec4:
     forwards = wp.where(robot[3] < 0.0, -1.0, 1.0)
     along_x = wp.where((robot[0] - x) * along[0] * forwards > 0.0, 0.0, along[0])
     along_y = wp.where((robot[1] - y) * along[1] * forwards > 0.0, 0.0, along[1])
-    kept = wp.where(along_x == along[0] and along_y == along[1], 1.0, wp.length(wp.vec2(along_x, along_y)))
-    return wp.vec4(x, y, robot[2], robot[3] * kept)
+    share = wp.where(along_x == along[0] and along_y == along[1], 1.0, wp.length(wp.vec2(along_x, along_y)))
+    return wp.vec4(x, y, robot[2], robot[3] * share)
 
 
 @part
