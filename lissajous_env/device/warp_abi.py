@@ -65,10 +65,6 @@ class Call:
         function = ctypes.cast(self._function, ctypes.c_void_p).value or 0
         return function, ctypes.addressof(self._bounds), ctypes.addressof(self._arguments)
 
-    def read_argument(self, index: int) -> None:
-        """Read one of the arguments again after a change."""
-        setattr(self._arguments, f"argument_{index}", self._launch.params[1 + index])
-
 
 @functools.lru_cache(maxsize=1024)
 def _arguments_of(types: tuple[type, ...]) -> type[ctypes.Structure]:

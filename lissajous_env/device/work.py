@@ -134,14 +134,6 @@ class Work:
             for launch in self._launches:
                 launch.launch()
 
-    def set_argument(self, index: int, value: Any) -> None:
-        """Change one of the arguments of every launch."""
-        for launch in self._launches:
-            launch.set_param_at_index(index, value)
-        if self._device.is_cpu:
-            for call in self._calls:
-                call.read_argument(index)
-
 
 def shared_launch(
     kernel: Any,

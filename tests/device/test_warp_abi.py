@@ -45,17 +45,13 @@ def test_a_struct_has_a_name_fields_and_bytes(pair):
 
 
 def test_a_recorded_launch_has_the_function_and_its_arguments(pair):
-    # Oracle: what Warp's own launch writes. The second call has another argument.
+    # Oracle: what Warp's own launch writes.
     out = wp.zeros(3, dtype=wp.float32, device="cpu")
     with compile_quietly():
         recorded = wp.launch(scale, 3, [pair, 2.0], outputs=[out], device="cpu", record_cmd=True)
     call = warp_abi.Call(recorded)
     call()
     assert out.numpy().tolist() == [4.0, 8.0, 12.0]
-    recorded.set_param_at_index(1, 3.0)
-    call.read_argument(1)
-    call()
-    assert out.numpy().tolist() == [8.0, 16.0, 24.0]
 
 
 def test_a_module_has_a_folder_in_the_cache():

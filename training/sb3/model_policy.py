@@ -73,9 +73,7 @@ class ModelPolicy(Policy):
                 f"{side.team_spaces()[0].shape}, the team's, to play {self.scenario.name}, got "
                 f"{shown(model.observation_space)}"
             )
-        spaces = [
-            (side_or_table.team_spaces() if of_team else side_or_table.spaces())[1] for side_or_table in (side, table)
-        ]
+        spaces = [(kind.team_spaces() if of_team else kind.spaces())[1] for kind in (side, table)]
         if model.action_space not in spaces:
             raise ValueError(
                 f"action_space of {self.name} must be {spaces[0]} or {spaces[1]} to play {self.scenario.name}, got "
