@@ -1,12 +1,12 @@
 """Sample of mutants, and the share that the tests of their room find: `python benchmarks/mutants.py --store`.
 
 A mutant is a copy of the code with one change: another operator, comparison or number, a negated condition, a loop that
-does not run. After each change, the tests of the room run until the first failure (`pytest tests/ROOM -x`), in a clone
-of the last commit. A mutant *dies* if a test fails. Some of those that survive are equivalent: their change has no
-effect, as that of a limit that nothing reaches.
+does not run. In a clone of the last commit, the tests of the room run until the first failure: first those that execute
+the changed line, then, if none of them fails or none is known, all of them. A mutant *dies* if a test fails. Some of
+those that survive are equivalent: their change has no effect, as that of a limit that nothing reaches.
 
 `benchmarks/mutants.jsonl` contains all mutants that were tried, which the table counts; each call adds others.
-It requires `pip install cosmic-ray`, which makes the mutants.
+It requires `pip install cosmic-ray pytest-cov`, which make the mutants and find the tests that execute a line.
 """
 
 import json
@@ -24,6 +24,7 @@ from cosmic_ray.ast import ast_nodes, get_ast_from_path
 from cosmic_ray.mutating import mutate_and_test
 from cosmic_ray.plugins import get_operator
 from cosmic_ray.work_item import MutationSpec, TestOutcome
+from coverage import CoverageData
 from scipy.stats import binomtest
 
 ROOMS = {
@@ -52,6 +53,7 @@ OPERATORS = (
     *(f"core/{name}" for name in ("ReplaceUnaryOperator_Delete_USub", "ReplaceUnaryOperator_Delete_Not", "AddNot")),
     *(f"core/{name}" for name in ("ReplaceAndWithOr", "ReplaceOrWithAnd", "NumberReplacer", "ZeroIterationForLoop")),
 )
+PYTEST = (sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider")
 TRIED = Path(__file__).with_name("mutants.jsonl")
 
 
@@ -67,23 +69,47 @@ def mutants_of(room: str, root: Path) -> Iterator[MutationSpec]:
                     yield MutationSpec(path, name, occurrence, start, end)
 
 
-def try_mutants(room: str, count: int, seed: int, workers: int, commit: str, root: Path) -> None:
-    """Try some mutants of a room, drawn at random, and append each result to the file."""
-    command = f"{sys.executable} -m pytest -x -q -p no:cacheprovider -n {workers} --dist loadfile {root}/tests/{room}"
-    began = time.monotonic()
-    if subprocess.run(command.split(), cwd=root, capture_output=True).returncode:
+def tests_of_lines(room: str, root: Path) -> CoverageData:
+    """Run the tests of a room, and return which of them execute which line; kernels execute none."""
+    data = root / ".coverage"
+    data.unlink(missing_ok=True)
+    sources = [f"--cov={root / place}" for place in ROOMS[room] if (root / place).is_dir()] or [f"--cov={root}"]
+    command = [*PYTEST, *sources, "--cov-context=test", "--cov-report=", f"{root}/tests/{room}"]
+    if subprocess.run(command, cwd=root, capture_output=True).returncode:
         raise SystemExit(f"the tests of {room} fail without a mutant")
+    coverage = CoverageData(str(data))
+    coverage.read()
+    return coverage
+
+
+def selections(mutant: MutationSpec, room: str, coverage: CoverageData, root: Path) -> Iterator[str]:
+    """Yield the arguments of pytest for a mutant: the tests that execute its lines, if any, and all tests of the room."""
+    contexts = coverage.contexts_by_lineno(str(mutant.module_path))
+    lines = range(mutant.start_pos[0], mutant.end_pos[0] + 1)
+    tests = {context.partition("|")[0] for line in lines for context in contexts.get(line, ())} - {""}
+    if tests:
+        chosen = root / "chosen.txt"
+        chosen.write_text("\n".join(sorted(tests)), encoding="utf-8")
+        yield f"@{chosen}"
+    yield f"{root}/tests/{room}"
+
+
+def try_mutants(room: str, count: int, seed: int, commit: str, root: Path) -> None:
+    """Try some mutants of a room, drawn at random, and append each result to the file."""
+    began = time.monotonic()
+    coverage = tests_of_lines(room, root)
     timeout = 60 + 5 * (time.monotonic() - began)
     every = list(mutants_of(room, root))
     for mutant in random.Random(f"{room}/{seed}/{commit}").sample(every, min(count, len(every))):
-        result = mutate_and_test([mutant], command, timeout)
-        where = f"{mutant.module_path.relative_to(root)}:{mutant.start_pos[0]}"
-        outcome = "survived" if result.test_outcome is TestOutcome.SURVIVED else "died"
-        operator = mutant.operator_name.removeprefix("core/")
-        entry = {"commit": commit, "room": room, "place": where, "operator": operator, "outcome": outcome}
+        commands = (f"{' '.join(PYTEST)} {tests}" for tests in selections(mutant, room, coverage, root))
+        outcomes = (mutate_and_test([mutant], command, timeout).test_outcome for command in commands)
+        survived = all(outcome is TestOutcome.SURVIVED for outcome in outcomes)
+        place = f"{mutant.module_path.relative_to(root)}:{mutant.start_pos[0]}"
+        operator, outcome = mutant.operator_name.removeprefix("core/"), "survived" if survived else "died"
+        entry = {"commit": commit, "room": room, "place": place, "operator": operator, "outcome": outcome}
         with TRIED.open("a", encoding="utf-8") as file:
             file.write(json.dumps(entry) + "\n")
-        print(room, where, operator, outcome, flush=True)
+        print(room, place, operator, outcome, flush=True)
 
 
 def table() -> dict[str, list]:
@@ -104,7 +130,6 @@ def main() -> None:
     parser.add_argument("--rooms", nargs="+", default=list(ROOMS))
     parser.add_argument("--mutants", type=int, default=8, help="mutants of each room")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--workers", type=int, default=2, help="processes of the tests")
     options = parser.parse_args()
     here = Path(__file__).parents[1]
     commit = subprocess.check_output(["git", "rev-parse", "--short", "HEAD"], cwd=here, text=True).strip()
@@ -114,7 +139,7 @@ def main() -> None:
         os.environ["PYTHONPATH"] = str(root)
         os.chdir(root)
         for room in options.rooms:
-            try_mutants(room, options.mutants, options.seed, options.workers, commit, root)
+            try_mutants(room, options.mutants, options.seed, commit, root)
     figures.publish("mutants", "mutants that the tests of their room find", table(), options.store)
 
 
