@@ -83,7 +83,7 @@ def tests_of_lines(room: str, root: Path) -> CoverageData:
 
 
 def selections(mutant: MutationSpec, room: str, coverage: CoverageData, root: Path) -> Iterator[str]:
-    """Yield the arguments of pytest for a mutant: the tests that execute its lines, if any, and all tests of the room."""
+    """Yield the tests to run for a mutant: first those that execute its lines, if any, then all of the room."""
     contexts = coverage.contexts_by_lineno(str(mutant.module_path))
     lines = range(mutant.start_pos[0], mutant.end_pos[0] + 1)
     tests = {context.partition("|")[0] for line in lines for context in contexts.get(line, ())} - {""}
