@@ -139,19 +139,23 @@ def cell_ages(simulation):
 
 
 def test_cells_age_by_a_step_unless_the_robot_covers_them():
-    # Oracle: NumPy, from the places of the sensors and the centres of the cells; one robot fails and covers nothing.
-    simulation = made(**CELLS, **{"faults.schedule": [(2, 5.0, 25.0)]})
+    # Oracle: NumPy, from the places of the sensors and the centres of the cells. One robot fails and covers nothing, one
+    # is removed and observes nothing.
+    simulation = made(**CELLS, **{"faults.schedule": [(2, 5.0, 25.0)], "faults.removed": [(4, 30.0)]})
     x, y = (np.linspace(-half, half, 2 * n + 1)[1::2] for n, half in ((8, 20.0), (5, 12.5)))
     last, failed, aging = np.full((2, 5, 5, 8), -np.inf), 0, 0
     for step in chain([-1], roam(simulation)):
         place = simulation.robots.sensor.numpy().astype(float)[..., None, None, :]
         covers = np.hypot(x - place[..., 0], y[:, None] - place[..., 1]) < 3.0
         last[covers] = step
-        np.testing.assert_allclose(cell_ages(simulation), np.minimum((step - last) * 0.5 / 20.0, 1.0), atol=1e-6)
+        expected = np.minimum((step - last) * 0.5 / 20.0, 1.0)
+        expected[simulation.robots.status.numpy() == 2] = 0.0
+        np.testing.assert_allclose(cell_ages(simulation), expected, atol=1e-6)
         failed += not covers[:, 2].any()
         aging += ((step - last < 40) & ~covers).sum()
     assert failed >= 40
     assert aging > 400
+    assert (cell_ages(simulation)[:, 4] == 0).all()
 
 
 def test_a_team_knows_the_least_age_of_its_robots():
