@@ -9,7 +9,7 @@ LINES = 42_751
 """Lines of the packages."""
 MODULES = 278
 """Files of the packages."""
-TESTS = 25_717
+TESTS = 25_721
 """Lines of the tests."""
 
 

@@ -139,8 +139,8 @@ def cell_ages(simulation):
 
 
 def test_cells_age_by_a_step_unless_the_robot_covers_them():
-    # Oracle: NumPy, from the places of the sensors and the centres of the cells. One robot fails and covers nothing, one
-    # is removed and observes nothing.
+    # Oracle: NumPy, from the places of the sensors and the centres of the cells. One robot fails and covers nothing,
+    # one is removed and observes nothing.
     simulation = made(**CELLS, **{"faults.schedule": [(2, 5.0, 25.0)], "faults.removed": [(4, 30.0)]})
     x, y = (np.linspace(-half, half, 2 * n + 1)[1::2] for n, half in ((8, 20.0), (5, 12.5)))
     last, failed, aging = np.full((2, 5, 5, 8), -np.inf), 0, 0
