@@ -194,7 +194,7 @@ def views_of(episodes):
     }
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(st.lists(st.tuples(st.integers(20, 400).map(lambda time: time / 10), st.booleans()), min_size=2, max_size=6))
 def test_every_view_shows_the_largest_and_the_number_of_episodes(episodes):
     # Law: of any episodes, every view shows the same three numbers.

@@ -69,7 +69,6 @@ def test_the_speed_of_poses_on_a_circle(rate):
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 0.4), st.sampled_from([None, 0.1, math.nan, math.inf])), max_size=20))
-@settings(deadline=None)
 def test_no_sound_command_outlives_the_watchdog_of_a_base(moves):
     vehicle, now, last = Vehicle(EXPERIMENT, 0.25), 0.0, -1.0
     for after, steering in moves:
@@ -108,7 +107,7 @@ def test_a_robot_acts_once_in_each_step_at_any_rate_of_poses(rate, offset):
 
 
 @given(st.lists(st.tuples(st.booleans(), st.booleans(), st.integers(1, 3)), min_size=12, max_size=12))
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_a_robot_drives_by_a_simulated_clock_in_any_order_of_clock_and_pose(steps):
     # The world sends clock and pose, in any order, and again until the robot has decided if it is patient.
     wall = [0.0]
