@@ -2,11 +2,11 @@
 
     python benchmarks/learned.py --trainings runs/0 runs/1 runs/2 runs/3 runs/4 --store
     python benchmarks/learned.py --scenario intercept --trainings runs/5 runs/6 runs/7 --store
-    python benchmarks/learned.py --spaces --store
+    python benchmarks/learned.py --space watch-v1 --store
 
 The first two commands add the best policies of some trainings to the comparison on a scenario, and name the training
-whose validation is best. The last one plays the scenarios of `watch-v1`, in its split `test` and its shifts, with
-`learned-watch` and its base.
+whose validation is best. The last one plays the scenarios of a space, in its split `test` and its shifts, with the best
+policy and its rival.
 """
 
 import itertools
@@ -34,8 +34,14 @@ POLICIES = {
 """Policies of each scenario: the learned one, its base, and other rules."""
 TITLES = {"observed_fraction": "targets in sight", "detection_rate": "detections [1/min]"}
 SEEDS = range(10_000, 10_256)
-SPACE, SPLITS, SCENARIOS, EPISODES = "watch-v1", ("test", "larger", "longer", "faster"), 24, 8
-"""Space, its splits, and the number of scenarios of each, with the worlds of each of these."""
+SPACES = {
+    "watch-v1": ("learned-watch", "greedy-cover"),
+    "intercept-v1": ("learned-intercept", "lead-pursuit"),
+    "hotspots-v1": ("index-learned", "lanes"),
+}
+"""Policies that are compared on each space: the best one and its rival."""
+SCENARIOS, EPISODES = 24, 8
+"""Number of scenarios of each split of a space, and of the worlds of each of these."""
 
 
 def play(policy: Any, scenario: Any, seeds: range) -> np.ndarray:
@@ -94,20 +100,22 @@ def on_scenario(scenario: str, trainings: list[str]) -> figures.Table:
     return {"columns": columns, "rows": rows}
 
 
-def on_spaces() -> figures.Table:
-    """Return the table of the splits of `watch-v1`: the included policy and its base."""
-    rows, (ours, base, *_) = [], POLICIES["watch"]
-    for split in SPLITS:
+def on_space(name: str) -> figures.Table:
+    """Return the table of the split `test` and the shifts of a space: its best policy and the rival."""
+    rows, (ours, rival), space = [], SPACES[name], lissajous_env.scenario_space(name)
+    better = task_score(space.base).better
+    for split in ("test", *space.shifts):
         scores = []
-        for made in itertools.islice(lissajous_env.scenario_space(SPACE).scenarios(split), SCENARIOS):
+        for scenario in itertools.islice(space.scenarios(split), SCENARIOS):
             seeds = range(SEEDS[0], SEEDS[0] + EPISODES)
-            scores.append([play(baselines.make(name, made, EPISODES), made, seeds) for name in (ours, base)])
+            scores.append([play(baselines.make(of, scenario, EPISODES), scenario, seeds) for of in (ours, rival)])
         # Scenarios are drawn as trainings are above.
         both = np.moveaxis(np.array(scores), (1, 2), (0, 1))
+        first, second = both[:, 0] if better > 0 else both[::-1, 0]
         seen, collided = ([f"{of[k].mean():.{3 - k}f}" for of in both] for k in (0, 1))
-        rows.append([f"`{split}`", *seen, gain(both[0, 0], both[1, 0]), *collided])
+        rows.append([f"`{split}`", *seen, gain(first, second), *collided])
         print(*rows[-1], flush=True)
-    columns = [f"`{SPACE}`", f"`{ours}`", f"`{base}`", "ratio", "collisions", f"of `{base}`"]
+    columns = [f"`{name}`", f"`{ours}`", f"`{rival}`", "ratio", "collisions", f"of `{rival}`"]
     return {"columns": columns, "rows": rows}
 
 
@@ -121,13 +129,13 @@ def main() -> None:
     parser = figures.parser(__doc__)
     parser.add_argument("--trainings", nargs="+", default=[], metavar="FOLDER", help="folders of trainings")
     parser.add_argument("--scenario", default="watch", choices=list(POLICIES), help="scenario of the comparison")
-    parser.add_argument("--spaces", action="store_true", help="play the splits of watch-v1 instead of watch")
+    parser.add_argument("--space", choices=list(SPACES), help="play the splits of a space instead of a scenario")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     if options.trainings:
         print(f"best validation: {preferred(options.trainings)}")
-    if options.spaces:
-        figures.publish("learned-spaces", "watch-v1", on_spaces(), options.store)
+    if options.space:
+        figures.publish(options.space, "test and shifts", on_space(options.space), options.store)
     else:
         table = on_scenario(options.scenario, options.trainings)
         figures.publish(POLICIES[options.scenario][0], f"{len(SEEDS)} worlds", table, options.store)

@@ -148,5 +148,7 @@ def _check(scenario: Scenario) -> None:
         raise ValueError(f"scenario must have no observation entries of extensions {rule}, got {', '.join(names)}")
     if scenario.sensing.has_tracks:
         raise ValueError(f"sensing.tracks_seen and sensing.teammates_seen must be 0 {rule}, got a scenario with tracks")
+    if scenario.sensing.cells_seen is not None:
+        raise ValueError(f"sensing.cells_seen must be None {rule}, got {scenario.sensing.cells_seen}")
     if scenario.task.action != "control":
         raise ValueError(f"task.action must be control {rule}, got {scenario.task.action}")

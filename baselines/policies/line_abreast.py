@@ -10,7 +10,6 @@ from baselines.policies.driving import slowest_top_speed
 from baselines.policies.line_path import LineParameters, Lines, best_plan, loops_of
 from baselines.policies.line_transit import Effort, Pace, angle_steps, transit_from_any_angle, transit_inside
 from baselines.policies.own_row import own_phase
-from baselines.policies.partition import plain_of
 from baselines.policies.path_tables import PathTables, path_tables
 from baselines.policies.registry import register
 from baselines.policies.timed_paths import STEPS, TimedPaths
@@ -31,27 +30,27 @@ def choose_ways(
     equilibrium: wp.array(dtype=float),
     angles: int,
     first: int,
-    plans: int,
+    variants: int,
     memory: wp.array3d(dtype=float),
     observation: wp.array3d(dtype=float),
-    plan_out: wp.array2d(dtype=int),
+    variant_out: wp.array2d(dtype=int),
 ):
     """Choose the way into the lines at the first step: by the angle of the formation, which the own phase shows."""
     w, i = wp.tid()
     if memory[w, i, STEPS] == 0.0:
         turned = wrap(own_phase(w, i, observation) - equilibrium[i]) / 6.283185307179586
         nearest = int(wp.floor(turned * float(angles) + 0.5)) - first
-        if plans == angles:
-            plan_out[w, i] = (nearest + angles) % angles
+        if variants == angles:
+            variant_out[w, i] = (nearest + angles) % angles
         else:
-            plan_out[w, i] = wp.clamp(nearest, 0, plans - 1)
+            variant_out[w, i] = wp.clamp(nearest, 0, variants - 1)
 
 
 @lru_cache(maxsize=16)
 def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[Lines, PathTables, Effort]:
     """Return the lines of a scenario, the paths of its robots, and the angles.
 
-    The tables have one plan for each angle of the formation (`Effort.angles`), or one plan alone within an inset.
+    The tables have a variant for each angle of the formation (`Effort.angles`), or one alone within an inset.
 
     Raises:
         UnsuitableScenarioError: no lines span the rectangle, or there are no ways into them without collisions inside.
@@ -99,33 +98,26 @@ class LineAbreast(TimedPaths):
     full-knowledge opponent", Journal of Artificial Intelligence Research 42 (2011). Such a rogue is the one that the
     guarantee is about: it may enter at any moment, but it is detected within that time.
 
-    Args:
-        scenario: The scenario, of cars.
-        num_worlds: W.
-        device: Warp device.
-        parameters: Speed and number of lines.
-
     Raises:
         ValueError: sensing discs that are too small, or too few, for a line to span the shorter side.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: LineParameters | None = None,
-    ):
-        self.parameters = parameters or LineParameters()
-        self.lines, tables, effort = line_tables(plain_of(scenario), self.parameters)
-        super().__init__(scenario, num_worlds, device, tables=tables)
-        first = int(angle_steps(self.scenario, effort.angles)[0])
-        self._angles = effort.angles, first, len(tables.pose)
+    Parameters = LineParameters
+
+    def __init__(self, *given: Any, **named: Any):
+        super().__init__(*given, **named)
+        first = int(angle_steps(self.scenario, self._effort.angles)[0])
+        self._angles = self._effort.angles, first, len(self.tables.pose)
         self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
+
+    def timed(self, scenario: Scenario) -> PathTables:
+        """Return the timed paths: a variant for each angle of the formation, or one alone within an inset."""
+        self.lines, tables, self._effort = line_tables(scenario, self.parameters)
+        return tables
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         if len(self.tables.pose) > 1:
             inputs = [self._equilibrium, *self._angles, self._memory, observation]
-            self.launch(choose_ways, self.shape, inputs, [self.plan])
+            self.launch(choose_ways, self.shape, inputs, [self.variant])
         super().decide(observation)

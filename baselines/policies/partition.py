@@ -45,7 +45,6 @@ from baselines.policies.transit import arrival_steps, planned_transit, required_
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
-from lissajous_env.settings.parts import Faults
 
 _SPARSE = 0.1
 """Most distance of two places on a loop that are compared with those of stopped robots, in required distances."""
@@ -68,44 +67,29 @@ class Partition(TimedPaths):
     collisions. From other starts, a robot has no information on where the others are: it drives to its cell at once,
     under the collision filter until all of them have had the time to arrive.
 
-    Args:
-        scenario: The scenario, of cars.
-        num_worlds: W.
-        device: Warp device.
-        parameters: Parameters of the plan that are not optimised.
-
     Raises:
         ValueError: no loops that the cars can drive have room in the rectangle, side by side.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: PartitionParameters | None = None,
-    ):
-        self.parameters = parameters or PartitionParameters()
-        self.partition, tables, until = timed_partition(plain_of(scenario), self.parameters)
-        super().__init__(scenario, num_worlds, device, tables=tables, filtered_until=until)
+    Parameters = PartitionParameters
 
-
-def plain_of(scenario: Scenario) -> Scenario:
-    """Return a scenario without what a plan does not depend on, resolved."""
-    return replace(scenario.resolve().without_extensions(), name="", description="", faults=Faults())
+    def timed(self, scenario: Scenario) -> PathTables:
+        """Return the timed paths."""
+        self.partition, tables = timed_partition(scenario, self.parameters)
+        return tables
 
 
 @lru_cache(maxsize=64)
-def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tuple[PartitionLoops, PathTables, float]:
-    """Return the plan of a scenario, its timed paths by robot, and how long the collision filter is needed [step]."""
+def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tuple[PartitionLoops, PathTables]:
+    """Return the plan of a scenario, and its timed paths by robot."""
     plan = partition_plan(scenario, parameters)
     for tried, after in _begun(scenario, plan) if start_is_known(scenario) else ():
         ways = planned_transit(scenario, tried.loop, parameters.speed, parameters.clearance, after=after)
         if ways is not None:
-            return tried, path_tables(scenario, ways.loop, ways.lead_in), 0.0
+            return tried, path_tables(scenario, ways.loop, ways.lead_in)
     check_loops_apart(scenario, plan.loop, parameters.clearance, "partition")
     loop = plan.loop[in_ring_order(scenario, tour(plan.cells))]
-    return plan, path_tables(scenario, loop), float(arrival_steps(scenario, loop, plan.speed))
+    return plan, path_tables(scenario, loop, filtered_until=float(arrival_steps(scenario, loop, plan.speed)))
 
 
 def _begun(scenario: Scenario, plan: PartitionLoops) -> Iterator[tuple[PartitionLoops, int]]:
@@ -188,7 +172,7 @@ class PartitionRepair(TimedPaths):
         scenario: The scenario, of cars.
         num_worlds: W.
         device: Warp device.
-        parameters: Parameters of the plan that are not optimised.
+        parameters: Parameters of the partition.
         repair: Parameters of the reaction to failures.
 
     Raises:
@@ -197,6 +181,8 @@ class PartitionRepair(TimedPaths):
 
     communicates = "positions of ring neighbours"
     remembers = (*TimedPaths.remembers, "_watched", "_standing", "_avoided", "_target", "_resting")
+    waits = True
+    Parameters = PartitionParameters
 
     def __init__(
         self,
@@ -206,19 +192,15 @@ class PartitionRepair(TimedPaths):
         parameters: PartitionParameters | None = None,
         repair: RepairParameters | None = None,
     ):
-        self.parameters = replace(parameters or PartitionParameters(), in_phase=True)
         self.repair = repair or RepairParameters()
-        self.partition, self.takeover, tables, until = timed_repair(
-            plain_of(scenario), self.parameters, self.repair.reserve
-        )
-        super().__init__(scenario, num_worlds, device, tables=tables, filtered_until=until, waits=True)
+        super().__init__(scenario, num_worlds, device, parameters)
         scenario, drift = self.scenario, self.partition.speed * self.scenario.task.step
         self._watched = wp.zeros((*self.shape, 2, WATCH), dtype=wp.float32, device=self.device)
         self._standing = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
         self._avoided = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
         self._case = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self._target = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
-        self._repair = _repair_of(scenario, self.takeover, tables, drift, self.device)
+        self._repair = _repair_of(scenario, self.takeover, self.tables, drift, self.device)
         self._repair.patience = self.repair.patience
         self._rest, self._resting = 0.0, wp.zeros(self.shape, dtype=wp.float32, device=self.device)
         if loops_lie_apart(self.partition.loop, required_distance(scenario, self.parameters.clearance)):
@@ -229,12 +211,18 @@ class PartitionRepair(TimedPaths):
             shifted = math.sqrt(2) * int(SIDE) * self._repair.spacing
             self._rest = (float(np.linalg.norm(middle - middle[:1], axis=-1).max()) + shifted) / drift
 
+    def timed(self, scenario: Scenario) -> PathTables:
+        """Return the timed paths, a variant for each loop of `Takeover`."""
+        self.parameters = replace(self.parameters, in_phase=True)
+        self.partition, self.takeover, tables = timed_repair(scenario, self.parameters, self.repair.reserve)
+        return tables
+
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         inputs = [self._curve, self._repair, observation, self._watched, self._standing]
         self.launch(watch_neighbours, self.shape, inputs, [self._case])
         inputs = [self._repair, self._curve, self._pose, self._case, observation, self._standing]
-        inputs += [self._avoided, self._target, self.plan, self.shift]
+        inputs += [self._avoided, self._target, self.variant, self.shift]
         self.launch(take_over, self.shape, inputs, [])
         super().decide(observation)
         self.launch(rest_after_failure, self.shape, [self._rest, observation], [self._resting, self.action])
@@ -289,8 +277,8 @@ def _repair_of(scenario: Scenario, takeover: Takeover, tables: PathTables, drift
 @lru_cache(maxsize=64)
 def timed_repair(
     scenario: Scenario, parameters: PartitionParameters, reserve: float
-) -> tuple[PartitionLoops, Takeover, PathTables, float]:
-    """Return the plan, the loops for takeovers, the timed paths, and how long the filter is needed [step]."""
+) -> tuple[PartitionLoops, Takeover, PathTables]:
+    """Return the plan, the loops for takeovers and the timed paths."""
     plan, ways = slowed(partition_plan(scenario, parameters), reserve), None
     order = tour(plan.cells)
     cell = in_ring_order(scenario, order)
@@ -304,12 +292,8 @@ def timed_repair(
     room, unit = room_of(scenario, parameters), scenario.curve.half_height
     takeover = takeover_of(plan, cell, scenario.neighbours, room, unit, _offset(scenario))
     if ways is None:
-        return (
-            plan,
-            takeover,
-            path_tables(scenario, takeover.loop),
-            float(arrival_steps(scenario, plan.loop, plan.speed)),
-        )
+        until = float(arrival_steps(scenario, plan.loop, plan.speed))
+        return plan, takeover, path_tables(scenario, takeover.loop, filtered_until=until)
     loop = np.roll(takeover.loop, -ways.lead_in.shape[1], axis=2)
     lead_in = np.repeat(ways.lead_in[None], len(loop), axis=0)
-    return plan, takeover, path_tables(scenario, loop, lead_in), 0.0
+    return plan, takeover, path_tables(scenario, loop, lead_in)

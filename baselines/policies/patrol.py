@@ -22,7 +22,6 @@ from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_struct, point2, wrap
 from lissajous_env.device.structs import RobotStruct, to_struct
-from lissajous_env.parameters.scenario import Scenario
 
 wp.set_module_options(OPTIONS)
 
@@ -243,8 +242,8 @@ class _Patrol(Policy):
     arrays = "warp"
     remembers = ("_memory",)
 
-    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
-        super().__init__(scenario, num_worlds, device)
+    def __init__(self, *given: Any, **named: Any):
+        super().__init__(*given, **named)
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._driving = driving_of(self.scenario)
@@ -254,16 +253,10 @@ class Sweep(_Patrol):
     """Cars in single file, evenly spaced, on a loop: along the boundary if targets enter there, else along lanes."""
 
     kind = "car"
+    Parameters = SweepParameters
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: SweepParameters | None = None,
-    ):
-        super().__init__(scenario, num_worlds, device)
-        self.parameters = parameters or SweepParameters()
+    def __init__(self, *given: Any, **named: Any):
+        super().__init__(*given, **named)
         loop = patrol_loop(self.scenario, parameters=self.parameters)
         self._alpha = float(self.scenario.alpha)
         self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
@@ -291,19 +284,13 @@ class Laps(_Patrol):
     """
 
     kind = "car"
+    Parameters = SweepParameters
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: SweepParameters | None = None,
-    ):
-        super().__init__(scenario, num_worlds, device)
-        parameters = parameters or SweepParameters()
-        self._cruise = parameters.cruise or fastest_speed(self.scenario)
-        loop = patrol_loop(self.scenario, parameters=dataclasses.replace(parameters, cruise=self._cruise))
-        self._ahead = round(lookahead(self.scenario, self._cruise, parameters) / loop_spacing(loop))
+    def __init__(self, *given: Any, **named: Any):
+        super().__init__(*given, **named)
+        self._cruise = self.parameters.cruise or fastest_speed(self.scenario)
+        loop = patrol_loop(self.scenario, parameters=dataclasses.replace(self.parameters, cruise=self._cruise))
+        self._ahead = round(lookahead(self.scenario, self._cruise, self.parameters) / loop_spacing(loop))
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
         self._memory = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
 
@@ -321,8 +308,8 @@ class RandomWaypoint(_Patrol):
     apply a random action in each step.
     """
 
-    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
-        super().__init__(scenario, num_worlds, device)
+    def __init__(self, *given: Any, **named: Any):
+        super().__init__(*given, **named)
         self._rate = self.scenario.formation.phase_rate / self.scenario.alpha
         self._memory = wp.zeros(self.shape, dtype=wp.vec3, device=self.device)
 
@@ -340,8 +327,8 @@ class Still(Policy):
 
     arrays = "warp"
 
-    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
-        super().__init__(scenario, num_worlds, device)
+    def __init__(self, *given: Any, **named: Any):
+        super().__init__(*given, **named)
         action = np.zeros(self.action.shape, dtype=np.float32)
         rest = self.scenario.model.rest_action(self.scenario.robot)
         action[..., : len(rest)] = rest

@@ -229,7 +229,7 @@ def take_over(
     standing: wp.array3d(dtype=wp.vec3),
     avoided: wp.array3d(dtype=wp.vec3),
     target: wp.array2d(dtype=wp.vec2),
-    plan: wp.array2d(dtype=int),
+    variant: wp.array2d(dtype=int),
     shift: wp.array2d(dtype=wp.vec2),
 ):
     """Choose each robot's loop and shift for its case, clear of stopped robots, and move towards that shift.
@@ -244,7 +244,7 @@ def take_over(
         return
     now = cases[w, i]
     near = 0.25 * repair.spacing
-    changed = now != plan[w, i] / repair.shapes
+    changed = now != variant[w, i] / repair.shapes
     stands = float(0.0)
     for k in range(PLACES):
         stands += standing[w, i, k][2]
@@ -280,8 +280,8 @@ def take_over(
             if stands == 0.0:  # the first is the best
                 break
         chosen = now * repair.shapes + best_shape
-        shift[w, i] += repair.middles[plan[w, i], i] - repair.middles[chosen, i]
-        plan[w, i] = chosen
+        shift[w, i] += repair.middles[variant[w, i], i] - repair.middles[chosen, i]
+        variant[w, i] = chosen
         target[w, i] = best
     rest = target[w, i] - shift[w, i]
     most = wp.where(now == 0, repair.back, repair.drift)

@@ -33,7 +33,7 @@ from lissajous_env.world.rogues.acting import fill_rows, move_rogues, reward_rog
 from lissajous_env.world.tally import clear_events, give_reward, keep_score
 from lissajous_env.world.targets.detection import move_and_detect, place_unseen
 from lissajous_env.world.targets.motion import reset_arrivals, reset_targets, respawn
-from lissajous_env.world.tracks import observe_tracks, sight, update_tracks
+from lissajous_env.world.tracks import cover_known, observe_tracks, sight, update_tracks
 
 
 def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
@@ -104,12 +104,13 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
 
 
 def _track_stages(scenario: Scenario) -> list[Stage]:
-    """Return the stages in which robots remember what they have in sight, and what they hear of the others' sight."""
+    """Return the stages in which robots remember what they observe and cover, and what they hear of the others."""
     there = scenario.sensing.has_tracks
     return [
         Stage("sighting", sight, when=there),
         Stage("tracking", update_tracks, when=there),
         Stage("tracks", observe_tracks, when=there),
+        Stage("cells", cover_known, when=scenario.sensing.cells_seen is not None),
     ]
 
 

@@ -1,4 +1,4 @@
-"""Tracks of targets that robots observed, and of their teammates, with what robots tell each other.
+"""Tracks of targets, places of teammates and covered cells that each robot knows, with what robots tell each other.
 
 A robot has a track of a target from the moment in which it learns that the target was in sight until `sensing.memory`
 has passed since, or until the step after the one in which it learns that the target was detected and leaves. It learns
@@ -6,6 +6,10 @@ of its own sightings at once and, as `sensing.shared` says, of those of its two 
 Messages between ring neighbours are the phase messages, with their delay and loss; those of other teammates are delayed
 alike, and lost with the same probability. So a robot knows no less with `ring` than with `none`, and no less with
 `team` than with `ring`.
+
+In the same way, a robot knows when the cells of `sensing.cells_seen` were covered: at the end of a step, a working
+robot covers those whose centres are within `sensing.radius`. The cells are those of the rectangle, the same for all
+robots, so that what they know can be compared and joined; relative places follow from the robot's own x and y.
 """
 
 import warp as wp
@@ -17,7 +21,7 @@ from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Sensing
 from lissajous_env.world.observation import TEAMMATE_SIZE, TRACK_SIZE
 from lissajous_env.world.observing import empty, far, keep_nearest
-from lissajous_env.world.state import FOUND, GONE, HIDDEN, REMOVED
+from lissajous_env.world.state import FOUND, GONE, HIDDEN, NOWHERE, REMOVED
 
 wp.set_module_options(OPTIONS)
 
@@ -161,3 +165,43 @@ def observe_tracks(
         put_place(w, i, entry, tracks.mate_at[w, i, j] - here, age, curve, observation_out)
         entry += TEAMMATE_SIZE
     empty(w, i, entry, TEAMMATE_SIZE, sensing.teammates_seen - mates, observation_out)
+
+
+@part
+def cover_around(w, i, place: wp.vec2, covered_at: int, curve, sensing, tracks):
+    """Note that the cells around a sensor [m] were covered in a step."""
+    rows = tracks.covered_at.shape[2]
+    columns = tracks.covered_at.shape[3]
+    if place[0] < 0.5 * NOWHERE:
+        for row in range(rows):
+            y = curve.half_height * ((2.0 * float(row) + 1.0) / float(rows) - 1.0) - place[1]
+            for column in range(columns):
+                x = curve.half_width * ((2.0 * float(column) + 1.0) / float(columns) - 1.0) - place[0]
+                if x * x + y * y < sensing.radius * sensing.radius:
+                    tracks.covered_at[w, i, row, column] = wp.max(covered_at, tracks.covered_at[w, i, row, column])
+
+
+@stage(ROBOT, writes="tracks: covered_at, sensor_at; observation_out")
+def cover_known(
+    w, i, cell_start, curve, sensing, noise, task, neighbours, clock, robots, links, tracks, observation_out
+):
+    """Update the cells that each robot knows covered by what it hears and covers itself, and list their ages."""
+    now = clock.step[w]
+    slots = tracks.sensor_at.shape[2]
+    sent_at = now - (slots - 1)
+    key = randomness.step_key(clock.seed[w], now)
+    for j in range(robots.sensor.shape[1]):
+        if arrives(w, i, j, key, sent_at, sensing, noise, neighbours, links):
+            place = robots.sensor[w, j]  # without a delay, robot j may not have noted it yet
+            if slots > 1:
+                place = tracks.sensor_at[w, j, sent_at % slots]
+            cover_around(w, i, place, sent_at, curve, sensing, tracks)
+    tracks.sensor_at[w, i, now % slots] = robots.sensor[w, i]
+    cover_around(w, i, robots.sensor[w, i], now, curve, sensing, tracks)
+    columns = tracks.covered_at.shape[3]
+    for k in range(tracks.covered_at.shape[2] * columns):
+        covered_at = tracks.covered_at[w, i, k / columns, k % columns]
+        age = float(1.0)
+        if covered_at >= 0:
+            age = wp.min(float(now - covered_at) * task.step / sensing.memory, 1.0)
+        observation_out[w, i, cell_start + k] = wp.where(robots.status[w, i] == REMOVED, 0.0, age)

@@ -125,6 +125,8 @@ def test_the_share_of_seeds_is_over_those_that_both_have():
     assert table.estimates["intruders"]["a"]["score_improvement"].known == 0
     assert Table.of(played, INTRUDERS, "b").references == {"intruders": "b"}
     assert Table.of(played[:3], INTRUDERS).references == {}
+    patrolled = [row | {"policy": "lanes"} for row in played[3:]]
+    assert Table.of(played[:3] + patrolled, INTRUDERS).references == {"intruders": "lanes"}
 
 
 def test_an_estimate_names_the_seed_of_its_worst_episode():

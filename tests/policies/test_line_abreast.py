@@ -142,7 +142,7 @@ def test_uneven_cars_keep_the_line():
     for step in range(steps):
         simulation.step(policy.act(simulation.observation))
         places = policy.tables.places(step + 1)[:, :, -1]
-        missed.append(simulation.robots.position.numpy()[..., :2] - places[policy.plan.numpy(), np.arange(5)])
+        missed.append(simulation.robots.position.numpy()[..., :2] - places[policy.variant.numpy(), np.arange(5)])
     assert np.linalg.norm(missed[policy.tables.lead_in :], axis=-1).max() < 0.03
 
 
