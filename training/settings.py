@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -16,6 +16,8 @@ from lissajous_env.device.devices import as_device
 from lissajous_env.settings.checks import Checked, number, whole
 from training import scenarios
 
+NO_BASE = "none"
+"""Base of a training that begins without a rule."""
 MAY_CHANGE = ("steps", "out", "threads", "episodes", "evaluate_every")
 """Settings that may change when a training is resumed; `steps` also stretches the schedules of noise and rates."""
 
@@ -41,7 +43,10 @@ class TrainingSettings(Checked):
     base: str | None = None
     """Classical policy whose actions the network reads and adds its output to, and with which validations are compared.
     By default greedy-cover, lead-pursuit or index-learned where actions are velocities; for cars that steer, arc-mpcc
-    or arc-gvf; for points, kuramoto."""
+    or arc-gvf; for points, kuramoto. With none, the network begins without a rule, and validations are compared with
+    that default."""
+    critic: Literal["central", "own"] = "central"
+    """Input of the critic: the true places of all robots and targets (MAPPO), or what the robot perceives (IPPO)."""
     features: int = whole(48, 1, 65_536)
     """Features of a token."""
     heads: int = whole(3, 0, 64)
@@ -102,9 +107,9 @@ class TrainingSettings(Checked):
         self._require(collisions is None or 0 <= collisions < 1e6, "collisions", "must be from 0 to 1e6 collisions")
         if self.space is not None:
             self._require(self.worlds % self.groups == 0, "worlds", f"must be a multiple of groups ({self.groups})")
-        if self.chosen_base is not None:
+        if self.rival is not None:
             with scenarios.without_warnings(self.space):
-                registry.check(self.chosen_base, self.make_scenario())
+                registry.check(self.rival, self.make_scenario())
 
     @cached_property
     def space(self) -> ScenarioSpace | None:
@@ -118,9 +123,14 @@ class TrainingSettings(Checked):
 
     @property
     def chosen_base(self) -> str | None:
-        """Policy whose actions the network corrects; None for robots of a kind without a default."""
+        """Policy whose actions the network corrects; None without one."""
+        return None if self.base == NO_BASE else self.rival
+
+    @property
+    def rival(self) -> str | None:
+        """Policy with which validations are compared; None for robots of a kind without a default."""
         task = self.make_scenario()
-        if self.base is not None:
+        if self.base not in (None, NO_BASE):
             return self.base
         if task.task.action == "velocity":
             return scenarios.rule_of(task)
@@ -149,7 +159,7 @@ class TrainingSettings(Checked):
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint."""
         values = {option.name: getattr(self, option.name) for option in dataclasses.fields(self)}
-        return values | {"out": str(self.out), "overrides": dict(self.overrides), "base": self.chosen_base}
+        return values | {"out": str(self.out), "overrides": dict(self.overrides), "base": self.chosen_base or NO_BASE}
 
     def differences(self, stored: Mapping[str, Any]) -> list[str]:
         """Return the settings that prevent a training from resuming what is stored, each in words."""

@@ -3,9 +3,9 @@
 All robots share one network, which plays teams of any size. It reads the action that a rule wishes and adds to it
 (residual learning: T. Johannink et al., ICRA 2019). It learns by PPO (J. Schulman et al., arXiv:1707.06347) with a
 central critic (C. Yu et al., "The Surprising Effectiveness of PPO in Cooperative Multi-Agent Games", NeurIPS 2022),
-which reads the true places of all robots and targets. Collisions and near collisions cost more while there are more of
-them than a stated number. The best policy is chosen by validation, in worlds that no update uses; the rule alone is the
-first candidate.
+which reads the true places of all robots and targets, or with a critic that reads what the robot perceives. Collisions
+and near collisions cost more while there are more of them than a stated number. The best policy is chosen by
+validation, in worlds that no update uses; the rule alone is the first candidate.
 
 Differs from these papers: a time limit is not a terminal state, so the value before it stands for the one after it; the
 reward for targets in sight is mostly that of the robot itself, for those that no other robot has in sight; no minibatch
@@ -41,7 +41,7 @@ from training.worlds import TRUTH, Rollout, Step, Worlds
 FIRST_SEED = 1_000_000
 """Seed of the first world of a training."""
 _WARM_UP = 25
-"""Rollouts in which only the critic learns."""
+"""Rollouts in which only the critic learns, so that nothing spoils a base."""
 _NEAR = 0.25
 """Cost of a step in which robots almost touch, as a share of that of a collision: collisions alone are too rare."""
 _BOUND = 0.01
@@ -130,7 +130,7 @@ class Training:
         self.worlds = Worlds(settings, settings.worlds, FIRST_SEED * (1 + settings.seed))
         size = self.worlds.batch.scenario.action_size
         self.actor = Team(settings, len(TOKEN), size, settings.heads, settings.memory, settings.chosen_base is not None)
-        self.critic = Team(settings, len(TRUTH), 1)
+        self.critic = Team(settings, len(TRUTH if settings.critic == "central" else TOKEN), 1)
         self.networks = nn.ModuleList([self.actor, self.critic])
         self.optimizer = torch.optim.Adam(self.networks.parameters(), settings.learning_rate, eps=1e-5)
         self.numbers = {
@@ -169,8 +169,9 @@ class Training:
                 self._noise = settings.correlation * self._noise + (1 - settings.correlation**2) ** 0.5 * fresh
                 action = mean[0] + deviation * self._noise
                 likelihood = -0.5 * ((action - mean[0]) / deviation).square().sum(-1)
-            step, reads = worlds.step(action.numpy()), [torch.from_numpy(part) for part in self._truth[:2]]
+            reads = self._read()
             values.append(self._value(rows[0], reads))
+            step = worlds.step(action.numpy())
             self._truth = worlds.truth()
             parts.append((rows, reads, action, likelihood, torch.from_numpy(step.acted), begins))
             steps.append((self._reward(step, *self._truth[2:]), step))
@@ -180,7 +181,7 @@ class Training:
                 self._truth = worlds.truth()
             self._rows = worlds.rows()
             self.numbers["steps"] += float(step.acted.sum())
-        values.append(self._value(torch.from_numpy(self._rows[0]), [torch.from_numpy(p) for p in self._truth[:2]]))
+        values.append(self._value(torch.from_numpy(self._rows[0]), self._read()))
         advantages = self._advantages(steps, np.stack(values))
         read, known, *others = zip(*parts, strict=True)
         rows, truth = ([torch.stack(part) for part in zip(*of, strict=True)] for of in (read, known))
@@ -203,6 +204,11 @@ class Training:
         self._returns *= 1 - np.repeat(step.over, self.worlds.side.places)
         numbers["taken"] += 1
         return reward
+
+    def _read(self) -> list[Tensor]:
+        """Return what the critic reads besides the robot's own numbers: tokens (B, K, F) and presence (B, K)."""
+        parts = self._truth[:2] if self.settings.critic == "central" else self._rows[1:]
+        return [torch.from_numpy(part) for part in parts]
 
     def _value(self, own: Tensor, reads: Sequence[Tensor]) -> np.ndarray:
         """Return the critic's values (B,)."""
@@ -227,7 +233,7 @@ class Training:
         """Update the critic, and the actor until it has moved too far; return diagnostics."""
         settings, numbers, deviation = self.settings, self.numbers, of.deviation
         self.optimizer.param_groups[0]["lr"] = self.schedule()[1]
-        follows, divergence, count = numbers["rollouts"] >= _WARM_UP, 0.0, of.acted.shape[1]
+        follows, divergence, count = numbers["rollouts"] >= _WARM_UP * self.actor.corrects, 0.0, of.acted.shape[1]
         for _ in range(settings.epochs):
             for chosen in torch.randperm(count).split(max(settings.minibatch // settings.rollout, 1)):
                 rows, truth = ([part[:, chosen] for part in parts] for parts in (of.rows, of.truth))
@@ -351,8 +357,8 @@ def _begin(settings: TrainingSettings, state: Training, say: Callable[[str], Non
             state.load_state(checkpoint.read_state(settings.out, text))
             say(f"{settings.out} has {state.numbers['steps']:,.0f} of {settings.steps:,} steps")
             return text["training"]
-    history: dict[str, Any] = {"rival": settings.chosen_base, "rivals": [], "curve": [], "best": None}
-    if settings.chosen_base is not None:
-        history["rivals"] = validate(settings, partial(baselines.make, settings.chosen_base), None)
-        say(f"{settings.chosen_base}: {words_of(mean_of(history['rivals']))}")
+    history: dict[str, Any] = {"rival": settings.rival, "rivals": [], "curve": [], "best": None}
+    if settings.rival is not None:
+        history["rivals"] = validate(settings, partial(baselines.make, settings.rival), None)
+        say(f"{settings.rival}: {words_of(mean_of(history['rivals']))}")
     return history

@@ -45,6 +45,7 @@ def arrays_of(folder):
         ({"scenario": "hotspots"}, "index-learned"),
         ({"scenario": "experiment", "overrides": {"task.duration": 2.0}}, "arc-mpcc"),
         ({"scenario": "watch-v1", "groups": 2, "episodes": 16}, "greedy-cover"),
+        ({"base": "none", "critic": "own"}, "greedy-cover"),
     ],
     ids=lambda value: value.get("scenario", "watch") if isinstance(value, dict) else value,
 )
@@ -122,6 +123,22 @@ def test_corrections_begin_at_zero_and_without_an_advantage_become_smaller(tmp_p
     assert (state.actor.action.bias < 0.3).all()
 
 
+def test_a_training_without_a_base_reads_no_wish_and_its_actor_learns_at_once(tmp_path):
+    state = Training(small(tmp_path, base="none"))
+    before = state.actor.action.weight.detach().clone()
+    rollout = state.collect()
+    assert not rollout.rows[0][..., -2:].any()
+    state.update(rollout)
+    assert (state.actor.action.weight != before).any()
+
+
+def test_a_critic_of_its_own_reads_what_the_robot_perceives(tmp_path):
+    # The truth of the critic is the true state, which has more tokens than a robot perceives from what it sees.
+    own, central = (Training(small(tmp_path, critic=critic)).collect() for critic in ("own", "central"))
+    assert all(torch.equal(*of) for of in zip(own.truth, own.rows[1:], strict=True))
+    assert central.truth[1].sum() > own.truth[1].sum()
+
+
 def test_collisions_cost_more_where_there_are_too_many(tmp_path):
     settings = small(tmp_path)
     costs = {}
@@ -137,9 +154,9 @@ def test_collisions_cost_more_where_there_are_too_many(tmp_path):
     assert rank_of(careless, 0.5) < rank_of({"worth": 0.9, "collisions": 0.1}, 0.5)
 
 
-@pytest.mark.parametrize("memory", [0, 4])
-def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path, monkeypatch, memory):
-    settings = small(tmp_path, memory=memory)
+@pytest.mark.parametrize("changes", [{}, {"memory": 4, "base": "none", "critic": "own"}], ids=["base", "none"])
+def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path, monkeypatch, changes):
+    settings = small(tmp_path, **changes)
     train(settings, QUIET)
     cut = dataclasses.replace(settings, out=tmp_path / "cut")
     calls, update = [], Training.update
