@@ -149,15 +149,13 @@ def _rogue_motion(scenario: Scenario, rogues: Any) -> list[Stage]:
     if scenario.targets.rogues is None:
         return []
     rogue = rogue_of(scenario.targets.rogues)
-    decides = [] if rogue is None else [_decision(rogue, scenario, rogues)]
+    decides = [] if rogue is None else [_decision(rogue, rogues)]
     return [*decides, Stage("rogues", move_rogues)]
 
 
-def _decision(rogue: Rogue, scenario: Scenario, rogues: Any) -> Stage:
+def _decision(rogue: Rogue, rogues: Any) -> Stage:
     """Return the stage in which a scripted or learned rogue decides."""
     name = f"rogue {rogue.name}"
-    if rogue.bind is not None:
-        return Stage(name, rogue.bind(scenario, rogues))
     if isinstance(rogue.decide, wp.Kernel):
         return Stage(name, rogue.decide)
 
