@@ -17,8 +17,8 @@ from lissajous_env.parameters import named
 from lissajous_env.world.columns import COLLISIONS, MEAN, task_score
 from training.learned import checkpoint
 from training.learned.card import Card
+from training.learned.policy import LearnedTeam
 from training.learned.team_network import TeamNetwork
-from training.learned.team_policy import LearnedTeam
 from training.rogue_settings import RogueTraining
 from training.rogue_trainer import undetected_times
 
@@ -51,7 +51,7 @@ def publish(
         notes, kind = _scores_of(network, card, made_for or (card.scenario,)), "policies"
         notes["training"] = text["training"]
     card = dataclasses.replace(card, settings=dict(card.settings) | {"out": f"runs/{name}"})
-    with checkpoint.hold(folder / kind / name) as held:
+    with checkpoint.locked(folder / kind / name) as held:
         checkpoint.save(held, network, card, notes={"command": command, **notes})
     print(f"wrote {folder / kind / name}", file=sys.stderr)
 

@@ -23,8 +23,8 @@ from lissajous_env.episodes.missed.foresight import Foresight, Labels, Visits
 from lissajous_env.storage.folder import Folder
 from lissajous_env.world.columns import DETECTION_TIME
 from training.learned import checkpoint
-from training.learned.network import Network
 from training.learned.rogue import rogue_card
+from training.learned.rogue_network import RogueNetwork
 from training.rogue_settings import RogueTraining
 from training.torch_state import load_state, network_of, save_state
 
@@ -50,7 +50,7 @@ def train_rogues(settings: RogueTraining, console: Console | None = None) -> dic
     Raises:
         ValueError: the folder contains other files or results of other settings, or is in use by another process.
     """
-    with checkpoint.hold(settings.out) as folder:
+    with checkpoint.locked(settings.out) as folder:
         return RogueTrainer(settings, console or make_console(), folder).run()
 
 
@@ -121,7 +121,7 @@ class RogueTrainer:
         simulation = Simulation(scenario, settings.worlds, device=settings.device, threads=settings.threads)
         runner = EpisodeRunner(named(settings.against)(scenario, settings.worlds, settings.device), simulation)
         seed = _FIRST_SEED * (1 + settings.seed) + k * settings.worlds
-        runner.play(range(seed, seed + settings.worlds), lambda taken: visits.look(simulation))
+        runner.play(range(seed, seed + settings.worlds), lambda taken: visits.record(simulation))
         return visits
 
     def _normalized(self, rows: np.ndarray) -> Tensor:
@@ -149,7 +149,7 @@ class RogueTrainer:
             errors.append(loss.item())
         return float(np.mean(errors))
 
-    def network(self) -> Network:
+    def network(self) -> RogueNetwork:
         """Copy the policy as a network that reads rows which are not normalized."""
         learned = network_of(self.actor)
         if self.normal is None:
@@ -158,7 +158,7 @@ class RogueTrainer:
         weight = learned.weights[0] / spread
         weights = (weight.astype(np.float32), *learned.weights[1:])
         biases = ((learned.biases[0] - weight @ mean).astype(np.float32), *learned.biases[1:])
-        return Network(weights, biases)
+        return RogueNetwork(weights, biases)
 
     def _save(self, labelled: Mapping[str, np.ndarray]) -> None:
         """Write a checkpoint with the state of the training, and the labels so far unless it is complete."""

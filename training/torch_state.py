@@ -7,14 +7,14 @@ import torch
 from torch import nn
 
 from training.learned.checkpoint import prefixed, within
-from training.learned.network import Network
+from training.learned.rogue_network import RogueNetwork
 
 
-def network_of(*modules: nn.Module) -> Network:
+def network_of(*modules: nn.Module) -> RogueNetwork:
     """Copy the linear layers of modules, which are applied in turn with rectifiers between the layers."""
     arrays = [[part.detach().cpu().numpy().copy() for part in (layer.weight, layer.bias)] for layer in linear(*modules)]
     weights, biases = zip(*arrays, strict=True)
-    return Network(weights, biases)
+    return RogueNetwork(weights, biases)
 
 
 def linear(*modules: nn.Module) -> list[nn.Linear]:

@@ -368,6 +368,7 @@ named(
     **dict.fromkeys(("places", "removals", "seeds"), wp.array(dtype=int)),
     **dict.fromkeys(("neighbours", "schedule"), wp.array2d(dtype=int)),
     driving=wp.array2d(dtype=float),
+    nearest=wp.array3d(dtype=wp.vec2),
     equilibrium=wp.array(dtype=wp.float64),
 )
 

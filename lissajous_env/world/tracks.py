@@ -122,8 +122,10 @@ def put_place(w, i, entry: int, offset: wp.vec2, age: float, curve, observation_
     observation_out[w, i, entry + 3] = wp.min(age, 1.0)
 
 
-@stage(ROBOT, writes="bins: nearest; observation_out")
-def observe_tracks(w, i, track_start, curve, sensing, task, speed_unit, clock, robots, tracks, bins, observation_out):
+@stage(ROBOT, writes="nearest; observation_out")
+def observe_tracks(
+    w, i, track_start, curve, sensing, task, speed_unit, clock, robots, tracks, nearest, observation_out
+):
     """List the tracks of each robot, then its teammates, nearest first; a removed robot has none."""
     now = clock.step[w]
     unit = wp.length(wp.vec2(curve.half_width, curve.half_height))
@@ -135,10 +137,10 @@ def observe_tracks(w, i, track_start, curve, sensing, task, speed_unit, clock, r
             age = float(now - tracks.seen_at[w, i, t]) * task.step
             if tracks.seen_at[w, i, t] >= 0 and age <= sensing.memory:
                 offset = (tracks.place[w, i, t] - here) / unit
-                kept = keep_nearest(w, i, kept, sensing.tracks_seen, offset, t, bins)
+                kept = keep_nearest(w, i, kept, sensing.tracks_seen, offset, t, nearest)
     entry = int(track_start)
     for k in range(kept):
-        t = int(bins.nearest[w, i, k][1])
+        t = int(nearest[w, i, k][1])
         age = float(now - tracks.seen_at[w, i, t]) * task.step / sensing.memory
         put_place(w, i, entry, tracks.place[w, i, t] - here, age, curve, observation_out)
         velocity = tracks.velocity[w, i, t] / (2.0 * speed_unit)
@@ -156,9 +158,9 @@ def observe_tracks(w, i, track_start, curve, sensing, task, speed_unit, clock, r
             age = float(now - tracks.heard_at[w, i, j]) * task.step
             if tracks.heard_at[w, i, j] >= 0 and age <= sensing.memory:
                 offset = (tracks.mate_at[w, i, j] - here) / unit
-                mates = keep_nearest(w, i, mates, sensing.teammates_seen, offset, j, bins)
+                mates = keep_nearest(w, i, mates, sensing.teammates_seen, offset, j, nearest)
     for k in range(mates):
-        j = int(bins.nearest[w, i, k][1])
+        j = int(nearest[w, i, k][1])
         age = float(now - tracks.heard_at[w, i, j]) * task.step / sensing.memory
         put_place(w, i, entry, tracks.mate_at[w, i, j] - here, age, curve, observation_out)
         entry += TEAMMATE_SIZE

@@ -99,7 +99,7 @@ def test_a_rogue_is_an_ordinary_target_that_is_detected_at_the_end_of_its_path(s
         if detection is not None:
             assert rogue.undetected == pytest.approx(detection * made.task.step, abs=2e-3)
         assert rogue.undetected >= rogue.path.steps * made.task.step - 1e-6
-        assert rogue.undetected <= rogue.proved + 1e-6
+        assert rogue.undetected <= rogue.upper_bound + 1e-6
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_a_rogue_is_an_ordinary_target_that_is_detected_at_the_end_of_its_path(s
 def test_the_rogue_of_the_reported_worst_case_is_found(scenario, policy, seed, within, overrides):
     # Oracle: the contamination stage, which computes the worst case on another grid, and the simulation.
     rogue = missed(scenario, policy, seed, **overrides)
-    assert rogue.undetected >= rogue.stated - within
+    assert rogue.undetected >= rogue.on_grid - within
 
 
 # The page and the command.
@@ -145,8 +145,8 @@ def test_the_command(tmp_path, capfd):
     exploit("evaders", "still", episodes=2, out=out, output=Output(json=True), overrides=overrides)
     printed = json.loads(capfd.readouterr().out)
     assert [row["seed"] for row in printed["episodes"]] == [0, 1]
-    assert printed["episodes"][0]["witness"] == pytest.approx(7.9)
-    assert printed["episodes"][0]["conservative"] >= 7.9
+    assert printed["episodes"][0]["undetected"] == pytest.approx(7.9)
+    assert printed["episodes"][0]["upper_bound"] >= 7.9
     assert out.read_text(encoding="utf-8").startswith("<!doctype html>")
 
 

@@ -10,7 +10,7 @@ from lissajous_env.device.abreast import Floats
 from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
-from lissajous_env.device.stage import ROBOT, part, stage
+from lissajous_env.device.stage import OPTIONAL, ROBOT, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.task import Task
@@ -99,7 +99,7 @@ def compare_with_others(
 
 
 @stage(ROBOT, writes="latest: collisions; tally: collisions, contact, contact_steps, min_separation")
-def find_collisions(w, lane, lanes, robot, places, clock, robots, bins, latest, tally):
+def find_collisions(w, lane, lanes, robot, places, clock, robots, latest, tally, bins=OPTIONAL):
     """Compare each robot with those after it, over the sub-steps of the latest step."""
     touch = 2.0 * robot.radius
     # A pair this far apart cannot collide, nor be the nearest of the episode.

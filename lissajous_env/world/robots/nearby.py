@@ -38,7 +38,7 @@ PARTED = wp.constant(1.05)
 
 @named_struct("bins")
 class Bins:
-    """The K bins of each world; none where robots are few."""
+    """The K bins of each world; programs for few robots have none, and `columns` is 0 there."""
 
     half_width: wp.float32
     half_height: wp.float32
@@ -71,9 +71,6 @@ class Bins:
     many times."""
     seen_used: wp.array(dtype=wp.int32)
     """(W,) number of places in use."""
-    nearest: wp.array3d(dtype=wp.vec2)
-    """(W, N, entries) squared distance [radius^2] and index of each object that a robot senses, while the list is
-    built."""
 
 
 @wp.func
@@ -206,14 +203,11 @@ def _squares(scenario: Scenario) -> tuple[float, float, float, int, int]:
     return reach, widened, size, math.ceil(2 * curve.half_width / size), math.ceil(2 * curve.half_height / size)
 
 
-def bins_of(scenario: Scenario, speed: float, num_worlds: int, device: Any) -> Bins:
-    """Make the bins of a resolved scenario, of robots that are mostly not faster than `speed` [m/s]; none for few."""
-    filled, (n, curve) = Bins(), (scenario.num_robots, scenario.curve)
-    sensing = scenario.sensing
-    entries = max(sensing.robots_seen, sensing.targets_seen, sensing.tracks_seen, sensing.teammates_seen)
-    filled.nearest = wp.zeros((num_worlds, n, entries), dtype=wp.vec2, device=device)
+def bins_of(scenario: Scenario, speed: float, num_worlds: int, device: Any) -> Any:
+    """Make the `Bins` of a resolved scenario, of robots that are mostly not faster than `speed` [m/s]; None for few."""
     if not has_bins(scenario):
-        return filled
+        return None
+    filled, (n, curve) = Bins(), (scenario.num_robots, scenario.curve)
     filled.reach, filled.widened, filled.size, filled.columns, filled.rows = _squares(scenario)
     filled.half_width, filled.half_height = curve.half_width, curve.half_height
     across = 2 * filled.widened / filled.size + 2
