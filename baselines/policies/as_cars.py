@@ -15,6 +15,7 @@ from lissajous_env.device.car_input import steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.parameters.assumptions import AssumptionWarning
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 
 wp.set_module_options(OPTIONS)
@@ -68,7 +69,7 @@ class AsCars(Policy):
             warnings.simplefilter("ignore", AssumptionWarning)  # about fields that these robots do not have
             self.policy = make(cars, self.num_worlds, self.device)
         self.communicates = self.policy.communicates
-        as_car: Any = self.scenario.model.as_car
+        as_car: Any = model_of(self.kind).as_car
         self._act = as_car.act
         self._size = self.scenario.action_size - self.scenario.messages.size
         self._robot, self._car = (to_struct(RobotStruct, team.robot) for team in (self.scenario, cars))
@@ -88,7 +89,7 @@ def like_cars(scenario: Scenario) -> Scenario | None:
     """Return a scenario with the cars that its robots are, or are like; None if they do not move like cars."""
     if scenario.robot.kind == "car":
         return scenario
-    return None if scenario.model.as_car is None else scenario_of_cars(scenario)
+    return None if model_of(scenario.robot.kind).as_car is None else scenario_of_cars(scenario)
 
 
 def scenario_of_cars(scenario: Scenario) -> Scenario:
@@ -98,7 +99,8 @@ def scenario_of_cars(scenario: Scenario) -> Scenario:
         ValueError: the model has no `as_car`, a top speed, turning radius or acceleration is not above 0, or the
             scenario does not fit cars.
     """
-    robot, model, as_car = scenario.robot, scenario.model, scenario.model.as_car
+    robot, model = scenario.robot, model_of(scenario.robot.kind)
+    as_car = model.as_car
     if as_car is None:
         raise ValueError(f"robot model {model.name} must have as_car to be driven by policies of cars, got None")
     limits = {
