@@ -108,15 +108,6 @@ class Lines:
         """Steps until the path repeats."""
         return 2 * (self.sweep + self.turn.steps)
 
-    @property
-    def starts(self) -> np.ndarray:
-        """(N,) place of each car's line on the path when the lines have formed [step], spread evenly over the period.
-
-        The first line begins its sweep at the left end then.
-        """
-        lines = self.line_of.max() + 1
-        return np.array([round(line * self.period / lines) for line in self.line_of])
-
 
 def speed_limit(spacing: float, radius: float, rogue_speed: float, step: float) -> float:
     """Return the largest speed of a line of discs from which no rogue escapes unsensed [m/s]; negative for none.
@@ -155,11 +146,6 @@ def ideal_worst_case(scenario: Scenario, plan: Lines) -> float:
     half = sorted((scenario.curve.half_width, scenario.curve.half_height), reverse=True)
     loop = loops_of(plan)[..., :2]
     return worst_undetected_time(loop, (half[0], half[1]), scenario.sensing_radius, scenario.rogue_speed, plan.step)
-
-
-def turns_inside(scenario: Scenario) -> bool:
-    """Return whether lines turn inside the rectangle: within walls or an inset."""
-    return scenario.task.boundary != "open" or scenario.inset > 0
 
 
 def lanes_of(scenario: Scenario, lines: int, aside: float = 0.0) -> tuple[float, np.ndarray, np.ndarray]:
@@ -235,7 +221,7 @@ def turn_of(curvature_step: float) -> Turn:
 
 def plans_of(scenario: Scenario, parameters: LineParameters, lines: int) -> tuple[tuple[Lines, ...], str]:
     """Return the plans of so many lines, and why there are none: of several speeds for lines that turn inside."""
-    if not turns_inside(scenario):
+    if scenario.task.boundary == "open" and scenario.inset == 0:
         failing = what_fails(scenario, lines)
         return (() if failing else (_outer_plan(scenario, parameters, lines),)), failing
     largest, plans, failing = _speed_of(scenario, parameters), [], ""
@@ -308,6 +294,10 @@ def line_path(plan: Lines) -> np.ndarray:
 
 
 def loops_of(plan: Lines) -> np.ndarray:
-    """Return along, across [m] and heading [rad] (N, K, 3) of the cars in their lanes, a period of K steps."""
-    at = line_path(plan)[(plan.starts[:, None] + np.arange(plan.period)) % plan.period]
+    """Return along, across [m] and heading [rad] (N, K, 3) of the cars in their lanes, a period of K steps.
+
+    The lines are spread evenly over the period; the first one begins its sweep at the left end.
+    """
+    starts = np.array([round(line * plan.period / (plan.line_of.max() + 1)) for line in plan.line_of])
+    at = line_path(plan)[(starts[:, None] + np.arange(plan.period)) % plan.period]
     return np.stack([at[..., 0], at[..., 1] + plan.lanes[:, None], at[..., 2]], axis=-1)
