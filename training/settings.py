@@ -119,7 +119,7 @@ class TrainingSettings(Checked):
             self._require(self.worlds % self.groups == 0, "worlds", f"must be a multiple of groups ({self.groups})")
         if self.rival is not None:
             with without_warnings(self.space):
-                registry.check(self.rival, self.make_scenario())
+                registry.find(self.rival).check(self.make_scenario())
 
     @cached_property
     def space(self) -> ScenarioSpace | None:

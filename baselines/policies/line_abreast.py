@@ -66,9 +66,8 @@ def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[Lines, 
         return plan, path_tables(scenario, ways.loop, ways.lead_in), effort
     fastest = min(_FULL * slowest_top_speed(scenario), _HASTE * plan.speed)
     pace = Pace(scenario.robot.drag, max(fastest, 1.001 * plan.speed), plan.speed)
-    radius = plan.aside or plan.speed * plan.step * plan.turn.short / plan.turn.angle
     loop = loops[slots, :, :2]
-    places = transit_from_any_angle(scenario, effort, loops[slots, 0], radius, pace)
+    places = transit_from_any_angle(scenario, effort, loops[slots, 0], plan.radius, pace)
     return plan, path_tables(scenario, np.broadcast_to(loop, (len(places), *loop.shape)), places), effort
 
 
@@ -85,18 +84,8 @@ class LineAbreast(TimedPaths):
     lines, chosen so that no two cars meet.
 
     A car's place in a line is fixed: neighbours on the communication ring are neighbours in a line. Where a robot has
-    stopped or been removed, the others stay in their lanes. A robot that resumes catches up with its line without
-    regard to others: `line-abreast-safe` avoids collisions then. Lines that turn inside need larger sensors and a start
-    that all robots know; others are refused.
-
-    Lines of searchers that sweep a region in which rogues have a known top speed: Y. Altshuler, V. Yanovsky, I. A.
-    Wagner, A. M. Bruckstein, "Efficient cooperative search of smart targets using UAV swarms", Robotica 26 (2008); R.
-    M. Francos, A. M. Bruckstein, "Search for smart evaders with sweeping agents", arXiv:1905.04006 (2019). Sweeps as an
-    action of robot teams in pursuit and evasion: A. Kolling, S. Carpin, "Pursuit-evasion on trees by robot teams", IEEE
-    Transactions on Robotics 26 (2010). A periodic patrol is predictable, so a rogue with knowledge of it can cross the
-    perimeter undetected: N. Agmon, G. A. Kaminka, S. Kraus, "Multi-robot adversarial patrolling: facing a
-    full-knowledge opponent", Journal of Artificial Intelligence Research 42 (2011). Such a rogue is the one that the
-    guarantee is about: it may enter at any moment, but it is detected within that time.
+    stopped or been removed, the others stay in their lanes. Lines that turn inside need larger sensors and a start that
+    all robots know; others are refused. docs/policies.md has the literature, and the limits.
 
     Raises:
         ValueError: sensing discs that are too small, or too few, for a line to span the shorter side.

@@ -244,9 +244,8 @@ class _Patrol(Policy):
 
     def __init__(self, *given: Any, **named: Any):
         super().__init__(*given, **named)
-        self._curve = curve_struct(self.scenario.curve, self.device)
-        self._robot = to_struct(RobotStruct, self.scenario.robot)
-        self._driving = driving_of(self.scenario)
+        robot = to_struct(RobotStruct, self.scenario.robot)
+        self._inputs = [curve_struct(self.scenario.curve, self.device), robot, driving_of(self.scenario)]
 
 
 class Sweep(_Patrol):
@@ -257,24 +256,21 @@ class Sweep(_Patrol):
 
     def __init__(self, *given: Any, **named: Any):
         super().__init__(*given, **named)
-        loop = patrol_loop(self.scenario, parameters=self.parameters)
-        self._alpha = float(self.scenario.alpha)
-        self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
-        self._ring = wp.array(self.scenario.neighbours, dtype=wp.vec2i, device=self.device)
+        scenario, parameters = self.scenario, self.parameters
+        loop, cruise = patrol_loop(scenario, parameters=parameters), parameters.cruise or cruising_speed(scenario)
+        slowest = -1.0 if parameters.slowest is None else parameters.slowest
+        in_file = file_by_phase(scenario, loop) if parameters.by_phase else (0.0, 0.0)
+        equilibrium = wp.array(scenario.equilibrium, dtype=wp.float32, device=self.device)
+        ring = wp.array(scenario.neighbours, dtype=wp.vec2i, device=self.device)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
-        self._cruise = self.parameters.cruise or cruising_speed(self.scenario)
-        self._spacing = loop_spacing(loop)
-        self._lookahead = lookahead(self.scenario, self._cruise, self.parameters)
-        self._slowest = -1.0 if self.parameters.slowest is None else self.parameters.slowest
-        self._file = file_by_phase(self.scenario, loop) if self.parameters.by_phase else (0.0, 0.0)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
+        self._inputs += [float(scenario.alpha), equilibrium, ring, self._loop, cruise, loop_spacing(loop)]
+        self._inputs += [lookahead(scenario, cruise, parameters), scenario.task.step, parameters.gather, slowest]
+        self._inputs += [*in_file, self._memory]
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        inputs = [self._curve, self._robot, self._driving, self._alpha, self._equilibrium, self._ring, self._loop,
-                  self._cruise, self._spacing, self._lookahead, self.scenario.task.step, self.parameters.gather,
-                  self._slowest, *self._file, self._memory, observation]  # fmt: skip
-        self.launch(follow_loop, self.shape, inputs, [self.action])
+        self.launch(follow_loop, self.shape, [*self._inputs, observation], [self.action])
 
 
 class Laps(_Patrol):
@@ -288,17 +284,15 @@ class Laps(_Patrol):
 
     def __init__(self, *given: Any, **named: Any):
         super().__init__(*given, **named)
-        self._cruise = self.parameters.cruise or fastest_speed(self.scenario)
-        loop = patrol_loop(self.scenario, parameters=dataclasses.replace(self.parameters, cruise=self._cruise))
-        self._ahead = round(lookahead(self.scenario, self._cruise, self.parameters) / loop_spacing(loop))
-        self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
+        cruise = self.parameters.cruise or fastest_speed(self.scenario)
+        loop = patrol_loop(self.scenario, parameters=dataclasses.replace(self.parameters, cruise=cruise))
+        ahead = round(lookahead(self.scenario, cruise, self.parameters) / loop_spacing(loop))
         self._memory = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
+        self._inputs += [wp.array(loop, dtype=wp.vec2, device=self.device), cruise, ahead, self._memory]
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        inputs = [self._curve, self._robot, self._driving, self._loop, self._cruise, self._ahead, self._memory,
-                  observation]  # fmt: skip
-        self.launch(go_around, self.shape, inputs, [self.action])
+        self.launch(go_around, self.shape, [*self._inputs, observation], [self.action])
 
 
 class RandomWaypoint(_Patrol):
@@ -316,8 +310,8 @@ class RandomWaypoint(_Patrol):
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         kernel, inputs = {
-            "car": (wander, [self._curve, self._robot, self._driving, self._memory, observation]),
-            "curve": (wander_on_curve, [self._robot, self._rate, observation]),
+            "car": (wander, [*self._inputs, self._memory, observation]),
+            "curve": (wander_on_curve, [self._inputs[1], self._rate, observation]),
         }.get(self.scenario.actuation, (act_at_random, [observation]))
         self.launch(kernel, self.shape, inputs, [self.action])
 

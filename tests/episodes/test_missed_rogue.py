@@ -87,9 +87,9 @@ def test_the_rogue_is_that_of_a_search_over_all_paths(policy, radius, speed):
     # Oracle: the field of all paths on another grid, with exact discs at four moments of a step and no contamination.
     settings = {"sensing.radius": radius, "targets.speed_limit": speed, "targets.count": 1, **GRID}
     rogue = missed("experiment", policy, 3, **{"task.duration": 4.0, "faults.schedule": (), **settings})
-    track = rogue.played.track
-    share = np.array([0.5, 1.0]) * (track.shape[2] - 1)
-    slices = track[:, :, share.astype(int)].transpose(0, 2, 1, 3)
+    path = rogue.played.path
+    share = np.array([0.5, 1.0]) * (path.shape[2] - 1)
+    slices = path[:, :, share.astype(int)].transpose(0, 2, 1, 3)
     brute = Field(slices, (1.8, 0.8), radius, speed, 0.1, finer=4).run()
     assert abs(rogue.path.steps - brute.max()) <= 2
 
