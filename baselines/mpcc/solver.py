@@ -110,7 +110,7 @@ class Mpcc(Copyable):
             self._begin.fill_(KEEP)
         self.launch()
         results = (self.control, self.trajectory, self.cost, self.iterations)
-        if _is_on_host(state):
+        if not isinstance(state, wp.array) and not is_torch(state):
             return Solution(*(array.numpy().copy() for array in results))
         return Solution(*results)
 
@@ -170,7 +170,3 @@ class Mpcc(Copyable):
 
         with compile_quietly():
             return shared_launch(kernel, count, inputs, outputs, self.device, self.threads, SMALLEST_SHARE)
-
-
-def _is_on_host(value: Any) -> bool:
-    return not isinstance(value, wp.array) and not is_torch(value)

@@ -66,9 +66,8 @@ def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[Lines, 
         return plan, path_tables(scenario, ways.loop, ways.lead_in), effort
     fastest = min(_FULL * slowest_top_speed(scenario), _HASTE * plan.speed)
     pace = Pace(scenario.robot.drag, max(fastest, 1.001 * plan.speed), plan.speed)
-    radius = plan.aside or plan.speed * plan.step * plan.turn.short / plan.turn.angle
     loop = loops[slots, :, :2]
-    places = transit_from_any_angle(scenario, effort, loops[slots, 0], radius, pace)
+    places = transit_from_any_angle(scenario, effort, loops[slots, 0], plan.radius, pace)
     return plan, path_tables(scenario, np.broadcast_to(loop, (len(places), *loop.shape)), places), effort
 
 
