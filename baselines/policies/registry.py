@@ -88,8 +88,8 @@ class Loader(NamedTuple):
 
     make: Callable[..., Policy]
     """`make(folder, scenario, num_worlds, device)` returns the policy."""
-    home: Callable[[str], Scenario]
-    """`home(folder)` returns the scenario of the policy."""
+    own_scenario: Callable[[str], Scenario]
+    """`own_scenario(folder)` returns the scenario of the policy."""
     parts: Callable[[str], dict[str, str]]
     """`parts(folder)` returns what identifies the policy, as `parts` does."""
 
@@ -228,14 +228,14 @@ def _loader_of(folder: str) -> Loader:
     return next(fitting, [*LOADERS.values()][-1])
 
 
-def home(folder: str) -> Scenario:
+def own_scenario(folder: str) -> Scenario:
     """Return the scenario that the policy in a folder was made for.
 
     Raises:
         ValueError: there is no policy in it, or its scenario cannot be made.
     """
     inside = unwrapped(folder)[0]
-    return _loader_of(inside).home(inside)
+    return _loader_of(inside).own_scenario(inside)
 
 
 def parts(name: str) -> dict[str, str]:

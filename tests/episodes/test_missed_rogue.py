@@ -13,7 +13,8 @@ import lissajous_env
 from baselines.commands.exploit import exploit
 from lissajous_env.console.terminal import Output
 from lissajous_env.episodes.missed import missed_rogue, missed_rogues
-from lissajous_env.episodes.missed.played import record_again
+from lissajous_env.episodes.missed.played import PlayedEpisode, record_again
+from lissajous_env.episodes.missed.search import longest_path
 from lissajous_env.replay import page
 
 GRID = {"task.contamination": (90, 40)}
@@ -64,6 +65,18 @@ def test_without_rogues_or_without_a_place_for_them_there_is_none():
     assert missed("evaders", "still", **{"sensing.radius": 9.0, **SHORT}) is None
     with pytest.raises(ValueError, match=r"task\.contamination of experiment must be"):
         missed("experiment", "still")
+
+
+def test_a_rogue_appears_in_the_middle_if_only_that_is_unsensed():
+    # Story: robots stand all along the edges, so a rogue has to appear away from them, where it stays.
+    scenario = lissajous_env.scenario("evaders", **{"task.duration": 1.0})
+    x, y = np.meshgrid(np.linspace(-1.8, 1.8, 9), [-0.8, 0.8])
+    discs = np.concatenate([np.stack([x, y], axis=-1).reshape(-1, 2), [[-1.8, 0.0], [1.8, 0.0]]])
+    track = np.tile(discs[:, None], (11, 1, 2, 1)).astype(np.float32)
+    works, action = np.ones(track.shape[:2], bool), np.zeros((11, len(discs), 2), np.float32)
+    path = longest_path(PlayedEpisode(scenario, 0, {}, track, works, action, np.zeros(11, np.int32)))
+    assert path.steps == 10
+    assert (np.abs(path.places[:, 1]) < 0.4).all()
 
 
 # Brute force, and the simulation.
