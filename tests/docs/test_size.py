@@ -9,7 +9,7 @@ LINES = 42_429
 """Lines of the packages."""
 MODULES = 273
 """Files of the packages."""
-TESTS = 25_748
+TESTS = 25_751
 """Lines of the tests."""
 
 
