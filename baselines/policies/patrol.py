@@ -27,15 +27,16 @@ wp.set_module_options(OPTIONS)
 
 
 @wp.func
-def nearest_on_loop(loop: wp.array(dtype=wp.vec2), place: wp.vec2) -> int:
-    """Return the index of the nearest point of the loop to a position."""
+def nearest_among(loop: wp.array(dtype=wp.vec2), first: int, count: int, place: wp.vec2) -> int:
+    """Return the index of the nearest point to a position, of `count` points of the loop from the first."""
     nearest = int(0)
     least = float(1.0e30)
-    for k in range(loop.shape[0]):
-        square = wp.length_sq(loop[k] - place)
+    for k in range(first, first + count):
+        at = wp.where(k < 0, k + loop.shape[0], wp.where(k < loop.shape[0], k, k - loop.shape[0]))
+        square = wp.length_sq(loop[at] - place)
         if square < least:
             least = square
-            nearest = k
+            nearest = at
     return nearest
 
 
@@ -55,11 +56,11 @@ def slot_of(
     """
     n = equilibrium.shape[0]
     size = loop.shape[0]
-    own = nearest_on_loop(loop, point2(curve, alpha * phase))
+    own = nearest_among(loop, 0, size, point2(curve, alpha * phase))
     rank = int(0)
     total = int(0)
     for j in range(n):
-        other = nearest_on_loop(loop, point2(curve, alpha * (phase + equilibrium[j] - equilibrium[i])))
+        other = nearest_among(loop, 0, size, point2(curve, alpha * (phase + equilibrium[j] - equilibrium[i])))
         total += other
         if other < own or (other == own and j < i):
             rank += 1
@@ -138,7 +139,7 @@ def follow_loop(
     # At cruising speed the distance of the goal stays `lookahead`; a car that is farther from it drives faster.
     wanted = cruise * wp.length(goal - position) / lookahead
     if slowest >= 0.0:
-        here = nearest_on_loop(loop, position)
+        here = nearest_among(loop, 0, size, position)
         turns = (place - float(here)) / float(size)
         ahead = (turns - wp.floor(turns + 0.5)) * float(size) * spacing
         wanted = wp.max(cruise * ahead / lookahead, slowest)
@@ -169,15 +170,9 @@ def go_around(
     position = own_position(w, i, curve, observation)
     here = memory[w, i] - 1
     if here < 0:
-        here = nearest_on_loop(loop, position)
+        here = nearest_among(loop, 0, size, position)
     else:
-        around = here
-        least = float(1.0e30)
-        for k in range(around - ahead, around + ahead + 1):
-            square = wp.length_sq(loop[(k + size) % size] - position)
-            if square < least:
-                least = square
-                here = (k + size) % size
+        here = nearest_among(loop, here - ahead, 2 * ahead + 1, position)
     memory[w, i] = here + 1
     goal = loop[(here + ahead) % size]
     speed = own_speed(w, i, steady_speed(robot), observation)
