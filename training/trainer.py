@@ -27,13 +27,12 @@ import baselines
 from lissajous_env.console.terminal import make_console
 from lissajous_env.device.devices import cores
 from lissajous_env.storage.folder import Folder
-from training import scenarios
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.perception import OWN, TOKEN
 from training.learned.policy import LearnedTeam
 from training.learned.team_network import TeamNetwork
-from training.settings import TrainingSettings
+from training.settings import MAY_CHANGE, TrainingSettings, check_resumes, without_warnings
 from training.torch_state import load_state, save_state
 from training.validation import limit_of, mean_of, rank_of, validate, words_of
 from training.worlds import TRUTH, Rollout, Step, Worlds
@@ -72,7 +71,7 @@ def train(
     def say(text: str) -> None:
         console.print(text, highlight=False, markup=False, soft_wrap=True)
 
-    with checkpoint.locked(settings.out) as folder, scenarios.without_warnings(settings.space):
+    with checkpoint.locked(settings.out) as folder, without_warnings(settings.space):
         return _train(settings, folder, say, log)
 
 
@@ -81,7 +80,7 @@ def _train(
 ) -> dict[str, Any]:
     """Train in a locked folder."""
     state, began, diagnostics = Training(settings), time.monotonic(), {}
-    card = Card.of(settings.make_home(), settings=settings.to_dict(), base=settings.chosen_base)
+    card = Card.of(settings.make_own_scenario(), settings=settings.to_dict(), base=settings.chosen_base)
     history = _begin(settings, state, say)
     curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
     began -= curve[-1]["seconds"] if curve else 0.0
@@ -109,12 +108,9 @@ def _begin(settings: TrainingSettings, state: "Training", say: Callable[[str], N
     """Resume a training, or validate the base; return the history."""
     if (settings.out / checkpoint.FILE).exists():
         _, stored, text = checkpoint.read(settings.out)
-        differences = settings.differences(stored.settings)
-        if Card.of(settings.make_home()).home != stored.home:
-            differences.append("the scenario has changed")
-        if differences:
-            rule = "must be an empty folder or contain a training with the same settings"
-            raise ValueError(f"out {rule}, got {settings.out}: {'; '.join(differences)}")
+        is_other = Card.of(settings.make_own_scenario()).fields != stored.fields
+        others = ["the scenario has changed"] if is_other else []
+        check_resumes(settings.to_dict(), stored.settings, MAY_CHANGE, others)
         with checkpoint.resuming(settings.out, text):
             state.load_state(checkpoint.read_state(settings.out, text))
             say(f"{settings.out} has {state.numbers['steps']:,.0f} of {settings.steps:,} steps")

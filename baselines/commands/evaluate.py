@@ -54,11 +54,11 @@ def evaluate(
     from baselines.benchmark.table import Table
     from baselines.benchmark.theorem import about_theorem
 
-    scenarios, policy, home = scenarios_and_policy(names)
+    scenarios, policy, own = scenarios_and_policy(names)
     check_file(out, ".csv")
     changed = parse_overrides(overrides, rogues)
     settings = Benchmark(scenarios, (policy,), episodes, seed, batch, device, overrides=changed)
-    cells = cells_of(settings, scenarios=None if home is None else [home])
+    cells = cells_of(settings, scenarios=None if own is None else [own])
     rows: list[dict[str, Any]] = []
     numbers = list(range(episodes))
     with Progress([(cell, numbers) for cell in cells], progress_console(output)) as progress:

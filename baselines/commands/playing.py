@@ -35,7 +35,7 @@ def scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], str, Sc
         ValueError: as `split_scenarios_and_policy`, or the folder has no scenario.
     """
     if len(names) == 1 and registry.is_folder(names[0]):
-        return (names[0],), names[0], registry.home(names[0])
+        return (names[0],), names[0], registry.own_scenario(names[0])
     return (*split_scenarios_and_policy(names), None)
 
 

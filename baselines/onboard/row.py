@@ -40,7 +40,7 @@ class Row:
         device, sensing = as_device("cpu"), scenario.sensing
         shape, size = (1, 1 + sensing.robots_seen), layout(scenario).size
         state = state_of(scenario, 1, size, 1, device)
-        state["robots"] = allocate(Robots, {"track": (*shape, 1)}, shape, device)
+        state["robots"] = allocate(Robots, {"path": (*shape, 1)}, shape, device)
         state["targets"] = allocate(Targets, {}, (1, sensing.targets_seen), device)
         state["clock"].active.fill_(1)
         state["clock"].step.fill_(_NOW)

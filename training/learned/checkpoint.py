@@ -83,7 +83,7 @@ def save(
             "format": FORMAT,
             "policy": card.to_dict() | {"activation": ACTIVATION},
             "settings": dict(card.settings),
-            "scenario": card.home,
+            "scenario": card.fields,
             "versions": _versions(),
             "files": files,
             **(notes or {}),
@@ -190,7 +190,7 @@ def within(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}
 
 
-def home_scenario(card: Card) -> Scenario:
+def own_scenario(card: Card) -> Scenario:
     """Return the scenario on which a policy was trained, from the values in its folder.
 
     A folder may come from anyone, so no module is imported because of it: the module of an extension must have been
@@ -199,10 +199,10 @@ def home_scenario(card: Card) -> Scenario:
     Raises:
         ValueError: the values are invalid, or the module of an extension has not been imported.
     """
-    extensions = card.home.get("extensions") or ()
+    extensions = card.fields.get("extensions") or ()
     if not isinstance(extensions, (list, tuple)):
         raise ValueError(f"extensions of a scenario must be a list, got {shown(extensions)}")
-    return scenario_of(card.home, [_brought(entry, card) for entry in extensions])
+    return scenario_of(card.fields, [_brought(entry, card) for entry in extensions])
 
 
 def _brought(entry: Any, card: Card) -> Extension:

@@ -30,19 +30,19 @@ def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: i
     network, card, _ = checkpoint.read(find(name))
     if not isinstance(network, TeamNetwork):
         raise ValueError(f"policy must drive robots, got {name}, which drives rogues")
-    task = checkpoint.home_scenario(card) if scenario is None else scenario
+    task = checkpoint.own_scenario(card) if scenario is None else scenario
     policy = LearnedTeam(network, card, task, num_worlds, device)
     policy.name = str(name)
     return policy
 
 
-def home(name: str | Path) -> Scenario:
+def own_scenario(name: str | Path) -> Scenario:
     """Return the scenario on which an included policy, or that in a folder, was trained.
 
     Raises:
         ValueError: there is no such name or folder, the checkpoint is damaged, or the scenario is invalid.
     """
-    return checkpoint.home_scenario(checkpoint.read(find(name))[1])
+    return checkpoint.own_scenario(checkpoint.read(find(name))[1])
 
 
 def find(name: str | Path) -> Path:
@@ -67,7 +67,7 @@ def register_shipped() -> None:
 
     Weights are read when a policy is made.
     """
-    LOADERS[checkpoint.FILE] = Loader(load, home, checkpoint.parts)
+    LOADERS[checkpoint.FILE] = Loader(load, own_scenario, checkpoint.parts)
     for name in names():
         text = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
         policy, scenario = text["policy"], text["settings"].get("scenario", text["policy"]["scenario"])

@@ -24,8 +24,8 @@ KIND = "rogue"
 
 def rogue_card(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> Card:
     """Return the card of a rogue that reads the whole row of a scenario."""
-    home, names = plain(scenario.resolve().to_dict()), rogue_layout(scenario).names
-    return Card(scenario.name, KIND, tuple(names), len(ACTION_NAMES), home, settings=settings or {})
+    fields, names = plain(scenario.resolve().to_dict()), rogue_layout(scenario).names
+    return Card(scenario.name, KIND, tuple(names), len(ACTION_NAMES), fields, settings=settings or {})
 
 
 def open_rogue(folder: str | Path, name: str | None = None) -> Rogue:

@@ -47,9 +47,11 @@ class RogueNetwork:
         Each world is computed by matrix products of its own, so that it does not depend on the others of a batch.
         """
         count = min(rows.shape[-1], self.inputs)
-        values = rows[..., :count] @ self.weights[0][:, :count].T + self.biases[0]
+        values = rows[..., :count] @ self.weights[0][:, :count].T
+        values += self.biases[0]
         for weight, bias in zip(self.weights[1:], self.biases[1:], strict=True):
-            values = np.maximum(values, 0) @ weight.T + bias
+            values = np.maximum(values, 0, out=values) @ weight.T
+            values += bias
         return values
 
     @property

@@ -32,7 +32,7 @@ class PlayedEpisode:
     """Seed of the world."""
     score: dict[str, Any]
     """Score row of the episode."""
-    track: np.ndarray
+    path: np.ndarray
     """(T + 1, N, S + 1, 2) positions of the robots through the step that led to a moment [m]."""
     works: np.ndarray
     """(T + 1, N) bool: robots that sense in that step."""
@@ -70,7 +70,7 @@ def play(
         robots, action = simulation.robots, simulation.action.numpy()
         moments.append(
             (
-                robots.track.numpy()[..., :2].copy(),
+                robots.path.numpy()[..., :2].copy(),
                 robots.sensor.numpy()[..., 0] < 0.5 * NOWHERE,
                 action.copy() if taken else np.zeros_like(action),
                 simulation.contamination.oldest.numpy().copy(),
@@ -156,12 +156,12 @@ def replay(pairs: Sequence[tuple[PlayedEpisode, Path]], device: Any = "cpu") -> 
 def _check_same_track(simulation: Simulation, episodes: Sequence[PlayedEpisode], now: int) -> None:
     """Raise a RuntimeError if a robot does not move as in the first run in a step, up to the end of its episode.
 
-    A robot that has moved otherwise does not come back to its track, so every tenth step is tested.
+    A robot that has moved otherwise does not come back to its path, so every tenth step is tested.
     """
     if now % _TESTED:
         return
-    recorded = np.stack([episode.track[min(now, episode.steps)] for episode in episodes])
-    same = (simulation.robots.track.numpy()[..., :2] == recorded).all(axis=(1, 2, 3))
+    recorded = np.stack([episode.path[min(now, episode.steps)] for episode in episodes])
+    same = (simulation.robots.path.numpy()[..., :2] == recorded).all(axis=(1, 2, 3))
     same |= np.array([now > episode.steps for episode in episodes])
     if not same.all():
         seed = episodes[int(np.argmin(same))].seed

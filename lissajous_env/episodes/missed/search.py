@@ -2,7 +2,7 @@
 
 From the nodes at which a rogue can appear undetected, the set of nodes that it can have reached undetected is followed
 move by move, until it is empty or the episode ends. In a move, which lasts one or several control steps, a rogue goes
-straight at one speed to another node, and each robot goes along its recorded track, as when the simulation detects
+straight at one speed to another node, and each robot goes along its recorded path, as when the simulation detects
 targets; the distance between the two is computed without rounding to moments. A path is then traced back from the last
 set. So every path that is returned is undetected, and no path on the lattice is undetected for longer.
 """
@@ -36,7 +36,7 @@ _ROUNDING = 1e-6
 class Lattice:
     """A lattice over the rectangle of an episode with T steps, N robots and S sub-steps."""
 
-    track: wp.array3d(dtype=wp.vec2)
+    path: wp.array3d(dtype=wp.vec2)
     """(T + 1, N, S + 1) positions of the robots through the step that led to a moment [m]."""
     works: wp.array2d(dtype=wp.bool)
     """(T + 1, N) robots that sense in that step."""
@@ -65,9 +65,9 @@ def place_of(row: int, column: int, lattice: Lattice) -> wp.vec2:
 @wp.func
 def is_undetected(start: wp.vec2, end: wp.vec2, first: int, last: int, lattice: Lattice) -> bool:
     """Return whether a straight move from the end of step `first` to that of step `last` stays out of all discs."""
-    pieces = lattice.track.shape[2] - 1
+    pieces = lattice.path.shape[2] - 1
     count = float((last - first) * pieces)
-    for i in range(lattice.track.shape[1]):
+    for i in range(lattice.path.shape[1]):
         if wp.length_sq(lattice.middle[i] - end) > lattice.near[i] * lattice.near[i]:
             continue
         for step in range(first + 1, last + 1):
@@ -75,8 +75,8 @@ def is_undetected(start: wp.vec2, end: wp.vec2, first: int, last: int, lattice: 
                 continue
             for s in range(pieces):
                 share = float((step - first - 1) * pieces + s)
-                a = wp.lerp(start, end, share / count) - lattice.track[step, i, s]
-                way = wp.lerp(start, end, (share + 1.0) / count) - lattice.track[step, i, s + 1] - a
+                a = wp.lerp(start, end, share / count) - lattice.path[step, i, s]
+                way = wp.lerp(start, end, (share + 1.0) / count) - lattice.path[step, i, s + 1] - a
                 nearest = wp.clamp(-wp.dot(a, way) / wp.max(wp.length_sq(way), 1.0e-20), 0.0, 1.0)
                 if wp.length_sq(a + nearest * way) < lattice.radius * lattice.radius:
                     return False
@@ -96,9 +96,9 @@ def appear(
     is_inside = row > 0 and column > 0 and row < nodes_out.shape[0] - 1 and column < nodes_out.shape[1] - 1
     if on_edges and is_inside:
         return
-    last = lattice.track.shape[2] - 1
-    for i in range(lattice.track.shape[1]):
-        away = lattice.track[step, i, last] - place_of(row, column, lattice)
+    last = lattice.path.shape[2] - 1
+    for i in range(lattice.path.shape[1]):
+        away = lattice.path[step, i, last] - place_of(row, column, lattice)
         if lattice.works[step, i] and wp.length_sq(away) < lattice.radius * lattice.radius:
             return
     nodes_out[row, column] = True
@@ -132,9 +132,9 @@ def move(
     if not has_neighbour(row, column, lattice.block, blocks):
         return
     end = place_of(row, column, lattice)
-    step = lattice.track.shape[2] - 1
-    for i in range(lattice.track.shape[1]):
-        away = lattice.track[last, i, step] - end
+    step = lattice.path.shape[2] - 1
+    for i in range(lattice.path.shape[1]):
+        away = lattice.path[last, i, step] - end
         if lattice.works[last, i] and wp.length_sq(away) < lattice.radius * lattice.radius:
             return
     for k in range(lattice.moves.shape[0]):
@@ -221,7 +221,7 @@ class _Search:
     def path(self, since: int) -> Path | None:
         """Return the longest path of a rogue that appears at the end of step `since`; None if none is undetected."""
         lattice, played = self.lattice, self.played
-        lattice.track, lattice.works = wp.array(played.track, dtype=wp.vec2), wp.array(played.works, dtype=wp.bool)
+        lattice.path, lattice.works = wp.array(played.path, dtype=wp.vec2), wp.array(played.works, dtype=wp.bool)
         nodes, on_edges = self._empty(), played.scenario.targets.entry == "boundary"
         wp.launch(appear, dim=self.shape, inputs=[since, on_edges, lattice, *nodes])
         if not nodes[1].numpy().any():
@@ -242,9 +242,9 @@ class _Search:
 
     def _prepare(self, first: int, last: int) -> None:
         """Set what the moves from the end of step `first` to that of step `last` have in common."""
-        moves, track = self.moves[last - first], self.played.track[first + 1 : last + 1]
-        middle = (track.max(axis=(0, 2)) + track.min(axis=(0, 2))) / 2
-        away = np.linalg.norm(track - middle[:, None], axis=-1).max(axis=(0, 2))
+        moves, path = self.moves[last - first], self.played.path[first + 1 : last + 1]
+        middle = (path.max(axis=(0, 2)) + path.min(axis=(0, 2))) / 2
+        away = np.linalg.norm(path - middle[:, None], axis=-1).max(axis=(0, 2))
         longest = (1 + _ROUNDING) * (last - first) * self.moved
         self.lattice.moves = wp.array(moves, dtype=wp.vec2i)
         self.lattice.middle = wp.array(middle, dtype=wp.vec2)
@@ -262,7 +262,7 @@ class _Search:
             return np.unpackbits(reached[k], axis=1, count=self.shape[1]).view(bool)
 
         nodes, after = np.argwhere(nodes_of(-1))[:, ::-1], min(ends[-1] + 1, self.played.steps)
-        discs = self.played.track[after, self.played.works[after], -1]
+        discs = self.played.path[after, self.played.works[after], -1]
         away = [np.linalg.norm(nodes * self.spacing - self.half - disc, axis=1) for disc in discs]
         path = [nodes[np.min(away, axis=0).argmax() if away else 0]]
         for k in range(len(ends) - 1, 0, -1):
