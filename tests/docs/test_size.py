@@ -9,7 +9,7 @@ LINES = 42_404
 """Lines of the packages."""
 MODULES = 273
 """Files of the packages."""
-TESTS = 25_758
+TESTS = 25_773
 """Lines of the tests."""
 
 
