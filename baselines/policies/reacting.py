@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from baselines.policies.base import Policy, UnsuitableScenarioError
+from baselines.policies.loops import lane_corners
 from baselines.policies.own_row import Rows
 from lissajous_env.parameters.scenario import Scenario
 
@@ -94,25 +95,6 @@ def divided(
     return own
 
 
-def comb(half: np.ndarray, lanes: int, edge: float) -> np.ndarray:
-    """Return the corners (K, 2) of a closed tour of an even number of vertical lanes, joined along the lower side [m].
-
-    Args:
-        half: Half of the width and of the height [m].
-        lanes: Number of lanes.
-        edge: Distance of the outer lanes, and of the ends of lanes, from the boundary [m].
-    """
-    across = np.linspace(edge - half[0], half[0] - edge, lanes)
-    low, high = edge - half[1], half[1] - edge
-    inner = low + min(2 * edge, 0.5 * (high - low))
-    corners = [(across[0], low)]
-    for k, x in enumerate(across):
-        lower = low if k == lanes - 1 else inner
-        corners += [(x, high), (x, lower)] if k % 2 == 0 else [(x, inner), (x, high)]
-    corners += [(across[-1], low), (across[0], low)]
-    return np.array([corner for k, corner in enumerate(corners) if k == 0 or corner != corners[k - 1]])
-
-
 class Reacting(Policy):
     """Base of these policies: a subclass returns the velocities that it wishes, without regard to other robots.
 
@@ -169,7 +151,9 @@ class Lanes(Reacting):
         reach = self.scenario.sensing_radius if self.reach is None else self.reach
         edge = min(0.8 * reach, 0.5 * float(self.half.min()))
         fitting = 2 * round((1 + (2 * self.half[0] - 2 * edge) / (1.1 * reach)) / 2)
-        self.corners = comb(self.half, max(fitting, 2) if self.lanes is None else self.lanes, edge)
+        count, (across, along) = max(fitting, 2) if self.lanes is None else self.lanes, self.half - edge
+        corners = lane_corners(along, across, min(edge, 0.5 * along), count)[:, ::-1]
+        self.corners = np.concatenate([corners, corners[:1]])
         self._along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.corners, axis=0), axis=1))])
         self._ahead = 0.5 * reach
         self._steps = np.zeros(self.num_worlds, int)

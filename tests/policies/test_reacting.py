@@ -8,7 +8,7 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.policies.index_rule import Index
-from baselines.policies.reacting import Chase, Cover, Force, Lanes, VoronoiPursuit, comb, divided
+from baselines.policies.reacting import Chase, Cover, Force, Lanes, VoronoiPursuit, divided
 from lissajous_env.world.observation import layout
 
 POLICIES = {
@@ -43,13 +43,16 @@ def test_policies_play_alike_at_another_scale(scenario):
         np.testing.assert_array_equal(*rows, err_msg=name)
 
 
-def test_the_lanes_are_a_closed_tour_with_ends_at_the_edge():
-    corners = comb(np.array([20.0, 12.5]), 6, 3.0)
-    assert corners[0].tolist() == corners[-1].tolist() == [-17.0, -9.5]
-    assert sorted({round(x, 6) for x in corners[:, 0]}) == pytest.approx(np.linspace(-17, 17, 6))
+def test_the_lanes_are_a_closed_tour_that_drives_no_stretch_twice():
+    policy = Lanes(lissajous_env.scenario("hotspots"), lanes=8)
+    corners = policy.corners
+    edge = corners.max(axis=0)
+    assert corners[0].tolist() == corners[-1].tolist() == [edge[0], -edge[1]]
+    assert sorted({round(x, 6) for x in corners[:, 0]}) == pytest.approx(np.linspace(-edge[0], edge[0], 8))
     moves = np.diff(corners, axis=0)
     assert ((moves == 0).sum(axis=1) == 1).all(), "every stretch is along x or y"
-    policy = Lanes(lissajous_env.scenario("hotspots"), lanes=8)
+    middles = [tuple(middle) for middle in (corners[1:] + corners[:-1]) / 2]
+    assert len(set(middles)) == len(middles), "no stretch is driven twice"
     assert lissajous_env.evaluate(policy, "hotspots", seeds=[0])[0]["sensed_fraction"] > 0.95
 
 
