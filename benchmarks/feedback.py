@@ -85,7 +85,7 @@ class IndexAll(SeesAll, Index):
 
 POLICIES = {
     "watch": {
-        PATROL: (Lanes, {"lanes": 8}),
+        PATROL: (Lanes, {"lanes": 10}),
         "follow the nearest": (Follow, {}),
         "A-CMOMMT, tuned": (Force, {"shared": 0.0, "reach": 2.0, "apart": 3.0, "push": 1.0}),
         "greedy cover, tuned": (Cover, {}),
@@ -99,7 +99,7 @@ POLICIES = {
         CLAIRVOYANT: (ChaseAll, {}),
     },
     "hotspots": {
-        PATROL: (Lanes, {"lanes": 12}),
+        PATROL: (Lanes, {"lanes": 8}),
         "index rule, uniform rates": (Index, {"learns": False, "delay": 1.0}),
         "index rule, learned rates": (Index, {"learns": True, "delay": 1.0}),
         CLAIRVOYANT: (IndexAll, {}),
