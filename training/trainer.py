@@ -27,13 +27,12 @@ import baselines
 from lissajous_env.console.terminal import make_console
 from lissajous_env.device.devices import cores
 from lissajous_env.storage.folder import Folder
-from training import scenarios
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.perception import OWN, TOKEN
+from training.learned.policy import LearnedTeam
 from training.learned.team_network import TeamNetwork
-from training.learned.team_policy import LearnedTeam
-from training.settings import TrainingSettings
+from training.settings import MAY_CHANGE, TrainingSettings, check_resumes, without_warnings
 from training.torch_state import load_state, save_state
 from training.validation import limit_of, mean_of, rank_of, validate, words_of
 from training.worlds import TRUTH, Rollout, Step, Worlds
@@ -50,75 +49,77 @@ _RESTRAINT = 0.2
 """Weight of the squared correction of a base: advantages are noisy, and without it corrections grow by chance."""
 
 
-class Team(nn.Module):
-    """`TeamNetwork` in PyTorch: the mean of a robot's action, or a critic's value.
+def train(
+    settings: TrainingSettings,
+    console: Console | None = None,
+    log: Callable[[dict[str, float]], Any] = lambda point: None,
+) -> dict[str, Any]:
+    """Train until the last step, from the last checkpoint if `settings.out` has one; return the history.
 
     Args:
-        settings: Sizes of the layers.
-        token: Numbers of a token.
-        outputs: Numbers of the output.
-        heads: Heads of attention; 0 for the mean of the tokens' features.
-        memory: Numbers that a robot remembers.
-        corrects: Add the wish of the base, the last two own numbers, to the outputs, which are zeros at first.
+        settings: Settings of the training.
+        console: Console of the progress lines.
+        log: Called with the numbers of each validation, such as `wandb.log`.
+
+    Raises:
+        ValueError: the folder contains other files or results of other settings, or is in use by another process.
+        OSError: the disk is full; the last checkpoint is intact.
     """
+    console = console or make_console()
+    torch.set_num_threads(settings.threads or cores())
 
-    def __init__(self, settings: TrainingSettings, token: int, outputs: int, heads=0, memory=0, corrects=False):
-        super().__init__()
-        self.corrects = corrects
-        features, hidden = settings.features, settings.hidden
-        self.own, self.token = nn.Linear(len(OWN), 64), nn.Linear(token, features)
-        self.query = nn.Linear(64, heads * features) if heads else None
-        self.trunk = nn.Linear(64 + max(heads, 1) * features, hidden)
-        self.memory = nn.GRUCell(hidden, memory) if memory else None
-        self.last, self.action = nn.Linear(hidden + memory, hidden), nn.Linear(hidden, outputs)
-        nn.init.orthogonal_(self.action.weight, 0.0 if corrects else 0.01)
-        nn.init.zeros_(self.action.bias)
+    def say(text: str) -> None:
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
 
-    @torch.autocast("cpu", torch.bfloat16)
-    def forward(self, rows: Sequence[Tensor], memory: Tensor, begins: Tensor) -> tuple[Tensor, Tensor]:
-        """Return outputs (T, B, outputs) of T steps of B robots, and their memory (B, memory) after these.
-
-        Args:
-            rows: Own numbers (T, B, A), tokens (T, B, K, F), and 1 where there is a token (T, B, K).
-            memory: (B, memory) before the first step.
-            begins: (T, B) 1 in the first step of an episode.
-        """
-        own, tokens, present = (rows_of.flatten(0, 1) for rows_of in rows)
-        own, features = torch.relu(self.own(own)), torch.relu(self.token(tokens))
-        if self.query is None:
-            pooled = (features * present[..., None]).mean(1)
-        else:
-            query = self.query(own).view(len(own), -1, features.shape[-1])
-            score = query @ features.transpose(1, 2) + (present[:, None] - 1) * 1e4
-            weight = (torch.softmax(score, -1) * present[:, None]).to(features.dtype)
-            pooled = (weight @ features).flatten(1)
-        hidden = torch.relu(self.trunk(torch.cat([own, pooled], -1))).view(*begins.shape, -1)
-        if self.memory is not None:
-            states = []
-            for step, begin in zip(hidden, begins, strict=True):
-                memory = self.memory(step, memory * (1 - begin)[:, None])
-                states.append(memory)
-            hidden = torch.cat([hidden, torch.stack(states)], -1)
-        outputs = self.action(torch.relu(self.last(hidden))).float()
-        if self.corrects:
-            outputs = outputs + nn.functional.pad(rows[0][..., -2:], (0, outputs.shape[-1] - 2))
-        return outputs, memory.float()
-
-    def arrays(self) -> TeamNetwork:
-        """Copy the weights into a network that is played without PyTorch."""
-        named = {name: tensor.detach().numpy().copy() for name, tensor in self.state_dict().items()}
-        names = {"memory.weight_ih": "memory.input.weight", "memory.weight_hh": "memory.hidden.weight"}
-        names |= {"memory.bias_ih": "memory.input.bias", "memory.bias_hh": "memory.hidden.bias"}
-        return TeamNetwork.from_arrays({f"team.{names.get(name, name)}": array for name, array in named.items()})
+    with checkpoint.locked(settings.out) as folder, without_warnings(settings.space):
+        return _train(settings, folder, say, log)
 
 
-def _descend(optimizer: torch.optim.Optimizer, networks: Iterable[nn.Module], loss: Tensor) -> None:
-    """Take a step; a network on which the loss does not depend stays as it is, in spite of its momentum."""
-    optimizer.zero_grad()
-    loss.backward()
-    for network in networks:
-        nn.utils.clip_grad_norm_(network.parameters(), 0.5)
-    optimizer.step()
+def _train(
+    settings: TrainingSettings, folder: Folder, say: Callable[[str], None], log: Callable[[dict[str, float]], Any]
+) -> dict[str, Any]:
+    """Train in a locked folder."""
+    state, began, diagnostics = Training(settings), time.monotonic(), {}
+    card = Card.of(settings.make_own_scenario(), settings=settings.to_dict(), base=settings.chosen_base)
+    history = _begin(settings, state, say)
+    curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
+    began -= curve[-1]["seconds"] if curve else 0.0
+    state.limit = limit_of(settings.collisions, rivals)
+    while True:
+        done, every = numbers["steps"] >= settings.steps, settings.evaluate_every
+        last = curve[-1]["steps"] if curve else -every
+        if numbers["steps"] // every > last // every or (done and last < numbers["steps"]):
+            network = state.actor.arrays()
+            results = mean_of(validate(settings, partial(LearnedTeam, network, card), rivals or None))
+            point = {"steps": numbers["steps"], "seconds": round(time.monotonic() - began, 1)} | results | diagnostics
+            curve.append(point)
+            say(f"{point['steps'] / 1e6:.2f} million steps, {point['seconds']:.0f} s: {words_of(point)}")
+            if history["best"] is None or rank_of(point, state.limit) > rank_of(history["best"], state.limit):
+                history["best"] = point
+                checkpoint.save(folder, network, card, notes={"training": history}, place=checkpoint.BEST)
+            checkpoint.save(folder, network, card, state=state.save_state(), notes={"training": history})
+            log(point)
+        if done:
+            return history
+        diagnostics = state.update(state.collect())
+
+
+def _begin(settings: TrainingSettings, state: "Training", say: Callable[[str], None]) -> dict[str, Any]:
+    """Resume a training, or validate the base; return the history."""
+    if (settings.out / checkpoint.FILE).exists():
+        _, stored, text = checkpoint.read(settings.out)
+        is_other = Card.of(settings.make_own_scenario()).fields != stored.fields
+        others = ["the scenario has changed"] if is_other else []
+        check_resumes(settings.to_dict(), stored.settings, MAY_CHANGE, others)
+        with checkpoint.resuming(settings.out, text):
+            state.load_state(checkpoint.read_state(settings.out, text))
+            say(f"{settings.out} has {state.numbers['steps']:,.0f} of {settings.steps:,} steps")
+            return text["training"]
+    history: dict[str, Any] = {"rival": settings.rival, "rivals": [], "curve": [], "best": None}
+    if settings.rival is not None:
+        history["rivals"] = validate(settings, partial(baselines.make, settings.rival), None)
+        say(f"{settings.rival}: {words_of(mean_of(history['rivals']))}")
+    return history
 
 
 class Training:
@@ -129,17 +130,19 @@ class Training:
         self.settings = settings
         self.worlds = Worlds(settings, settings.worlds, FIRST_SEED * (1 + settings.seed))
         size = self.worlds.batch.scenario.action_size
-        self.actor = Team(settings, len(TOKEN), size, settings.heads, settings.memory, settings.chosen_base is not None)
-        self.critic = Team(settings, len(TRUTH if settings.critic == "central" else TOKEN), 1)
+        self.actor = TeamModule(
+            settings, len(TOKEN), size, settings.heads, settings.memory, settings.chosen_base is not None
+        )
+        self.critic = TeamModule(settings, len(TRUTH if settings.critic == "central" else TOKEN), 1)
         self.networks = nn.ModuleList([self.actor, self.critic])
         self.optimizer = torch.optim.Adam(self.networks.parameters(), settings.learning_rate, eps=1e-5)
         self.numbers = {
             "steps": 0.0,
             "rollouts": 0.0,
             "penalty": settings.penalty,
-            "spread": 1.0,
+            "variance": 1.0,
             "collided": 0.0,
-            "taken": 0.0,
+            "counted": 0.0,
         }
         """Robot steps and rollouts so far; factor of the costs of collisions; running variance of the returns; running
         mean of a team's collisions in an episode, over about 200 steps; steps in the variance (at most 300 count)."""
@@ -157,9 +160,9 @@ class Training:
         return deviation, settings.learning_rate * max(1 - done, 0.05)
 
     def collect(self) -> Rollout:
-        """Play T steps in all worlds, with noise, and compute what they were worth."""
+        """Play T steps in all worlds, with noise, and compute the advantages and returns of their actions."""
         settings, worlds, deviation = self.settings, self.worlds, self.schedule()[0]
-        memory, parts, steps, values = self._memory, [], [], []
+        memory, moments, steps, values = self._memory, [], [], []
         for _ in range(settings.rollout):
             begins = torch.from_numpy(self._begins)
             with torch.no_grad():
@@ -173,7 +176,7 @@ class Training:
             values.append(self._value(rows[0], reads))
             step = worlds.step(action.numpy())
             self._truth = worlds.truth()
-            parts.append((rows, reads, action, likelihood, torch.from_numpy(step.acted), begins))
+            moments.append((rows, reads, action, likelihood, torch.from_numpy(step.acted), begins))
             steps.append((self._reward(step, *self._truth[2:]), step))
             self._begins = np.repeat(step.over, worlds.side.places).astype(np.float32)
             worlds.begin(step.over)
@@ -183,8 +186,8 @@ class Training:
             self.numbers["steps"] += float(step.acted.sum())
         values.append(self._value(torch.from_numpy(self._rows[0]), self._read()))
         advantages = self._advantages(steps, np.stack(values))
-        read, known, *others = zip(*parts, strict=True)
-        rows, truth = ([torch.stack(part) for part in zip(*of, strict=True)] for of in (read, known))
+        of_actor, of_critic, *others = zip(*moments, strict=True)
+        rows, truth = ([torch.stack(part) for part in zip(*of, strict=True)] for of in (of_actor, of_critic))
         actions, likelihood, acted, begins = (torch.stack(part) for part in others)
         returns = advantages + torch.from_numpy(np.stack(values[:-1]))
         return Rollout(rows, truth, actions, likelihood, acted, begins, memory, advantages, returns, deviation)
@@ -200,9 +203,9 @@ class Training:
         rate = 0.5 * per_robot * self.worlds.steps * self.worlds.side.places
         numbers["collided"] += (rate - numbers["collided"]) / 200
         self._returns = self._returns * settings.gamma + reward
-        numbers["spread"] += (self._returns.var() - numbers["spread"]) / (1 + min(numbers["taken"], 300))
+        numbers["variance"] += (self._returns.var() - numbers["variance"]) / (1 + min(numbers["counted"], 300))
         self._returns *= 1 - np.repeat(step.over, self.worlds.side.places)
-        numbers["taken"] += 1
+        numbers["counted"] += 1
         return reward
 
     def _read(self) -> list[Tensor]:
@@ -211,14 +214,14 @@ class Training:
         return [torch.from_numpy(part) for part in parts]
 
     def _value(self, own: Tensor, reads: Sequence[Tensor]) -> np.ndarray:
-        """Return the critic's values (B,)."""
+        """Return the critic's values (B,) for own numbers (B, A), and what it reads besides them."""
         with torch.no_grad():
             rows, none = [part[None] for part in (own, *reads)], torch.zeros(len(own), 0)
             return self.critic(rows, none, torch.zeros(1, len(own)))[0][0, :, 0].numpy()
 
     def _advantages(self, steps: Sequence[tuple[np.ndarray, Step]], values: np.ndarray) -> Tensor:
         """Return generalized advantages (T, B) for rewards in units of the deviation of the returns."""
-        settings, unit = self.settings, np.sqrt(self.numbers["spread"] + 1e-8)
+        settings, unit = self.settings, np.sqrt(self.numbers["variance"] + 1e-8)
         advantages, later = np.zeros_like(values[:-1]), np.zeros_like(values[0])
         for t in reversed(range(len(steps))):
             reward, step = steps[t]
@@ -288,77 +291,72 @@ class Training:
         self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
 
 
-def train(
-    settings: TrainingSettings,
-    console: Console | None = None,
-    log: Callable[[dict[str, float]], Any] = lambda point: None,
-) -> dict[str, Any]:
-    """Train until the last step, from the last checkpoint if `settings.out` has one; return the history.
+def _descend(optimizer: torch.optim.Optimizer, networks: Iterable[nn.Module], loss: Tensor) -> None:
+    """Take a step; a network on which the loss does not depend stays as it is, in spite of its momentum."""
+    optimizer.zero_grad()
+    loss.backward()
+    for network in networks:
+        nn.utils.clip_grad_norm_(network.parameters(), 0.5)
+    optimizer.step()
+
+
+class TeamModule(nn.Module):
+    """`TeamNetwork` in PyTorch: the mean of a robot's action, or a critic's value.
 
     Args:
-        settings: Settings of the training.
-        console: Console of the progress lines.
-        log: Called with the numbers of each validation, such as `wandb.log`.
-
-    Raises:
-        ValueError: the folder contains other files or results of other settings, or is in use by another process.
-        OSError: the disk is full; the last checkpoint is intact.
+        settings: Sizes of the layers.
+        token: Numbers of a token.
+        outputs: Numbers of the output.
+        heads: Heads of attention; 0 for the mean of the tokens' features.
+        memory: Numbers that a robot remembers.
+        corrects: Add the wish of the base, the last two own numbers, to the outputs, which are zeros at first.
     """
-    console = console or make_console()
-    torch.set_num_threads(settings.threads or cores())
 
-    def say(text: str) -> None:
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
+    def __init__(self, settings: TrainingSettings, token: int, outputs: int, heads=0, memory=0, corrects=False):
+        super().__init__()
+        self.corrects = corrects
+        features, hidden = settings.features, settings.hidden
+        self.own, self.token = nn.Linear(len(OWN), 64), nn.Linear(token, features)
+        self.query = nn.Linear(64, heads * features) if heads else None
+        self.trunk = nn.Linear(64 + max(heads, 1) * features, hidden)
+        self.memory = nn.GRUCell(hidden, memory) if memory else None
+        self.last, self.action = nn.Linear(hidden + memory, hidden), nn.Linear(hidden, outputs)
+        nn.init.orthogonal_(self.action.weight, 0.0 if corrects else 0.01)
+        nn.init.zeros_(self.action.bias)
 
-    with checkpoint.hold(settings.out) as folder, scenarios.without_warnings(settings.space):
-        return _train(settings, folder, say, log)
+    @torch.autocast("cpu", torch.bfloat16)
+    def forward(self, rows: Sequence[Tensor], memory: Tensor, begins: Tensor) -> tuple[Tensor, Tensor]:
+        """Return outputs (T, B, outputs) of T steps of B robots, and their memory (B, memory) after these.
 
+        Args:
+            rows: Own numbers (T, B, A), tokens (T, B, K, F), and 1 where there is a token (T, B, K).
+            memory: (B, memory) before the first step.
+            begins: (T, B) 1 in the first step of an episode.
+        """
+        own, tokens, present = (rows_of.flatten(0, 1) for rows_of in rows)
+        own, features = torch.relu(self.own(own)), torch.relu(self.token(tokens))
+        if self.query is None:
+            pooled = (features * present[..., None]).mean(1)
+        else:
+            query = self.query(own).view(len(own), -1, features.shape[-1])
+            score = query @ features.transpose(1, 2) + (present[:, None] - 1) * 1e4
+            weight = (torch.softmax(score, -1) * present[:, None]).to(features.dtype)
+            pooled = (weight @ features).flatten(1)
+        hidden = torch.relu(self.trunk(torch.cat([own, pooled], -1))).view(*begins.shape, -1)
+        if self.memory is not None:
+            states = []
+            for step, begin in zip(hidden, begins, strict=True):
+                memory = self.memory(step, memory * (1 - begin)[:, None])
+                states.append(memory)
+            hidden = torch.cat([hidden, torch.stack(states)], -1)
+        outputs = self.action(torch.relu(self.last(hidden))).float()
+        if self.corrects:
+            outputs = outputs + nn.functional.pad(rows[0][..., -2:], (0, outputs.shape[-1] - 2))
+        return outputs, memory.float()
 
-def _train(
-    settings: TrainingSettings, folder: Folder, say: Callable[[str], None], log: Callable[[dict[str, float]], Any]
-) -> dict[str, Any]:
-    """Train in a locked folder."""
-    state, began, diagnostics = Training(settings), time.monotonic(), {}
-    card = Card.of(settings.make_home(), settings=settings.to_dict(), base=settings.chosen_base)
-    history = _begin(settings, state, say)
-    curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
-    began -= curve[-1]["seconds"] if curve else 0.0
-    state.limit = limit_of(settings.collisions, rivals)
-    while True:
-        done, every = numbers["steps"] >= settings.steps, settings.evaluate_every
-        last = curve[-1]["steps"] if curve else -every
-        if numbers["steps"] // every > last // every or (done and last < numbers["steps"]):
-            network = state.actor.arrays()
-            results = mean_of(validate(settings, partial(LearnedTeam, network, card), rivals or None))
-            point = {"steps": numbers["steps"], "seconds": round(time.monotonic() - began, 1)} | results | diagnostics
-            curve.append(point)
-            say(f"{point['steps'] / 1e6:.2f} million steps, {point['seconds']:.0f} s: {words_of(point)}")
-            if history["best"] is None or rank_of(point, state.limit) > rank_of(history["best"], state.limit):
-                history["best"] = point
-                checkpoint.save(folder, network, card, notes={"training": history}, place=checkpoint.BEST)
-            checkpoint.save(folder, network, card, state=state.save_state(), notes={"training": history})
-            log(point)
-        if done:
-            return history
-        diagnostics = state.update(state.collect())
-
-
-def _begin(settings: TrainingSettings, state: Training, say: Callable[[str], None]) -> dict[str, Any]:
-    """Resume a training, or validate the base; return the history."""
-    if (settings.out / checkpoint.FILE).exists():
-        _, stored, text = checkpoint.read(settings.out)
-        differences = settings.differences(stored.settings)
-        if Card.of(settings.make_home()).home != stored.home:
-            differences.append("the scenario has changed")
-        if differences:
-            rule = "must be an empty folder or contain a training with the same settings"
-            raise ValueError(f"out {rule}, got {settings.out}: {'; '.join(differences)}")
-        with checkpoint.resuming(settings.out, text):
-            state.load_state(checkpoint.read_state(settings.out, text))
-            say(f"{settings.out} has {state.numbers['steps']:,.0f} of {settings.steps:,} steps")
-            return text["training"]
-    history: dict[str, Any] = {"rival": settings.rival, "rivals": [], "curve": [], "best": None}
-    if settings.rival is not None:
-        history["rivals"] = validate(settings, partial(baselines.make, settings.rival), None)
-        say(f"{settings.rival}: {words_of(mean_of(history['rivals']))}")
-    return history
+    def arrays(self) -> TeamNetwork:
+        """Copy the weights into a network that is played without PyTorch."""
+        named = {name: tensor.detach().numpy().copy() for name, tensor in self.state_dict().items()}
+        names = {"memory.weight_ih": "memory.input.weight", "memory.weight_hh": "memory.hidden.weight"}
+        names |= {"memory.bias_ih": "memory.input.bias", "memory.bias_hh": "memory.hidden.bias"}
+        return TeamNetwork.from_arrays({f"team.{names.get(name, name)}": array for name, array in named.items()})

@@ -40,7 +40,7 @@ class Row:
         device, sensing = as_device("cpu"), scenario.sensing
         shape, size = (1, 1 + sensing.robots_seen), layout(scenario).size
         state = state_of(scenario, 1, size, 1, device)
-        state["robots"] = allocate(Robots, {"track": (*shape, 1)}, shape, device)
+        state["robots"] = allocate(Robots, {"path": (*shape, 1)}, shape, device)
         state["targets"] = allocate(Targets, {}, (1, sensing.targets_seen), device)
         state["clock"].active.fill_(1)
         state["clock"].step.fill_(_NOW)
@@ -79,7 +79,7 @@ class Row:
         turn, measured = self._robots["measured_turn"][0], self._robots["measured"][0]
         return float(turn[0]), float(turn[1]), float(measured[0]), float(measured[1])
 
-    def see(self, robots: np.ndarray, targets: np.ndarray) -> None:
+    def place_detections(self, robots: np.ndarray, targets: np.ndarray) -> None:
         """Place what the sensor detects, relative to the robot: robots (K, 4) in [m] and [m/s], and targets (K, 2)."""
         robots = _nearest(robots, len(self._robots["status"]) - 1)
         there = slice(1, 1 + len(robots))

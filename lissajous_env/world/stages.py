@@ -53,7 +53,11 @@ def stages_of(scenario: Scenario, rogues: Any = None, begins: bool = False) -> l
         Stage("bins", clear_bins, when=many),
         Stage("listing", list_robots, when=many),
         Stage("collisions", find_collisions, when=moves),
-        *([_decision(rogues, scenario)] if moves and are_rogues and targets.rogues != AGENTS else []),
+        *(
+            [_decision(rogue_of(targets.rogues or ""), rogues)]
+            if moves and are_rogues and targets.rogues != AGENTS
+            else []
+        ),
         Stage("rogues", move_rogues, when=moves and are_rogues),
         Stage("respawn", respawn, when=targets.respawn),
         Stage("entry", place_unseen, when=targets.entry == "unseen"),
@@ -121,12 +125,9 @@ def _contamination(scenario: Scenario, begins: bool) -> list[Stage]:
     return [*stages, guarantee]
 
 
-def _decision(rogues: Any, scenario: Scenario) -> Stage:
-    """Return the stage in which scripted or learned rogues decide."""
-    rogue: Any = rogue_of(scenario.targets.rogues or "")
+def _decision(rogue: Any, rogues: Any) -> Stage:
+    """Return the stage in which a scripted or learned rogue decides."""
     name = f"rogue {rogue.name}"
-    if rogue.bind is not None:
-        return Stage(name, rogue.bind(scenario, rogues))
     if isinstance(rogue.decide, wp.Kernel):
         return Stage(name, rogue.decide)
 

@@ -16,12 +16,13 @@ import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.discs import CENTRE, columns_of, disc_run, points_per_metre
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Sensing
 from lissajous_env.world.observation import TEAMMATE_SIZE, TRACK_SIZE
 from lissajous_env.world.observing import empty, far, keep_nearest
-from lissajous_env.world.state import FOUND, GONE, HIDDEN, NOWHERE, REMOVED
+from lissajous_env.world.state import FOUND, GONE, HIDDEN, REMOVED
 
 wp.set_module_options(OPTIONS)
 
@@ -169,16 +170,15 @@ def observe_tracks(
 
 @part
 def cover_around(w, i, place: wp.vec2, covered_at: int, curve, sensing, tracks):
-    """Note that the cells around a sensor [m] were covered in a step."""
+    """Note that the cells around a sensor [m] were covered in a step; NOWHERE is around none."""
     rows = tracks.covered_at.shape[2]
     columns = tracks.covered_at.shape[3]
-    if place[0] < 0.5 * NOWHERE:
-        for row in range(rows):
-            y = curve.half_height * ((2.0 * float(row) + 1.0) / float(rows) - 1.0) - place[1]
-            for column in range(columns):
-                x = curve.half_width * ((2.0 * float(column) + 1.0) / float(columns) - 1.0) - place[0]
-                if x * x + y * y < sensing.radius * sensing.radius:
-                    tracks.covered_at[w, i, row, column] = wp.max(covered_at, tracks.covered_at[w, i, row, column])
+    scale = points_per_metre(columns, CENTRE, curve.half_width)
+    for row in range(rows):
+        y = (float(row) + CENTRE) / points_per_metre(rows, CENTRE, curve.half_height) - curve.half_height
+        run = columns_of(disc_run(place, sensing.radius, y), curve.half_width, scale, CENTRE, columns)
+        for column in range(run[0], run[1] + 1):
+            tracks.covered_at[w, i, row, column] = wp.max(covered_at, tracks.covered_at[w, i, row, column])
 
 
 @stage(ROBOT, writes="tracks: covered_at, sensor_at; observation_out")

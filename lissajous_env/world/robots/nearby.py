@@ -15,7 +15,7 @@ A list is read from the first entry of its bin to an entry without a robot:
 
 The last functions find the robots that have a place in their sensing discs, at the end of a step and first within it.
 Within a step a target goes straight from its old place to its new one at one speed, past the robots, each of which goes
-along its track of sub-steps.
+along its path of sub-steps.
 """
 
 import math
@@ -94,11 +94,11 @@ def bin_of(place: wp.vec2, bins: Bins) -> int:
 @part
 def rows_of(w, i, widened: float, robots, bins) -> wp.vec2i:
     """Return the first and last row that the robot's path in this step crosses, `widened` [m] to both sides."""
-    low = robots.track[w, i, 0][1]
+    low = robots.path[w, i, 0][1]
     high = low
-    for s in range(1, robots.track.shape[2]):
-        low = wp.min(low, robots.track[w, i, s][1])
-        high = wp.max(high, robots.track[w, i, s][1])
+    for s in range(1, robots.path.shape[2]):
+        low = wp.min(low, robots.path[w, i, s][1])
+        high = wp.max(high, robots.path[w, i, s][1])
     return wp.vec2i(row_of(low - widened, bins), row_of(high + widened, bins))
 
 
@@ -110,9 +110,9 @@ def columns_of(w, i, row, widened: float, robots, bins) -> wp.vec2i:
     high = wp.where(row == bins.rows - 1, 1.0e30, bottom + bins.size + widened)
     left = float(1.0e30)
     right = float(-1.0e30)
-    start = planar(robots.track[w, i, 0])
-    for s in range(1, robots.track.shape[2]):
-        end = planar(robots.track[w, i, s])
+    start = planar(robots.path[w, i, 0])
+    for s in range(1, robots.path.shape[2]):
+        end = planar(robots.path[w, i, s])
         moved = end - start
         enter = float(0.0)
         leave = float(1.0)
@@ -270,22 +270,22 @@ def nearest_sensors(w, count: int, x: Floats, y: Floats, robots, bins) -> tuple[
 @part
 def max_displacement(w, robots) -> float:
     """Return the largest distance, over robots and the step, from the position at its end [m]."""
-    last = robots.track.shape[2] - 1
+    last = robots.path.shape[2] - 1
     square = float(0.0)
-    for i in range(robots.track.shape[1]):
+    for i in range(robots.path.shape[1]):
         for s in range(last):
-            square = wp.max(square, wp.length_sq(robots.track[w, i, last] - robots.track[w, i, s]))
+            square = wp.max(square, wp.length_sq(robots.path[w, i, last] - robots.path[w, i, s]))
     return wp.sqrt(square)
 
 
 @part
 def share_until_sight(w, i, before: wp.vec2, after: wp.vec2, radius: float, robots) -> float:
     """Return the share of the step until a robot detects a target that moves as in `first_sight`; 2 for never."""
-    pieces = robots.track.shape[2] - 1
+    pieces = robots.path.shape[2] - 1
     moved = (after - before) / float(pieces)
-    start = before - planar(robots.track[w, i, 0])
+    start = before - planar(robots.path[w, i, 0])
     for s in range(pieces):
-        end = before + float(s + 1) * moved - planar(robots.track[w, i, s + 1])
+        end = before + float(s + 1) * moved - planar(robots.path[w, i, s + 1])
         share = first_within(start, end, radius)
         if share <= 1.0:
             return (float(s) + share) / float(pieces)
