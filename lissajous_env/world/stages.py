@@ -13,7 +13,7 @@ import warp as wp
 
 from lissajous_env.device.program import Stage
 from lissajous_env.parameters.robot_models import model_of
-from lissajous_env.parameters.rogues import AGENTS, rogue_of
+from lissajous_env.parameters.rogues import Rogue, rogue_of
 from lissajous_env.parameters.scenario import Faults, Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.clock import advance_clock, end_episodes, reset_arrays, reset_clock
@@ -53,11 +53,7 @@ def stages_of(scenario: Scenario, rogues: Any = None, begins: bool = False) -> l
         Stage("bins", clear_bins, when=many),
         Stage("listing", list_robots, when=many),
         Stage("collisions", find_collisions, when=moves),
-        *(
-            [_decision(rogue_of(targets.rogues or ""), rogues)]
-            if moves and are_rogues and targets.rogues != AGENTS
-            else []
-        ),
+        *(_decision(rogue_of(targets.rogues), rogues) if moves and targets.rogues is not None else []),
         Stage("rogues", move_rogues, when=moves and are_rogues),
         Stage("respawn", respawn, when=targets.respawn),
         Stage("entry", place_unseen, when=targets.entry == "unseen"),
@@ -125,11 +121,13 @@ def _contamination(scenario: Scenario, begins: bool) -> list[Stage]:
     return [*stages, guarantee]
 
 
-def _decision(rogue: Any, rogues: Any) -> Stage:
-    """Return the stage in which a scripted or learned rogue decides."""
+def _decision(rogue: Rogue | None, rogues: Any) -> list[Stage]:
+    """Return the stage in which a scripted or learned rogue decides; none for agents."""
+    if rogue is None:
+        return []
     name = f"rogue {rogue.name}"
     if isinstance(rogue.decide, wp.Kernel):
-        return Stage(name, rogue.decide)
+        return [Stage(name, rogue.decide)]
 
     def decide() -> None:
         action = np.asarray(rogue.decide(rogues.observation.numpy().copy()))
@@ -140,4 +138,4 @@ def _decision(rogue: Any, rogues: Any) -> Stage:
         rogues.action.assign(action.astype(np.float32))
 
     decide.__doc__ = rogue.about
-    return Stage(name, decide)
+    return [Stage(name, decide)]
