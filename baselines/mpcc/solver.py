@@ -31,8 +31,6 @@ from lissajous_env.device.structs import to_struct
 from lissajous_env.device.work import Work, shared_launch
 from lissajous_env.parameters.scenario import Curve
 
-__all__ = ["Mpcc", "MpccParameters", "Solution"]
-
 wp.set_module_options(CONTRACTED)
 
 solve_series = wp.overload(wp.Kernel(solve.func, module=wp.get_module(__name__)), {"curve": Series})

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import Policy
-from baselines.policies.driving import Driving, drive_towards, driving_of, steady_speed
+from baselines.policies.driving import EAGERNESS, drive_towards, motor_rate, steady_speed
 from baselines.policies.loops import (
     SweepParameters,
     cruising_speed,
@@ -18,6 +18,7 @@ from baselines.policies.loops import (
     patrol_loop,
 )
 from baselines.policies.own_row import hears, lead, own_heading, own_key, own_phase, own_position, own_speed
+from baselines.similarity import motion_scale
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_struct, point2, wrap
@@ -92,7 +93,7 @@ def agreed_phase(
 def follow_loop(
     curve: CurveStruct,
     robot: RobotStruct,
-    driving: Driving,
+    eagerness: float,
     alpha: float,
     equilibrium: wp.array(dtype=float),
     ring: wp.array(dtype=wp.vec2i),
@@ -144,7 +145,7 @@ def follow_loop(
         ahead = (turns - wp.floor(turns + 0.5)) * float(size) * spacing
         wanted = wp.max(cruise * ahead / lookahead, slowest)
         goal = loop[(here + int(lookahead / spacing)) % size]
-    action = drive_towards(robot, driving, position, own_heading(w, i, observation), speed, goal, wanted)
+    action = drive_towards(robot, eagerness, position, own_heading(w, i, observation), speed, goal, wanted)
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
 
@@ -153,7 +154,7 @@ def follow_loop(
 def go_around(
     curve: CurveStruct,
     robot: RobotStruct,
-    driving: Driving,
+    eagerness: float,
     loop: wp.array(dtype=wp.vec2),
     cruise: float,
     ahead: int,
@@ -176,7 +177,7 @@ def go_around(
     memory[w, i] = here + 1
     goal = loop[(here + ahead) % size]
     speed = own_speed(w, i, steady_speed(robot), observation)
-    action = drive_towards(robot, driving, position, own_heading(w, i, observation), speed, goal, cruise)
+    action = drive_towards(robot, eagerness, position, own_heading(w, i, observation), speed, goal, cruise)
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
 
@@ -185,12 +186,13 @@ def go_around(
 def wander(
     curve: CurveStruct,
     robot: RobotStruct,
-    driving: Driving,
+    eagerness: float,
+    near: float,
     goals: wp.array2d(dtype=wp.vec3),
     observation: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
-    """Drive to a random place in the rectangle, and choose the next one on arrival."""
+    """Drive to a random place in the rectangle, slower where it is `near` [m], and choose the next one on arrival."""
     w, i = wp.tid()
     position = own_position(w, i, curve, observation)
     goal = goals[w, i]
@@ -205,8 +207,8 @@ def wander(
     speed = own_speed(w, i, speed_max, observation)
     to = wp.vec2(goal[0], goal[1])
     # Slow down where the car would otherwise circle around a near goal.
-    wanted = speed_max * wp.min(1.0, wp.length(to - position) / driving.near)
-    action = drive_towards(robot, driving, position, own_heading(w, i, observation), speed, to, wanted)
+    wanted = speed_max * wp.min(1.0, wp.length(to - position) / near)
+    action = drive_towards(robot, eagerness, position, own_heading(w, i, observation), speed, to, wanted)
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
 
@@ -240,7 +242,7 @@ class _Patrol(Policy):
     def __init__(self, *given: Any, **named: Any):
         super().__init__(*given, **named)
         robot = to_struct(RobotStruct, self.scenario.robot)
-        self._inputs = [curve_struct(self.scenario.curve, self.device), robot, driving_of(self.scenario)]
+        self._inputs = [curve_struct(self.scenario.curve, self.device), robot, motor_rate(self.scenario, EAGERNESS)]
 
 
 class Sweep(_Patrol):
@@ -300,12 +302,13 @@ class RandomWaypoint(_Patrol):
     def __init__(self, *given: Any, **named: Any):
         super().__init__(*given, **named)
         self._rate = self.scenario.formation.phase_rate / self.scenario.alpha
+        self._near = motion_scale(self.scenario).length
         self._memory = wp.zeros(self.shape, dtype=wp.vec3, device=self.device)
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         kernel, inputs = {
-            "car": (wander, [*self._inputs, self._memory, observation]),
+            "car": (wander, [*self._inputs, self._near, self._memory, observation]),
             "curve": (wander_on_curve, [self._inputs[1], self._rate, observation]),
         }.get(self.scenario.actuation, (act_at_random, [observation]))
         self.launch(kernel, self.shape, inputs, [self.action])

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 
+import learned
 import numpy as np
 import pytest
 from rich.console import Console
@@ -163,6 +164,20 @@ def test_collisions_cost_more_where_there_are_too_many(tmp_path):
     careful, careless = ({"worth": 1.1, "collisions": hits} for hits in (0.5, 2.0))
     assert rank_of(careful, 0.5) == 1.1
     assert rank_of(careless, 0.5) < rank_of({"worth": 0.9, "collisions": 0.1}, 0.5)
+
+
+def test_trainings_that_differ_only_in_their_seeds_are_a_row_of_the_ablations(tmp_path, monkeypatch):
+    # Oracle: a network whose critic alone has learned plays its rule.
+    monkeypatch.setattr(learned, "SEEDS", range(10_000, 10_002))
+    folders = [tmp_path / name for name in ("a", "b", "c")]
+    for seed, (folder, base) in enumerate(zip(folders, (None, None, "none"), strict=True)):
+        train(small(tmp_path, out=folder, seed=seed, steps=1, base=base), QUIET)
+    table = learned.on_ablations([str(folder) for folder in folders])
+    of = [dict(zip(table["columns"], row, strict=True)) for row in table["rows"]]
+    assert [row["trainings"] for row in of] == ["2", "1"]
+    assert ["--base none" in row["options"] for row in of] == [False, True]
+    assert float(of[0]["over `greedy-cover`"].split()[0]) == pytest.approx(1, abs=0.05)
+    assert all(row["options"].endswith("--set task.duration=16.0`") for row in of)
 
 
 @pytest.mark.parametrize("changes", [{}, {"memory": 4, "base": "none", "critic": "own"}], ids=["base", "none"])
