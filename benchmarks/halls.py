@@ -6,7 +6,8 @@ of the robots alone: the least distances of bodies from walls and from one anoth
 does not move by its radius, and the worst-case undetected time of the episode with the longest one, on a grid of its
 own in float64. A row names every law that a hall violates: a body at or beyond a wall, a collision, a robot that is
 stuck, a printed worst case that is not the largest of the episodes, or one that differs from the computed one by more
-than the time in which a rogue crosses a cell.
+than two steps and the time in which a rogue crosses a cell of the simulation; for targets at rest, twice the time in
+which a robot crosses its diagonal.
 """
 
 import math
@@ -30,13 +31,15 @@ COLUMNS = ["hall", "policy", "printed [s]", "computed [s]", "a cell [s]", "wall 
            "planned in [s]", "violates"]  # fmt: skip
 SLOW = 20.0
 """Way for which a robot that is not stuck has time to move by its radius, at its top speed [radius]."""
-CELLS = 60_000
+CELLS = 400_000
 """Cells of the grid of the computed worst case, at most about so many."""
 
 
 def request_of(seed: int, kind: str) -> dict[str, Any]:
     """Return the request of a hall with robots of a kind, of the same lengths for both kinds."""
-    given = {name: float(f"{value:.3g}") for name, value in drawn(seed).items()} | {"robots": int(drawn(seed)["robots"])}
+    given = {name: float(f"{value:.3g}") for name, value in drawn(seed).items()} | {
+        "robots": int(drawn(seed)["robots"])
+    }
     turning = given["turning_radius"]
     if kind == "differential":
         # A drive of this acceleration turns as tightly as the car where its body is as wide as the turn.
@@ -126,7 +129,8 @@ def row_of(seed: int, kind: str, plans: int) -> list[str]:
     times = [row[WORST_CASE.name] for row in rows]
     computed = worst_time(places[:, int(np.argmax(times))], half, scenario.sensing_radius, speed * step) * step
     columns, _ = scenario.task.contamination
-    cell = 2 * half[0] / columns / speed + 2 * step if speed else 2 * step
+    side = 2 * half[0] / columns
+    cell = 2 * step + (side / speed if speed else math.sqrt(8) * side / request["speed"])
     laws = {
         "wall": wall <= 1e-3 * radius or any(row["outside_time"] or row["wall_contacts"] for row in rows),
         "collision": bodies <= 0 or any(row[COLLISIONS.name] for row in rows),
@@ -151,7 +155,9 @@ def main() -> None:
         for kind in options.kinds:
             rows.append(row_of(seed, kind, options.plans))
             print(" | ".join([kind, *rows[-1]]), flush=True)
-    figures.publish("halls", f"{len(rows)} halls, {BEST} episodes each", {"columns": COLUMNS, "rows": rows}, options.store)
+    figures.publish(
+        "halls", f"{len(rows)} halls, {BEST} episodes each", {"columns": COLUMNS, "rows": rows}, options.store
+    )
 
 
 if __name__ == "__main__":

@@ -126,7 +126,8 @@ UNITS: dict[str, Callable[[Scenario, float], float]] = {
     "gather": lambda scenario, cruise: motion_scale(scenario).time,
 }
 """Units of relative parameters by name, from a scenario of cars and the patrol's speed [m/s]: the top speed, the
-sensing radius, the default of the parameter, the tightest turn, or the time of the motion. Other parameters are used as they are."""
+sensing radius, the default of the parameter, the tightest turn, or the time of the motion. Other parameters are used as
+they are."""
 
 
 def absolute(relative: PolicySettings, scenario: Scenario, digits: int | None = None) -> PolicySettings:

@@ -334,11 +334,12 @@ class Inside(Copyable):
         scenario: The scenario, resolved.
         num_worlds: W.
         device: Warp device.
+        turns_early: True if the policy accounts for the time in which a differential drive gains its yaw rate.
     """
 
-    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", turns_early: bool = False):
         self._shape = (num_worlds, scenario.num_robots)
-        self._walls = walls_of(scenario)
+        self._walls = walls_of(scenario, turns_early)
         self._robot = to_struct(RobotStruct, scenario.robot)
         self._curve = curve_struct(scenario.curve, as_device(device))
         self._launch = launcher(device)
@@ -356,7 +357,7 @@ class Inside(Copyable):
         self._launch(stay_inside, self._shape, [self._walls, self._robot, self._curve, observation], [action])
 
 
-def walls_of(scenario: Scenario) -> Any:
+def walls_of(scenario: Scenario, turns_early: bool = False) -> Any:
     """Return the constants of the rule."""
     robot, noise, curve = scenario.robot, scenario.noise, scenario.curve
     walls: Any = Walls()
@@ -373,6 +374,6 @@ def walls_of(scenario: Scenario) -> Any:
     walls.speed_unit = robot.top_speed
     walls.step, walls.substeps = scenario.task.step, scenario.task.substeps
     # A differential drive gains the yaw rate of its tightest turn steadily, so it is late by half of the time.
-    late = robot.top_speed / (2 * walls.turning * robot.top_yaw_acceleration)
+    late = 0.0 if turns_early else robot.top_speed / (2 * walls.turning * robot.top_yaw_acceleration)
     walls.predicted = walls.substeps + math.ceil(late / walls.step * walls.substeps)
     return walls

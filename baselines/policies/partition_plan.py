@@ -297,7 +297,7 @@ def _best(room: Room, parameters: PartitionParameters) -> tuple[tuple, Shape, np
 
 
 def _score(entry: tuple) -> tuple[float, float, float]:
-    """Return the score of a compared shape or plan: worst-case undetected time, share never visited, time between visits."""
+    """Return the score of a shape or plan: worst-case undetected time, share never visited, time between visits."""
     return entry[0]
 
 
