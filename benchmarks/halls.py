@@ -1,8 +1,8 @@
 """The best plans of random halls with walls, played and computed anew: `python benchmarks/halls.py --store`.
 
-Halls of 2 m to 100 m, two to twelve cars or differential drives, their sensors, bodies and rogues are drawn by seed, and
-planned with few plans. The best plan of a hall is played in 64 episodes. This program computes itself, from the places
-of the robots alone: the least distances of bodies from walls and from one another, the longest time for which a robot
+Halls of 2 m to 100 m, two to twelve cars or differential drives, their sensors, bodies and rogues are drawn by seed,
+and planned with few plans. The best plan of a hall is played in 64 episodes. This program computes itself, from the
+places of the robots alone: the least distances of bodies from walls and from one another, the longest time for which a robot
 does not move by its radius, and the worst-case undetected time of the episode with the longest one, on a grid of its
 own in float64. A row names every law that a hall violates: a body at or beyond a wall, a collision, a robot that is
 stuck, a printed worst case that is not the largest of the episodes, or one that differs from the computed one by more
@@ -128,7 +128,7 @@ def row_of(seed: int, kind: str, plans: int) -> list[str]:
     stands = standing(places, radius) * step
     times = [row[WORST_CASE.name] for row in rows]
     computed = worst_time(places[:, int(np.argmax(times))], half, scenario.sensing_radius, speed * step) * step
-    columns, _ = scenario.task.contamination
+    columns, _ = scenario.task.contamination or (1, 1)
     side = 2 * half[0] / columns
     cell = 2 * step + (side / speed if speed else math.sqrt(8) * side / request["speed"])
     laws = {
