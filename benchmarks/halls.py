@@ -2,9 +2,9 @@
 
 Halls of 2 m to 100 m, two to twelve cars or differential drives, their sensors, bodies and rogues are drawn by seed,
 and planned with few plans. The best plan of a hall is played in 64 episodes. This program computes itself, from the
-places of the robots alone: the least distances of bodies from walls and from one another, the longest time for which a robot
-does not move by its radius, and the worst-case undetected time of the episode with the longest one, on a grid of its
-own in float64. A row names every law that a hall violates: a body at or beyond a wall, a collision, a robot that is
+places of the robots alone: the least distances of bodies from walls and from one another, the longest time for which a
+robot does not move by its radius, and the worst-case undetected time of the episode with the longest one, on a grid of
+its own in float64. A row names every law that a hall violates: a body at or beyond a wall, a collision, a robot that is
 stuck, a printed worst case that is not the largest of the episodes, or one that differs from the computed one by more
 than two steps and the time in which a rogue crosses a cell of the simulation; for targets at rest, twice the time in
 which a robot crosses its diagonal.
@@ -37,9 +37,8 @@ CELLS = 400_000
 
 def request_of(seed: int, kind: str) -> dict[str, Any]:
     """Return the request of a hall with robots of a kind, of the same lengths for both kinds."""
-    given = {name: float(f"{value:.3g}") for name, value in drawn(seed).items()} | {
-        "robots": int(drawn(seed)["robots"])
-    }
+    given: dict[str, Any] = {name: float(f"{value:.3g}") for name, value in drawn(seed).items()}
+    given["robots"] = int(given["robots"])
     turning = given["turning_radius"]
     if kind == "differential":
         # A drive of this acceleration turns as tightly as the car where its body is as wide as the turn.
@@ -155,9 +154,8 @@ def main() -> None:
         for kind in options.kinds:
             rows.append(row_of(seed, kind, options.plans))
             print(" | ".join([kind, *rows[-1]]), flush=True)
-    figures.publish(
-        "halls", f"{len(rows)} halls, {BEST} episodes each", {"columns": COLUMNS, "rows": rows}, options.store
-    )
+    title = f"{len(rows)} halls, {BEST} episodes each"
+    figures.publish("halls", title, {"columns": COLUMNS, "rows": rows}, options.store)
 
 
 if __name__ == "__main__":

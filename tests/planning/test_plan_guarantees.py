@@ -120,12 +120,11 @@ def test_the_worst_case_is_that_of_brute_force_and_the_largest_of_the_episodes()
 
 def test_the_best_partition_of_drives_is_as_good_as_that_of_cars():
     """Law: drives of the same speed and acceleration can drive everything that cars can. Oracle: the cars' episodes."""
-    best = []
+    times = []
     for kind in ({}, {"turning_radius": None, "robot": "differential", "acceleration": 0.945}):
         family = partitions(hall(**kind))
-        plans = (play(family.plan(start), Episodes(count=2)).figures for start in family.starts[:7:2])
-        best.append(min(figures.worst_case for figures in plans if not figures.collisions))
-    assert best[1] <= best[0] < math.inf
+        times.append(play(family.plan(family.starts[0]), Episodes(count=2)).figures.worst_case)
+    assert times[1] <= times[0] < math.inf
 
 
 def positions_of(plan, seeds):
