@@ -4,15 +4,15 @@ Halls of 2 m to 100 m, two to twelve cars or differential drives, their sensors,
 and planned with few plans. The best plan of a hall is played in 64 episodes. This program computes itself, from the
 places of the robots alone: the least distances of bodies from walls and from one another, the longest time for which a
 robot does not move by its radius, and the worst-case undetected time of the episode with the longest one, on a grid of
-its own in float64. A row names every law that a hall violates: a body at or beyond a wall, a collision, a robot that is
-stuck, a printed worst case that is not the largest of the episodes, or one that differs from the computed one by more
-than two steps and the time in which a rogue crosses a cell of the simulation; for targets at rest, twice the time in
-which a robot crosses its diagonal.
+its own in float64. The table names every hall that violates a law: a body at or beyond a wall, a collision, a robot
+that is stuck, a printed worst case that is not the largest of the episodes, or one that differs from the computed one
+by more than two steps and the time in which a rogue crosses a cell of the simulation; for targets at rest, twice the
+time in which a robot crosses its diagonal.
 """
 
 import math
-import time
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import figures
 import numpy as np
@@ -27,11 +27,11 @@ from lissajous_env.world.columns import COLLISIONS, WORST_CASE
 from lissajous_env.world.simulation import Simulation
 
 KINDS = "car", "differential"
-COLUMNS = ["hall", "policy", "printed [s]", "computed [s]", "a cell [s]", "wall [m]", "bodies [m]", "stands [s]",
-           "planned in [s]", "violates"]  # fmt: skip
+COLUMNS = ["robots", "halls", "episodes", "with a bound", "wall [radius]", "gap [radius]", "standing [radius]",
+           "computed over printed", "violations"]  # fmt: skip
 SLOW = 20.0
-"""Way for which a robot that is not stuck has time to move by its radius, at its top speed [radius]."""
-CELLS = 400_000
+"""Time in which a robot that is not stuck moves by its radius, in which it drives one at its top speed."""
+CELLS = 200_000
 """Cells of the grid of the computed worst case, at most about so many."""
 
 
@@ -71,7 +71,7 @@ def standing(places: np.ndarray, radius: float) -> int:
 def worst_time(places: np.ndarray, half: np.ndarray, radius: float, moved: float) -> float:
     """Return the worst-case undetected time of an episode [step], on a grid of this program.
 
-    A rogue hops at the middle of a tick, which has as many steps as let it move by 2.5 cells.
+    A rogue hops at the middle of a tick, which has as many steps as let it move by three to five cells along an axis.
 
     Args:
         places: (T + 1, N, 2) places of the robots [m].
@@ -79,8 +79,9 @@ def worst_time(places: np.ndarray, half: np.ndarray, radius: float, moved: float
         radius: Sensing radius [m].
         moved: Way of a rogue in a step [m].
     """
-    side = max(moved / 2.5, math.sqrt(4 * half.prod() / CELLS))
-    ticks = max(math.ceil(2.5 * side / moved), 1) if moved > 0 else 1
+    side = max(moved / 5, math.sqrt(4 * half.prod() / CELLS))
+    ticks = max(math.ceil(3 * side / moved), 1) if moved > 0 else 1
+    side = ticks * moved / math.floor(ticks * moved / side) if moved > 0 else side
     shape = np.ceil(2 * half / side).astype(int)
     x, y = ((np.arange(n) + 0.5) * 2 * h / n - h for n, h in zip(shape, half, strict=True))
     reach = ticks * moved / (2 * half / shape)
@@ -106,40 +107,75 @@ def worst_time(places: np.ndarray, half: np.ndarray, radius: float, moved: float
     return longest
 
 
-def row_of(seed: int, kind: str, plans: int) -> list[str]:
-    """Plan a hall, play its best plan, and return the row of the table."""
+class Result(NamedTuple):
+    """What the episodes of the best plan of a hall have; without a plan, `policy` is empty."""
+
+    hall: str
+    kind: str
+    policy: str = ""
+    printed: float = math.inf
+    """Printed worst case [s]; infinite for none."""
+    computed: float = math.inf
+    """Worst case of the episode with the longest one, on the grid of this program [s]."""
+    cell: float = math.inf
+    """Largest difference of the two that the sizes of cells and steps explain [s]."""
+    wall: float = math.inf
+    """Least distance of a body from a wall [radius]."""
+    bodies: float = math.inf
+    """Least distance of two bodies [radius]."""
+    stands: float = 0.0
+    """Longest time in which a robot does not move by its radius, in which it drives one at its top speed."""
+    violates: tuple[str, ...] = ("no plan",)
+
+
+def result_of(seed: int, kind: str, plans: int) -> Result:
+    """Plan a hall and play its best plan."""
     request = request_of(seed, kind)
-    began = time.monotonic()
     with quietly():
         outcome = Outcome.of(Request(**request, plans=plans))
         outcome.search()
-        name, cost = f"{seed}: {in_words(request)}", f"{time.monotonic() - began:.0f}"
         if not outcome.plans:
-            return [name, "none", *[""] * 6, cost, "no plan"]
+            return Result(f"{seed}: {in_words(request)}", kind)
         best = outcome.plans[0]
         rows, places = played(best)
     scenario, printed = best.plan.scenario, best.figures.worst_case
     half, radius = np.array([scenario.curve.half_width, scenario.curve.half_height]), scenario.robot.radius
     step, speed = scenario.task.step, scenario.rogue_speed
-    wall = float((half - np.abs(places)).min()) - radius
     first, second = np.triu_indices(scenario.num_robots, 1)
-    bodies = float(np.linalg.norm(places[:, :, first] - places[:, :, second], axis=-1).min()) - 2 * radius
-    stands = standing(places, radius) * step
+    apart = np.linalg.norm(places[:, :, first] - places[:, :, second], axis=-1).min()
     times = [row[WORST_CASE.name] for row in rows]
-    computed = worst_time(places[:, int(np.argmax(times))], half, scenario.sensing_radius, speed * step) * step
     columns, _ = scenario.task.contamination or (1, 1)
     side = 2 * half[0] / columns
-    cell = 2 * step + (side / speed if speed else math.sqrt(8) * side / request["speed"])
+    result = Result(
+        hall=f"{seed}: {in_words(request)}",
+        kind=kind,
+        policy=best.plan.settings.policy,
+        printed=printed,
+        computed=worst_time(places[:, int(np.argmax(times))], half, scenario.sensing_radius, speed * step) * step,
+        cell=2 * step + (side / speed if speed else math.sqrt(8) * side / request["speed"]),
+        wall=float((half - np.abs(places)).min()) / radius - 1,
+        bodies=float(apart) / radius - 2,
+        stands=standing(places, radius) * step * request["speed"] / radius,
+    )
     laws = {
-        "wall": wall <= 1e-3 * radius or any(row["outside_time"] or row["wall_contacts"] for row in rows),
-        "collision": bodies <= 0 or any(row[COLLISIONS.name] for row in rows),
-        "stuck": stands > SLOW * radius / request["speed"] or any(row["blocked_time"] for row in rows),
+        "wall": result.wall <= 1e-3 or any(row["outside_time"] or row["wall_contacts"] for row in rows),
+        "collision": result.bodies <= 0 or any(row[COLLISIONS.name] for row in rows),
+        "stuck": result.stands > SLOW or any(row["blocked_time"] for row in rows),
         "largest": len(rows) != BEST or (printed < math.inf and printed != max(times)),
-        "worst case": printed < math.inf and abs(computed - printed) > cell,
+        "worst case": printed < math.inf and abs(result.computed - printed) > result.cell,
     }
-    return [name, best.plan.settings.policy, f"{printed:.4g}" if printed < math.inf else "no bound", f"{computed:.4g}",
-            f"{cell:.2g}", f"{wall:.2g}", f"{bodies:.2g}", f"{stands:.2g}", cost,
-            ", ".join(law for law, broken in laws.items() if broken) or "—"]  # fmt: skip
+    return result._replace(violates=tuple(law for law, broken in laws.items() if broken))
+
+
+def row_of(kind: str, results: Sequence[Result]) -> list[str]:
+    """Return the row of the table of a kind of robots."""
+    of = [result for result in results if result.kind == kind]
+    bound = [result for result in of if result.printed < math.inf]
+    more = [result.computed / result.printed - 1 for result in bound]
+    broken = [f"{result.hall.split(':')[0]} ({', '.join(result.violates)})" for result in of if result.violates]
+    return [kind, str(len(of)), str(BEST * len(of)), str(len(bound)), f"{min(result.wall for result in of):.2g}",
+            f"{min(result.bodies for result in of):.2g}", f"{max(result.stands for result in of):.2g}",
+            f"{min(more):+.0%} to {max(more):+.0%}", ", ".join(broken) or "none"]  # fmt: skip
 
 
 def main() -> None:
@@ -149,13 +185,13 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="*", default=list(KINDS))
     parser.add_argument("--plans", type=int, default=16)
     options = parser.parse_args()
-    rows = []
+    results = []
     for seed in range(options.first, options.first + options.halls):
         for kind in options.kinds:
-            rows.append(row_of(seed, kind, options.plans))
-            print(" | ".join([kind, *rows[-1]]), flush=True)
-    title = f"{len(rows)} halls, {BEST} episodes each"
-    figures.publish("halls", title, {"columns": COLUMNS, "rows": rows}, options.store)
+            results.append(result_of(seed, kind, options.plans))
+            print(results[-1], flush=True)
+    table = {"columns": COLUMNS, "rows": [row_of(kind, results) for kind in options.kinds]}
+    figures.publish("halls", "best plans of random halls", table, options.store)
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ _SHAPES, _PATTERNS = 12, 2
 """Shapes whose motion is followed, and how many of these are tried with all directions and phases."""
 _MOST_SHAPES = 60
 """Shapes whose motion is followed within an inset if none of the first has a bound."""
-_WIDER = 1.0, 2.0, 4.0
+_WIDER = 1.0, 2.0
 """Tightest turns of loops that are compared for differential drives, in those that they can drive."""
 _SENSED = 0.98
 """Share of the sensing radius within an inset, where errors of the following must not open a gap along a wall."""
@@ -53,7 +53,7 @@ class PartitionParameters(Checked):
     """Lanes of a loop, an even number."""
     turning: float | None = number(None, 1e-6, 1e4, "m")
     """Radius of the tightest turns of loops [m], if it is above that of the robots; None is that of the robots, or of
-    differential drives that or a few times that."""
+    differential drives that or twice that, whichever detects sooner."""
     clearance: float | None = number(None, 0, 1e4, "m")
     """Least distance of two bodies on the loops [m]; None is the radius of a body."""
     in_phase: bool = flag(False)
