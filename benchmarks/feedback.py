@@ -6,7 +6,8 @@ settings below are those. Without it, the policies play them on the 256 worlds o
 never opens. The value of feedback is the ratio of a score to that of the patrol, so that more than 1 is better.
 
 `--store` puts the table into docs/figures.json, from which `python benchmarks/figures.py` writes docs/feedback.md, and
-the values into the file from which `lissajous scenarios` prints them.
+the values into the file from which `lissajous scenarios` prints them. `--prototypes` plays the settings of the
+programs in NumPy with which these tasks began instead, beside the scores of those programs.
 """
 
 import itertools
@@ -120,6 +121,25 @@ GRIDS = {
     "hotspots": [(Lanes, LANES), (Index, {"learns": (False, True), "delay": (0.5, 1.0, 1.5, 3.0)})],
 }
 
+PROTOTYPES = {
+    "watch": {
+        "patrol in 6 lanes": (Lanes, {"lanes": 6}, 0.155),
+        "follow the nearest": (Follow, {}, 0.315),
+        "A-CMOMMT": (Force, {"shared": 0.0, "reach": 2.0, "apart": 2.5, "push": 2.0}, 0.354),
+    },
+    "intercept": {
+        "patrol in 6 lanes": (Lanes, {"lanes": 6}, 0.05),
+        "pure pursuit": (Chase, {"lead": 0.0}, 2.52),
+        "lead pursuit": (Chase, {"lead": 0.7}, 4.98),
+    },
+    "hotspots": {
+        "patrol in 8 lanes": (Lanes, {"lanes": 8}, 13.1),
+        "index rule, uniform rates": (Index, {"learns": False, "delay": 1.5}, 14.2),
+        "index rule, learned rates": (Index, {"learns": True, "delay": 1.5}, 7.59),
+    },
+}
+"""Policies of the prototypes, with their settings and their scores there, on as many worlds."""
+
 
 def play(name, policy, settings, first):
     """Return the scores and the collisions (W,) of the worlds from a seed on."""
@@ -164,6 +184,20 @@ def compared():
     return {"columns": ["scenario", "policy", "score", "collisions", "value of feedback"], "rows": rows}
 
 
+def reproduced():
+    """Return the table of the prototypes' policies."""
+    rows = []
+    for name, policies in PROTOTYPES.items():
+        unit = task_score(lissajous_env.scenario(name)).unit
+        for words, (policy, settings, before) in policies.items():
+            scores, _ = play(name, policy, settings, PLAYED_ON)
+            score = with_interval(scores, 2 if unit else 3)
+            rows.append([name, words, f"{before} {unit}".strip(), f"{score} {unit}".strip(),
+                         f"{100 * (scores.mean() / before - 1):+.0f} %"])  # fmt: skip
+            print(*rows[-1], flush=True)
+    return {"columns": ["scenario", "policy", "prototype", "here", "difference"], "rows": rows}
+
+
 def best_values(rows):
     """Return for each scenario the largest value of feedback of a rule, and those of the reference."""
     best = {}
@@ -171,7 +205,7 @@ def best_values(rows):
         numbers = [float(number) for number in re.findall(r"[0-9.]+", value)]
         entry = best.setdefault(name, {"value": 1.0})
         if words == CLAIRVOYANT:
-            entry["sees_all"] = numbers[0]
+            entry |= dict(zip(("sees_all", "sees_all_low", "sees_all_high"), numbers, strict=True))
         elif len(numbers) == 3 and numbers[0] > entry["value"]:
             entry |= {"value": numbers[0], "low": numbers[1], "high": numbers[2], "policy": words}
     return best
@@ -194,10 +228,13 @@ def tune():
 def main():
     parser = figures.parser(__doc__)
     parser.add_argument("--tune", action="store_true", help="print the best settings on the worlds for tuning")
+    parser.add_argument("--prototypes", action="store_true", help="play the policies of the prototypes")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     if given.tune:
         tune()
+    elif given.prototypes:
+        figures.publish("prototypes", "prototypes", reproduced(), given.store)
     else:
         table = compared()
         figures.publish("feedback", "value of feedback", table, given.store)

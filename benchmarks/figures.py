@@ -84,6 +84,7 @@ def made_now() -> dict[str, Table]:
     known = {
         "{start} + 9 k + {j}": ("track_k_", observation.TRACK_ENTRIES),
         "{start} + 9 S + 4 k + {j}": ("teammate_k_", observation.TEAMMATE_ENTRIES),
+        "{start} + 9 S + 4 U + k + {j}": ("cell_k_", observation.CELL_ENTRIES),
     }
     entries += [
         [place.format(start="20 + 5 R + 3 T + 2 M", j=j).removesuffix(" + 0"), f"`{prefix}{name}`", meaning,

@@ -84,7 +84,7 @@ def worst_time(places: np.ndarray, half: np.ndarray, radius: float, moved: float
     side = ticks * moved / math.floor(ticks * moved / side) if moved > 0 else side
     shape = np.ceil(2 * half / side).astype(int)
     x, y = ((np.arange(n) + 0.5) * 2 * h / n - h for n, h in zip(shape, half, strict=True))
-    reach = ticks * moved / (2 * half / shape)
+    reach = ticks * moved / (2 * half / shape) + 1e-9
     away = [(j, i) for j in range(-int(reach[1]), int(reach[1]) + 1) for i in range(-int(reach[0]), int(reach[0]) + 1)
             if (i / max(reach[0], 1)) ** 2 + (j / max(reach[1], 1)) ** 2 <= 1 + 1e-9]  # fmt: skip
     rows, columns, edge = len(y), len(x), np.abs(away).max(axis=0)

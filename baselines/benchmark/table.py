@@ -28,8 +28,9 @@ from baselines.benchmark.statistics import (
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import AT_END, DETECTION_TIME, LARGEST, OPEN, WORST_CASE, Column, task_score
 
-_REFERENCES = ("kuramoto-mpcc", "kuramoto")
-"""The paper's method: what the others are compared with where it is played."""
+_REFERENCES = ("kuramoto-mpcc", "kuramoto", "lanes")
+"""Policies with which the others are compared where they are played: the paper's method, and the patrol of robots whose
+actions are velocities."""
 
 Row = Mapping[str, Any]
 Rows = Sequence[dict[str, Any]]
@@ -75,7 +76,7 @@ class Table:
         Args:
             rows: Score rows.
             scenarios: Their scenarios by name.
-            against: Reference policy, where it was played; otherwise the paper's method or the first policy.
+            against: Reference policy, where it was played; otherwise the first of `_REFERENCES` or of the policies.
             simulates: False to leave out bounds that a simulation computes.
         """
         bounds = {name: bounds_of(scenario, simulates) for name, scenario in scenarios.items()}
@@ -108,7 +109,7 @@ def grouped(rows: Iterable[dict[str, Any]]) -> dict[str, dict[str, list[dict[str
 
 
 def reference_of(policies: Iterable[str], against: str | None = None) -> str:
-    """Return the policy that others are compared with: `against`, the paper's method or the first."""
+    """Return the policy that others are compared with: `against`, the first of `_REFERENCES` or the first policy."""
     played = [*policies]
     return next(name for name in (against, *_REFERENCES, *played) if name in played)
 

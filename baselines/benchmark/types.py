@@ -71,8 +71,8 @@ class Benchmark:
     address: str | None = None
     """Address of the Ray cluster: auto, HOST:PORT or ray://HOST:PORT; by default, engine ray starts one here."""
     against: str | None = None
-    """Policy with which all others are compared, seed by seed; by default the paper's method if it is played, else the
-    first policy."""
+    """Policy with which all others are compared, seed by seed; by default the paper's method or the patrol `lanes`
+    if one of them is played, else the first policy."""
     replays: int = 8
     """Number of episodes that report.html can play: the worst of each policy on each scenario first. The reference
     policy is shown beside each."""
@@ -225,7 +225,7 @@ def cells_of(
 def _kind_of(folder: str) -> str | None:
     """Return the kind of robot of a folder's policy; None if only playing the policy shows it."""
     try:
-        return registry.home(folder).actuation
+        return registry.own_scenario(folder).actuation
     except ValueError:
         return None
 

@@ -17,7 +17,7 @@ from baselines.policies.loops import SweepParameters, corner_radius, lookahead
 from baselines.policies.settings import PolicySettings
 from baselines.policies.transit import turning_radius_of
 from baselines.similarity import motion_scale
-from lissajous_env.episodes.limits import robot_speed_limit
+from lissajous_env.episodes.lower_bounds import robot_speed_limit
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, OPEN, SEPARATION, WORST_CASE, Column
 

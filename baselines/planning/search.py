@@ -21,7 +21,7 @@ from baselines.planning.plans import Family, Plan, Planned, Settings, best_of, i
 from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at, play, quietly
 from baselines.planning.request import PLANS, Request
 from lissajous_env.device.devices import cores
-from lissajous_env.episodes.limits import guaranteed_time_limit
+from lissajous_env.episodes.lower_bounds import worst_case_lower_bound
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import where_raised
 
@@ -299,7 +299,7 @@ class Outcome:
         """
         with quietly():
             scenarios = {number: request.scenario_of(number) for number in request.numbers}
-            limits = {number: guaranteed_time_limit(scenario) for number, scenario in scenarios.items()}
+            limits = {number: worst_case_lower_bound(scenario) for number, scenario in scenarios.items()}
         return cls(request, scenarios, limits)
 
     @property

@@ -17,7 +17,7 @@ from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is
 from lissajous_env.device.program import launcher
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.checks import whole_number
+from lissajous_env.settings.checks import Checked, whole_number
 from lissajous_env.wording import few_of, shown
 from lissajous_env.world.observation import layout
 from lissajous_env.world.selection import world_mask
@@ -30,6 +30,13 @@ def clear_worlds(memory: wp.array, mask: np.ndarray) -> None:
     values = memory.numpy().copy()
     values[mask] = 0
     memory.assign(values)
+
+
+def parameters_for(kind: Any, scenario: Scenario, **changed: Any) -> Any:
+    """Return an instance of a dataclass of parameters; those that are not given are scaled, if it has a method `of`."""
+    if kind is None:
+        return None
+    return kind.of(scenario, **changed) if hasattr(kind, "of") else kind(**changed)
 
 
 class UnsuitableScenarioError(ValueError):
@@ -128,6 +135,12 @@ class Policy(Copyable, Remembering):
 
     Copies and pickles of a policy include all attributes that `__init__` sets, also Warp arrays.
 
+    Args:
+        scenario: The scenario.
+        num_worlds: W.
+        device: Warp device.
+        parameters: Parameters of the class `Parameters`; by default those for the scenario.
+
     Raises:
         ValueError: the number of worlds is below 1, or the device is not available.
     """
@@ -139,11 +152,15 @@ class Policy(Copyable, Remembering):
     drives any."""
     communicates: str = "nothing"
     """Content of the messages that the policy uses; "nothing" if messages do not change its actions."""
-    stays_inside: bool = True
+    wall_rule: bool = True
     """True if actions of cars are changed where they would leave a car no way to stay inside walls
     (`baselines.policies.inside`); False for a policy that stays inside by itself."""
 
-    def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"):
+    Parameters: type[Checked] | None = None
+    """Dataclass of its parameters; None for none. With a method `of(scenario, **overrides)`, the defaults are those
+    for the scenario."""
+
+    def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
         if self.arrays not in _ARRAYS:
             rule = f"must be one of {', '.join(_ARRAYS)}"
             raise ValueError(f"arrays of {type(self).__name__} {rule}, got {shown(self.arrays)}")
@@ -152,12 +169,14 @@ class Policy(Copyable, Remembering):
         self.num_robots = self.scenario.num_robots
         self.device = as_device(device)
         self.name = type(self).__name__
+        if self.Parameters is not None:
+            self.parameters = parameters or parameters_for(self.Parameters, self.scenario)
         self.shape = (self.num_worlds, self.num_robots)
         self.observation_shape = (*self.shape, layout(self.scenario).size)
         self._observation = wp.zeros(self.observation_shape, dtype=wp.float32, device=self.device)
         self.action = wp.zeros((*self.shape, self.scenario.action_size), dtype=wp.float32, device=self.device)
         self._inside = None
-        if self.stays_inside and Inside.suits(self.scenario):
+        if self.wall_rule and Inside.suits(self.scenario):
             self._inside = Inside(self.scenario, self.num_worlds, self.device)
         self._compiled = False
         self.launch = launcher(self.device)
@@ -291,7 +310,7 @@ class Filtered(Policy):
     arrays = "warp"
 
     def __init__(self, policy: Policy, filter: type[Filter], parameters: Any = None):
-        self.stays_inside = not filter.stays_inside
+        self.wall_rule = not filter.stays_inside
         super().__init__(policy.scenario, policy.num_worlds, policy.device)
         self.policy = policy
         self.filter = filter(self.scenario, self.num_worlds, self.device, parameters)

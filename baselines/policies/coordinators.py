@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.base import Remembering
+from baselines.policies.base import Remembering, parameters_for
 from baselines.policies.loops import cruising_speed
 from baselines.policies.own_row import Observation, Rows, hears, lead, message_age, own_phase, own_works, sine_ahead
 from baselines.similarity import motion_scale
@@ -70,8 +70,12 @@ class Coordinator(Remembering):
 
     kernel: Any
 
-    def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
+    Parameters: type[Checked] | None = None
+    """Dataclass of its parameters; None for none."""
+
+    def __init__(self, scenario: Scenario, num_worlds: int, device: Any, parameters: Any = None):
         self.scenario, self.num_worlds = scenario.resolve(), num_worlds
+        self.parameters = parameters or parameters_for(self.Parameters, self.scenario)
         self.natural_rate = scenario.formation.phase_rate / scenario.alpha
         self.phase_rate = wp.zeros((num_worlds, scenario.num_robots), dtype=wp.float32, device=device)
         self.inputs: list[Any] = []
@@ -252,10 +256,10 @@ class TrackedReference(Coordinator):
     kernel = track_reference
     communicates = "nothing"
     remembers = ("_memory",)
+    Parameters = ReferenceParameters
 
     def __init__(self, scenario: Scenario, num_worlds: int, device: Any, parameters: ReferenceParameters | None = None):
-        super().__init__(scenario, num_worlds, device)
-        self.parameters = parameters or ReferenceParameters()
+        super().__init__(scenario, num_worlds, device, parameters)
         rate, tracking = self.natural_rate, self.parameters.tracking
         tracking = 1 / scenario.time_unit if tracking is None else tracking
         self._memory = wp.zeros(self.phase_rate.shape, dtype=wp.vec2, device=device)
@@ -276,11 +280,13 @@ class ArcParameters(Checked):
 class KuramotoByArc(NumpyCoordinator):
     """Coordinator: phase rates (W, N) [rad/s] by (1) on arc phases."""
 
+    Parameters = ArcParameters
+
     def __init__(self, scenario: Scenario, num_worlds: int, device: Any, parameters: ArcParameters | None = None):
-        super().__init__(scenario, num_worlds, device)
-        parameters, curve = parameters or ArcParameters(), self.scenario.driven
-        self._preview = parameters.preview or PREVIEW * motion_scale(scenario).time
-        speed = parameters.speed or ground_speed(scenario)
+        super().__init__(scenario, num_worlds, device, parameters)
+        curve = self.scenario.driven
+        self._preview = self.parameters.preview or PREVIEW * motion_scale(scenario).time
+        speed = self.parameters.speed or ground_speed(scenario)
         self._rate = 2 * math.pi * speed / (curve_length(curve) * self.scenario.alpha)
         gamma = np.append(lap_phases(curve), 2 * math.pi)
         ends, middles = curve_speed(curve, gamma), curve_speed(curve, gamma[:-1] + 0.5 * gamma[1])

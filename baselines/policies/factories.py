@@ -1,7 +1,6 @@
 """Policies by the words with which a user names them: a name, a folder, `module:factory`, or an object of Python."""
 
 import contextlib
-import functools
 import inspect
 from collections.abc import Callable, Sequence
 from typing import Any, cast
@@ -79,22 +78,17 @@ def named(name: str) -> Factory:
     """Return what makes the policy of a registered name, of a checkpoint's folder, or of `module:factory`.
 
     Raises:
-        ValueError: a module or a factory that cannot be loaded.
+        ValueError: an unknown name, or a module or a factory that cannot be loaded.
     """
     if is_imported(name):
         return as_factory(import_attribute(name, "policy must be module:factory"), name)
-    return functools.partial(_registered, name, registry.entry_of(registry.unwrapped(name)[0]))
-
-
-def _registered(name: str, sent: Any, scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
-    registry.remember(sent)
-    return registry.make(name, scenario, num_worlds, device)
+    return registry.find(name)
 
 
 def parts(factory: Factory) -> dict[str, str]:
     """Name the parts that identify a policy's factory: `lissajous_env.identity.parts_of`."""
-    if isinstance(factory, functools.partial) and factory.func is _registered:
-        return registry.parts(factory.args[0])
+    if isinstance(factory, registry.Entry):
+        return registry.parts(factory.name)
     return parts_of(getattr(factory, "__wrapped__", factory))
 
 

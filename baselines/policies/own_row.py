@@ -11,7 +11,7 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import nearest, shown
-from lissajous_env.world.observation import LINK_SIZE, OWN_SIZE, ROBOT_SIZE, layout
+from lissajous_env.world.observation import LINK_SIZE, OWN_SIZE, ROBOT_SIZE, cell_start, layout
 
 Observation = wp.array3d(dtype=float)
 """(W, N, D) observation rows of W worlds of N robots."""
@@ -280,6 +280,17 @@ class Rows:
     def teammate_offset(self) -> np.ndarray:
         """Return the relative x, y of the teammates in their last messages (W, N, M, 2) [m]."""
         return self._pairs("teammate") * 2 * self._half
+
+    @cached_property
+    def cell_age(self) -> np.ndarray:
+        """Return the time since each cell was covered, as far as the robot knows, at most the memory (W, N, R, C) [s].
+
+        Row 0 is the lowest row of the rectangle, and column 0 its left one.
+        """
+        columns, lines = self.scenario.sensing.cells_seen or (0, 0)
+        start = cell_start(self.scenario)
+        ages = self.values[..., start : start + columns * lines] * self.scenario.sensing.memory
+        return ages.reshape(*ages.shape[:-1], lines, columns)
 
     def _angle(self, name: str) -> np.ndarray:
         return np.arctan2(self.entry(f"sin_{name}"), self.entry(f"cos_{name}"))

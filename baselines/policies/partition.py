@@ -1,16 +1,7 @@
 """Area partition: one cell of the rectangle for each car, synchronised loops in the cells, and their repair.
 
-That each robot patrols a part of its own is among the oldest strategies of multi-robot patrolling: D. Portugal, R.
-Rocha, "A survey on multi-robot patrolling algorithms" (2011). Parts of equal measure balance the work: M. Pavone, A.
-Arsie, E. Frazzoli, F. Bullo, "Distributed algorithms for environment partitioning in mobile robotic networks", IEEE
-Transactions on Automatic Control 56 (2011). Against an adversary with knowledge of the strategy, a deterministic patrol
-is as good as its weakest moment: N. Agmon, G. A. Kaminka, S. Kraus, "Multi-robot adversarial patrolling: facing a
-full-knowledge opponent", Journal of Artificial Intelligence Research 42 (2011). So the plan is the one with the least
-worst-case undetected time (`baselines.policies.partition_plan`).
-
-Robustness, that the work is completed as long as a robot can move, is the second reason for a team beside efficiency:
-N. Hazon, G. A. Kaminka, "On redundancy, efficiency, and robustness in coverage for multiple robots", Robotics and
-Autonomous Systems 56 (2008).
+The cells and loops are those with the least worst-case undetected time (`baselines.policies.partition_plan`).
+docs/policies.md has the literature, and the limits of both policies.
 """
 
 import itertools
@@ -45,7 +36,6 @@ from baselines.policies.transit import arrival_steps, planned_transit, required_
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
-from lissajous_env.settings.parts import Faults
 
 _SPARSE = 0.1
 """Most distance of two places on a loop that are compared with those of stopped robots, in required distances."""
@@ -68,44 +58,29 @@ class Partition(TimedPaths):
     collisions. From other starts, a robot has no information on where the others are: it drives to its cell at once,
     under the collision filter until all of them have had the time to arrive.
 
-    Args:
-        scenario: The scenario, of cars.
-        num_worlds: W.
-        device: Warp device.
-        parameters: Parameters of the plan that are not optimised.
-
     Raises:
         ValueError: no loops that the cars can drive have room in the rectangle, side by side.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: PartitionParameters | None = None,
-    ):
-        self.parameters = parameters or PartitionParameters()
-        self.partition, tables, until = timed_partition(plain_of(scenario), self.parameters)
-        super().__init__(scenario, num_worlds, device, tables=tables, filtered_until=until)
+    Parameters = PartitionParameters
 
-
-def plain_of(scenario: Scenario) -> Scenario:
-    """Return a scenario without what a plan does not depend on, resolved."""
-    return replace(scenario.resolve().without_extensions(), name="", description="", faults=Faults())
+    def timed(self, scenario: Scenario) -> PathTables:
+        """Return the timed paths."""
+        self.partition, tables = timed_partition(scenario, self.parameters)
+        return tables
 
 
 @lru_cache(maxsize=64)
-def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tuple[PartitionLoops, PathTables, float]:
-    """Return the plan of a scenario, its timed paths by robot, and how long the collision filter is needed [step]."""
+def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tuple[PartitionLoops, PathTables]:
+    """Return the plan of a scenario, and its timed paths by robot."""
     plan = partition_plan(scenario, parameters)
     for tried, after in _begun(scenario, plan) if start_is_known(scenario) else ():
         ways = planned_transit(scenario, tried.loop, parameters.speed, parameters.clearance, after=after)
         if ways is not None:
-            return tried, path_tables(scenario, ways.loop, ways.lead_in), 0.0
+            return tried, path_tables(scenario, ways.loop, ways.lead_in)
     check_loops_apart(scenario, plan.loop, parameters.clearance, "partition")
     loop = plan.loop[in_ring_order(scenario, tour(plan.cells))]
-    return plan, path_tables(scenario, loop), float(arrival_steps(scenario, loop, plan.speed))
+    return plan, path_tables(scenario, loop, filtered_until=float(arrival_steps(scenario, loop, plan.speed)))
 
 
 def _begun(scenario: Scenario, plan: PartitionLoops) -> Iterator[tuple[PartitionLoops, int]]:
@@ -176,19 +151,17 @@ class PartitionRepair(TimedPaths):
     collision filter, as in `partition`.
 
     If the loops of different cells do not overlap, a collision filter moves a car that is off its place around others,
-    and a loop moves slowly to another place. If loops cross, as in `evaders`, only their common phase separates the
-    cars. A filter that expects the others to drive straight on does not account for this: there a robot that stops dead
-    at once before another one is not always avoided in time.
+    and a loop moves slowly to another place. If loops cross, only their common phase separates the cars, which a filter
+    that expects the others to drive straight on does not account for.
 
-    A robot learns of failures only from its own row (`baselines.policies.taking_over`): the row shows only those of
-    its ring neighbours. So a cell may remain uncovered if the ring neighbours of its robot have failed too, or have no
-    cell beside it. An `AssumptionWarning` says so where robots can fail and the loops lie apart.
+    A robot learns only of failures of its ring neighbours (`baselines.policies.taking_over`), so a cell may remain
+    uncovered. An `AssumptionWarning` says so where robots can fail and the loops lie apart.
 
     Args:
         scenario: The scenario, of cars.
         num_worlds: W.
         device: Warp device.
-        parameters: Parameters of the plan that are not optimised.
+        parameters: Parameters of the partition.
         repair: Parameters of the reaction to failures.
 
     Raises:
@@ -197,6 +170,8 @@ class PartitionRepair(TimedPaths):
 
     communicates = "positions of ring neighbours"
     remembers = (*TimedPaths.remembers, "_watched", "_standing", "_avoided", "_target", "_resting")
+    waits = True
+    Parameters = PartitionParameters
 
     def __init__(
         self,
@@ -206,19 +181,15 @@ class PartitionRepair(TimedPaths):
         parameters: PartitionParameters | None = None,
         repair: RepairParameters | None = None,
     ):
-        self.parameters = replace(parameters or PartitionParameters(), in_phase=True)
         self.repair = repair or RepairParameters()
-        self.partition, self.takeover, tables, until = timed_repair(
-            plain_of(scenario), self.parameters, self.repair.reserve
-        )
-        super().__init__(scenario, num_worlds, device, tables=tables, filtered_until=until, waits=True)
+        super().__init__(scenario, num_worlds, device, parameters)
         scenario, drift = self.scenario, self.partition.speed * self.scenario.task.step
         self._watched = wp.zeros((*self.shape, 2, WATCH), dtype=wp.float32, device=self.device)
         self._standing = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
         self._avoided = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
         self._case = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self._target = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
-        self._repair = _repair_of(scenario, self.takeover, tables, drift, self.device)
+        self._repair = _repair_of(scenario, self.takeover, self.tables, drift, self.device)
         self._repair.patience = self.repair.patience
         self._rest, self._resting = 0.0, wp.zeros(self.shape, dtype=wp.float32, device=self.device)
         if loops_lie_apart(self.partition.loop, required_distance(scenario, self.parameters.clearance)):
@@ -229,12 +200,18 @@ class PartitionRepair(TimedPaths):
             shifted = math.sqrt(2) * int(SIDE) * self._repair.spacing
             self._rest = (float(np.linalg.norm(middle - middle[:1], axis=-1).max()) + shifted) / drift
 
+    def timed(self, scenario: Scenario) -> PathTables:
+        """Return the timed paths, a variant for each loop of `Takeover`."""
+        self.parameters = replace(self.parameters, in_phase=True)
+        self.partition, self.takeover, tables = timed_repair(scenario, self.parameters, self.repair.reserve)
+        return tables
+
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         inputs = [self._curve, self._repair, observation, self._watched, self._standing]
         self.launch(watch_neighbours, self.shape, inputs, [self._case])
         inputs = [self._repair, self._curve, self._pose, self._case, observation, self._standing]
-        inputs += [self._avoided, self._target, self.plan, self.shift]
+        inputs += [self._avoided, self._target, self.variant, self.shift]
         self.launch(take_over, self.shape, inputs, [])
         super().decide(observation)
         self.launch(rest_after_failure, self.shape, [self._rest, observation], [self._resting, self.action])
@@ -289,8 +266,8 @@ def _repair_of(scenario: Scenario, takeover: Takeover, tables: PathTables, drift
 @lru_cache(maxsize=64)
 def timed_repair(
     scenario: Scenario, parameters: PartitionParameters, reserve: float
-) -> tuple[PartitionLoops, Takeover, PathTables, float]:
-    """Return the plan, the loops for takeovers, the timed paths, and how long the filter is needed [step]."""
+) -> tuple[PartitionLoops, Takeover, PathTables]:
+    """Return the plan, the loops for takeovers and the timed paths."""
     plan, ways = slowed(partition_plan(scenario, parameters), reserve), None
     order = tour(plan.cells)
     cell = in_ring_order(scenario, order)
@@ -304,12 +281,8 @@ def timed_repair(
     room, unit = room_of(scenario, parameters), scenario.curve.half_height
     takeover = takeover_of(plan, cell, scenario.neighbours, room, unit, _offset(scenario))
     if ways is None:
-        return (
-            plan,
-            takeover,
-            path_tables(scenario, takeover.loop),
-            float(arrival_steps(scenario, plan.loop, plan.speed)),
-        )
+        until = float(arrival_steps(scenario, plan.loop, plan.speed))
+        return plan, takeover, path_tables(scenario, takeover.loop, filtered_until=until)
     loop = np.roll(takeover.loop, -ways.lead_in.shape[1], axis=2)
     lead_in = np.repeat(ways.lead_in[None], len(loop), axis=0)
-    return plan, takeover, path_tables(scenario, loop, lead_in), 0.0
+    return plan, takeover, path_tables(scenario, loop, lead_in)

@@ -19,7 +19,7 @@ _REACH = 16
 
 @dataclass(frozen=True)
 class PathTables:
-    """Timed paths of P plans of N robots, at FINE samples in a control step: first the lead-in, then the loop."""
+    """Timed paths of N robots in P variants, at FINE samples in a control step: first the lead-in, then the loop."""
 
     pose: np.ndarray
     """(P, N, M, 4) x, y [m], heading [rad], speed [m/s], where M = FINE (L + K)."""
@@ -29,6 +29,8 @@ class PathTables:
     """L [control steps]."""
     loop: int
     """K [control steps]."""
+    filtered_until: float = 0.0
+    """Duration of the collision filter, for cars that do not know where the others start [control step]."""
 
     def places(self, steps: int) -> np.ndarray:
         """Return the places (P, N, steps + 1, 2) of the robots, from the start to the end of a control step [m]."""
@@ -37,7 +39,9 @@ class PathTables:
         return self.pose[:, :, sample, :2]
 
 
-def path_tables(scenario: Scenario, loop: np.ndarray, lead_in: np.ndarray | None = None) -> PathTables:
+def path_tables(
+    scenario: Scenario, loop: np.ndarray, lead_in: np.ndarray | None = None, filtered_until: float = 0.0
+) -> PathTables:
     """Return the tables of timed paths.
 
     Args:
@@ -45,6 +49,7 @@ def path_tables(scenario: Scenario, loop: np.ndarray, lead_in: np.ndarray | None
         loop: (N, K, 2) or (P, N, K, 2) places on the loops, one a control step [m]; the first follows on the last.
         lead_in: (N, L, 2) or (P, N, L, 2) places before the loop, the first at the start of the episode [m]; none by
             default. `loop[..., 0, :]` follows on its last place.
+        filtered_until: Duration of the collision filter [control step].
 
     Raises:
         ValueError: places of another shape, fewer than four on a loop, or a place that is not finite.
@@ -55,7 +60,7 @@ def path_tables(scenario: Scenario, loop: np.ndarray, lead_in: np.ndarray | None
         raise ValueError(f"loop must have at least 4 places, one a control step, got {loop.shape[2]}")
     if lead_in.shape[:2] != loop.shape[:2]:
         raise ValueError(
-            f"lead_in must have as many plans and robots as loop, {loop.shape[:2]}, got {lead_in.shape[:2]}"
+            f"lead_in must have as many variants and robots as loop, {loop.shape[:2]}, got {lead_in.shape[:2]}"
         )
     begin, end = lead_in.shape[2], lead_in.shape[2] + loop.shape[2]
     around = np.arange(-_REACH, loop.shape[2] + _REACH + 1) % loop.shape[2]
@@ -64,14 +69,15 @@ def path_tables(scenario: Scenario, loop: np.ndarray, lead_in: np.ndarray | None
         onward = loop[:, :, np.arange(_REACH + 1) % loop.shape[2]]
         parts.insert(0, _sampled(np.concatenate([lead_in, onward], axis=2), 0, begin))
     places, velocity = (np.concatenate(arrays, axis=2) for arrays in zip(*parts, strict=True))
-    return _tables(places, velocity / scenario.task.step, scenario.task.step, begin, end - begin)
+    pose, feedforward = _references(places, velocity / scenario.task.step, scenario.task.step, begin, end - begin)
+    return PathTables(pose, feedforward, begin, end - begin, filtered_until)
 
 
 def _checked(scenario: Scenario, name: str, places: np.ndarray) -> np.ndarray:
     places = np.asarray(places, dtype=float)
     places = places[None] if places.ndim == 3 else places
     if places.ndim != 4 or places.shape[1] != scenario.num_robots or places.shape[3] != 2:
-        rule = f"must be places (plans, {scenario.num_robots} robots, control steps, 2) [m]"
+        rule = f"must be places (variants, {scenario.num_robots} robots, control steps, 2) [m]"
         raise ValueError(f"{name} {rule}, got shape {places.shape}")
     if not np.isfinite(places).all():
         raise ValueError(f"{name} must be finite [m], got {places[~np.isfinite(places)][0]}")
@@ -87,8 +93,8 @@ def _sampled(places: np.ndarray, before: int, count: int) -> tuple[np.ndarray, n
     return spline(at), spline(at, 1)
 
 
-def _tables(places: np.ndarray, velocity: np.ndarray, step: float, lead_in: int, loop: int) -> PathTables:
-    """Return the tables of sampled places [m] and velocities [m/s]."""
+def _references(places: np.ndarray, velocity: np.ndarray, step: float, lead_in: int, loop: int) -> tuple:
+    """Return `pose` and `feedforward` of the tables for sampled places [m] and velocities [m/s]."""
     speed = np.hypot(velocity[..., 0], velocity[..., 1])
     heading = np.arctan2(velocity[..., 1], velocity[..., 0])
     size = places.shape[2]
@@ -98,18 +104,9 @@ def _tables(places: np.ndarray, velocity: np.ndarray, step: float, lead_in: int,
     turn = np.diff(heading[:, :, whole], axis=2)
     turn = (turn + np.pi) % (2 * np.pi) - np.pi
     way = 0.5 * (speed[:, :, whole[1:]] + speed[:, :, whole[:-1]]) * (step / FINE)
-    turn, way = (_over_a_step(series) for series in (turn, way))
+    # of successive pieces, the sum over a control step
+    turn, way = (np.sum([pieces[:, :, k : k + size] for k in range(FINE)], axis=0) for pieces in (turn, way))
     curvature = np.divide(turn, way, out=np.zeros_like(turn), where=way > 0)
     acceleration = (speed[:, :, whole[FINE:]] - speed) / step
-    return PathTables(
-        np.concatenate([places, heading[..., None], speed[..., None]], axis=-1),
-        np.stack([curvature, acceleration], axis=-1),
-        lead_in,
-        loop,
-    )
-
-
-def _over_a_step(pieces: np.ndarray) -> np.ndarray:
-    """Return the sums of FINE successive pieces."""
-    size = pieces.shape[2] - FINE + 1
-    return np.sum([pieces[:, :, k : k + size] for k in range(FINE)], axis=0)
+    pose = np.concatenate([places, heading[..., None], speed[..., None]], axis=-1)
+    return pose, np.stack([curvature, acceleration], axis=-1)

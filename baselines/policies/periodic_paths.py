@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from baselines.policies.path_tables import path_tables
+from baselines.policies.path_tables import PathTables, path_tables
 from baselines.policies.registry import register
 from baselines.policies.timed_paths import TimedPaths
 from baselines.policies.transit import arrival_steps, speed_of, start_is_known
@@ -75,16 +75,10 @@ class PeriodicPaths(TimedPaths):
         ValueError: another number of paths than of robots.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: PathParameters | None = None,
-    ):
-        self.parameters = parameters or PathParameters()
-        scenario = scenario.resolve()
+    Parameters = PathParameters
+
+    def timed(self, scenario: Scenario) -> PathTables:
+        """Return the timed paths."""
         loop = _loop(scenario, self.parameters)
         arrival = arrival_steps(scenario, loop, speed_of(loop, scenario.task.step))
-        until = 0.0 if start_is_known(scenario) else float(arrival)
-        super().__init__(scenario, num_worlds, device, tables=path_tables(scenario, loop), filtered_until=until)
+        return path_tables(scenario, loop, filtered_until=0.0 if start_is_known(scenario) else float(arrival))

@@ -1,8 +1,8 @@
 """Policies with parameters by name: the settings of a registered policy, and the policy that they make.
 
-The parameters of a policy are the fields of the dataclass that its argument `parameters` has. A coordinator over a
-tracker has two: `parameters` are the tracker's, `coordinator` are the coordinator's. Omitted parameters have their
-defaults, which a dataclass with a method `of(scenario, **overrides)` scales to the scenario.
+The parameters of a policy are the fields of the dataclass `Parameters` of its class. A coordinator over a tracker has
+two: `parameters` are the tracker's, `coordinator` are the coordinator's. Omitted parameters have their defaults, which
+a dataclass with a method `of(scenario, **overrides)` scales to the scenario.
 
 A folder with such settings in `policy.toml`, and the scenario that they were made for beside it in `scenario.toml`, is
 accepted wherever a policy is named, as that of a checkpoint is. Nothing in it is executed.
@@ -17,7 +17,6 @@ accepted wherever a policy is named, as that of a checkpoint is. Nothing in it i
 import dataclasses
 import inspect
 import os
-import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -25,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from baselines.policies import registry
-from baselines.policies.base import Policy
+from baselines.policies.base import Policy, parameters_for
 from baselines.policies.trackers import Coordinated
 from lissajous_env.identity import digest_of
 from lissajous_env.parameters import named
@@ -62,11 +61,12 @@ class PolicySettings:
         Raises:
             ValueError: an unknown policy, one that does not fit the scenario, or an unknown or invalid parameter.
         """
-        factory = registry.check(self.policy, scenario).factory
+        entry = registry.find(self.policy)
+        factory = entry.factory
         if self.coordinator:
             factory = _with_coordinator(self, factory, scenario)
         given = {ARGUMENT: _made(self.policy, ARGUMENT, factory, self.parameters, scenario)} if self.parameters else {}
-        return registry.build(self.policy, partial(factory, **given), scenario, num_worlds, device)
+        return dataclasses.replace(entry, factory=partial(factory, **given))(scenario, num_worlds, device)
 
     @classmethod
     def read(cls, folder: str | os.PathLike[str]) -> "PolicySettings":
@@ -110,10 +110,10 @@ def _made(policy: str, table: str, factory: Any, given: Mapping[str, Any], scena
     Raises:
         ValueError: the factory has none, or a parameter is unknown or invalid.
     """
-    kind = parameters_class(factory)
+    kind = getattr(factory.func if isinstance(factory, partial) else factory, "Parameters", None)
     if kind is None:
         raise ValueError(f"{table} must be empty for {policy}, which has none, got {few_of(given)}")
-    known = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
+    known = [field.name for field in dataclasses.fields(kind)]
     for name in given:
         if name not in known:
             rule = f"{table} of {policy} must be of {few_of(known, name)}"
@@ -121,15 +121,7 @@ def _made(policy: str, table: str, factory: Any, given: Mapping[str, Any], scena
     before = factory.keywords.get(ARGUMENT) if isinstance(factory, partial) else None
     if before is not None:
         return dataclasses.replace(before, **given)
-    return kind.of(scenario, **given) if hasattr(kind, "of") else kind(**given)  # type: ignore[attr-defined]
-
-
-def parameters_class(factory: Any) -> type[Checked] | None:
-    """Return the dataclass of a factory's argument `parameters`; None if it has no such argument."""
-    origin = factory.func if isinstance(factory, partial) else factory
-    hint = typing.get_type_hints(origin.__init__ if inspect.isclass(origin) else origin).get(ARGUMENT)
-    kinds = [kind for kind in (hint, *typing.get_args(hint)) if inspect.isclass(kind) and issubclass(kind, Checked)]
-    return kinds[0] if kinds else None
+    return parameters_for(kind, scenario, **given)
 
 
 def _make(folder: str, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:

@@ -109,22 +109,18 @@ def watch_neighbours(
             place = position + offset_heard(w, i, side, curve, observation)
             # One step more than the age, so that 0 means that nothing was heard yet.
             age = message_age(w, i, side, repair.time_unit, observation) + repair.step
-            if known[AGE] == 0.0:
+            is_first = known[AGE] == 0.0
+            # A message that was heard before is older by a step and does not count.
+            if is_first or age < known[AGE] + 0.5 * repair.step:
+                moved = wp.length(place - wp.vec2(known[HEARD_X], known[HEARD_Y]))
+                known[STILL] = wp.where(moved < repair.still and not is_first, known[STILL] + 1.0, 0.0)
                 known[HEARD_X] = place[0]
                 known[HEARD_Y] = place[1]
-                known[AGE] = age
-            else:
-                # A message that was heard before is older by a step and does not count.
-                if age < known[AGE] + 0.5 * repair.step:
-                    moved = wp.length(place - wp.vec2(known[HEARD_X], known[HEARD_Y]))
-                    known[STILL] = wp.where(moved < repair.still, known[STILL] + 1.0, 0.0)
-                    known[HEARD_X] = place[0]
-                    known[HEARD_Y] = place[1]
-                known[AGE] = age
-                if known[STILL] == 0.0:
-                    known[STATE] = float(WORKS)
-                if known[STILL] >= float(repair.patience):
-                    known[STATE] = float(STANDS)
+            known[AGE] = age
+            if known[STILL] == 0.0:
+                known[STATE] = float(WORKS)
+            if known[STILL] >= float(repair.patience):
+                known[STATE] = float(STANDS)
         if known[STATE] != float(WORKS):
             case_out[w, i] += 1 + side
         stands = wp.where(known[STATE] == float(STANDS), 1.0, 0.0)
@@ -229,7 +225,7 @@ def take_over(
     standing: wp.array3d(dtype=wp.vec3),
     avoided: wp.array3d(dtype=wp.vec3),
     target: wp.array2d(dtype=wp.vec2),
-    plan: wp.array2d(dtype=int),
+    variant: wp.array2d(dtype=int),
     shift: wp.array2d(dtype=wp.vec2),
 ):
     """Choose each robot's loop and shift for its case, clear of stopped robots, and move towards that shift.
@@ -244,7 +240,7 @@ def take_over(
         return
     now = cases[w, i]
     near = 0.25 * repair.spacing
-    changed = now != plan[w, i] / repair.shapes
+    changed = now != variant[w, i] / repair.shapes
     stands = float(0.0)
     for k in range(PLACES):
         stands += standing[w, i, k][2]
@@ -280,8 +276,8 @@ def take_over(
             if stands == 0.0:  # the first is the best
                 break
         chosen = now * repair.shapes + best_shape
-        shift[w, i] += repair.middles[plan[w, i], i] - repair.middles[chosen, i]
-        plan[w, i] = chosen
+        shift[w, i] += repair.middles[variant[w, i], i] - repair.middles[chosen, i]
+        variant[w, i] = chosen
         target[w, i] = best
     rest = target[w, i] - shift[w, i]
     most = wp.where(now == 0, repair.back, repair.drift)

@@ -24,6 +24,7 @@ theory and examples", International Journal of Control 61 (1995).
 """
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -42,12 +43,13 @@ from lissajous_env.device.curve import CurveStruct, curve_struct, wrap
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.parts import Faults
 
 wp.set_module_options(OPTIONS)
 
 _FINE = wp.constant(FINE)
 # Entries of a robot's memory.
-STEPS, PROGRESS, PLAN, PUSH_BIAS, TURN_RATIO = (wp.constant(k) for k in range(5))
+STEPS, PROGRESS, VARIANT, PUSH_BIAS, TURN_RATIO = (wp.constant(k) for k in range(5))
 NEXT_SPEED, NEXT_HEADING, NEXT_TURN = (wp.constant(k) for k in range(5, 8))
 MEMORY = 8
 
@@ -163,15 +165,15 @@ def follow_paths(
     tracking: Tracking,
     pose: wp.array3d(dtype=wp.vec4),
     feedforward: wp.array3d(dtype=wp.vec2),
-    plan: wp.array2d(dtype=int),
+    variant: wp.array2d(dtype=int),
     shift: wp.array2d(dtype=wp.vec2),
     memory: wp.array3d(dtype=float),
     observation: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
-    """Follow the timed path of each robot in the table of its plan, shifted by some distance [m]."""
+    """Follow the timed path of each robot in its variant of the tables, shifted by some distance [m]."""
     w, i = wp.tid()
-    path = pose[plan[w, i], i]
+    path = pose[variant[w, i], i]
     known = memory[w, i]
     top_speed = steady_speed(robot)
     heading = own_heading(w, i, observation)
@@ -182,13 +184,13 @@ def follow_paths(
     position = wp.vec2(wp.clamp(position[0], -far, far), wp.clamp(position[1], -far, far)) - shift[w, i]
     steps = known[STEPS]
     sample = int(known[PROGRESS])
-    if known[PLAN] != float(plan[w, i] + 1):
+    if known[VARIANT] != float(variant[w, i] + 1):
         sample = joining_sample(path, steps, position, heading, tracking)
     sample = nearest_sample(path, sample - _FINE, 4 * _FINE, position, tracking)
     learned(known, heading, speed, tracking)
 
     at = path[sample]
-    ahead = feedforward[plan[w, i], i, sample]
+    ahead = feedforward[variant[w, i], i, sample]
     along = cos_sin(at[2])
     off = position - wp.vec2(at[0], at[1])
     beyond = wp.clamp(wp.dot(off, along), -at[3] * tracking.step, at[3] * tracking.step)
@@ -200,7 +202,7 @@ def follow_paths(
     gains = integrator_gains(tracking.pole)
     way = wp.max(speed, wp.max(0.25 * at[3], least_speed)) * tracking.step
     aside = wp.clamp(wp.atan(gains[0] / gains[1] * left / way), -_APPROACH, _APPROACH)
-    bend = feedforward[plan[w, i], i, on_table(sample + tracking.lead, tracking)][0]
+    bend = feedforward[variant[w, i], i, on_table(sample + tracking.lead, tracking)][0]
     curvature = bend - gains[1] / way * (turned + aside)
 
     grip = wp.sqrt(robot.lateral_acceleration_max / wp.max(wp.abs(curvature), 1.0e-3 / tracking.room))
@@ -237,7 +239,7 @@ def follow_paths(
     known[NEXT_SPEED] = wp.where(predicts, next_speed, 0.0)
     known[NEXT_HEADING] = heading + (1.0 + known[TURN_RATIO]) * turn
     known[NEXT_TURN] = turn
-    known[PLAN] = float(plan[w, i] + 1)
+    known[VARIANT] = float(variant[w, i] + 1)
     known[PROGRESS] = float(sample)
     known[STEPS] = steps + 1.0
 
@@ -249,7 +251,7 @@ def take_filtered(
     tracking: Tracking,
     curve: CurveStruct,
     pose: wp.array3d(dtype=wp.vec4),
-    plan: wp.array2d(dtype=int),
+    variant: wp.array2d(dtype=int),
     shift: wp.array2d(dtype=wp.vec2),
     memory: wp.array3d(dtype=float),
     observation: wp.array3d(dtype=float),
@@ -263,7 +265,7 @@ def take_filtered(
     """
     w, i = wp.tid()
     steps = memory[w, i, STEPS]  # already those after this control step
-    path = pose[plan[w, i], i]
+    path = pose[variant[w, i], i]
     first = tracking.lead_in * _FINE
     at = path[first + wp.max(_FINE * (int(steps) - 1) - first, 0) % (path.shape[0] - first)]
     off = own_position(w, i, curve, observation) - shift[w, i] - wp.vec2(at[0], at[1])
@@ -275,9 +277,9 @@ def take_filtered(
 class TimedPaths(Policy):
     """Cars that follow timed paths: tables of where each robot is to be at each control step.
 
-    A subclass may write `plan` (W, N), the plan of the tables that a robot follows, and `shift` (W, N, 2) [m] before
-    `decide` of this class: a robot whose plan changes joins the other path where it is near, of like heading and in
-    time; `shift` moves a robot's paths. Time counts from the reset of a world.
+    A subclass returns its tables from `timed`. It may write `variant` (W, N), the variant of the tables that a robot
+    follows, and `shift` (W, N, 2) [m] before `decide` of this class: a robot whose variant changes joins the other path
+    where it is near, of like heading and in time; `shift` moves a robot's paths. Time counts from the reset of a world.
 
     A robot that has failed and resumes makes up for the time: on the lead-in it drives after its reference, on the
     loop it catches up or waits, whichever is less.
@@ -286,10 +288,8 @@ class TimedPaths(Policy):
         scenario: The scenario, of cars.
         num_worlds: W.
         device: Warp device.
-        tables: The timed paths, of `baselines.policies.path_tables.path_tables`.
-        filtered_until: Duration of the collision filter, for cars that do not know where the others start [control
-            step].
-        waits: True if a car that has stopped beside its loop waits until its reference passes, instead of following it.
+        parameters: Parameters of the subclass.
+        tables: The timed paths, of `baselines.policies.path_tables.path_tables`; by default those of `timed`.
 
     Raises:
         ValueError: tables of another number of robots.
@@ -297,52 +297,62 @@ class TimedPaths(Policy):
 
     kind = "car"
     arrays = "warp"
-    remembers = "_memory", "plan", "shift"
+    remembers = "_memory", "variant", "shift"
+    waits: bool = False
+    """True if a car that has stopped beside its loop waits until its reference passes, instead of following it."""
 
     def __init__(
         self,
         scenario: Scenario,
         num_worlds: int = 1,
         device: Any = "cpu",
+        parameters: Any = None,
         *,
-        tables: PathTables,
-        filtered_until: float = 0.0,
-        waits: bool = False,
+        tables: PathTables | None = None,
     ):
-        super().__init__(scenario, num_worlds, device)
+        super().__init__(scenario, num_worlds, device, parameters)
+        self.tables = tables = tables or self.timed(plain_of(self.scenario))
         if tables.pose.shape[1] != self.num_robots:
             raise ValueError(f"tables must be of {self.num_robots} robots, got {tables.pose.shape[1]}")
-        self.tables = tables
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         step, robot, self._tracking = self.scenario.task.step, self.scenario.robot, Tracking()
         settling = max(_SETTLING * motion_scale(self.scenario).time, _SETTLING_STEPS * step)
         settling = max(settling, robot.top_yaw_acceleration**-0.5)
         self._tracking.step, self._tracking.pole = step, math.exp(-step / settling)
-        self._tracking.room, self._tracking.waits = manoeuvring_length(robot), int(waits)
+        self._tracking.room, self._tracking.waits = manoeuvring_length(robot), int(self.waits)
         self._tracking.lead_in, self._tracking.loop = tables.lead_in, tables.loop
         yaw_rate = float(np.abs(tables.feedforward[..., 0] * tables.pose[..., 3]).max())
         gained_in = yaw_rate / robot.top_yaw_acceleration
         self._tracking.lead = round(FINE * min(gained_in / (2 * step), 1.0))
         self._pose = wp.array(tables.pose, dtype=wp.vec4, device=self.device)
         self._feedforward = wp.array(tables.feedforward, dtype=wp.vec2, device=self.device)
-        self.plan = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
+        self.variant = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self.shift = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
         self._memory = wp.zeros((*self.shape, MEMORY), dtype=wp.float32, device=self.device)
-        if self._inside is not None and filtered_until == 0:  # paths that are planned from the start turn early
+        if self._inside is not None and tables.filtered_until == 0:  # paths that are planned from the start turn early
             self._inside = Inside(self.scenario, self.num_worlds, self.device, turns_early=True)
-        self._filtered_until, self._tolerance, self._filter = filtered_until, math.inf, None
-        if filtered_until > 0:
+        self._tolerance, self._filter = math.inf, None
+        if tables.filtered_until > 0:
             self._filter = Safe(self.scenario, num_worlds, self.device, ARRIVING.of(self.scenario))
             if self.communicates == "nothing":
                 self.communicates = self._filter.communicates
 
+    def timed(self, scenario: Scenario) -> PathTables:
+        """Return the timed paths for a scenario, which is resolved and without what plans do not depend on."""
+        raise NotImplementedError(f"{type(self).__name__} must have tables, or a method timed(scenario)")
+
     def decide(self, observation: wp.array) -> None:
-        """Write the `action` that follows the paths of `plan`, or that of the collision filter."""
-        inputs = [self._curve, self._robot, self._tracking, self._pose, self._feedforward, self.plan, self.shift,
+        """Write the `action` that follows the paths of `variant`, or that of the collision filter."""
+        inputs = [self._curve, self._robot, self._tracking, self._pose, self._feedforward, self.variant, self.shift,
                   self._memory, observation]  # fmt: skip
         self.launch(follow_paths, self.shape, inputs, [self.action])
         if self._filter is not None:
-            inputs = [self._filtered_until, self._tolerance, self._tracking, self._curve, self._pose, self.plan]
-            inputs += [self.shift, self._memory, observation, self._filter(observation, self.action)]
+            inputs = [self.tables.filtered_until, self._tolerance, self._tracking, self._curve, self._pose]
+            inputs += [self.variant, self.shift, self._memory, observation, self._filter(observation, self.action)]
             self.launch(take_filtered, self.shape, inputs, [self.action])
+
+
+def plain_of(scenario: Scenario) -> Scenario:
+    """Return a resolved scenario without what timed paths do not depend on, so that like scenarios share them."""
+    return replace(scenario.without_extensions(), name="", description="", faults=Faults())

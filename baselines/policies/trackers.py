@@ -94,8 +94,9 @@ class Coordinated(Policy):
         scenario: Scenario,
         num_worlds: int = 1,
         device: Any = "cpu",
+        parameters: Any = None,
     ):
-        super().__init__(scenario, num_worlds, device)
+        super().__init__(scenario, num_worlds, device, parameters)
         warn_of_violations(self.scenario)
         self.coordinator = coordinator(self.scenario, num_worlds, self.device)
         self.communicates = getattr(self.coordinator, "communicates", PHASES)
@@ -156,18 +157,15 @@ def scale_controls(robot: RobotStruct, control: Actions, action_out: Actions):
 
 
 class WithMpcc(Coordinated):
-    """Cars that follow a coordinator by model predictive contouring control.
-
-    The arguments before `parameters`, by default `MpccParameters.of` the scenario, are those of `Coordinated`.
-    """
+    """Cars that follow a coordinator by model predictive contouring control."""
 
     kind = "car"
+    Parameters = MpccParameters
 
-    def __init__(self, *given: Any, parameters: MpccParameters | None = None):
-        super().__init__(*given)
-        self._speed_unit = self.scenario.robot.top_speed
-        parameters = parameters or MpccParameters.of(self.scenario)
-        self.mpcc = Mpcc(self.scenario.curve, parameters, batch=self.num_worlds * self.num_robots, device=self.device)
+    def __init__(self, *given: Any, **named: Any):
+        super().__init__(*given, **named)
+        self._speed_unit, batch = self.scenario.robot.top_speed, self.num_worlds * self.num_robots
+        self.mpcc = Mpcc(self.scenario.curve, self.parameters, batch=batch, device=self.device)
 
     def restrict(self, robot: int) -> None:
         """Solve the problem of one robot alone."""
@@ -282,17 +280,15 @@ def follow_field(
 
 
 class WithVectorField(Coordinated):
-    """Cars that follow a coordinator by a guiding vector field.
-
-    The arguments before `parameters`, by default `FieldParameters.of` the scenario, are those of `Coordinated`.
-    """
+    """Cars that follow a coordinator by a guiding vector field."""
 
     kind = "car"
     remembers = ("_memory",)
+    Parameters = FieldParameters
 
-    def __init__(self, *given: Any, parameters: FieldParameters | None = None):
-        super().__init__(*given)
-        self._field = field_of(self.scenario, parameters)
+    def __init__(self, *given: Any, **named: Any):
+        super().__init__(*given, **named)
+        self._field = field_of(self.scenario, self.parameters)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 
     def decide(self, observation: wp.array) -> None:
@@ -303,12 +299,11 @@ class WithVectorField(Coordinated):
         self.launch(follow_field, self.shape, inputs, [self.action])
 
 
-def field_of(scenario: Scenario, parameters: FieldParameters | None = None) -> Any:
-    """Return the constants of the field, by default those of `FieldParameters.of`.
+def field_of(scenario: Scenario, parameters: FieldParameters) -> Any:
+    """Return the constants of the field.
 
     The pull is less where, at the formation's speed, a step would correct half of `off`.
     """
-    parameters = parameters or FieldParameters.of(scenario)
     field = Field()
     field.least = 0.1 * motion_scale(scenario).speed
     field.turn, field.speed, field.slowest = parameters.turn, parameters.speed, parameters.slowest

@@ -32,15 +32,30 @@ class Sensing(Checked):
     """Number of tracks in an observation, nearest first: targets that the robot remembers or was told of."""
     teammates_seen: int = whole(0, 0, 64)
     """Number of teammates in an observation, nearest first, at the places that their last messages contained."""
+    cells_seen: tuple[int, int] | None = rows(
+        None,
+        "must be (columns, rows), each from 1 to 64, or None",
+        lambda entry: entry if is_whole(entry) and 1 <= entry <= 64 else None,
+        optional=True,
+    )
+    """Columns and rows of the cells in an observation, each with the time since the robot knows it covered; None for
+    none."""
     memory: float = number(10.0, 1e-3, 1e6, "s")
-    """Time for which a robot remembers a track, and a teammate's place [s]."""
+    """Time for which a robot remembers a track, a teammate's place, and that a cell was covered [s]."""
     shared: str = choice("none", "none", "ring", "team")
-    """Robots whose sightings and places a robot receives: none, its two ring neighbours, or the whole team; see
-    `lissajous_env.world.tracks`."""
+    """Robots whose sightings, places and covered cells a robot receives: none, its two ring neighbours, or the whole
+    team; see `lissajous_env.world.tracks`."""
 
     def _check_together(self) -> None:
         seen = self.sight is None or self.radius is None or self.sight >= self.radius
         self._require(seen, "sight", f"must be at least radius = {self.radius} [m]")
+        fits = self.cells_seen is None or len(self.cells_seen) == 2
+        self._require(fits, "cells_seen", "must be (columns, rows) or None")
+
+    @property
+    def most_seen(self) -> int:
+        """Largest number of entries in a list of an observation."""
+        return max(self.robots_seen, self.targets_seen, self.tracks_seen, self.teammates_seen)
 
     @property
     def has_tracks(self) -> bool:

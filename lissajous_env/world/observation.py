@@ -4,8 +4,8 @@ One row of float32 per robot: `OWN_ENTRIES`, then `NEIGHBOUR_ENTRIES` for each o
 `ROBOT_ENTRIES` for each of the `sensing.robots_seen` nearest robots within `sensing.sight`, `TARGET_ENTRIES` for each
 of the `sensing.targets_seen` nearest targets there, `message_entries` for the messages that the policies of its two
 neighbours send, `TRACK_ENTRIES` for each of the `sensing.tracks_seen` nearest tracks, `TEAMMATE_ENTRIES` for each of
-the `sensing.teammates_seen` nearest teammates that it knows, and what the extensions of the scenario bring, in the
-order of these.
+the `sensing.teammates_seen` nearest teammates that it knows, `CELL_ENTRIES` for each of the `sensing.cells_seen` cells
+of the rectangle, and what the extensions of the scenario bring, in the order of these.
 `layout` has index, name, range and meaning of each; `print(layout(scenario))` shows them.
 
 A target that leaves when it is detected is listed in the step of its detection. A robot that has failed senses nothing
@@ -75,6 +75,9 @@ TEAMMATE_ENTRIES = (
     ("y", -4, 4, "relative y when its last message was sent [2 half_height]"),
     ("age", 0, 1, "time since its last message was sent [memory]"),
 )
+CELL_ENTRIES = (
+    ("age", 0, 1, "time since it was covered, as far as the robot knows; 1 for longer ago or never [memory]"),
+)
 """Name, range and meaning, with its unit in brackets, of the entries of each part of a row."""
 
 
@@ -121,6 +124,8 @@ def layout(scenario: str | Scenario) -> Layout:
     parts += [(f"neighbour_{k}_", message_entries(scenario.messages.size)) for k in range(2)]
     parts += [(f"track_{k}_", TRACK_ENTRIES) for k in range(scenario.sensing.tracks_seen)]
     parts += [(f"teammate_{k}_", TEAMMATE_ENTRIES) for k in range(scenario.sensing.teammates_seen)]
+    columns, rows = scenario.sensing.cells_seen or (0, 0)
+    parts += [(f"cell_{k}_", CELL_ENTRIES) for k in range(columns * rows)]
     entries: list[tuple[str, float, float, str]] = [
         (prefix + name, low, high, meaning) for prefix, part in parts for name, low, high, meaning in part
     ]
@@ -145,3 +150,9 @@ def message_start(scenario: Scenario) -> int:
 def track_start(scenario: Scenario) -> int:
     """Return the index of `track_0_present`; the entries of teammates follow those of the tracks."""
     return message_start(scenario) + 2 * scenario.messages.size
+
+
+def cell_start(scenario: Scenario) -> int:
+    """Return the index of `cell_0_age`; cells follow row by row from the lower left corner of the rectangle."""
+    sensing = scenario.sensing
+    return track_start(scenario) + TRACK_SIZE * sensing.tracks_seen + TEAMMATE_SIZE * sensing.teammates_seen

@@ -213,6 +213,7 @@ class Simulation(Copyable):
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
         self.command = wp.zeros((w, n, self.action_shape[2] - k), dtype=wp.float32, device=self.device)
         self._taken = wp.zeros_like(self.action)
+        self._nearest = wp.zeros((w, n, self.scenario.sensing.most_seen), dtype=wp.vec2, device=self.device)
         # On a CPU the same memory; elsewhere of no shape that an action has.
         self._action_host = self.action.numpy() if self.device.is_cpu else np.empty(0, dtype=np.float32)
         self.observation = wp.zeros((w, n, self.layout.size), dtype=wp.float32, device=self.device)
@@ -226,7 +227,7 @@ class Simulation(Copyable):
         """Bind the stages of a reset and of a step to the arrays."""
         constants = constants_of(self.scenario, self.device)
         self.speed_unit = constants["speed_unit"]
-        values = constants | self._structs | {"seeds": self._seeds, "taken": self._taken}
+        values = constants | self._structs | {"seeds": self._seeds, "taken": self._taken, "nearest": self._nearest}
         values |= {name: getattr(self, name) for name in ("action", "command", "observation", "final_observation")}
         values |= {f"{name}_out": values[name] for name in ("command", "observation", "final_observation")}
         values["initial"] = initial_of(self._structs, self.device)
@@ -234,8 +235,8 @@ class Simulation(Copyable):
         sizes |= {FIELD_ROW: self.contamination.row_ages.shape[1], ARRAY: len(values["initial"].size)}
         work = self.num_robots * _ROBOT_WORK + sizes[TARGET] * _TARGET_WORK
         blocks = blocks_of(work, self.num_worlds, self.device, self.threads)
-        values["bins"] = bins_of(self.scenario, self.speed_unit, self.num_worlds, self.device)
-        sizes[BIN] = values["bins"].columns * values["bins"].rows
+        if (bins := bins_of(self.scenario, self.speed_unit, self.num_worlds, self.device)) is not None:
+            values["bins"], sizes[BIN] = bins, bins.columns * bins.rows
         place = self.num_worlds, self.device, blocks, self.threads
         self._extended = ExtensionStages(self.scenario, self._structs, self.observation)
         at_reset, at_step = self._own_stages()

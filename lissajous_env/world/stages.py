@@ -28,12 +28,12 @@ from lissajous_env.world.robots.deviations import find_deviations, watch_boundar
 from lissajous_env.world.robots.faults import reset_losses, update_status
 from lissajous_env.world.robots.nearby import clear_bins, has_bins, list_robots
 from lissajous_env.world.robots.placing import draw_apart, follow_curve, reset_robots, turn_inside
-from lissajous_env.world.robots.signals import hear, measure, send, take_commands
+from lissajous_env.world.robots.signals import hear, hear_messages, measure, send, send_messages, take_commands
 from lissajous_env.world.rogues.acting import fill_rows, move_rogues, reward_rogues
 from lissajous_env.world.tally import clear_events, give_reward, keep_score
 from lissajous_env.world.targets.detection import move_and_detect, place_unseen
 from lissajous_env.world.targets.motion import reset_arrivals, reset_targets, respawn
-from lissajous_env.world.tracks import observe_tracks, sight, update_tracks
+from lissajous_env.world.tracks import cover_known, observe_tracks, sight, update_tracks
 
 
 def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
@@ -49,6 +49,7 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
         Stage("phase", follow_curve, when=not model.keeps_to_curve),
         Stage("measurement", measure),
         Stage("sending", send),
+        Stage("messages", send_messages, when=scenario.messages.size > 0),
         *_bin_stages(scenario),
         Stage("collisions", find_collisions),
         *_rogue_motion(scenario, rogues),
@@ -63,6 +64,7 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
         Stage("end", end_episodes),
         Stage("reward", give_reward),
         Stage("hearing", hear),
+        Stage("message hearing", hear_messages, when=scenario.messages.size > 0),
         *_track_stages(scenario),
         Stage("observation", observe),
         *_rogue_results(scenario),
@@ -80,6 +82,7 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("facing", turn_inside, when=scenario.start_turning > 0),
         Stage("measurement", measure),
         Stage("sending", send),
+        Stage("messages", send_messages, when=scenario.messages.size > 0),
         Stage("targets", reset_targets),
         Stage("arrivals", reset_arrivals, when=scenario.targets.arrival_rate > 0),
         *_bin_stages(scenario),
@@ -92,6 +95,7 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("deviations", find_deviations),
         Stage("score", keep_score),
         Stage("hearing", hear),
+        Stage("message hearing", hear_messages, when=scenario.messages.size > 0),
         Stage("final", keep_final),
         *_track_stages(scenario),
         Stage("observation", observe),
@@ -100,12 +104,13 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
 
 
 def _track_stages(scenario: Scenario) -> list[Stage]:
-    """Return the stages in which robots remember what they have in sight, and what they hear of the others' sight."""
+    """Return the stages in which robots remember what they observe and cover, and what they hear of the others."""
     there = scenario.sensing.has_tracks
     return [
         Stage("sighting", sight, when=there),
         Stage("tracking", update_tracks, when=there),
         Stage("tracks", observe_tracks, when=there),
+        Stage("cells", cover_known, when=scenario.sensing.cells_seen is not None),
     ]
 
 
@@ -144,15 +149,13 @@ def _rogue_motion(scenario: Scenario, rogues: Any) -> list[Stage]:
     if scenario.targets.rogues is None:
         return []
     rogue = rogue_of(scenario.targets.rogues)
-    decides = [] if rogue is None else [_decision(rogue, scenario, rogues)]
+    decides = [] if rogue is None else [_decision(rogue, rogues)]
     return [*decides, Stage("rogues", move_rogues)]
 
 
-def _decision(rogue: Rogue, scenario: Scenario, rogues: Any) -> Stage:
+def _decision(rogue: Rogue, rogues: Any) -> Stage:
     """Return the stage in which a scripted or learned rogue decides."""
     name = f"rogue {rogue.name}"
-    if rogue.bind is not None:
-        return Stage(name, rogue.bind(scenario, rogues))
     if isinstance(rogue.decide, wp.Kernel):
         return Stage(name, rogue.decide)
 

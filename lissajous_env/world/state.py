@@ -58,7 +58,7 @@ class Robots:
     """Speed over the ground [m/s]."""
     phase: wp.array2d(dtype=wp.float64)
     """theta of (1) in [0, 2 pi) [rad]; the curve's parameter is alpha theta."""
-    track: wp.array3d(dtype=wp.vec3)
+    path: wp.array3d(dtype=wp.vec3)
     """(W, N, S + 1) positions through the latest step [m]."""
     status: wp.array2d(dtype=wp.int32)
     """WORKING, STUCK or REMOVED."""
@@ -166,6 +166,10 @@ class Tracks:
     """(W, N, N) position of a teammate as measured by itself [m]."""
     heard_at: wp.array3d(dtype=wp.int32)
     """(W, N, N) step in which it sent that; -1 for none yet."""
+    sensor_at: wp.array3d(dtype=wp.vec2)
+    """(W, N, delay + 1) place of a robot's sensor in the latest steps [m]; NOWHERE where it sensed nothing."""
+    covered_at: wp.array4d(dtype=wp.int32)
+    """(W, N, rows, columns) step in which a cell was last covered, as far as a robot knows; -1 for never."""
 
 
 @named_struct("rogues")
@@ -355,10 +359,8 @@ class EpisodeTotals:
 
 
 named(
-    **dict.fromkeys(("w", "i", "j", "t", "row", "column", "now", "slot", "key"), int),
-    steps=int,
-    cells_total=int,
-    **dict.fromkeys(("message_start", "track_start"), int),
+    **dict.fromkeys(("w", "i", "j", "t", "row", "column", "now", "slot", "key", "steps", "cells_total"), int),
+    **dict.fromkeys(("message_start", "track_start", "cell_start"), int),
     **dict.fromkeys(("age_per_step", "bounds_per_step", "speed_unit", "turning"), float),
     **dict.fromkeys(("action", "command", "command_out", "taken"), wp.array3d(dtype=float)),
     **dict.fromkeys(("observation", "observation_out", "final_observation_out"), wp.array3d(dtype=float)),
@@ -366,6 +368,7 @@ named(
     **dict.fromkeys(("places", "removals", "seeds"), wp.array(dtype=int)),
     **dict.fromkeys(("neighbours", "schedule"), wp.array2d(dtype=int)),
     driving=wp.array2d(dtype=float),
+    nearest=wp.array3d(dtype=wp.vec2),
     equilibrium=wp.array(dtype=wp.float64),
 )
 
@@ -377,6 +380,7 @@ INITIAL = {
     "tracks.own_at": -1,
     "tracks.other_at": -1,
     "tracks.heard_at": -1,
+    "tracks.covered_at": -1,
     "contamination.row_oldest": int(NEVER),
     "contamination.cleared_at": int(NEVER),
     "contamination.high_at": -1,

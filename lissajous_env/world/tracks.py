@@ -1,4 +1,4 @@
-"""Tracks of targets that robots observed, and of their teammates, with what robots tell each other.
+"""Tracks of targets, places of teammates and covered cells that each robot knows, with what robots tell each other.
 
 A robot has a track of a target from the moment in which it learns that the target was in sight until `sensing.memory`
 has passed since, or until the step after the one in which it learns that the target was detected and leaves. It learns
@@ -6,12 +6,17 @@ of its own sightings at once and, as `sensing.shared` says, of those of its two 
 Messages between ring neighbours are the phase messages, with their delay and loss; those of other teammates are delayed
 alike, and lost with the same probability. So a robot knows no less with `ring` than with `none`, and no less with
 `team` than with `ring`.
+
+In the same way, a robot knows when the cells of `sensing.cells_seen` were covered: at the end of a step, a working
+robot covers those whose centres are within `sensing.radius`. The cells are those of the rectangle, the same for all
+robots, so that what they know can be compared and joined; relative places follow from the robot's own x and y.
 """
 
 import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.discs import CENTRE, columns_of, disc_run, points_per_metre
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Sensing
@@ -118,8 +123,10 @@ def put_place(w, i, entry: int, offset: wp.vec2, age: float, curve, observation_
     observation_out[w, i, entry + 3] = wp.min(age, 1.0)
 
 
-@stage(ROBOT, writes="bins: nearest; observation_out")
-def observe_tracks(w, i, track_start, curve, sensing, task, speed_unit, clock, robots, tracks, bins, observation_out):
+@stage(ROBOT, writes="nearest; observation_out")
+def observe_tracks(
+    w, i, track_start, curve, sensing, task, speed_unit, clock, robots, tracks, nearest, observation_out
+):
     """List the tracks of each robot, then its teammates, nearest first; a removed robot has none."""
     now = clock.step[w]
     unit = wp.length(wp.vec2(curve.half_width, curve.half_height))
@@ -131,10 +138,10 @@ def observe_tracks(w, i, track_start, curve, sensing, task, speed_unit, clock, r
             age = float(now - tracks.seen_at[w, i, t]) * task.step
             if tracks.seen_at[w, i, t] >= 0 and age <= sensing.memory:
                 offset = (tracks.place[w, i, t] - here) / unit
-                kept = keep_nearest(w, i, kept, sensing.tracks_seen, offset, t, bins)
+                kept = keep_nearest(w, i, kept, sensing.tracks_seen, offset, t, nearest)
     entry = int(track_start)
     for k in range(kept):
-        t = int(bins.nearest[w, i, k][1])
+        t = int(nearest[w, i, k][1])
         age = float(now - tracks.seen_at[w, i, t]) * task.step / sensing.memory
         put_place(w, i, entry, tracks.place[w, i, t] - here, age, curve, observation_out)
         velocity = tracks.velocity[w, i, t] / (2.0 * speed_unit)
@@ -152,10 +159,49 @@ def observe_tracks(w, i, track_start, curve, sensing, task, speed_unit, clock, r
             age = float(now - tracks.heard_at[w, i, j]) * task.step
             if tracks.heard_at[w, i, j] >= 0 and age <= sensing.memory:
                 offset = (tracks.mate_at[w, i, j] - here) / unit
-                mates = keep_nearest(w, i, mates, sensing.teammates_seen, offset, j, bins)
+                mates = keep_nearest(w, i, mates, sensing.teammates_seen, offset, j, nearest)
     for k in range(mates):
-        j = int(bins.nearest[w, i, k][1])
+        j = int(nearest[w, i, k][1])
         age = float(now - tracks.heard_at[w, i, j]) * task.step / sensing.memory
         put_place(w, i, entry, tracks.mate_at[w, i, j] - here, age, curve, observation_out)
         entry += TEAMMATE_SIZE
     empty(w, i, entry, TEAMMATE_SIZE, sensing.teammates_seen - mates, observation_out)
+
+
+@part
+def cover_around(w, i, place: wp.vec2, covered_at: int, curve, sensing, tracks):
+    """Note that the cells around a sensor [m] were covered in a step; NOWHERE is around none."""
+    rows = tracks.covered_at.shape[2]
+    columns = tracks.covered_at.shape[3]
+    scale = points_per_metre(columns, CENTRE, curve.half_width)
+    for row in range(rows):
+        y = (float(row) + CENTRE) / points_per_metre(rows, CENTRE, curve.half_height) - curve.half_height
+        run = columns_of(disc_run(place, sensing.radius, y), curve.half_width, scale, CENTRE, columns)
+        for column in range(run[0], run[1] + 1):
+            tracks.covered_at[w, i, row, column] = wp.max(covered_at, tracks.covered_at[w, i, row, column])
+
+
+@stage(ROBOT, writes="tracks: covered_at, sensor_at; observation_out")
+def cover_known(
+    w, i, cell_start, curve, sensing, noise, task, neighbours, clock, robots, links, tracks, observation_out
+):
+    """Update the cells that each robot knows covered by what it hears and covers itself, and list their ages."""
+    now = clock.step[w]
+    slots = tracks.sensor_at.shape[2]
+    sent_at = now - (slots - 1)
+    key = randomness.step_key(clock.seed[w], now)
+    for j in range(robots.sensor.shape[1]):
+        if arrives(w, i, j, key, sent_at, sensing, noise, neighbours, links):
+            place = robots.sensor[w, j]  # without a delay, robot j may not have noted it yet
+            if slots > 1:
+                place = tracks.sensor_at[w, j, sent_at % slots]
+            cover_around(w, i, place, sent_at, curve, sensing, tracks)
+    tracks.sensor_at[w, i, now % slots] = robots.sensor[w, i]
+    cover_around(w, i, robots.sensor[w, i], now, curve, sensing, tracks)
+    columns = tracks.covered_at.shape[3]
+    for k in range(tracks.covered_at.shape[2] * columns):
+        covered_at = tracks.covered_at[w, i, k / columns, k % columns]
+        age = float(1.0)
+        if covered_at >= 0:
+            age = wp.min(float(now - covered_at) * task.step / sensing.memory, 1.0)
+        observation_out[w, i, cell_start + k] = wp.where(robots.status[w, i] == REMOVED, 0.0, age)

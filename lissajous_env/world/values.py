@@ -17,7 +17,7 @@ from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.contamination.conservative import as_reach
 from lissajous_env.world.contamination.labels import MARGIN, across, as_hops
-from lissajous_env.world.observation import message_start, track_start
+from lissajous_env.world.observation import cell_start, message_start, track_start
 from lissajous_env.world.robots.deviations import points_of
 from lissajous_env.world.robots.faults import removal_steps, schedule_steps
 from lissajous_env.world.rogues.acting import rogue_layout
@@ -48,6 +48,7 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
         "turning": scenario.start_turning,
         "message_start": message_start(scenario),
         "track_start": track_start(scenario),
+        "cell_start": cell_start(scenario),
         "speed_unit": model.speed_unit(scenario.driven, scenario.formation, scenario.robot),
         "driving": wp.array(_driving(scenario), dtype=wp.float32, device=device, ndim=2),
         "curve_points": points_of(None if model.keeps_to_curve else scenario.driven, str(device)),
@@ -102,16 +103,19 @@ def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, dev
     field_row = w, hops.rows
     there = w, hops.rows + 2 * int(MARGIN), (hops.columns + 31) // 32 + 2, hops.history_length
     mates = w, n, n if scenario.sensing.has_tracks else 0
+    across_cells, down_cells = scenario.sensing.cells_seen or (0, 0)
     discs, swept = (w, words, rows), (w, (hops.columns + 63) // 64, hops.rows)
     of_robots = {name: robot for name, array in variables_of(EpisodeTotals).items() if array.type.ndim == 2}
     shapes: dict[str, tuple[tuple[int, ...], dict[str, tuple[int, ...]]]] = {
         "clock": (world, {}),
-        "robots": (robot, {"track": (w, n, s + 1)}),
+        "robots": (robot, {"path": (w, n, s + 1)}),
         "links": ((w, n, delay + 1), {"heard": (w, n, 2), "heard_at": (w, n, 2)}),
         "messages": (world, {"sending": (w, n, k), "sent": (w, n, delay + 1, k), "heard": (w, n, 2, k)}),
         "targets": ((w, t), {}),
         "tracks": ((w, n, known), {"sighted": (w, n, delay + 1, known), "target_at": (w, delay + 1, known),
-                                   "mate_at": mates, "heard_at": mates}),
+                                   "mate_at": mates, "heard_at": mates,
+                                   "sensor_at": (w, n, delay + 1 if across_cells else 0),
+                                   "covered_at": (w, n, down_cells, across_cells)}),
         "cells": ((w, rows), {"sensed_at": (w, rows, columns), "sensed_by": (w, n, words, rows),
                               "sensed": discs, "in_discs": discs, "coming": discs}),
         "contamination": (world, {"labels": (w, *labels), "sensed": swept, "swept": swept, "there": there,

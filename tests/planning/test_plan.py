@@ -154,7 +154,7 @@ def worst_of(rows):
 numbers = st.integers(0, 3).map(float)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(numbers, numbers, numbers, numbers, numbers, st.booleans()), max_size=12))
 def test_no_printed_plan_is_dominated(table):
     """Oracle: comparison of all pairs by brute force; what is left out collides, is dominated, or is a twin."""

@@ -12,8 +12,9 @@ from baselines.policies import partition_plan as partition_module
 from baselines.policies.as_cars import like_cars
 from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.loops import are_adjacent, closed_loop, divisions, evenly_spaced, length_of, tour
-from baselines.policies.partition import PartitionRepair, RepairParameters, in_ring_order, loops_lie_apart, plain_of
+from baselines.policies.partition import PartitionRepair, RepairParameters, in_ring_order, loops_lie_apart
 from baselines.policies.partition_plan import PartitionParameters, partition_plan, room_of, smallest_distance
+from baselines.policies.timed_paths import plain_of
 from baselines.policies.transit import TURNS, dubins_lengths, dubins_poses, turning_radius_of
 
 
@@ -126,7 +127,7 @@ def test_a_plan_obeys_the_limits_of_the_cars(name):
 
 
 def test_ring_neighbours_have_neighbouring_cells():
-    scenario = plain_of(lissajous_env.scenario("team"))
+    scenario = plain_of(lissajous_env.scenario("team").resolve())
     plan = partition_plan(scenario)
     cell = in_ring_order(scenario, tour(plan.cells))
     assert sorted(cell) == list(range(15))
@@ -210,7 +211,7 @@ def test_a_robot_knows_of_failures_by_messages_or_silence_alone(faults):
     noticed = []
     for _ in range(100):
         simulation.step(policy.act(simulation.observation))
-        noticed.append(np.flatnonzero(policy.plan.numpy()[0] > 0).tolist())
+        noticed.append(np.flatnonzero(policy.variant.numpy()[0] > 0).tolist())
     assert noticed[79] == []
     assert [robot for robot in noticed[95] if robot != 1] == [0, 4]
 
@@ -221,7 +222,7 @@ def test_messages_that_are_lost_or_late_show_no_failure():
     policy, simulation = PartitionRepair(scenario, 4), lissajous_env.Simulation(scenario, 4)
     for _ in range(60):
         simulation.step(policy.act(simulation.observation))
-        assert not policy.plan.numpy().any()
+        assert not policy.variant.numpy().any()
 
 
 def test_a_plan_has_the_least_worst_case_and_not_the_most_frequent_visits(monkeypatch):
@@ -236,7 +237,7 @@ def test_a_plan_has_the_least_worst_case_and_not_the_most_frequent_visits(monkey
 
 def test_long_periods_are_compared_at_fewer_times():
     """Law: places of the loops at even times, at least 256, between which robots move a quarter of a sensing radius."""
-    room = room_of(plain_of(lissajous_env.scenario("evaders")), PartitionParameters(speed=0.02))
+    room = room_of(plain_of(lissajous_env.scenario("evaders").resolve()), PartitionParameters(speed=0.02))
     placed = np.random.default_rng(0).uniform(size=(5, 3000, 2))
     thin, step = partition_module._thinned(placed, room)
     assert 256 <= thin.shape[1] < 400

@@ -12,7 +12,7 @@ import baselines
 import lissajous_env
 from baselines.policies.coordinators import PREVIEW, Consensus, KuramotoByArc, ground_speed
 from baselines.policies.loops import cruising_speed
-from baselines.policies.trackers import Field, field_of, field_rate, field_velocity
+from baselines.policies.trackers import Field, FieldParameters, field_of, field_rate, field_velocity
 from baselines.similarity import motion_scale
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.episodes.evaluation import episodes
@@ -107,7 +107,7 @@ def evaluate_field(
 def test_the_field_leads_to_the_path_and_vanishes_nowhere():
     """Oracle: d|off|^2/dt = -2 k V (|off|^2 + (off . f')^2), by hand; on the path q' = omega r' and gamma' = omega."""
     scenario = lissajous_env.scenario("experiment").resolve()
-    field, draw = field_of(scenario), np.random.default_rng(0)
+    field, draw = field_of(scenario, FieldParameters.of(scenario)), np.random.default_rng(0)
     tangent, off = 4 * draw.standard_normal((1000, 2)), draw.standard_normal((1000, 2))
     off[:100] = 0
     # Where the plane part vanishes, k off = f', the parameter still continues.

@@ -125,10 +125,10 @@ def test_a_robot_that_resumes_catches_up():
 
 
 @pytest.mark.parametrize(("make", "words"), [
-    (lambda: path_tables(EVADERS, np.zeros((3, 20, 2))), r"loop must be places \(plans, 5 robots.*got shape"),
+    (lambda: path_tables(EVADERS, np.zeros((3, 20, 2))), r"loop must be places \(variants, 5 robots.*got shape"),
     (lambda: path_tables(EVADERS, np.zeros((5, 3, 2))), "loop must have at least 4 places.*got 3"),
     (lambda: path_tables(EVADERS, np.full((5, 9, 2), np.nan)), "loop must be finite .m., got nan"),
-    (lambda: path_tables(EVADERS, circles(EVADERS), np.zeros((2, 5, 4, 2))), "as many plans and robots as loop"),
+    (lambda: path_tables(EVADERS, circles(EVADERS), np.zeros((2, 5, 4, 2))), "as many variants and robots as loop"),
     (lambda: TimedPaths("team", tables=path_tables(EVADERS, circles(EVADERS))), "must be of 15 robots, got 5"),
 ])  # fmt: skip
 def test_what_is_no_path_is_refused_by_name(make, words):

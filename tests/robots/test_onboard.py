@@ -151,6 +151,10 @@ def test_a_function_and_a_factory_are_policies():
         ({"scenario": "failure", "policy": "kuramoto"}, "kind car or differential, got curve"),
         ({"policy": "kuramoto"}, "which drives kind curve"),
         ({"scenario": "watch", "policy": lambda rows: rows}, "tracks_seen and sensing.teammates_seen must be 0"),
+        (
+            {"scenario": lissajous_env.scenario("experiment", **{"sensing.cells_seen": (4, 2)})},
+            "sensing.cells_seen must be None",
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused(given, words):

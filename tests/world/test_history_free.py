@@ -26,7 +26,8 @@ CASES = {
     "stopped by collisions": ("rough", {**SHORT, "task.on_collision": "stop", "robot.radius": 0.3}),
     "removed by the edge": ("intruders", {**SHORT, "task.boundary": "remove"}),
     "in space": ("knot", SHORT),
-    "tracks": ("intruders", {**SHORT, "sensing.tracks_seen": 4, "sensing.teammates_seen": 2, "sensing.shared": "team"}),
+    "tracks": ("intruders", {**SHORT, "sensing.tracks_seen": 4, "sensing.teammates_seen": 2, "sensing.shared": "team",
+                             "sensing.cells_seen": (6, 4)}),
     "scripted rogues": ("evaders", {**SHORT, "rogues": "follow-gap"}),
     "rogues as agents": ("evaders", {**SHORT, "rogues": "agents"}),
     "a bound": ("evaders", {**SHORT, "rogues": "follow-gap", "task.conservative": True}),
@@ -116,8 +117,8 @@ def assert_same(got, expected):
         assert np.array_equal(mine, other, equal_nan=True), f"array {step}"
     assert got[1] == expected[1]
     different = [name for name, array in got[2].items() if array.tobytes() != expected[2][name].tobytes()]
-    # The rows of the episode before, and actions of rogues that are not there, which nobody reads.
-    assert set(different) <= {"final_observation", "rogues.action"}
+    # Nobody reads rows of the episode before, actions of rogues that are not there, and ends of lists of the nearest.
+    assert set(different) <= {"final_observation", "rogues.action", "_nearest"}
 
 
 @pytest.mark.parametrize("case", CASES)

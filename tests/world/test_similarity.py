@@ -22,7 +22,7 @@ FEEDBACK = FIELD | {
 }  # fmt: skip
 TRACKS = FIELD | {
     "targets.leave": False, "sensing.sight": 5.0, "sensing.tracks_seen": 12, "sensing.teammates_seen": 4,
-    "sensing.shared": "team", "noise.message_delay": 1.0, "noise.message_loss": 0.4,
+    "sensing.cells_seen": (8, 5), "sensing.shared": "team", "noise.message_delay": 1.0, "noise.message_loss": 0.4,
 }  # fmt: skip
 STORIES = {
     "rough": ("rough", {}),

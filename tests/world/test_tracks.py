@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from test_feedback import FIELD, distances, drive
 
+import baselines
 import lissajous_env
 
 pytestmark = pytest.mark.filterwarnings("ignore::lissajous_env.parameters.assumptions.AssumptionWarning")
 
 STAY = {"targets.leave": False, "sensing.sight": 5.0, "sensing.tracks_seen": 12, "sensing.teammates_seen": 4}
+CELLS = {"sensing.cells_seen": (8, 5), "sensing.memory": 20.0}
 MESSY = {"noise.message_delay": 1.0, "noise.message_loss": 0.4}
 
 
@@ -121,10 +123,81 @@ def test_a_track_ends_when_its_target_was_detected_and_left(shared):
         assert left % 5 == 0
 
 
+def roam(simulation):
+    """Let the robots drive on at full throttle with random steering, and yield the number of each step."""
+    draw, steering = np.random.default_rng(5), np.zeros(simulation.action_shape[:2])
+    for step in range(80):
+        steering = np.where(draw.random(steering.shape) < 0.1, draw.uniform(-1, 1, steering.shape), steering)
+        simulation.step(np.stack([steering, np.ones_like(steering)], axis=-1).astype(np.float32))
+        yield step
+
+
+def cell_ages(simulation):
+    """(W, N, R, C) time since each cell was covered, as far as each robot knows [memory]."""
+    rows = simulation.observation.numpy()
+    places = [simulation.layout.names.index(f"cell_{k}_age") for k in range(40)]
+    ages = rows[..., places].reshape(*rows.shape[:2], 5, 8)
+    np.testing.assert_array_equal(baselines.Rows(rows, simulation.scenario).cell_age, ages * np.float32(20.0))
+    return ages
+
+
+def test_cells_age_by_a_step_unless_the_robot_covers_them():
+    # Oracle: NumPy, from the places of the sensors and the centres of the cells. One robot fails and covers nothing,
+    # one is removed and observes nothing.
+    simulation = made(**CELLS, **{"faults.schedule": [(2, 5.0, 25.0)], "faults.removed": [(4, 30.0)]})
+    x, y = (np.linspace(-half, half, 2 * n + 1)[1::2] for n, half in ((8, 20.0), (5, 12.5)))
+    last, failed, aging = np.full((2, 5, 5, 8), -np.inf), 0, 0
+    for step in chain([-1], roam(simulation)):
+        place = simulation.robots.sensor.numpy().astype(float)[..., None, None, :]
+        covers = np.hypot(x - place[..., 0], y[:, None] - place[..., 1]) < 3.0
+        last[covers] = step
+        expected = np.minimum((step - last) * 0.5 / 20.0, 1.0)
+        expected[simulation.robots.status.numpy() == 2] = 0.0
+        np.testing.assert_allclose(cell_ages(simulation), expected, atol=1e-6)
+        failed += not covers[:, 2].any()
+        aging += ((step - last < 40) & ~covers).sum()
+    assert failed >= 40
+    assert aging > 400
+    assert (cell_ages(simulation)[:, 4] == 0).all()
+
+
+def test_a_team_knows_the_least_age_of_its_robots():
+    # Law: without delay or loss the elementwise minimum; with them never more than with messages of fewer robots.
+    alone, team = (made(**CELLS, **{"sensing.shared": shared}) for shared in ("none", "team"))
+    for _ in zip(roam(alone), roam(team), strict=True):
+        least = cell_ages(alone).min(axis=1, keepdims=True)
+        np.testing.assert_array_equal(cell_ages(team), np.broadcast_to(least, (2, 5, 5, 8)))
+    messy = [made(**CELLS, **MESSY, **{"sensing.shared": shared}) for shared in ("none", "ring", "team")]
+    differ = np.zeros(2)
+    for _ in zip(*map(roam, messy), strict=True):
+        none, ring, team = map(cell_ages, messy)
+        assert (none >= ring).all()
+        assert (ring >= team).all()
+        differ += (none > ring).mean(), (ring > team).mean()
+    assert (differ > 1).all()
+
+
+def test_a_neighbours_cells_arrive_with_its_message():
+    # Story: what a robot covers its neighbour on the ring knows two steps later, as covered then.
+    simulation = made(1, **CELLS, **{"sensing.shared": "ring", "noise.message_delay": 1.0})
+    neighbours, covered = simulation.scenario.neighbours, []
+    for step in chain([-1], roam(simulation)):
+        covered.append(cell_ages(simulation)[0] == 0)
+        for i in range(5 if step >= 1 else 0):
+            heard = covered[-3][neighbours[i]].any(axis=0)
+            assert (cell_ages(simulation)[0, i][heard] <= 1.0 / 20.0 + 1e-6).all()
+
+
+@pytest.mark.parametrize("value", [(8,), (8, 65), (0, 4)])
+def test_cells_are_columns_and_rows(value):
+    with pytest.raises(ValueError, match=r"sensing.cells_seen must be \(columns, rows\).* or None, got"):
+        made(**{"sensing.cells_seen": value})
+
+
 def test_no_tracks_cost_nothing():
     # Story: without tracks there is no stage, no memory and no entry of theirs.
     plain = lissajous_env.Simulation("intruders")
-    assert not {"sighting", "tracking", "tracks"} & {stage.name for stage in plain.stages.stages}
-    assert plain.tracks.sighted.size == plain.tracks.heard_at.size == 0
-    assert not [name for name in plain.layout.names if name.startswith(("track", "teammate"))]
+    assert not {"sighting", "tracking", "tracks", "cells"} & {stage.name for stage in plain.stages.stages}
+    assert plain.tracks.sighted.size == plain.tracks.heard_at.size == plain.tracks.covered_at.size == 0
+    assert not [name for name in plain.layout.names if name.startswith(("track", "teammate", "cell"))]
     assert not [name for name in plain.save_state() if name.startswith("tracks")]
