@@ -312,9 +312,7 @@ class Onboard:
 
 def _made(policy: Any, scenario: Scenario, robot: int) -> Any:
     """Return the policy for one world, restricted to a robot."""
-    name = os.fspath(policy) if isinstance(policy, (str, os.PathLike)) else None
-    factory = factories.named(name) if name is not None else factories.as_factory(policy, shown(policy))
-    acting = factory(scenario, 1, "cpu")
+    acting: Any = factories.as_factory(policy, shown(policy))(scenario, 1, "cpu")
     if acting.num_worlds != 1:
         raise ValueError(f"policy must be for one world, got one for {acting.num_worlds}")
     if isinstance(acting, Policy):

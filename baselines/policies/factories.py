@@ -2,6 +2,7 @@
 
 import contextlib
 import inspect
+import os
 from collections.abc import Callable, Sequence
 from typing import Any, cast
 
@@ -40,13 +41,15 @@ def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], s
 
 
 def as_factory(policy: Any, name: str) -> Factory:
-    """Return what makes a policy, of a factory (class, function, partial) or of a policy that was made already.
+    """Return what makes a policy, of a word, a factory (class, function, partial) or a policy that was made already.
 
     A function of one argument is the policy itself: `act(observation)` on NumPy arrays (W, N, D).
 
     Raises:
-        ValueError: it is none of these.
+        ValueError: it is none of these, or the word is unknown.
     """
+    if isinstance(policy, (str, os.PathLike)):
+        return named(os.fspath(policy))
     if not isinstance(policy, type) and _acts(policy):
         made_already = cast(ActingPolicy, policy)
         with contextlib.suppress(Exception):  # an error that its play will raise again

@@ -87,7 +87,7 @@ def test_the_number_of_episodes_is_in_the_table():
     outcome.finals.append(planned(1.0, failed=2.0))
     table = printed(outcome, outcome.plans)
     assert re.search(r"0 episodes +0 episodes +5 episodes", table)
-    assert f" {outcome.limits[5]:.3g} " in table
+    assert f" {outcome.lower_bounds[5]:.3g} " in table
 
 
 ROOM = {"width": 9.0, "height": 6.0, "robots": 3, "robot_radius": 0.2, "sensor_radius": 2.5, "speed": 1.0}
