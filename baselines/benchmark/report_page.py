@@ -117,7 +117,7 @@ def page(
     table: Table,
     ranked: Rows,
     replays: Mapping[Key, dict[str, Any]],
-    made: Mapping[str, str],
+    origin: Mapping[str, str],
     failures: Sequence[Failure] = (),
     notes: Mapping[str, Sequence[str]] | None = None,
 ) -> str:
@@ -127,7 +127,7 @@ def page(
         table: The table.
         ranked: Its score rows, the worst first.
         replays: Playable episodes, from `lissajous_env.replay.contents.contents`.
-        made: Command, machine and versions of the numbers, in words.
+        origin: Command, machine and versions of the numbers, in words.
         failures: Policies that raised.
         notes: Sentences about scenarios, by name.
     """
@@ -139,7 +139,7 @@ def page(
     replayed = {f"replay-{k}": key for k, key in enumerate(replays)}
     data = {
         "format": FORMAT,
-        "made": dict(made),
+        "made": dict(origin),
         "kinds": [{"name": kind.name, "words": kind.words, "about": kind.about} for kind in KINDS],
         "policies": _policies(policies),
         "overall": [_overall(of, number_of) for of in table.overall],

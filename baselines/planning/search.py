@@ -281,7 +281,7 @@ class Outcome:
     request: Request
     scenarios: dict[int, Scenario] = field(default_factory=dict)
     """Scenarios on which plans were compared, by number of robots."""
-    limits: dict[int, float] = field(default_factory=dict)
+    lower_bounds: dict[int, float] = field(default_factory=dict)
     """Lower bounds of the worst case of every policy [s], by number of robots; NaN if none is proved."""
     searches: dict[int, Search] = field(default_factory=dict)
     """Searches that were begun, by number of robots."""
@@ -299,8 +299,8 @@ class Outcome:
         """
         with quietly():
             scenarios = {number: request.scenario_of(number) for number in request.numbers}
-            limits = {number: worst_case_lower_bound(scenario) for number, scenario in scenarios.items()}
-        return cls(request, scenarios, limits)
+            bounds = {number: worst_case_lower_bound(scenario) for number, scenario in scenarios.items()}
+        return cls(request, scenarios, bounds)
 
     @property
     def plans(self) -> list[Planned]:
@@ -351,7 +351,7 @@ class Outcome:
         """
         request, begin = self.request, time.monotonic()
         # A team whose lower bound is above the requested time cannot meet it.
-        numbers = [n for n, limit in self.limits.items() if not (request.guarantee and limit > request.guarantee)]
+        numbers = [n for n, bound in self.lower_bounds.items() if not (request.guarantee and bound > request.guarantee)]
         for k, number in enumerate(numbers):
             seconds = None
             if request.seconds is not None:

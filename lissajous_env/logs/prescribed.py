@@ -88,21 +88,13 @@ class PrescribedSimulation(Simulation):
             getattr(self._paths, name).assign(values)
         super().__init__(scenario, num_worlds)
 
-    def _own_stages(self) -> tuple[list[Stage], list[Stage]]:
-        at_reset, at_step = super()._own_stages()
+    def _own_stages(self, begins: bool) -> list[Stage]:
+        """Return the stages in which robots follow their paths, and are hidden from the measurements to the score."""
         own = {"paths": self._paths}
-        place = [stage.name for stage in at_reset].index("robots") + 1
-        at_reset.insert(place, Stage("paths", follow_paths, own=own))
-        follow = Stage("phase", follow_curve, when=bool(np.isnan(self._paths.phase.numpy()).any()))
-        moved = [stage for stage in at_step if stage.name != "phase"]
-        place = [stage.name for stage in moved].index("motion")
-        moved[place : place + 1] = [Stage("motion", follow_paths, own=own), follow]
-        return _hiding(at_reset, own), _hiding(moved, own)
-
-
-def _hiding(stages: list[Stage], own: dict[str, Any]) -> list[Stage]:
-    """Return stages between which robots are hidden: from the measurements to the score."""
-    names = [stage.name for stage in stages]
-    first, last = names.index("measurement") + 1, names.index("score") + 1
-    begin, end = Stage("hiding", hide, own=own), Stage("showing", unhide, own=own)
-    return [*stages[:first], begin, *stages[first:last], end, *stages[last:]]
+        follow = Stage("motion", follow_paths, own=own)
+        phase = Stage("phase", follow_curve, when=bool(np.isnan(self._paths.phase.numpy()).any()))
+        replaced = {"motion": [follow], "phase": [phase]}
+        after = {"robots": [follow], "measurement": [Stage("hiding", hide, own=own)]}
+        after["score"] = [Stage("showing", unhide, own=own)]
+        stages = super()._own_stages(begins)
+        return [new for one in stages for new in (*replaced.get(one.name, [one]), *after.get(one.name, ()))]

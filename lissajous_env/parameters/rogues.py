@@ -89,17 +89,13 @@ class BringsRogues:
     def __getstate__(self) -> dict[str, Any]:
         name = self.targets.rogues
         known = [_ROGUES[name]] if name in _ROGUES else []
-        brought = [rogue for rogue in known if not isinstance(rogue.decide, wp.Kernel) and not _is_ours(rogue)]
-        return {"rogues": brought} | self.__dict__
+        theirs = [rogue for rogue in known if getattr(rogue.decide, "__module__", "").partition(".")[0] not in OURS]
+        return {"rogues": [rogue for rogue in theirs if not isinstance(rogue.decide, wp.Kernel)]} | self.__dict__
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for rogue in state.pop("rogues", ()):
             _ROGUES.setdefault(rogue.name, rogue)
         self.__dict__.update(state)
-
-
-def _is_ours(rogue: Rogue) -> bool:
-    return getattr(rogue.decide, "__module__", "").partition(".")[0] in OURS
 
 
 def rogues() -> tuple[str, ...]:

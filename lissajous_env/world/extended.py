@@ -245,13 +245,10 @@ class ExtensionStages:
             elif isinstance(extension, ScoreColumn):
                 self._after_reset.setdefault("score", []).append(take)
 
-    def step_stages(self, stages: Sequence[Stage]) -> list[Stage]:
-        """Return the stages of a step with those of extensions."""
-        return _among(stages, self._after)
-
-    def reset_stages(self, stages: Sequence[Stage]) -> list[Stage]:
-        """Return the stages of a reset with those of extensions."""
-        return _among(stages, self._after_reset)
+    def among(self, stages: Sequence[Stage], begins: bool) -> list[Stage]:
+        """Return the stages of a step, or of the reset that `begins` an episode, with those of extensions."""
+        after = self._after_reset if begins else self._after
+        return [entry for stage in stages for entry in (stage, *after.get(stage.name, ()))]
 
     def columns(self, steps: np.ndarray) -> dict[str, np.ndarray]:
         """Return the values (W,) of the score columns after so many steps (W,) of the episodes."""
@@ -345,7 +342,3 @@ def _check_names(scenario: Scenario) -> None:
         names = extension.entries if isinstance(extension, ObservationEntry) else (extension.name,)
         if clashes := [name for name in names if name in taken.get(type(extension), ())]:
             raise ValueError(f"name of an extension must be new, got {clashes[0]}")
-
-
-def _among(stages: Sequence[Stage], after: Mapping[str, Sequence[Stage]]) -> list[Stage]:
-    return [entry for stage in stages for entry in (stage, *after.get(stage.name, ()))]
