@@ -43,9 +43,9 @@ class TrainingSettings(Checked):
     """Folder for the results; the same command resumes from its last checkpoint."""
     seed: int = whole(0, 0, 999)
     """Seed of the worlds, initial weights and exploration."""
-    steps: int = whole(4_000_000, 1, 10**15)
+    steps: int = whole(3_000_000, 1, 10**15)
     """Robot steps of PPO, summed over all robots and worlds."""
-    worlds: int = whole(128, 1, 1_000_000)
+    worlds: int = whole(64, 1, 1_000_000)
     """Environments that are stepped together; for a space, at least one for each of `groups`."""
     groups: int = whole(16, 1, 10_000)
     """Scenarios of a space that are played at the same time, each in an equal part of the worlds. When the episodes of
@@ -67,27 +67,27 @@ class TrainingSettings(Checked):
     """Size of the memory of a robot, a gated recurrent unit; 0 for none."""
     rollout: int = whole(25, 1, 1_000_000)
     """Steps of each world between updates."""
-    minibatch: int = whole(2048, 2, 10**9)
+    minibatch: int = whole(512, 2, 10**9)
     """Rows per minibatch."""
-    epochs: int = whole(3, 1, 10_000)
+    epochs: int = whole(4, 1, 10_000)
     """Passes over each rollout."""
-    learning_rate: float = number(7e-4, 1e-12, 1)
+    learning_rate: float = number(1e-3, 1e-12, 1)
     """Initial learning rate; it decreases linearly to a twentieth."""
     clip: float = number(0.2, 1e-6, 10)
     """Clipping of the ratio of the likelihoods of an action."""
-    divergence: float = number(0.03, 1e-6, 1e6)
+    divergence: float = number(0.06, 1e-6, 1e6)
     """Divergence from the policy of the rollout at which the actor is not updated further with it."""
     gamma: float = number(0.97, 0, 1)
     """Discount factor per step."""
     gae_lambda: float = number(0.9, 0, 1)
     """Lambda of generalized advantage estimation."""
-    noise: float = number(0.25, 1e-6, 10)
+    noise: float = number(0.3, 1e-6, 10)
     """Standard deviation of the actions at the beginning."""
     noise_end: float = number(0.08, 1e-6, 10)
     """Standard deviation of the actions at the end."""
     correlation: float = number(0.8, 0, 0.999)
     """Correlation of the noise of successive actions of a robot."""
-    credit: float = number(0.75, 0, 1)
+    credit: float = number(1.0, 0, 1)
     """Share of the reward for targets in sight that counts only those that no other robot has in sight; the rest of it
     is the team's."""
     collisions: float | None = None
@@ -95,7 +95,7 @@ class TrainingSettings(Checked):
     of those of the base."""
     penalty: float = number(0.3, 0.01, 100)
     """Factor of the scenario's reward for collisions at the beginning."""
-    evaluate_every: int = whole(500_000, 1, 10**15)
+    evaluate_every: int = whole(250_000, 1, 10**15)
     """Robot steps between validations, each of which writes a checkpoint."""
     episodes: int = whole(128, 1, 65_536)
     """Episodes per validation; for a space, of all its scenarios together."""
