@@ -30,6 +30,8 @@ _SHAPES, _PATTERNS = 12, 2
 """Shapes whose motion is followed, and how many of these are tried with all directions and phases."""
 _MOST_SHAPES = 60
 """Shapes whose motion is followed within an inset if none of the first has a bound."""
+_MOST_PLANS = 8
+"""Plans within an inset that are tried in turn until there are ways to the loops."""
 _SENSED = 0.98
 """Share of the sensing radius within an inset, where errors of the following must not open a gap along a wall."""
 
@@ -210,7 +212,12 @@ class PartitionLoops:
 
 
 def partition_plan(scenario: Scenario, parameters: PartitionParameters | None = None) -> PartitionLoops:
-    """Return the best partition of a scenario's rectangle.
+    """Return the best partition of a scenario's rectangle, the first of `partition_plans`."""
+    return partition_plans(scenario, parameters)[0]
+
+
+def partition_plans(scenario: Scenario, parameters: PartitionParameters | None = None) -> list[PartitionLoops]:
+    """Return partitions of a scenario's rectangle with loops of different shapes, the best first.
 
     Raises:
         UnsuitableScenarioError: the rectangle is smaller than the turning circle of a car, or the loops have no room
@@ -229,14 +236,16 @@ def partition_plan(scenario: Scenario, parameters: PartitionParameters | None = 
         raise UnsuitableScenarioError(f"{rule}, of radius {turning:.3g} m, {got}")
     if parameters.rows is not None and parameters.rows > scenario.num_robots:
         raise ValueError(f"rows must be at most the {scenario.num_robots} robots, got {parameters.rows}")
-    best = _best(room, replace(parameters, speed=None, clearance=None))
-    if best is None:
+    ranked = _ranked(room, replace(parameters, speed=None, clearance=None))
+    if not ranked:
         rule = f"partition requires room for {scenario.num_robots} loops of radius {turning:.3g} m"
         rule = f"{rule}, in phase at least {room.apart * unit:.3g} m from one another"
         raise UnsuitableScenarioError(f"{rule}, got {2 * curve.half_width:g} m x {2 * curve.half_height:g} m")
-    shape, loop = best
-    speed = float(np.linalg.norm(np.diff(loop[:, :2], axis=1), axis=2).max()) * unit / step
-    return PartitionLoops(shape.cells * np.array([unit, unit, unit, unit, 1, 1]), loop * unit, speed)
+    plans = []
+    for shape, loop in ranked:
+        speed = float(np.linalg.norm(np.diff(loop[:, :2], axis=1), axis=2).max()) * unit / step
+        plans.append(PartitionLoops(shape.cells * np.array([unit, unit, unit, unit, 1, 1]), loop * unit, speed))
+    return plans
 
 
 def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
@@ -257,8 +266,8 @@ def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
 
 
 @lru_cache(maxsize=256)
-def _best(room: Room, parameters: PartitionParameters) -> tuple[Shape, np.ndarray] | None:
-    """Return the shape of the best plan and its loops (N, K, 2) at the cells; None if no loops have room."""
+def _ranked(room: Room, parameters: PartitionParameters) -> list[tuple[Shape, np.ndarray]]:
+    """Return shapes and their loops (N, K, 2) at the cells, the best plan first; none if no loops have room."""
     half = (room.half_width, 1.0)
     shapes = []
     for shape in shapes_of(room, parameters, half):
@@ -268,7 +277,7 @@ def _best(room: Room, parameters: PartitionParameters) -> tuple[Shape, np.ndarra
             never, longest = coverage(thin, half, room.sensing, coarse=True)
             shapes.append((never, longest * step, len(shapes), shape))
     if not shapes:
-        return None
+        return []
     compared: list[tuple] = []
     ordered = [shape for *_, shape in sorted(shapes, key=lambda rating: rating[:3])]
     for k, shape in enumerate(ordered[: _MOST_SHAPES if room.inside else _SHAPES]):
@@ -283,8 +292,10 @@ def _best(room: Room, parameters: PartitionParameters) -> tuple[Shape, np.ndarra
     quarters = (0.0,) if parameters.in_phase else (0.0, 0.25, 0.5, 0.75)
     for phases in itertools.product(quarters, quarters):
         _compare(compared, room, shape, (turn_x, turn_y, *phases))
-    _, shape, pattern = min(compared, key=_score)
-    return shape, shape.placed(room.driven, *pattern)
+    best: dict[int, tuple[Shape, np.ndarray]] = {}
+    for _, shape, pattern in sorted(compared, key=_score):
+        best.setdefault(id(shape), (shape, shape.placed(room.driven, *pattern)))
+    return list(best.values())[: _MOST_PLANS if room.inside else 1]
 
 
 def _score(entry: tuple) -> tuple[float, float, float]:
